@@ -1,0 +1,148 @@
+"""Conditions on what happened, and the recoveries: each bounded in time, each chosen by the kind of failure."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from py_trees.common import Status
+
+from mazeplan.behavior.leaf import REQUIRED, Port
+from mazeplan.behavior.leaves import MazeLeaf
+from mazeplan.records import LEVEL, FailureKind
+
+
+class BallSeen(MazeLeaf):
+    """Whether the ball is seen, or was until a moment ago."""
+
+    ports: ClassVar[dict[str, Port]] = {}
+
+    def step(self) -> Status:
+        """FAILURE ball_lost when the estimator gave the ball up."""
+        if self.context.here.lost:
+            return self.fail_as(FailureKind.BALL_LOST, "not seen for too long")
+        return Status.SUCCESS
+
+
+class InRing(MazeLeaf):
+    """Whether the ball is in a ring."""
+
+    ports: ClassVar[dict[str, Port]] = {"ring": Port(int, REQUIRED, "number of the ring")}
+
+    def step(self) -> Status:
+        """SUCCESS or FAILURE; not a failure of the run."""
+        return Status.SUCCESS if self.context.here.ring == self.get("ring") else Status.FAILURE
+
+
+class FailureIs(MazeLeaf):
+    """Whether the last failure is of one of these kinds, and has not happened too often."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "kinds": Port(list, REQUIRED, "kinds of failure, separated by ;"),
+        "at_most": Port(int, 1000, "only while that many of its kind have happened in this run"),
+    }
+
+    def step(self) -> Status:
+        """SUCCESS or FAILURE; not a failure of the run."""
+        last = self.context.last_failure
+        if last is None or str(last.kind) not in self.get("kinds"):
+            return Status.FAILURE
+        return Status.SUCCESS if self.context.count(last.kind) <= self.get("at_most") else Status.FAILURE
+
+
+class LevelPlate(MazeLeaf):
+    """Keep the plate level until the ball is seen again."""
+
+    ports: ClassVar[dict[str, Port]] = {"timeout_s": Port(float, 5.0, "how long to wait")}
+
+    def start(self) -> None:
+        """Name the recovery."""
+        self._began = self.context.now
+        self.context.recovering("level_plate")
+
+    def step(self) -> Status:
+        """SUCCESS once seen; FAILURE when the wait is over."""
+        run = self.context
+        run.steer(self.name, LEVEL)
+        if not run.here.lost:
+            return Status.SUCCESS
+        return Status.RUNNING if run.now - self._began < self.get("timeout_s") else Status.FAILURE
+
+
+class Dither(MazeLeaf):
+    """Free a ball that stands still: a short circular shake of the plate, growing."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "duration_s": Port(float, 0.5, "how long"),
+        "amplitude_deg": Port(float, 4.0, "tilt at the end of it"),
+        "frequency_hz": Port(float, 4.0, "turns per second"),
+    }
+
+    def start(self) -> None:
+        """Name the recovery."""
+        self._began = self.context.now
+        self.context.recovering("dither")
+
+    def step(self) -> Status:
+        """SUCCESS when the time is over."""
+        run, duration = self.context, self.get("duration_s")
+        since = run.now - self._began
+        if since >= duration:
+            return Status.SUCCESS
+        tilt = math.radians(self.get("amplitude_deg")) * min(1.0, 0.4 + since / duration)
+        phase = 2.0 * math.pi * self.get("frequency_hz") * since
+        run.steer(self.name, run.plate.clip(tilt * math.cos(phase), tilt * math.sin(phase)))
+        return Status.RUNNING
+
+
+class BackOff(MazeLeaf):
+    """Roll a little away from the opening, past it, so that the next attempt comes from the other side."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "duration_s": Port(float, 0.35, "how long"),
+        "tilt_deg": Port(float, 3.0, "tilt along the ring"),
+    }
+
+    def start(self) -> None:
+        """Away from where it stands, through the opening's front if it stands to one side."""
+        run = self.context
+        self._began = run.now
+        self._turn = 1.0 if run.opening is None or run.turn_to(run.opening) >= 0.0 else -1.0
+        run.recovering("back_off")
+
+    def step(self) -> Status:
+        """SUCCESS when the time is over."""
+        run = self.context
+        if run.now - self._began >= self.get("duration_s"):
+            return Status.SUCCESS
+        theta, pull = run.here.theta, 9.81 * math.radians(self.get("tilt_deg")) * self._turn
+        run.steer(self.name, run.plate.command(-pull * math.sin(theta), pull * math.cos(theta)))
+        return Status.RUNNING
+
+
+class AvoidOpening(MazeLeaf):
+    """Make the opening that failed dearer, so that the next route prefers another."""
+
+    ports: ClassVar[dict[str, Port]] = {"times": Port(int, 2, "as if it had failed that many times more")}
+
+    def step(self) -> Status:
+        """SUCCESS always."""
+        run = self.context
+        run.recovering("avoid_opening")
+        if run.opening is not None:
+            for _ in range(self.get("times")):
+                run.graph.record(run.opening.name, success=False)
+        return Status.SUCCESS
+
+
+class Replan(MazeLeaf):
+    """Nothing but a new route from where the ball is."""
+
+    ports: ClassVar[dict[str, Port]] = {}
+
+    def step(self) -> Status:
+        """SUCCESS always."""
+        self.context.replans += 1
+        self.context.recovering("replan")
+        return Status.SUCCESS
+

@@ -1,0 +1,47 @@
+"""The leaves that a tree may name."""
+
+from __future__ import annotations
+
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.leaves import (
+    Align,
+    ChooseOpening,
+    ConfirmRing,
+    PassOpening,
+    PlanInRing,
+    PlanRoute,
+    Settle,
+    Track,
+)
+from mazeplan.behavior.recovery import (
+    AvoidOpening,
+    BackOff,
+    BallSeen,
+    Dither,
+    FailureIs,
+    InRing,
+    LevelPlate,
+    Replan,
+)
+
+REGISTRY: dict[str, type[Leaf]] = {
+    leaf.__name__: leaf
+    for leaf in (
+        Align,
+        AvoidOpening,
+        BackOff,
+        BallSeen,
+        ChooseOpening,
+        ConfirmRing,
+        Dither,
+        FailureIs,
+        InRing,
+        LevelPlate,
+        PassOpening,
+        PlanInRing,
+        PlanRoute,
+        Replan,
+        Settle,
+        Track,
+    )
+}

@@ -1,0 +1,106 @@
+"""`navigate` and `evaluate`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mazeplan.cli.output import print_json
+
+Map = Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")]
+RigName = Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")]
+Model = Annotated[str | None, typer.Option("--model", help="Packaged model or folder; default: the rig's own.")]
+Behavior = Annotated[str, typer.Option("--behavior", help="Packaged behaviour tree or XML file.")]
+From = Annotated[str, typer.Option("--from", help="Ring to start in, such as ring1.")]
+To = Annotated[str, typer.Option("--to", help="Ring to reach, such as ring5; default: the centre.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of start angle and simulated noise.")]
+TimeLimit = Annotated[float, typer.Option("--time-limit", help="Limit in s of rig time.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
+
+
+def navigate(
+    start: From = "ring1",
+    goal: To = "centre",
+    map_: Map = "cme",
+    rig: RigName = "toy",
+    model: Model = None,
+    behavior: Behavior = "navigate",
+    start_angle: Annotated[float | None, typer.Option("--start-angle", help="Start angle in deg; default: by seed.")] = None,
+    seed: Seed = 0,
+    time_limit: TimeLimit = 20.0,
+    log: Annotated[Path | None, typer.Option("--log", help="Write a run log (MCAP).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Bring the ball from one ring to another."""
+    from mazeplan.cli.arguments import positive
+    from mazeplan.cli.progress import NavigationProgress
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.navigate import navigate as run
+
+    maze = load_map(map_)
+    with NavigationProgress() as progress:
+        result = run(
+            start,
+            len(maze.rings) if goal == "centre" else goal,
+            map=maze,
+            rig=rig,
+            model=model,
+            behavior=behavior,
+            start_angle_deg=start_angle,
+            seed=seed,
+            time_limit=positive("--time-limit", time_limit),
+            log=log,
+            display=progress,
+        )
+        progress.finished(result)
+    if as_json:
+        print_json(result.to_json())
+    sys.exit(0 if result.success else 1)
+
+
+def evaluate(
+    runs: Annotated[int, typer.Option("--runs", min=1, help="How many navigations.")] = 16,
+    rig: RigName = "toy",
+    map_: Map = "cme",
+    model: Model = None,
+    behavior: Behavior = "navigate",
+    start: From = "ring1",
+    goal: To = "centre",
+    seed: Seed = 0,
+    time_limit: TimeLimit = 20.0,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes to run in.")] = 1,
+    as_json: Json = False,
+) -> None:
+    """Many navigations: success, times, failures."""
+    from mazeplan.cli.arguments import positive
+    from mazeplan.cli.progress import campaign_progress
+    from mazeplan.evaluate import Campaign, summary
+    from mazeplan.evaluate import evaluate as run
+    from mazeplan.maze.mapfile import load_map
+
+    to = len(load_map(map_).rings) if goal == "centre" else goal
+    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, positive("--time-limit", time_limit))
+    with campaign_progress(runs) as advance:
+        outcomes = run(campaign, workers=workers, progress=advance)
+    document = summary(outcomes)
+    if as_json:
+        print_json(document)
+    else:
+        print_summary(document)
+    sys.exit(0 if document["success"] == runs else 1)
+
+
+def print_summary(document: dict) -> None:
+    """A few lines for people."""
+    times = document["time_s"]
+    print(f"arrived       {document['success']} of {document['runs']}")
+    if times["mean"] is not None:
+        print("time          " + ", ".join(f"{key} {times[key]:.2f} s" for key in ("mean", "best", "p50", "p95", "worst")))
+    failures = document["failures"]
+    print("failures      " + (", ".join(f"{kind} {count}" for kind, count in failures.items()) or "none"))
+    for key, label in (("planner_ms", "planner"), ("tick_ms", "tick")):
+        figures = document[key]
+        print(f"{label:13s} p50 {figures['p50']:.2f} ms, p99 {figures['p99']:.2f} ms, max {figures['max']:.2f} ms")

@@ -1,0 +1,180 @@
+"""Cost of a motion along one ring, compiled, with analytic derivatives.
+
+Each step costs, with the wished angle theta*, speed theta_dot* and lean,
+
+    w_theta phi(theta - theta*; a_theta) + w_speed phi(theta_dot - theta_dot*; a_speed) + w_lean phi(lean(s) - lean*; a_lean)
+    + 1/2 w_rate (beta_dot^2 + gamma_dot^2) + w_u sum_i [cosh(u_i / scale) - 1]
+
+and the final state the first line again with weights of its own. phi is the smooth absolute value
+
+    phi(e; a) = sqrt(e^2 + a^2) - a        (near e = 0: e^2 / 2a)        or, with quadratic=True,  phi = e^2 / 2
+
+The absolute value keeps pulling equally far from the goal, which makes the motion near time-optimal; cosh is quadratic for
+small commands and steep towards the limit (both from Tassa, Erez, Todorov, IROS 2012).
+
+    lean(s) = sin(beta) cos(theta) - sin(gamma) cos(beta) sin(theta)
+
+is the outward acceleration over g: positive pushes the ball against the outer wall, negative against the inner one. Its
+curvature is dropped (Gauss-Newton), so that every Hessian here is positive semidefinite; all else is exact.
+theta - theta* is the plain difference: the caller brings theta* to the right turn.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+
+from mazeplan.errors import SettingsError
+from mazeplan.records import Array
+
+_THETA, _SPEED, _ARRIVAL, _LEAN, _RATE, _CONTROL, _SCALE, _A_THETA, _A_SPEED, _A_LEAN = range(10)
+_ZONE, _PAST, _F_THETA, _F_SPEED, _F_LEAN, _QUADRATIC, _GOAL, _GOAL_SPEED, _GOAL_LEAN = range(10, 19)
+
+
+@dataclass(frozen=True)
+class CostParameters:
+    """Weights per step, widths of the smooth absolute values, final weights. Raises SettingsError for a negative one.
+
+    theta: 1/rad, speed: s/rad, lean: 1/rad (tilt), rate: (s/rad)^2, control: -; control_scale: rad; width_*: in the unit
+    of their error (rad, rad/s, rad); final_*: as the weights per step; quadratic: weights then count e^2 / 2.
+    """
+
+    theta: float = 1.0
+    speed: float = 0.1
+    arrival: float = 0.2
+    lean: float = 1.0
+    rate: float = 0.0
+    control: float = 0.003
+    control_scale: float = 0.06
+    width_theta: float = 0.03
+    width_speed: float = 0.2
+    width_lean: float = 0.02
+    arrival_zone: float = 0.06
+    past: float = 0.05
+    final_theta: float = 5.0
+    final_speed: float = 0.5
+    final_lean: float = 0.0
+    quadratic: bool = False
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 <= value < math.inf:
+                raise SettingsError(f"got {value}, expected a number >= 0", key=field.name)
+        for name in ("control", "control_scale", "width_theta", "width_speed", "width_lean"):
+            if getattr(self, name) == 0.0:
+                raise SettingsError("got 0, expected a number > 0", key=name)
+
+    def pack(self, goal_theta: float, goal_theta_dot: float = 0.0, lean: float = 0.0) -> Array:
+        """The vector that the compiled functions read: the fields above, then the wishes (rad, rad/s, rad)."""
+        weights = [
+            self.theta, self.speed, self.arrival, self.lean, self.rate, self.control, self.control_scale,
+            self.width_theta, self.width_speed, self.width_lean, self.arrival_zone, self.past,
+            self.final_theta, self.final_speed, self.final_lean, float(self.quadratic),
+        ]  # fmt: skip
+        return np.array([*weights, goal_theta, goal_theta_dot, lean])
+
+
+@njit(cache=True, error_model="numpy")
+def lean_of(theta, beta, gamma):
+    """Outward acceleration over g at angle theta."""
+    return math.sin(beta) * math.cos(theta) - math.sin(gamma) * math.cos(beta) * math.sin(theta)
+
+
+@njit(cache=True, error_model="numpy")
+def penalty(e, a, quadratic):
+    """(phi, phi', phi'') of an error e with width a."""
+    if quadratic > 0.0:
+        return 0.5 * e * e, e, 1.0
+    root = math.sqrt(e * e + a * a)
+    return e * e / (root + a), e / root, a * a / (root * root * root)
+
+
+@njit(cache=True, error_model="numpy")
+def _theta_weight(e, q):
+    """Factor of the angle's weight: less behind the goal when the ball is to pass it at speed."""
+    return q[_PAST] if e * q[_GOAL_SPEED] > 0.0 else 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _arrival(e, q):
+    """Further weight of the speed near the goal, when the ball is to pass it at speed."""
+    return 0.0 if q[_GOAL_SPEED] == 0.0 else q[_ARRIVAL] * math.exp(-0.5 * e * e / (q[_ZONE] * q[_ZONE]))
+
+
+@njit(cache=True, error_model="numpy")
+def _state_cost(s, q, theta, speed, lean):
+    """Cost of the three errors with the given weights."""
+    quadratic = q[_QUADRATIC]
+    e = s[0] - q[_GOAL]
+    cost = theta * _theta_weight(e, q) * penalty(e, q[_A_THETA], quadratic)[0]
+    cost += (speed + _arrival(e, q)) * penalty(s[1] - q[_GOAL_SPEED], q[_A_SPEED], quadratic)[0]
+    if lean > 0.0:
+        cost += lean * penalty(lean_of(s[0], s[2], s[4]) - q[_GOAL_LEAN], q[_A_LEAN], quadratic)[0]
+    return cost
+
+
+@njit(cache=True, error_model="numpy")
+def _state_derivatives(s, q, theta, speed, lean, lx, lxx):
+    """Gradient (6,) and Gauss-Newton Hessian (6, 6) of `_state_cost`."""
+    quadratic = q[_QUADRATIC]
+    lx[:] = 0.0
+    lxx[:] = 0.0
+    e = s[0] - q[_GOAL]
+    _, d, dd = penalty(e, q[_A_THETA], quadratic)
+    weight = theta * _theta_weight(e, q)
+    lx[0], lxx[0, 0] = weight * d, weight * dd
+    near = _arrival(e, q)
+    c, d, dd = penalty(s[1] - q[_GOAL_SPEED], q[_A_SPEED], quadratic)
+    lx[0] -= near * c * e / (q[_ZONE] * q[_ZONE])
+    lx[1], lxx[1, 1] = (speed + near) * d, (speed + near) * dd
+    if lean > 0.0:
+        sin, cos = math.sin(s[0]), math.cos(s[0])
+        sin_b, cos_b, sin_c, cos_c = math.sin(s[2]), math.cos(s[2]), math.sin(s[4]), math.cos(s[4])
+        _, d, dd = penalty(sin_b * cos - sin_c * cos_b * sin - q[_GOAL_LEAN], q[_A_LEAN], quadratic)
+        by_theta, by_beta, by_gamma = -sin_b * sin - sin_c * cos_b * cos, cos_b * cos + sin_c * sin_b * sin, -cos_c * cos_b * sin
+        d, dd = lean * d, lean * dd
+        lx[0] += d * by_theta
+        lx[2] += d * by_beta
+        lx[4] += d * by_gamma
+        lxx[0, 0] += dd * by_theta * by_theta
+        lxx[2, 2] += dd * by_beta * by_beta
+        lxx[4, 4] += dd * by_gamma * by_gamma
+        lxx[0, 2] = lxx[2, 0] = dd * by_theta * by_beta
+        lxx[0, 4] = lxx[4, 0] = dd * by_theta * by_gamma
+        lxx[2, 4] = lxx[4, 2] = dd * by_beta * by_gamma
+
+
+@njit(cache=True, error_model="numpy")
+def running(k, s, u, q):
+    """Cost of step k (the same for every k)."""
+    cost = _state_cost(s, q, q[_THETA], q[_SPEED], q[_LEAN]) + 0.5 * q[_RATE] * (s[3] * s[3] + s[5] * s[5])
+    return cost + q[_CONTROL] * (math.cosh(u[0] / q[_SCALE]) + math.cosh(u[1] / q[_SCALE]) - 2.0)
+
+
+@njit(cache=True, error_model="numpy")
+def running_derivatives(k, s, u, q, lx, lu, lxx, luu):
+    """Gradient (6,), (2,) and Hessians (6, 6), (2, 2) of `running`; state and control do not mix."""
+    _state_derivatives(s, q, q[_THETA], q[_SPEED], q[_LEAN], lx, lxx)
+    lx[3], lx[5] = q[_RATE] * s[3], q[_RATE] * s[5]
+    lxx[3, 3] = lxx[5, 5] = q[_RATE]
+    scale, weight = q[_SCALE], q[_CONTROL]
+    luu[0, 1] = luu[1, 0] = 0.0
+    for i in range(2):
+        lu[i] = weight / scale * math.sinh(u[i] / scale)
+        luu[i, i] = weight / (scale * scale) * math.cosh(u[i] / scale)
+
+
+@njit(cache=True, error_model="numpy")
+def final(s, q):
+    """Cost of the last state."""
+    return _state_cost(s, q, q[_F_THETA], q[_F_SPEED], q[_F_LEAN])
+
+
+@njit(cache=True, error_model="numpy")
+def final_derivatives(s, q, lx, lxx):
+    """Gradient (6,) and Gauss-Newton Hessian (6, 6) of `final`."""
+    _state_derivatives(s, q, q[_F_THETA], q[_F_SPEED], q[_F_LEAN], lx, lxx)

@@ -1,0 +1,81 @@
+"""Through an opening: hold the ball in front of it and push it along the opening's middle line.
+
+With n the radial direction at the opening and e the direction across it, the wish is
+
+    first:  -(kp s + kd s_dot) e          s: offset of the ball across the opening, m
+    then:   +-push n                      towards the other ring
+
+The state is taken `lead` s ahead (planar model, last command held), because the servo needs that long to follow.
+A gate takes the ball at up to about 0.1 m/s across it, under tilt towards it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mazeplan.control.tilt import GRAVITY, Plate
+from mazeplan.maze.geometry import Maze, Opening
+from mazeplan.records import Command, State
+
+
+@dataclass(frozen=True)
+class GateOptions:
+    """kp 1/s^2 and kd 1/s: PD across the opening; push: rad of tilt towards the other ring; window_m and window_speed
+    (m/s): inside both the ball is aligned and may be pushed; lead_s: servo lag to look ahead."""
+
+    kp: float = 90.0
+    kd: float = 14.0
+    push: float = math.radians(5.0)
+    window_m: float = 6.0e-3
+    window_speed: float = 0.10
+    lead_s: float = 0.08
+
+
+@dataclass(frozen=True, slots=True)
+class GateFrame:
+    """Where the ball is, seen from an opening: along its middle line (from the centre outwards) and across it, m, m/s."""
+
+    along: float
+    across: float
+    along_speed: float
+    across_speed: float
+
+
+def gate_frame(state: State, opening: Opening) -> GateFrame:
+    """Position and velocity in the opening's frame."""
+    c, s = math.cos(opening.angle), math.sin(opening.angle)
+    return GateFrame(
+        along=c * state.x + s * state.y,
+        across=-s * state.x + c * state.y,
+        along_speed=c * state.vx + s * state.vy,
+        across_speed=-s * state.vx + c * state.vy,
+    )
+
+
+def aligned(state: State, opening: Opening, options: GateOptions) -> bool:
+    """Whether the ball is in front of the opening, slow enough to be pushed."""
+    frame = gate_frame(state, opening)
+    return (
+        frame.along > 0.0
+        and abs(frame.across) <= options.window_m
+        and abs(frame.across_speed) <= options.window_speed
+    )
+
+
+def gate_command(
+    state: State, opening: Opening, towards: int, plate: Plate, options: GateOptions, *, push: float | None = None
+) -> Command:
+    """The command that holds the ball across the opening and pushes it towards ring `towards`."""
+    frame = gate_frame(state, opening)
+    c, s = math.cos(opening.angle), math.sin(opening.angle)
+    hold = -(options.kp * frame.across + options.kd * frame.across_speed)
+    strength = GRAVITY * (options.push if push is None else push)
+    sign = -1.0 if towards == opening.inner else 1.0
+    return plate.command_along((-s * hold, c * hold), (sign * strength * c, sign * strength * s))
+
+
+def through(state: State, opening: Opening, towards: int, maze: Maze) -> bool:
+    """Whether the ball's centre is past the middle of the wall that the opening breaks."""
+    threshold = maze.threshold_radius(opening)
+    return state.r < threshold if towards == opening.inner else state.r > threshold

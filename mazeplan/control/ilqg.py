@@ -1,0 +1,278 @@
+"""iLQG with the control limits inside the backward pass, and a deadline.
+
+    minimise  sum_{k<T} l_k(s_k, u_k) + l_T(s_T)   subject to   s_{k+1} = f(s_k, u_k),  low <= u_k <= high
+
+Tassa, Mansard, Todorov, ICRA 2014, without the second derivatives of f. Each iteration linearises along the trajectory, solves
+a box-limited quadratic problem in each step backwards, and rolls the new policy out with steps alpha until the cost falls
+by enough of what was expected. The cost never rises. Why it stopped (`Plan.reason`):
+
+    1. CONVERGED     without regularisation, the largest correction of a control is below control_tolerance, or the
+                     reduction that is expected or was got is below tolerance * (1 + |cost|)
+    2. MAX_ITERATIONS
+    3. DEADLINE      the next iteration would probably end after the deadline (the longest so far is the estimate)
+    4. NO_DESCENT    regularisation above mu_max and still no step that lowers the cost
+    5. NOT_FINITE    dynamics, cost or a derivative gave NaN or infinity along the starting trajectory
+
+In every case but the last the plan may be followed: controls are inside the limits, states belong to them, and the gains
+belong to that trajectory (zero in rows where the control is held at its limit).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.control import cost as ring_cost
+from mazeplan.control import ilqg_core as core
+from mazeplan.control.cost import CostParameters
+from mazeplan.errors import SettingsError
+from mazeplan.maths.angles import nearest
+from mazeplan.maths.compiled import address_of
+from mazeplan.models import ring_dynamics
+from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.records import Array, Plan, StopReason
+
+
+@dataclass(frozen=True)
+class IlqgOptions:
+    """horizon: steps; max_iterations; tolerance: of the cost, relative; control_tolerance: rad;
+    min_ratio: of reduction got to reduction expected; mu: regularisation to start with, added to the control Hessian, between
+    mu_min and mu_max and changed by mu_factor (which itself grows while it is raised or lowered again and again);
+    alphas: step lengths tried in turn; deadline_ms: of one solve. Raises SettingsError.
+    """
+
+    horizon: int = 40
+    max_iterations: int = 100
+    tolerance: float = 1e-6
+    control_tolerance: float = 1e-7
+    min_ratio: float = 1e-4
+    mu: float = 0.0
+    mu_min: float = 1e-6
+    mu_max: float = 1e10
+    mu_factor: float = 1.6
+    alphas: tuple[float, ...] = (1.0, 0.6, 0.3, 0.1, 0.03, 0.01, 0.001)
+    deadline_ms: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("horizon", "max_iterations"):
+            if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
+                raise SettingsError(f"got {getattr(self, name)!r}, expected a whole number >= 1", key=name)
+        for name in ("tolerance", "control_tolerance", "min_ratio", "mu", "mu_min", "deadline_ms"):
+            if not getattr(self, name) >= 0.0:
+                raise SettingsError(f"got {getattr(self, name)!r}, expected a number >= 0", key=name)
+        if not self.mu_factor > 1.0 or not self.mu_max > self.mu_min:
+            raise SettingsError("expected mu_factor > 1 and mu_max > mu_min", key="mu_factor")
+        if not self.alphas or not all(0.0 < alpha <= 1.0 for alpha in self.alphas):
+            raise SettingsError(f"got {self.alphas!r}, expected step lengths in (0, 1]", key="alphas")
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """f and its derivatives, compiled by numba.njit at module level with cache=True (else every process compiles anew).
+
+    step(s, u, p, out) -> None; linearise(s, u, p, A, B) -> None; s, out (n,), u (2,), A (n, n), B (n, 2), all written whole;
+    parameters p: a float64 vector, which the solver only passes on (its tail may serve as scratch space).
+    """
+
+    step: Any
+    linearise: Any
+    parameters: Array
+    n: int
+
+
+@dataclass(frozen=True)
+class Cost:
+    """l_k and l_T and their derivatives, compiled likewise; q is the vector handed to `solve`.
+
+    running(k, s, u, q) -> float; running_derivatives(k, s, u, q, lx, lu, lxx, luu); final(s, q) -> float;
+    final_derivatives(s, q, lx, lxx). Hessians positive semidefinite, l_uu positive definite; no mixed term.
+    """
+
+    running: Any
+    running_derivatives: Any
+    final: Any
+    final_derivatives: Any
+
+
+class Planner:
+    """Solves problems of one dynamics, cost and limits again and again, in one workspace. Not for use by two threads."""
+
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        cost: Cost,
+        low: Array,
+        high: Array,
+        options: IlqgOptions | None = None,
+        *,
+        dt: float = 1.0 / 30.0,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """low, high: (2,) control limits; dt: s per step, for the plans; clock: s, against which deadlines run."""
+        self.options = options or IlqgOptions()
+        self.dynamics, self.cost, self.dt, self._clock = dynamics, cost, dt, clock
+        low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+        if low.shape != (2,) or high.shape != (2,) or not (np.isfinite(low).all() and (low <= high).all()):
+            raise SettingsError(f"got limits {low} to {high}, expected two finite numbers each, low <= high")
+        self._p = np.ascontiguousarray(dynamics.parameters, dtype=float)
+        self._w = core.make_workspace(self.options.horizon, dynamics.n, low, high)
+        self._f = core.Functions(
+            step=address_of(dynamics.step, core.STEP),
+            linearise=address_of(dynamics.linearise, core.LINEARISE),
+            running=address_of(cost.running, core.RUNNING),
+            running_derivatives=address_of(cost.running_derivatives, core.RUNNING_DERIVATIVES),
+            final=address_of(cost.final, core.FINAL),
+            final_derivatives=address_of(cost.final_derivatives, core.FINAL_DERIVATIVES),
+        )
+        o = self.options
+        self._rules = core.Rules(
+            o.tolerance, o.control_tolerance, o.min_ratio, o.mu_min, o.mu_max, o.mu_factor, np.array(o.alphas, dtype=float)
+        )
+
+    def solve(
+        self,
+        s0: Array,
+        cost_parameters: Array,
+        warm: Plan | Array | None = None,
+        *,
+        t0: float = 0.0,
+        deadline_ms: float | None = None,
+        trace: Callable[[int, float], None] | None = None,
+    ) -> Plan:
+        """A plan from s0 (n,).
+
+        warm: a former plan, shifted to t0 and followed with its gains as the first guess; or controls (T, 2); or None for
+        zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
+        trace(iteration, cost) is told of every cost on the way, the first included.
+        """
+        began = self._clock()
+        end = began + 1e-3 * (self.options.deadline_ms if deadline_ms is None else deadline_ms)
+        w, f, q = self._w, self._f, np.ascontiguousarray(cost_parameters, dtype=float)
+        w.states[0] = s0
+        code = core.NOT_FINITE
+        if warm is not None:
+            code = core.begin(w, f, self._p, q, self._guess(warm, t0), self.options.mu)
+        if code != core.GO_ON:  # cold, or the guess leads nowhere: start again from level
+            w.states[0] = s0
+            code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
+        reason, done = self._improve(q, code, end, trace)
+        ms = 1e3 * (self._clock() - began)
+        cost = float(w.numbers[core.COST])
+        return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt)
+
+    def _improve(
+        self, q: Array, code: int, end: float, trace: Callable[[int, float], None] | None
+    ) -> tuple[StopReason, int]:
+        """Iterate until a rule says stop; the reason and how many iterations were made."""
+        w, options = self._w, self.options
+        done, longest, now = 0, 0.0, self._clock()
+        reason = StopReason.MAX_ITERATIONS
+        while code == core.GO_ON and done < options.max_iterations:
+            if trace is not None:
+                trace(done, float(w.numbers[core.COST]))
+            if done and now + longest > end:
+                reason = StopReason.DEADLINE
+                break
+            code = core.iterate(w, self._f, self._p, q, self._rules)
+            done, before, now = done + 1, now, self._clock()
+            longest = max(longest, now - before)
+        if code == core.NOT_FINITE:
+            w.K[:] = 0.0
+            return StopReason.NOT_FINITE, done
+        if w.numbers[core.STALE] > 0.0 and core.policy(w, self._f, self._p, q, self._rules) == core.NOT_FINITE:
+            w.K[:] = 0.0
+            return StopReason.NOT_FINITE, done
+        if trace is not None:
+            trace(done, float(w.numbers[core.COST]))
+        if code == core.CONVERGED:
+            reason = StopReason.CONVERGED
+        elif code == core.NO_DESCENT:
+            reason = StopReason.NO_DESCENT
+        return reason, done
+
+    def _guess(self, warm: Plan | Array | None, t0: float) -> Array:
+        """Put the first guess into the workspace (controls, K); the reference states for K, shape (T+1, n)."""
+        w, T = self._w, self.options.horizon
+        w.K[:] = 0.0
+        w.controls[:] = 0.0
+        if warm is None:
+            return w.states
+        if not isinstance(warm, Plan):
+            w.controls[:] = warm
+            return w.states
+        had = len(warm.controls)
+        shift = max(0, round((t0 - warm.t0) / warm.dt))
+        index = np.minimum(np.arange(T) + shift, had - 1)
+        w.controls[:] = warm.controls[index]
+        w.K[:] = np.where((np.arange(T) + shift < had)[:, None, None], warm.gains[index], 0.0)
+        return warm.states[np.minimum(np.arange(T + 1) + shift, had)]
+
+    def warm_up(self, s0: Array, cost_parameters: Array) -> None:
+        """Compile or load everything, so that no later solve waits for it."""
+        self.solve(s0, cost_parameters)
+
+
+RING_COST = Cost(
+    ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives
+)
+
+
+@dataclass
+class RingPlanner:
+    """Plans along one ring. parameters: of the ring's model; tilt_limit: rad per axis; options, cost: with defaults."""
+
+    parameters: RingParameters
+    tilt_limit: float
+    options: IlqgOptions = field(default_factory=IlqgOptions)
+    cost: CostParameters = field(default_factory=CostParameters)
+    clock: Callable[[], float] = time.perf_counter
+
+    def __post_init__(self) -> None:
+        dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, self.parameters.pack(), 6)
+        limit = np.full(2, self.tilt_limit)
+        self._planner = Planner(
+            dynamics, RING_COST, -limit, limit, self.options, dt=self.parameters.dt, clock=self.clock
+        )
+
+    def plan(
+        self,
+        state: Array,
+        goal_theta: float,
+        *,
+        lean: float = 0.0,
+        goal_theta_dot: float = 0.0,
+        warm: Plan | None = None,
+        t0: float = 0.0,
+        deadline_ms: float | None = None,
+    ) -> Plan:
+        """A plan from a planner state (6,) to an angle, which must be on the turn to be taken (theta is not wrapped).
+
+        lean: wished outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm: the last
+        plan, of any turn; t0: rig time of the state, s. Never raises for numbers: see `Plan.reason`.
+        """
+        if warm is not None:
+            warm = self._same_turn(warm, float(state[0]), t0)
+        wishes = self.cost.pack(goal_theta, goal_theta_dot, lean)
+        return self._planner.solve(state, wishes, warm, t0=t0, deadline_ms=deadline_ms)
+
+    def _same_turn(self, warm: Plan, theta: float, t0: float) -> Plan | None:
+        """The former plan moved by whole turns to where the ball is now; None if it cannot be used."""
+        if not warm.ok or not math.isfinite(theta):
+            return None
+        k = min(max(0, round((t0 - warm.t0) / warm.dt)), len(warm.controls))
+        planned = float(warm.states[k, 0])
+        turns = nearest(planned, theta) - planned
+        if abs(turns) < 1.0:
+            return warm
+        states = warm.states.copy()
+        states[:, 0] += turns
+        return replace(warm, states=states)
+
+    def warm_up(self) -> None:
+        """Compile or load everything before the rig moves."""
+        self.plan(np.zeros(6), 0.5)

@@ -1,0 +1,52 @@
+"""From the acceleration one wishes the ball to have to the tilt that gives it, inside the limits.
+
+Inverse of the gravity part of the ball's equation at small angles, without its rolling factor:
+
+    a_x = g (beta + beta_0),   a_y = -g (gamma + gamma_0)
+
+where (beta_0, gamma_0) is the tilt of the table. An acceleration here is "tilt times g": the ball gets 5/7 of it or less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mazeplan.records import Command
+
+GRAVITY = 9.81  # m/s^2
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """What of the plate matters for commands: tilt limit per axis and the table's own tilt, rad."""
+
+    limit: float
+    offset_beta: float = 0.0
+    offset_gamma: float = 0.0
+
+    def clip(self, u_beta: float, u_gamma: float) -> Command:
+        """The command inside the limits."""
+        limit = self.limit
+        return Command(min(max(u_beta, -limit), limit), min(max(u_gamma, -limit), limit))
+
+    def command(self, ax: float, ay: float) -> Command:
+        """The command for an acceleration wish in m/s^2, clipped per axis."""
+        return self.clip(ax / GRAVITY - self.offset_beta, -ay / GRAVITY - self.offset_gamma)
+
+    def command_along(self, first: tuple[float, float], then: tuple[float, float]) -> Command:
+        """The command for the wish `first` (m/s^2), plus as much of the wish `then` as the limits leave room for.
+
+        What is asked first is never bent by what is asked second: braking comes before pushing.
+        """
+        base = self.command(*first)
+        full = (first[0] + then[0]) / GRAVITY - self.offset_beta, -(first[1] + then[1]) / GRAVITY - self.offset_gamma
+        share = 1.0
+        for start, end in ((base.u_beta, full[0]), (base.u_gamma, full[1])):
+            step = end - start
+            if step > 0.0:
+                share = min(share, max(0.0, (self.limit - start) / step))
+            elif step < 0.0:
+                share = min(share, max(0.0, (-self.limit - start) / step))
+        return self.clip(
+            base.u_beta + share * (full[0] - base.u_beta), base.u_gamma + share * (full[1] - base.u_gamma)
+        )

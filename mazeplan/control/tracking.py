@@ -1,0 +1,71 @@
+"""Following a plan: its own time-varying gains, or PD on its trajectory for comparison.
+
+    gains:  u = u_k + K_k (s - s_k)
+    PD:     u = u_k + tilt along theta for  kp (theta_k - theta) + kd (theta_dot_k - theta_dot)
+
+k is the step of the plan that belongs to the state's own time. Both are clipped to the tilt limit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.control.tilt import Plate
+from mazeplan.maths.angles import nearest
+from mazeplan.records import Array, Command, Plan, State
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """kp: 1/s^2 and kd: 1/s of the PD tracker, as angular acceleration; replan_theta: rad and replan_speed: rad/s of
+    deviation from the plan beyond which a new one is worth making; replan_every: ticks after which one is made anyway."""
+
+    kp: float = 60.0
+    kd: float = 12.0
+    replan_theta: float = 0.05
+    replan_speed: float = 0.6
+    replan_every: int = 3
+
+
+def plan_step(plan: Plan, t: float) -> int:
+    """The step of the plan that belongs to rig time t; steps past its end give the last."""
+    return int(min(max(round((t - plan.t0) / plan.dt), 0), len(plan.controls) - 1))
+
+
+def finished(plan: Plan, t: float) -> bool:
+    """Whether the plan has no command left at time t."""
+    return t > plan.t0 + (len(plan.controls) - 0.5) * plan.dt
+
+
+def deviation(plan: Plan, state: State) -> Array:
+    """Planner state minus planned state at the state's own time, shape (6,); theta by the shorter way round."""
+    planned = plan.states[plan_step(plan, state.t)]
+    s = state.planner_vector()
+    s[0] = nearest(s[0], planned[0])
+    return s - planned
+
+
+def follow_gains(plan: Plan, state: State, plate: Plate) -> Command:
+    """The plan's command corrected by its own time-varying gains."""
+    k = plan_step(plan, state.t)
+    u = plan.controls[k] + plan.gains[k] @ deviation(plan, state)
+    return plate.clip(float(u[0]), float(u[1]))
+
+
+def follow_pd(plan: Plan, state: State, plate: Plate, options: TrackingOptions, radius: float) -> Command:
+    """The plan's command corrected by a PD law on theta."""
+    k = plan_step(plan, state.t)
+    error = deviation(plan, state)
+    pull = -(options.kp * error[0] + options.kd * error[1]) * radius / 9.81
+    along = np.array([-math.sin(state.theta), -math.cos(state.theta)])  # d(acceleration along theta) / d(tilt), over g
+    u = plan.controls[k] + pull * along
+    return plate.clip(float(u[0]), float(u[1]))
+
+
+def off_plan(plan: Plan, state: State, options: TrackingOptions) -> bool:
+    """Whether ball and plan have parted so far that the plan should be made again."""
+    error = deviation(plan, state)
+    return bool(abs(error[0]) > options.replan_theta or abs(error[1]) > options.replan_speed)

@@ -1,0 +1,237 @@
+"""State estimator: ball and plate at the moment when the next command acts.
+
+The camera is late by `RigModel.camera_delay`, the servo acts `dead_time` after a command. At each sample
+
+1. the plate's axes are filtered to now (`plate.AxisFilter`) and their tilt is kept;
+2. the ball's estimate is carried from the last measured moment to the newly measured one by the planar model, with
+   the tilt that really was (walls and openings included), and corrected by a Kalman filter per axis of the plate frame
+   (state: position and velocity; process noise: white acceleration);
+3. from there the planar model runs on to now, under the known tilt, and to the moment at which the next command will
+   act, under the commands that are still queued. That is the state returned: nothing in it lags.
+
+A sample far outside the innovation's spread is an outlier and is left out; several in a row that agree with one another
+are the truth, and the filter starts again there. Without samples the prediction carries on; after `lost_after` s
+the state says `lost`. The ring has hysteresis: it changes when the predicted ball is past the middle of the wall by a margin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mazeplan.estimation.plate import AxisFilter, PlateNoise
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.modelfile import RigModel
+from mazeplan.models.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.records import LEVEL, Array, Command, Observation, State
+
+HISTORY_S = 1.0  # s of tilt and commands that are kept; more than any camera delay that could be controlled
+
+
+@dataclass(frozen=True)
+class EstimatorOptions:
+    """Settings of the estimator.
+
+    camera_sigma: m, 1 sigma of one sample; acceleration_sigma: m/s^2 that the planar model does not explain;
+    outlier_sigmas: innovation beyond which a sample is left out; outliers_to_restart: so many in a row restart the filter;
+    lost_after: s without a sample; ring_margin: m past the middle of a wall before the ring changes;
+    plate: noise of the tilt filter.
+    """
+
+    camera_sigma: float = 0.5e-3
+    acceleration_sigma: float = 0.5
+    outlier_sigmas: float = 8.0
+    outliers_to_restart: int = 3
+    lost_after: float = 0.5
+    ring_margin: float = 1.0e-3
+    plate: PlateNoise = field(default_factory=PlateNoise)
+
+
+class Estimator:
+    """Filter and predictor for one run. `update` takes each observation, `sent` each command."""
+
+    def __init__(
+        self, maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0
+    ) -> None:
+        self._maze, self._model, self._options = maze, model, options or EstimatorOptions()
+        self._planar = PlanarModel.build(maze, model)
+        self._dt = 1.0 / rate_hz
+        noise = self._options.plate
+        self._axes = (AxisFilter(model.stage.beta, noise), AxisFilter(model.stage.gamma, noise))
+        self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
+        self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
+        self._z: Array | None = None  # (8,) ball at the last measured moment
+        self._covariance = np.zeros((2, 2))  # of (position, velocity), the same for both axes
+        self._measured_at = 0.0  # moment of self._z
+        self._last_seen = 0.0
+        self._outliers: list[Array] = []
+        self._ring: int | None = None
+        self._measured_ring: int | None = None
+        self._acting_z: Array | None = None  # (8,) the state returned last
+        self._acts_at = 0.0
+        self.innovation = 0.0  # m, distance of the last sample from its prediction
+        self.filtered: State | None = None  # at the measured moment
+
+    @property
+    def dead_time(self) -> float:
+        """Seconds between sending a command and its first effect on the plate."""
+        return max(self._model.stage.beta.dead_time, self._model.stage.gamma.dead_time)
+
+    def warm_up(self) -> None:
+        """Compile everything before the rig moves."""
+        twin = Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
+        radius = max(self._maze.track_radius(1), 1e-3)
+        for k in range(3):
+            twin.update(Observation(k * self._dt, radius, 0.0, 0.0, 0.0))
+            twin.sent(LEVEL, k * self._dt)
+
+    def sent(self, command: Command, t: float) -> None:
+        """Note a command given to the rig at time t."""
+        self._commands.append((t + self.dead_time, command.u_beta, command.u_gamma))
+        while len(self._commands) > 2 and self._commands[1][0] < t - HISTORY_S:
+            self._commands.popleft()
+
+    def update(self, observation: Observation) -> State:
+        """Take in one sample; the state at the moment when a command sent now will act."""
+        t = observation.t
+        self._filter_plate(observation)
+        moment = t - self._model.camera_delay
+        if observation.x is not None and observation.y is not None:
+            self._take_sample(moment, np.array([observation.x, observation.y]), t)
+        elif self._z is not None:
+            self._carry_to(moment)
+        return self._state(t, observation.seen)
+
+    def ahead(self, seconds: float) -> State:
+        """The last state that `update` returned, `seconds` later, with the last command held."""
+        if self._acting_z is None or self._ring is None:
+            raise RuntimeError("no observation yet")
+        z, t = self._acting_z.copy(), self._acts_at
+        _, u_beta, u_gamma = self._commands[-1]
+        predict(z, t, t + seconds, np.array([t]), np.array([[u_beta, u_gamma]]), *self._planar.arrays())
+        return _as_state(t + seconds, z, self._ring, True, False)
+
+    # -- plate ----------------------------------------------------------------------------------------------------
+
+    def _filter_plate(self, observation: Observation) -> None:
+        t = observation.t
+        if self._tilts:
+            since = self._tilts[-1][0]
+            for start, end, u in self._acting(since, t):
+                for axis, value in zip(self._axes, u, strict=True):
+                    axis.predict(value, end - start)
+        for axis, angle in zip(self._axes, (observation.beta, observation.gamma), strict=True):
+            axis.update(angle)
+        self._tilts.append((t, float(self._axes[0].mean[0]), float(self._axes[1].mean[0])))
+        while self._tilts[0][0] < t - HISTORY_S:
+            self._tilts.popleft()
+
+    def _acting(self, start: float, end: float) -> list[tuple[float, float, tuple[float, float]]]:
+        """Pieces (from, to, u) of the time between start and end, each with the command that acted."""
+        pieces = []
+        commands = list(self._commands)
+        for i, (since, ub, ug) in enumerate(commands):
+            until = commands[i + 1][0] if i + 1 < len(commands) else math.inf
+            a, b = max(since, start), min(until, end)
+            if b > a:
+                pieces.append((a, b, (ub, ug)))
+        return pieces
+
+    # -- ball -----------------------------------------------------------------------------------------------------
+
+    def _tilt_history(self) -> tuple[Array, Array]:
+        history = np.array(self._tilts)
+        return np.ascontiguousarray(history[:, 0]), np.ascontiguousarray(history[:, 1:])
+
+    def _advance(self, z: Array, start: float, end: float) -> None:
+        times, tilts = self._tilt_history()
+        p = self._planar
+        predict_given_tilt(z, start, end, times, tilts, p.scalars, p.bias, p.rings, p.walls, p.gaps)
+
+    def _carry_to(self, moment: float) -> None:
+        assert self._z is not None
+        dt = moment - self._measured_at
+        if dt <= 0.0:
+            return
+        self._advance(self._z, self._measured_at, moment)
+        transition = np.array([[1.0, dt], [0.0, 1.0]])
+        q = self._options.acceleration_sigma**2
+        spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
+        self._covariance = transition @ self._covariance @ transition.T + spread
+        self._measured_at = moment
+
+    def _start_at(self, moment: float, position: Array) -> None:
+        sigma = self._options.camera_sigma
+        self._z = np.zeros(8)
+        self._z[:2] = position
+        self._covariance = np.diag([sigma**2, 0.1**2])  # a ball that is placed, or has just bounced: within 0.1 m/s
+        self._measured_at = moment
+        self._outliers.clear()
+
+    def _take_sample(self, moment: float, position: Array, t: float) -> None:
+        if self._z is None:
+            self._start_at(moment, position)
+            self._last_seen = t
+            return
+        self._carry_to(moment)
+        z, options = self._z, self._options
+        innovation = position - z[:2]
+        self.innovation = float(np.hypot(*innovation))
+        variance = self._covariance[0, 0] + options.camera_sigma**2
+        if self.innovation > options.outlier_sigmas * math.sqrt(variance):
+            self._outliers.append(position)
+            recent = self._outliers[-options.outliers_to_restart :]
+            agree = all(np.hypot(*(a - b)) < 0.02 for a, b in zip(recent, recent[1:], strict=False))
+            if len(recent) == options.outliers_to_restart and agree:
+                self._start_at(moment, position)
+                self._last_seen = t
+            return
+        self._outliers.clear()
+        self._last_seen = t
+        gain = self._covariance[:, 0] / variance
+        z[:2] += gain[0] * innovation
+        z[2:4] += gain[1] * innovation
+        self._covariance = self._covariance - np.outer(gain, self._covariance[0])
+        p = self._planar
+        contact(z, p.scalars[1], p.rings, p.walls, p.gaps, 0.0)
+
+    # -- result ---------------------------------------------------------------------------------------------------
+
+    def _state(self, t: float, seen: bool) -> State:
+        beta, gamma = self._axes
+        acts = t + self.dead_time
+        z = np.zeros(8) if self._z is None else self._z.copy()
+        measured = z.copy()
+        if self._z is not None:
+            self._advance(z, self._measured_at, t)
+        z[4:6], z[6:8] = beta.mean, gamma.mean
+        if acts > t:
+            queue = np.array([c for c in self._commands if math.isfinite(c[0])] or [(t, 0.0, 0.0)])
+            times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
+            predict(z, t, acts, times, commands, *self._planar.arrays())
+        self._acting_z, self._acts_at = z, acts
+        lost = self._z is None or t - self._last_seen > self._options.lost_after
+        self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
+        self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
+        self.filtered = _as_state(self._measured_at, measured, self._measured_ring, seen, lost)
+        return _as_state(acts, z, self._ring, seen, lost)
+
+    def _hysteresis(self, current: int | None, r: float) -> int:
+        rings = self._planar.rings
+        if current is None:
+            return int(ring_index(r, rings)) + 1
+        margin = self._options.ring_margin
+        index = current - 1
+        while index + 1 < len(rings) and r < 0.5 * (rings[index, 0] + rings[index + 1, 1]) - margin:
+            index += 1
+        while index > 0 and r > 0.5 * (rings[index - 1, 0] + rings[index, 1]) + margin:
+            index -= 1
+        return index + 1
+
+
+def _as_state(t: float, z: Array, ring: int, seen: bool, lost: bool) -> State:
+    x, y, vx, vy, beta, beta_dot, gamma, gamma_dot = (float(v) for v in z)
+    return State(t, x, y, vx, vy, beta, beta_dot, gamma, gamma_dot, ring, seen, lost)

@@ -1,0 +1,124 @@
+"""Many navigations: success, times, failures by kind.
+
+Start angles: the first 16 are theta = pi k / 8 + pi / 16 (facts of the published evaluation), further ones are drawn by the run's
+seed. Each run has a seed of its own, so that the results are the same for any number of workers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.navigate import TIME_LIMIT, Job, Setup, resolve_model, ring_number, run_job, spread
+from mazeplan.records import NavigationResult
+from mazeplan.rigs.registry import make_rig, rig_label
+
+FIXED_STARTS = 16
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What to evaluate; plain names, so that a worker process can build everything itself."""
+
+    runs: int
+    rig: str = "toy"
+    map: str = "cme"
+    model: str | None = None
+    behavior: str = "navigate"
+    start: int | str = 1
+    goal: int | str = 5
+    seed: int = 0
+    time_limit: float = TIME_LIMIT
+
+
+def start_angle(index: int) -> float | None:
+    """Start angle of run `index`, rad; None: drawn by the run's seed."""
+    return math.pi * index / 8.0 + math.pi / 16.0 if index < FIXED_STARTS else None
+
+
+def run_one(campaign: Campaign, index: int) -> NavigationResult:
+    """Run number `index` of a campaign, from nothing: the same wherever it is done."""
+    maze = load_map(campaign.map)
+    model = resolve_model(campaign.model, campaign.rig, maze)
+    job = Job(
+        ring_number(campaign.start, maze),
+        ring_number(campaign.goal, maze),
+        start_angle(index),
+        campaign.seed + index,
+        campaign.time_limit,
+    )
+    rig = make_rig(campaign.rig, maze)
+    try:
+        return run_job(rig, Setup(maze, model, campaign.behavior, rig_label(campaign.rig)), job)
+    finally:
+        rig.close()
+
+
+def results(campaign: Campaign, workers: int = 1) -> Iterator[tuple[int, NavigationResult]]:
+    """(index, result) of all runs as they end, in this process or in `workers` processes."""
+    if workers <= 1:
+        for index in range(campaign.runs):
+            yield index, run_one(campaign, index)
+        return
+    # spawn: a forked child would inherit locks of threads that do not exist in it
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        futures = {pool.submit(run_one, campaign, index): index for index in range(campaign.runs)}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+def evaluate(
+    campaign: Campaign, *, workers: int = 1, progress: Callable[[int], None] | None = None
+) -> list[NavigationResult]:
+    """All results of a campaign in the order of their runs; `progress(finished)` is called after each."""
+    done: dict[int, NavigationResult] = {}
+    for index, result in results(campaign, workers):
+        done[index] = result
+        if progress is not None:
+            progress(len(done))
+    return [done[index] for index in range(campaign.runs)]
+
+
+def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
+    """The document that `evaluate --json` prints. Times are of the runs that arrived; null when none did."""
+    times = np.array([outcome.time_s for outcome in outcomes if outcome.success])
+    failures = Counter(str(failure.kind) for outcome in outcomes for failure in outcome.failures)
+    if times.size:
+        p50, p95 = np.percentile(times, [50.0, 95.0])
+        figures = {"mean": times.mean(), "best": times.min(), "p50": p50, "p95": p95, "worst": times.max()}
+        time_s: dict[str, float | None] = {key: round(float(value), 4) for key, value in figures.items()}
+    else:
+        time_s = dict.fromkeys(("mean", "best", "p50", "p95", "worst"))
+    return {
+        "runs": len(outcomes),
+        "success": sum(outcome.success for outcome in outcomes),
+        "time_s": time_s,
+        "failures": dict(sorted(failures.items())),
+        "planner_ms": worst(outcomes, "planner_ms"),
+        "tick_ms": worst(outcomes, "tick_ms"),
+        "results": [outcome.to_json() for outcome in outcomes],
+    }
+
+
+def worst(outcomes: list[NavigationResult], which: str) -> dict[str, float]:
+    """Median of the runs' medians; worst p99 and worst maximum over the runs."""
+    spreads = [getattr(outcome, which) for outcome in outcomes]
+    if not spreads:
+        return spread([])
+    return {
+        "p50": round(float(np.median([s["p50"] for s in spreads])), 4),
+        "p99": max(s["p99"] for s in spreads),
+        "max": max(s["max"] for s in spreads),
+    }

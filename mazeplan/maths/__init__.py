@@ -1,0 +1,1 @@
+"""Pure functions: angles, integration, box-constrained quadratic programs, linear-quadratic regulators."""

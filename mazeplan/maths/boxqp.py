@@ -1,0 +1,47 @@
+"""Quadratic programme in two variables inside a box, in closed form, compiled.
+
+    minimise 1/2 x' H x + g' x   subject to   lower <= x <= upper,        H symmetric positive definite
+
+A convex function whose free minimum lies outside the box has its minimum on the border; each of the four edges is a
+problem in one variable. This is the inner problem of control-limited DDP (Tassa, Mansard, Todorov, ICRA 2014), where a
+variable counts as free unless it is held at a bound by the gradient.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _clip(x, low, high):
+    return min(max(x, low), high)
+
+
+@njit(cache=True, error_model="numpy")
+def box_qp(h00, h01, h11, g0, g1, low0, high0, low1, high1):
+    """(x0, x1, free0, free1, ok): the minimiser, which variables are free, and whether H is positive definite.
+
+    Scalars in and out, so that nothing is allocated. Bounds hold exactly. A variable is not free when it is at a bound and the
+    objective would fall beyond it, or when its bounds coincide. With ok False (also for NaN) the rest is zero and False.
+    """
+    det = h00 * h11 - h01 * h01
+    if not (h00 > 0.0 and h11 > 0.0 and det > 0.0):
+        return 0.0, 0.0, False, False, False
+    x0, x1 = (h01 * g1 - h11 * g0) / det, (h01 * g0 - h00 * g1) / det
+    if not (low0 <= x0 <= high0 and low1 <= x1 <= high1):
+        best = np.inf
+        for edge in range(4):
+            if edge < 2:
+                e0 = low0 if edge == 0 else high0
+                e1 = _clip(-(g1 + h01 * e0) / h11, low1, high1)
+            else:
+                e1 = low1 if edge == 2 else high1
+                e0 = _clip(-(g0 + h01 * e1) / h00, low0, high0)
+            cost = 0.5 * (h00 * e0 * e0 + h11 * e1 * e1) + h01 * e0 * e1 + g0 * e0 + g1 * e1
+            if cost < best:
+                best, x0, x1 = cost, e0, e1
+    slope0, slope1 = h00 * x0 + h01 * x1 + g0, h01 * x0 + h11 * x1 + g1
+    held0 = low0 >= high0 or (x0 <= low0 and slope0 > 0.0) or (x0 >= high0 and slope0 < 0.0)
+    held1 = low1 >= high1 or (x1 <= low1 and slope1 > 0.0) or (x1 >= high1 and slope1 < 0.0)
+    return x0, x1, not held0, not held1, True

@@ -1,0 +1,60 @@
+"""Call a compiled function through its address, from compiled code that does not know it.
+
+A compiled solver that takes functions as arguments would be compiled anew for each of them and could not be kept in Numba's
+cache between processes; Numba's own first-class function values can, but cost 28 us per function and call to unpack. So
+the solver is given plain integers, and calls what is behind them: one compilation of the solver for every model, and a changed
+model can never meet a stale copy of itself inside a cached solver.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit, types
+from numba.core import cgutils
+from numba.core.typing import signature as typing_signature
+from numba.extending import intrinsic
+
+INTEGER = types.int64
+REAL = types.float64
+VECTOR = types.float64[::1]
+MATRIX = types.float64[:, ::1]
+
+
+def address_of(function: Any, signature: Any) -> int:
+    """Address of a function made by `numba.njit`, compiled for the signature (or loaded from the cache).
+
+    The caller must keep the function alive as long as the address is used. Raises TypeError for anything else.
+    """
+    if not hasattr(function, "get_compile_result"):
+        raise TypeError(f"got {function!r}, expected a function compiled with numba.njit")
+    result = function.get_compile_result(signature)
+    return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
+
+
+def caller(signature: Any) -> Any:
+    """A compiled function call(address, arguments) for functions of one signature; arguments is a tuple.
+
+    Exceptions raised behind the address come through.
+    """
+
+    @intrinsic
+    def through(typing_context, address, arguments):
+        def code(context, builder, sig, values):
+            pointer_type = context.call_conv.get_function_type(signature.return_type, signature.args).as_pointer()
+            pointer = builder.inttoptr(values[0], pointer_type)
+            unpacked = cgutils.unpack_tuple(builder, values[1], len(signature.args))
+            status, result = context.call_conv.call_function(
+                builder, pointer, signature.return_type, signature.args, unpacked
+            )
+            with cgutils.if_unlikely(builder, status.is_error):
+                context.call_conv.return_status_propagate(builder, status)
+            return result
+
+        expected = typing_signature(signature.return_type, INTEGER, types.Tuple(signature.args))
+        return expected, code
+
+    return through
+
+
+__all__ = ["INTEGER", "MATRIX", "REAL", "VECTOR", "address_of", "caller", "njit"]

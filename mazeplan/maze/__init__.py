@@ -1,0 +1,1 @@
+"""The maze: its geometry, the map file, routes through it, openings learned from where the ball changed rings."""

@@ -1,0 +1,139 @@
+"""Geometry of a circular maze: rings are channels between concentric walls, openings are gaps in those walls.
+
+All lengths in m, angles in rad, in the plate frame (origin in the centre, theta = atan2(y, x)). Ring 1 is the
+outermost; the last ring is a disc around the centre (inner radius 0). The wall between ring i and i+1 reaches from the
+outer radius of ring i+1 to the inner radius of ring i. An opening is a gap with parallel sides, `width` apart, whose
+middle line is the radius at `angle`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from mazeplan.maths.angles import difference
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """A solid sphere."""
+
+    radius: float
+    mass: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """The channel between two walls: clear floor from inner to outer radius."""
+
+    number: int
+    inner_radius: float
+    outer_radius: float
+
+    @property
+    def track_radius(self) -> float:
+        """Where the ball's centre is on average: the middle of the channel, 0 for the disc."""
+        return 0.0 if self.inner_radius == 0.0 else 0.5 * (self.inner_radius + self.outer_radius)
+
+    @property
+    def is_disc(self) -> bool:
+        """Whether this is the centre, without an inner wall."""
+        return self.inner_radius == 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A gap in the wall between ring `outer` and ring `inner` = outer + 1.
+
+    name: unique, for people and logs, such as "1-2@45"; closed: not to be used; extra_cost: s added to its
+    passage when routes are weighed (what a user knows about it beforehand).
+    """
+
+    name: str
+    outer: int
+    inner: int
+    angle: float
+    width: float
+    closed: bool = False
+    extra_cost: float = 0.0
+
+    def leads_to(self, ring: int) -> int:
+        """The ring on the other side, seen from `ring`."""
+        return self.inner if ring == self.outer else self.outer
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A circular wall: solid from inner to outer radius but for its openings. `outer_ring` is the ring outside it
+    (0 for the rim around ring 1)."""
+
+    inner_radius: float
+    outer_radius: float
+    outer_ring: int
+    openings: tuple[Opening, ...]
+
+
+@dataclass(frozen=True)
+class Maze:
+    """A whole maze. tilt_limit: rad per axis; source: the file it came from."""
+
+    name: str
+    ball: Ball
+    rings: tuple[Ring, ...]
+    openings: tuple[Opening, ...]
+    tilt_limit: float
+    wall_height: float
+    rim_thickness: float = 0.005
+    source: str = field(default="", compare=False)
+
+    def ring(self, number: int) -> Ring:
+        """The ring of that number (1 = outermost)."""
+        if not 1 <= number <= len(self.rings):
+            raise IndexError(f"ring {number}: this maze has rings 1 to {len(self.rings)}")
+        return self.rings[number - 1]
+
+    def opening(self, name: str) -> Opening:
+        """The opening of that name."""
+        for opening in self.openings:
+            if opening.name == name:
+                return opening
+        raise KeyError(f"no opening {name!r}; there are {', '.join(o.name for o in self.openings)}")
+
+    def openings_between(self, a: int, b: int) -> tuple[Opening, ...]:
+        """All openings that join two rings, closed ones too."""
+        return tuple(o for o in self.openings if {o.outer, o.inner} == {a, b})
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        """Walls from the rim inwards."""
+        rim = self.rings[0].outer_radius
+        walls = [Wall(rim, rim + self.rim_thickness, 0, ())]
+        for outer, inner in zip(self.rings, self.rings[1:], strict=False):
+            gaps = self.openings_between(outer.number, inner.number)
+            walls.append(Wall(inner.outer_radius, outer.inner_radius, outer.number, gaps))
+        return tuple(walls)
+
+    def ring_at(self, r: float) -> int:
+        """The ring whose floor, widened to the middle of its walls, holds radius r."""
+        for outer, inner in zip(self.rings, self.rings[1:], strict=False):
+            if r > 0.5 * (outer.inner_radius + inner.outer_radius):
+                return outer.number
+        return self.rings[-1].number
+
+    def track_radius(self, ring: int) -> float:
+        """Radius at which the ball's centre travels in a ring, m."""
+        return self.ring(ring).track_radius
+
+    def threshold_radius(self, opening: Opening) -> float:
+        """Middle of the wall that the opening breaks, m: past it the ball is in the other ring."""
+        return 0.5 * (self.ring(opening.outer).inner_radius + self.ring(opening.inner).outer_radius)
+
+    def in_front_of(self, theta: float, ring: int, margin: float = 0.0) -> Opening | None:
+        """The opening of `ring` in front of which angle theta lies (within half its width less `margin`, m)."""
+        radius = max(self.track_radius(ring), 1e-3)
+        for o in self.openings:
+            if ring in (o.outer, o.inner):
+                offset = radius * math.sin(difference(theta, o.angle))
+                if math.cos(difference(theta, o.angle)) > 0.0 and abs(offset) <= 0.5 * o.width - margin:
+                    return o
+        return None

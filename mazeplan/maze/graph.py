@@ -1,0 +1,201 @@
+"""Routes through the maze, chosen by expected time and by what the run has learned.
+
+Rings are nodes, openings are edges. What a ring costs depends on where the ball enters it, so the shortest path is
+sought over states (opening, ring entered by it): the line graph of the maze with directions. From an opening at angle
+alpha to the next one at beta the ball travels s = r |beta - alpha| along its ring, at best half of it accelerating and
+half braking:
+
+    travel = 2 sqrt(s / a) + servo lag,    a = f g sin(tilt limit),   f = 5/9 for a ball that rolls on floor and wall
+
+Passing an opening takes a fixed time, the extra cost given in the map, and for every attempt that is expected beyond
+the first a fixed loss. With probability of success p ~ Beta(prior + successes, prior + failures) the expected
+number of attempts is E[1/p] = (A + B - 1) / (A - 1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Any
+
+import networkx as nx
+
+from mazeplan.maths.angles import difference
+from mazeplan.maze.geometry import Maze, Opening
+
+GRAVITY = 9.81  # m/s^2
+
+_START, _GOAL = "start", "goal"
+
+
+@dataclass(frozen=True, slots=True)
+class RouteOptions:
+    """What the expected times are made of. Raises ValueError for values that make no sense.
+
+    rolling_factor: part of gravity along the ring that accelerates the ball; servo_lag_s: until the plate follows;
+    passage_s: through an opening; disc_s: across the disc in the centre; retry_s: lost with every failed attempt;
+    prior_successes (> 1), prior_failures: Beta prior of an opening that was never tried.
+    """
+
+    rolling_factor: float = 5.0 / 9.0
+    servo_lag_s: float = 0.1
+    passage_s: float = 0.25
+    disc_s: float = 0.2
+    retry_s: float = 1.5
+    prior_successes: float = 3.0
+    prior_failures: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not self.rolling_factor > 0.0:
+            raise ValueError(f"rolling_factor: got {self.rolling_factor}, expected > 0")
+        if not self.prior_successes > 1.0:  # else the expected number of attempts is infinite
+            raise ValueError(f"prior_successes: got {self.prior_successes}, expected > 1")
+        for name in ("servo_lag_s", "passage_s", "disc_s", "retry_s", "prior_failures"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"{name}: got {getattr(self, name)}, expected >= 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One ring of a route: turn by `turn_rad` (signed, in [-pi, pi)) to `opening` and leave by it, in `expected_s`."""
+
+    ring: int
+    opening: Opening
+    turn_rad: float
+    expected_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """The legs from the start ring to the goal ring, and their expected time in s. Without legs the ball is there."""
+
+    legs: tuple[Leg, ...]
+    expected_s: float
+
+    @property
+    def openings(self) -> tuple[str, ...]:
+        """Names of the openings, in the order in which they are passed."""
+        return tuple(leg.opening.name for leg in self.legs)
+
+
+class RouteGraph:
+    """The maze as a graph, with what one run has learned about its openings.
+
+    `graph` is a networkx MultiGraph: ring numbers, joined by one edge for each opening (key: its name, attribute
+    `opening`). Openings that are closed in the map start closed.
+    """
+
+    def __init__(self, maze: Maze, options: RouteOptions | None = None) -> None:
+        self.maze = maze
+        self.options = options or RouteOptions()
+        self.graph = nx.MultiGraph()
+        self.graph.add_nodes_from(ring.number for ring in maze.rings)
+        for opening in maze.openings:
+            self.graph.add_edge(opening.outer, opening.inner, key=opening.name, opening=opening)
+        self._closed = {opening.name for opening in maze.openings if opening.closed}
+        self._tries: dict[str, tuple[int, int]] = {opening.name: (0, 0) for opening in maze.openings}
+        self._acceleration = self.options.rolling_factor * GRAVITY * math.sin(maze.tilt_limit)
+        self._states = self._line_graph()
+
+    @property
+    def closed(self) -> frozenset[str]:
+        """Names of the openings that no route uses now."""
+        return frozenset(self._closed)
+
+    def close(self, name: str) -> None:
+        """Use this opening no more. Raises KeyError if there is none of that name."""
+        self._closed.add(self.maze.opening(name).name)
+
+    def reopen(self, name: str) -> None:
+        """Use this opening again, even if the map calls it closed. Raises KeyError if there is none of that name."""
+        self._closed.discard(self.maze.opening(name).name)
+
+    def record(self, name: str, success: bool) -> None:
+        """Learn from one attempt at an opening. Raises KeyError if there is none of that name."""
+        successes, failures = self._tries[self.maze.opening(name).name]
+        self._tries[name] = (successes + 1, failures) if success else (successes, failures + 1)
+
+    def tries(self, name: str) -> tuple[int, int]:
+        """Successes and failures recorded at an opening."""
+        return self._tries[self.maze.opening(name).name]
+
+    def expected_attempts(self, name: str) -> float:
+        """How many attempts an opening is expected to take, at least 1."""
+        successes, failures = self._tries[name]
+        a = self.options.prior_successes + successes
+        b = self.options.prior_failures + failures
+        return (a + b - 1.0) / (a - 1.0)
+
+    def travel_s(self, ring: int, turn_rad: float) -> float:
+        """Expected time to turn by an angle in a ring and be at rest there; a constant in the disc."""
+        radius = self.maze.track_radius(ring)
+        if radius == 0.0:
+            return self.options.disc_s
+        length = radius * abs(turn_rad)
+        return 2.0 * math.sqrt(length / self._acceleration) + self.options.servo_lag_s if length > 0.0 else 0.0
+
+    def passage_s(self, name: str) -> float:
+        """Expected time to pass an opening in front of which the ball is, with what was learned and the map says."""
+        options = self.options
+        retries = self.expected_attempts(name) - 1.0
+        return options.passage_s + retries * options.retry_s + self.maze.opening(name).extra_cost
+
+    def cost(self, name: str, ring: int, theta: float) -> float:
+        """Expected time, s, from angle theta in a ring until the ball is through an opening of that ring."""
+        return self.travel_s(ring, difference(self.maze.opening(name).angle, theta)) + self.passage_s(name)
+
+    def route(self, start: int, goal: int, theta: float, avoid: Collection[str] = ()) -> Route | None:
+        """The fastest route from angle theta in ring `start` to ring `goal`; None if there is none.
+
+        Closed openings and those in `avoid` are not used. Raises IndexError for a ring that the maze does not have.
+        """
+        if self.maze.ring(start) == self.maze.ring(goal):
+            return Route((), 0.0)
+        passages = {
+            name: self.passage_s(name) for name in self._tries if name not in self._closed and name not in avoid
+        }
+
+        def weight(_: Any, target: Any, edge: dict[str, Any]) -> float | None:
+            """Time of an edge; None hides it. Edges from the start and to the goal exist for every ring."""
+            if target == _GOAL:
+                return 0.0 if edge["ring"] == goal else None
+            opening = edge["opening"]
+            if opening.name not in passages:
+                return None
+            travel = edge["travel_s"]
+            if travel is None:
+                if edge["ring"] != start:
+                    return None
+                travel = self.travel_s(start, difference(opening.angle, theta))
+            return travel + passages[opening.name]
+
+        try:
+            path = nx.dijkstra_path(self._states, _START, _GOAL, weight=weight)
+        except nx.NetworkXNoPath:
+            return None
+        return self._along(path[1:-1], theta)
+
+    def _along(self, states: list[Any], theta: float) -> Route:
+        legs: list[Leg] = []
+        for name, entered in states:
+            opening = self.maze.opening(name)
+            ring = opening.leads_to(entered)
+            legs.append(Leg(ring, opening, difference(opening.angle, theta), self.cost(name, ring, theta)))
+            theta = opening.angle
+        return Route(tuple(legs), sum(leg.expected_s for leg in legs))
+
+    def _line_graph(self) -> nx.DiGraph:
+        """States (opening, ring entered by it); an edge is a ring travelled and the opening at its end."""
+        states = nx.DiGraph()
+        for opening in self.maze.openings:
+            for entered in (opening.inner, opening.outer):
+                left, node = opening.leads_to(entered), (opening.name, entered)
+                states.add_edge(_START, node, ring=left, opening=opening, travel_s=None)
+                states.add_edge(node, _GOAL, ring=entered)
+        for a, b in permutations(self.maze.openings, 2):
+            for ring in {a.outer, a.inner} & {b.outer, b.inner}:
+                travel = self.travel_s(ring, difference(b.angle, a.angle))
+                states.add_edge((a.name, ring), (b.name, b.leads_to(ring)), ring=ring, opening=b, travel_s=travel)
+        return states

@@ -1,0 +1,305 @@
+"""Map files (YAML) to and from `Maze`. The format is explained in maps/cme.yaml.
+
+`load_map` gives the maze or raises the first problem; `check_map` gives all of them, and warnings about what is allowed
+but perhaps not meant.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from mazeplan import resources
+from mazeplan.errors import MapError
+from mazeplan.maze.geometry import Ball, Maze, Opening, Ring
+from mazeplan.maze.mapschema import MapFile, OpeningSection, complaints
+from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
+
+MIN_WALL_MM = 1.0  # thinner walls break in print and let a fast ball through in simulation
+
+MAX_REPORTED = 50  # errors in one file; a file with more was not meant as a map
+
+Problem = tuple[Key, str]
+
+
+@dataclass(frozen=True)
+class MapCheck:
+    """What a map file holds: the maze (None if there are errors), all errors, and warnings as ready lines."""
+
+    maze: Maze | None
+    errors: tuple[MapError, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def load_map(source: str | Path) -> Maze:
+    """The maze in a file, or the packaged one of that name ("cme"). Raises MapError with file, line and key."""
+    result = check_map(source)
+    if result.maze is None:
+        raise result.errors[0]
+    return result.maze
+
+
+def check_map(source: str | Path) -> MapCheck:
+    """Read a map and collect everything that is wrong with it; raises nothing for a bad file."""
+    try:
+        path = _find(source)
+        return _check_tree(read_yaml(path, error=MapError), path)
+    except MapError as error:
+        return MapCheck(None, (error,))
+
+
+def check_text(text: str, *, file: str | Path = "map") -> MapCheck:
+    """As `check_map`, for YAML text; `file` is what errors call it."""
+    try:
+        return _check_tree(parse_yaml(text, file=file, error=MapError), file)
+    except MapError as error:
+        return MapCheck(None, (error,))
+
+
+def packaged_maps() -> tuple[str, ...]:
+    """Names of the maps that come with the program."""
+    return tuple(sorted(path.stem for path in resources.share("maps").glob("*.yaml")))
+
+
+def _find(source: str | Path) -> Path:
+    try:
+        path = resources.find("maps", str(source), ".yaml")
+        missing = not path.exists()
+    except (OSError, ValueError) as problem:  # a name that is too long
+        raise MapError(f"{shown(str(source))} is not the name of a map or file: {problem.args[-1]}") from None
+    if not str(source).isprintable():
+        raise MapError(f"{shown(str(source))} is not the name of a map or file")
+    if missing and not path.suffix and path.parent == Path("."):
+        names = ", ".join(packaged_maps())
+        raise MapError(f"no such file, and not a packaged map, which are: {names}", file=path)
+    return path
+
+
+def _check_tree(tree: Tree, file: str | Path) -> MapCheck:
+    def error(problem: Problem) -> MapError:
+        key, text = problem
+        return MapError(text, file=file, line=tree.line(key), key=key_path(key) or None)
+
+    if not isinstance(tree.data, dict):
+        return MapCheck(None, (error(((), f"got {shown(tree.data)}, expected keys such as name, ball, rings")),))
+    try:
+        spec = MapFile.model_validate(tree.data)
+    except ValidationError as wrong:
+        return MapCheck(None, tuple(sorted(map(error, complaints(wrong)), key=_line)[:MAX_REPORTED]))
+    for rule in (_ring_problems, _opening_problems):  # openings are judged only when the rings make sense
+        if problems := tuple(error(item) for item in rule(spec)):
+            return MapCheck(None, problems)
+    warnings = tuple(str(error(item)) for item in _warnings(spec))
+    return MapCheck(_maze(spec, str(file)), (), warnings)
+
+
+def _line(error: MapError) -> int:
+    return error.line or 0
+
+
+# Rules. Lengths in mm, as in the file.
+
+
+def _ring_problems(spec: MapFile) -> Iterator[Problem]:
+    diameter = 2.0 * spec.ball.radius_mm
+    last = len(spec.rings) - 1
+    if spec.wall_height_mm < spec.ball.radius_mm:
+        yield (
+            ("wall_height_mm",),
+            f"got {spec.wall_height_mm:g}, expected at least the ball's radius {spec.ball.radius_mm:g}",
+        )
+    for i, ring in enumerate(spec.rings):
+        inner, outer = ("rings", i, "inner_radius_mm"), ("rings", i, "outer_radius_mm")
+        if i == last and ring.inner_radius_mm != 0.0:
+            yield inner, f"got {ring.inner_radius_mm:g}, expected 0: the last ring is the disc in the centre"
+        if i < last and ring.inner_radius_mm == 0.0:
+            yield inner, "got 0, expected more: only the last ring is a disc"
+        if ring.outer_radius_mm <= ring.inner_radius_mm:
+            yield outer, f"got {ring.outer_radius_mm:g}, expected more than inner_radius_mm {ring.inner_radius_mm:g}"
+            continue
+        room = ring.outer_radius_mm - ring.inner_radius_mm if i < last else 2.0 * ring.outer_radius_mm
+        if room <= diameter:
+            yield outer, f"got a ring {room:g} mm wide, expected more than the ball's diameter {diameter:g}"
+        if i > 0:
+            limit = spec.rings[i - 1].inner_radius_mm - MIN_WALL_MM
+            if ring.outer_radius_mm > limit:
+                yield (
+                    outer,
+                    f"got {ring.outer_radius_mm:g}, expected at most {limit:g}: rings are listed from the outermost, "
+                    f"with a wall of at least {MIN_WALL_MM:g} mm between them",
+                )
+
+
+def _opening_problems(spec: MapFile) -> Iterator[Problem]:
+    problems = [problem for i in range(len(spec.openings)) for problem in _one_opening(spec, i)]
+    yield from problems
+    if problems:
+        return
+    yield from _duplicate_names(spec)
+    yield from _overlaps(spec)
+    for ring in _unreachable(spec, [_pair(o) for o in spec.openings]):
+        yield ("rings", ring - 1), f"ring {ring} cannot be reached from ring 1, expected openings that lead to it"
+
+
+def _one_opening(spec: MapFile, i: int) -> Iterator[Problem]:
+    opening, key = spec.openings[i], ("openings", i)
+    outer, inner = _pair(opening)
+    if inner > len(spec.rings):
+        yield (*key, "rings"), f"got ring {inner}, expected 1 to {len(spec.rings)}"
+        return
+    if inner != outer + 1:
+        yield (*key, "rings"), f"got {opening.rings}, expected two neighbours, such as [1, 2]"
+        return
+    diameter, wall = 2.0 * spec.ball.radius_mm, 2.0 * spec.rings[inner - 1].outer_radius_mm
+    if opening.width_mm <= diameter:
+        yield (*key, "width_mm"), f"got {opening.width_mm:g}, expected more than the ball's diameter {diameter:g}"
+    if opening.width_mm >= wall:
+        yield (
+            (*key, "width_mm"),
+            f"got {opening.width_mm:g}, expected less than {wall:g}, the wall's inner diameter",
+        )
+
+
+def _duplicate_names(spec: MapFile) -> Iterator[Problem]:
+    seen: dict[str, int] = {}
+    for i, opening in enumerate(spec.openings):
+        name = _name(opening)
+        if name in seen:
+            place = "name" if opening.name else "angle_deg"
+            yield ("openings", i, place), f"got the name {name!r}, which openings[{seen[name]}] has already"
+        else:
+            seen[name] = i
+
+
+def _overlaps(spec: MapFile) -> Iterator[Problem]:
+    """Openings of one wall whose edges cross on its inner face, where a gap with parallel sides is widest in angle."""
+    for inner in range(2, len(spec.rings) + 1):
+        radius = spec.rings[inner - 1].outer_radius_mm
+        wall = sorted((o.angle_deg, i) for i, o in enumerate(spec.openings) if max(o.rings) == inner)
+        pairs = list(pairwise(wall))
+        if len(wall) > 2:
+            pairs.append((wall[-1], wall[0]))
+        for (angle_a, a), (angle_b, b) in pairs:
+            apart = abs((angle_b - angle_a + 180.0) % 360.0 - 180.0)
+            halves = (math.degrees(math.asin(0.5 * spec.openings[i].width_mm / radius)) for i in (a, b))
+            if apart <= (needed := sum(halves)):
+                first, second = min(a, b), max(a, b)
+                yield (
+                    ("openings", second, "angle_deg"),
+                    f"overlaps openings[{first}] in the same wall: got {apart:g} deg between their middles, "
+                    f"expected more than {needed:.4g}",
+                )
+
+
+def _warnings(spec: MapFile) -> Iterator[Problem]:
+    for ring in _unreachable(spec, [_pair(o) for o in spec.openings if not o.closed]):
+        yield ("rings", ring - 1), f"warning: ring {ring} can be reached only through closed openings"
+
+
+def _unreachable(spec: MapFile, pairs: list[tuple[int, int]]) -> list[int]:
+    """Rings cut off from ring 1. Openings join neighbours, so one wall without any cuts off all that is inside it."""
+    joined = set(pairs)
+    for ring in range(2, len(spec.rings) + 1):
+        if (ring - 1, ring) not in joined:
+            return list(range(ring, len(spec.rings) + 1))
+    return []
+
+
+def _pair(opening: OpeningSection) -> tuple[int, int]:
+    return min(opening.rings), max(opening.rings)
+
+
+def _name(opening: OpeningSection) -> str:
+    outer, inner = _pair(opening)
+    return opening.name or default_name(outer, inner, opening.angle_deg)
+
+
+def default_name(outer: int, inner: int, angle_deg: float) -> str:
+    """What an opening without a name is called: rings and angle, such as "1-2@45"."""
+    return f"{outer}-{inner}@{angle_deg:.10g}"
+
+
+def _maze(spec: MapFile, source: str) -> Maze:
+    rings = tuple(
+        Ring(i, ring.inner_radius_mm / 1000.0, ring.outer_radius_mm / 1000.0)
+        for i, ring in enumerate(spec.rings, start=1)
+    )
+    openings = tuple(
+        Opening(
+            name=_name(o),
+            outer=_pair(o)[0],
+            inner=_pair(o)[1],
+            angle=math.radians(o.angle_deg),
+            width=o.width_mm / 1000.0,
+            closed=o.closed,
+            extra_cost=float(o.extra_cost_s),
+        )
+        for o in spec.openings
+    )
+    return Maze(
+        name=spec.name,
+        ball=Ball(spec.ball.radius_mm / 1000.0, spec.ball.mass_g / 1000.0),
+        rings=rings,
+        openings=openings,
+        tilt_limit=math.radians(spec.tilt_limit_deg),
+        wall_height=spec.wall_height_mm / 1000.0,
+        rim_thickness=spec.rim_thickness_mm / 1000.0,
+        source=source,
+    )
+
+
+# Writing.
+
+
+def dump_map(maze: Maze) -> str:
+    """YAML text that loads as an equal maze (but for a last bit where no number in mm or degrees gives that one)."""
+    lines = [
+        f"name: {json.dumps(maze.name)}",
+        f"ball: {{radius_mm: {_milli(maze.ball.radius)}, mass_g: {_milli(maze.ball.mass)}}}",
+        f"tilt_limit_deg: {_degrees(maze.tilt_limit)}",
+        f"wall_height_mm: {_milli(maze.wall_height)}",
+        f"rim_thickness_mm: {_milli(maze.rim_thickness)}",
+        "rings:",
+    ]
+    lines += [
+        f"  - {{inner_radius_mm: {_milli(ring.inner_radius)}, outer_radius_mm: {_milli(ring.outer_radius)}}}"
+        for ring in maze.rings
+    ]
+    lines.append("openings:" if maze.openings else "openings: []")
+    lines += [f"  - {{{_opening_text(opening)}}}" for opening in maze.openings]
+    return "\n".join(lines) + "\n"
+
+
+def _opening_text(opening: Opening) -> str:
+    angle = _degrees(opening.angle % (2.0 * math.pi))
+    parts = [f"rings: [{opening.outer}, {opening.inner}]", f"angle_deg: {angle}", f"width_mm: {_milli(opening.width)}"]
+    if opening.name != default_name(opening.outer, opening.inner, float(angle)):
+        parts.append(f"name: {json.dumps(opening.name)}")
+    if opening.closed:
+        parts.append("closed: true")
+    if opening.extra_cost:
+        parts.append(f"extra_cost_s: {opening.extra_cost!r}")
+    return ", ".join(parts)
+
+
+def _milli(value: float) -> str:
+    return _shortest(value * 1000.0, lambda milli: milli / 1000.0 == value)
+
+
+def _degrees(value: float) -> str:
+    return _shortest(math.degrees(value), lambda degrees: math.radians(degrees) == value)
+
+
+def _shortest(number: float, same: Callable[[float], bool]) -> str:
+    """The shortest decimal near `number` that is read back as the same value."""
+    for digits in range(1, 18):
+        rounded = float(f"{number:.{digits}g}")
+        if same(rounded):
+            return repr(rounded).removesuffix(".0")
+    return repr(number)

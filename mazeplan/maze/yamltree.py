@@ -1,0 +1,202 @@
+"""Reads a YAML file that a person wrote, and remembers the line of every key.
+
+A small part of YAML is enough for settings: mappings with plain keys, lists, text, numbers, true/false, null. What
+makes YAML dangerous or surprising is refused: tags, anchors and aliases, tabs, duplicate keys, deep nesting, a second
+document. `yes`, `no` and `1:30` are text. Only events of the parser are used, so nothing is built before it is
+checked, and the work is bounded by `MAX_BYTES` and `MAX_ENTRIES`.
+"""
+
+from __future__ import annotations
+
+import re
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import yaml
+
+from mazeplan.errors import InputError
+
+MAX_BYTES = 1 << 20
+MAX_ENTRIES = 20_000  # scalars and containers in one file
+MAX_DEPTH = 10
+MAX_TEXT = 500  # characters in one scalar
+
+Key = tuple[str | int, ...]
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_INTEGER = re.compile(r"[-+]?[0-9]{1,15}")
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+
+
+@dataclass(frozen=True)
+class Tree:
+    """What a file says (dict, list, str, int, float, bool, None) and `lines`: the line, from 1, of every key path."""
+
+    data: Any
+    lines: dict[Key, int]
+
+    def line(self, key: Key) -> int:
+        """Line of a key, or of the nearest thing around it that is in the file."""
+        while key and key not in self.lines:
+            key = key[:-1]
+        return self.lines.get(key, 1)
+
+
+def key_path(key: Key) -> str:
+    """`("openings", 0, "angle_deg")` as people write it: `openings[0].angle_deg`."""
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += ("." if text else "") + (part if re.fullmatch(r"[\w-]{1,40}", part) else shown(part))
+    return text
+
+
+def shown(value: Any) -> str:
+    """A value as error messages quote it: on one line, short."""
+    if isinstance(value, bool) or value is None:
+        return {True: "true", False: "false", None: "nothing"}[value]
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return "a list"
+    text = repr(value)
+    return text if len(text) <= 50 else text[:45] + "...'"
+
+
+def read_yaml(path: Path, *, error: type[InputError] = InputError) -> Tree:
+    """Read one file. Raises `error`, with file and line, for whatever cannot be used."""
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise error("got a folder, expected a file", file=path)
+        if not stat.S_ISREG(status.st_mode):
+            raise error("not a regular file", file=path)
+        if status.st_size > MAX_BYTES:
+            raise error(f"got {status.st_size} bytes, expected at most {MAX_BYTES}", file=path)
+        with path.open("rb") as stream:
+            content = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise error("no such file", file=path) from None
+    except (OSError, ValueError) as problem:  # ValueError: a name with a zero byte
+        reason = problem.strerror if isinstance(problem, OSError) else problem
+        raise error(f"cannot be read: {reason}", file=shown(str(path)) if "\0" in str(path) else path) from None
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        line = content.count(b"\n", 0, problem.start) + 1
+        raise error("not a text file in UTF-8", file=path, line=line) from None
+    return parse_yaml(text, file=path, error=error)
+
+
+def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputError) -> Tree:
+    """Parse YAML text; `file` is what errors call it. Raises `error` with the line."""
+    if bad := _CONTROL.search(text):
+        line = text.count("\n", 0, bad.start()) + 1
+        raise error(f"not a text file: holds the control character {ord(bad[0]):#04x}", file=file, line=line)
+    for number, row in enumerate(text.split("\n") if "\t" in text else (), start=1):
+        if "\t" in row.split("#", 1)[0]:
+            raise error("got a tab, expected spaces", file=file, line=number)
+    builder = _Builder(text, file, error)
+    try:
+        return builder.document()
+    except yaml.YAMLError as problem:
+        mark = getattr(problem, "problem_mark", None)
+        said = getattr(problem, "problem", None) or getattr(problem, "reason", None) or "cannot be parsed"
+        line = None if mark is None else mark.line + 1
+        raise error(f"not valid YAML: {' '.join(str(said).split())}", file=file, line=line) from None
+
+
+class _Builder:
+    """Walks the parser's events once and builds data and lines."""
+
+    def __init__(self, text: str, file: str | Path, error: type[InputError]) -> None:
+        self.file, self.error = file, error
+        self.events: Iterator[Any] = yaml.parse(text, Loader=_LOADER)
+        self.entries = 0
+        self.lines: dict[Key, int] = {}
+
+    def fail(self, problem: str, event: Any, key: Key = ()) -> NoReturn:
+        raise self.error(problem, file=self.file, line=event.start_mark.line + 1, key=key_path(key) or None)
+
+    def document(self) -> Tree:
+        next(self.events)  # start of the stream
+        event = next(self.events)
+        if isinstance(event, yaml.StreamEndEvent):
+            raise self.error("the file is empty", file=self.file)
+        data = self.node(next(self.events), (), 0)
+        if data is None:
+            raise self.error("the file is empty", file=self.file)
+        next(self.events)  # end of the document
+        event = next(self.events)
+        if not isinstance(event, yaml.StreamEndEvent):
+            self.fail("got a second document, expected one", event)
+        return Tree(data, self.lines)
+
+    def node(self, event: Any, key: Key, depth: int) -> Any:
+        self.entries += 1
+        if self.entries > MAX_ENTRIES:
+            self.fail(f"got more than {MAX_ENTRIES} entries", event)
+        if depth > MAX_DEPTH:
+            self.fail(f"nested more than {MAX_DEPTH} deep", event)
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
+            self.fail("anchors (&) and aliases (*) are not allowed: write the value out", event, key)
+        if event.tag is not None:
+            self.fail(f"tags ({shown(event.tag)}) are not allowed", event, key)
+        self.lines.setdefault(key, event.start_mark.line + 1)
+        if isinstance(event, yaml.MappingStartEvent):
+            return self.mapping(key, depth)
+        if isinstance(event, yaml.SequenceStartEvent):
+            return self.sequence(key, depth)
+        return self.scalar(event, key)
+
+    def mapping(self, key: Key, depth: int) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        while not isinstance(event := next(self.events), yaml.MappingEndEvent):
+            if isinstance(event, yaml.AliasEvent):
+                self.fail("anchors (&) and aliases (*) are not allowed: write the value out", event, key)
+            if not isinstance(event, yaml.ScalarEvent):
+                self.fail("got a key that is itself a list or mapping, expected a word", event, key)
+            if event.anchor is not None or event.tag is not None:
+                self.fail("tags (!) and anchors (&) are not allowed", event, key)
+            if len(event.value) > MAX_TEXT:
+                self.fail(f"got a key of {len(event.value)} characters, expected at most {MAX_TEXT}", event, key)
+            path = (*key, event.value)
+            if event.value in data:
+                self.fail(f"got the same key twice, first in line {self.lines[path]}", event, path)
+            self.lines[path] = event.start_mark.line + 1
+            data[event.value] = self.node(next(self.events), path, depth + 1)
+        return data
+
+    def sequence(self, key: Key, depth: int) -> list[Any]:
+        data: list[Any] = []
+        while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
+            data.append(self.node(event, (*key, len(data)), depth + 1))
+        return data
+
+    def scalar(self, event: Any, key: Key) -> str | int | float | bool | None:
+        text = event.value
+        if len(text) > MAX_TEXT:
+            self.fail(f"got text of {len(text)} characters, expected at most {MAX_TEXT}", event, key)
+        return text if event.style else plain_value(text)
+
+
+def plain_value(text: str) -> str | int | float | bool | None:
+    """What an unquoted scalar means."""
+    if text in ("", "~") or text.lower() == "null":
+        return None
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if _INTEGER.fullmatch(text):
+        return int(text)
+    if _NUMBER.fullmatch(text):
+        return float(text)
+    if _NOT_FINITE.fullmatch(text):
+        return float(text.replace(".", ""))
+    return text

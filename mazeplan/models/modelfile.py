@@ -1,0 +1,243 @@
+"""Model folders: `model.yaml`, which a person can read and edit, holds everything a fitted model knows.
+
+    format: 1
+    kind: pi
+    rate_hz: 30
+    camera_delay_s: {value: 0.0667, stderr: 0.0004}
+    stage: {beta: {gain: {value: 1.0, stderr: 0.001}, ...}, gamma: {...}}
+    rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
+    data: [{file: ..., sha256: ...}, ...]
+    scores: {...}
+
+A plain number may stand for {value: number}. Nothing is executed on loading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mazeplan import resources
+from mazeplan.errors import ModelError
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import Effect, RollingInertia, ViscousFriction, make_effect
+from mazeplan.models.stage import StageAxis, StageModel
+
+FORMAT = 1
+PACKAGED = resources.PACKAGE / "models" / "packaged"
+AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
+WALL_ROLLING = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a sphere that rolls on floor and wall at once
+FREE_ROLLING = 5.0 / 7.0  # 1 / (1 + 2/5): on the floor alone
+
+
+@dataclass(frozen=True)
+class RigModel:
+    """Everything that estimation and planning know of a rig.
+
+    stage: both axes; camera_delay: s that the ball's position is behind the tilt sensor; balls: ring number -> model;
+    kind: p or pi; rate_hz; data, scores: what it came from and how well it did, as written in the file."""
+
+    stage: StageModel
+    balls: dict[int, BallModel]
+    camera_delay: float = 0.0
+    camera_delay_stderr: float | None = None
+    kind: str = "p"
+    rate_hz: float = 30.0
+    data: tuple[dict[str, Any], ...] = ()
+    scores: dict[str, Any] = field(default_factory=dict)
+
+    def ball(self, ring: int) -> BallModel:
+        """The ball model of a ring; of the nearest ring that has one, when this one has none."""
+        nearest = min(self.balls, key=lambda number: abs(number - ring))
+        return self.balls[nearest]
+
+    @classmethod
+    def nominal(cls, maze: Maze) -> RigModel:
+        """Textbook values for a rig that has no model yet: a ball that rolls on floor and wall (in the disc: on the floor),
+        a little viscous friction, a servo that settles in 0.2 s, a camera without delay, a level table."""
+        balls = {
+            ring.number: BallModel(
+                (RollingInertia(FREE_ROLLING if ring.is_disc else WALL_ROLLING), ViscousFriction(0.3))
+            )
+            for ring in maze.rings
+        }
+        return cls(StageModel(), balls)
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of the packaged models."""
+    return tuple(sorted(path.parent.name for path in PACKAGED.glob("*/model.yaml")))
+
+
+def load_model(source: str | Path) -> RigModel:
+    """The model in a folder, or the packaged one of that name. Raises ModelError with file, line and key."""
+    folder = Path(source)
+    if not folder.exists() and str(source) in model_names():
+        folder = PACKAGED / str(source)
+    path = folder if folder.suffix == ".yaml" else folder / "model.yaml"
+    if not path.exists():
+        raise ModelError(
+            f"no such model; expected a folder with model.yaml, or one of {', '.join(model_names())}", file=source
+        )
+    return _Reader(read_yaml(path, error=ModelError), path).model()
+
+
+class _Reader:
+    """Turns the tree of a model.yaml into a RigModel, or raises with line and key."""
+
+    def __init__(self, tree: Tree, path: Path) -> None:
+        self._tree, self._path = tree, path
+
+    def fail(self, problem: str, *key: str | int) -> ModelError:
+        """The error at a key."""
+        return ModelError(problem, file=self._path, line=self._tree.line(key), key=key_path(key) or None)
+
+    def section(self, node: Any, key: Key, allowed: tuple[str, ...] | None, needed: tuple[str, ...] = ()) -> dict[str, Any]:
+        """A mapping with only allowed and all needed keys."""
+        if not isinstance(node, dict):
+            raise self.fail(f"got {shown(node)}, expected a mapping", *key)
+        for name in node:
+            if allowed is not None and name not in allowed:
+                raise self.fail(f"unknown key, expected one of {', '.join(allowed)}", *key, name)
+        for name in needed:
+            if name not in node:
+                raise self.fail(f"{name} is missing", *key)
+        return node
+
+    def number(self, node: Any, *key: str | int) -> tuple[float, float | None]:
+        """(value, standard error) of a number or {value, stderr, unit}."""
+        stderr: float | None = None
+        if isinstance(node, dict):
+            self.section(node, key, ("value", "stderr", "unit"), ("value",))
+            if node.get("stderr") is not None:
+                stderr = self.number(node["stderr"], *key, "stderr")[0]
+            node = node["value"]
+        if isinstance(node, bool) or not isinstance(node, int | float) or not math.isfinite(node):
+            raise self.fail(f"got {shown(node)}, expected a finite number", *key)
+        return float(node), stderr
+
+    def model(self) -> RigModel:
+        """The whole file."""
+        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "rings", "data", "scores")
+        root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
+        if root["format"] != FORMAT:
+            newer = isinstance(root["format"], int) and root["format"] > FORMAT
+            advice = "; it was written by a newer version of mazeplan" if newer else ""
+            raise self.fail(f"got {shown(root['format'])}, expected {FORMAT}{advice}", "format")
+        delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s")
+        if not 0.0 <= delay <= 0.5:
+            raise self.fail(f"got {delay}, expected 0 to 0.5 s", "camera_delay_s")
+        stage = self.section(root["stage"], ("stage",), ("beta", "gamma"), ("beta", "gamma"))
+        rings = self.section(root["rings"], ("rings",), None)
+        if not rings:
+            raise self.fail("expected at least one ring", "rings")
+        return RigModel(
+            stage=StageModel(self.axis(stage["beta"], "beta"), self.axis(stage["gamma"], "gamma")),
+            balls={self.ring_number(name): self.ball(node, name) for name, node in rings.items()},
+            camera_delay=delay,
+            camera_delay_stderr=delay_stderr,
+            kind=str(root.get("kind", "p")),
+            rate_hz=self.number(root.get("rate_hz", 30.0), "rate_hz")[0],
+            data=tuple(root.get("data") or ()),
+            scores=dict(root.get("scores") or {}),
+        )
+
+    def ring_number(self, name: str) -> int:
+        """The number of a ring from its key."""
+        if not str(name).isdigit() or int(name) < 1:
+            raise self.fail(f"got {shown(name)}, expected a ring number from 1", "rings", name)
+        return int(name)
+
+    def axis(self, node: Any, name: str) -> StageAxis:
+        """One axis of the stage."""
+        key = ("stage", name)
+        self.section(node, key, tuple(AXIS_UNITS))
+        numbers = {k: self.number(v, *key, k) for k, v in node.items()}
+        try:
+            return StageAxis(
+                **{k: value for k, (value, _) in numbers.items()},
+                stderr={k: s for k, (_, s) in numbers.items() if s is not None},
+            )
+        except ValueError as problem:
+            raise self.fail(str(problem), *key) from None
+
+    def ball(self, node: Any, ring: str) -> BallModel:
+        """The effects of one ring."""
+        key = ("rings", ring)
+        effects: list[Effect] = []
+        stderr: dict[str, dict[str, float]] = {}
+        for name, parameters in self.section(node, key, None).items():
+            self.section(parameters, (*key, name), None)
+            numbers = {k: self.number(v, *key, name, k) for k, v in parameters.items()}
+            try:
+                effects.append(make_effect(name, {k: value for k, (value, _) in numbers.items()}))
+            except ValueError as problem:
+                raise self.fail(str(problem), *key, name) from None
+            stderr[name] = {k: s for k, (_, s) in numbers.items() if s is not None}
+        return BallModel(tuple(effects), stderr)
+
+
+def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+    entry: dict[str, Any] = {"value": float(f"{value:.6g}")}
+    if stderr is not None and math.isfinite(stderr):
+        entry["stderr"] = float(f"{stderr:.2g}")
+    return {**entry, "unit": unit}
+
+
+def model_document(model: RigModel) -> dict[str, Any]:
+    """What `save_model` writes."""
+    stage = {
+        name: {k: _entry(getattr(axis, k), axis.stderr.get(k), unit) for k, unit in AXIS_UNITS.items()}
+        for name, axis in (("beta", model.stage.beta), ("gamma", model.stage.gamma))
+    }
+    rings = {
+        ring: {
+            effect.name: {
+                k: _entry(value, ball.stderr.get(effect.name, {}).get(k), effect.parameters[k].unit)
+                for k, value in effect.values().items()
+            }
+            for effect in ball.effects
+        }
+        for ring, ball in sorted(model.balls.items())
+    }
+    return {
+        "format": FORMAT,
+        "kind": model.kind,
+        "rate_hz": model.rate_hz,
+        "camera_delay_s": _entry(model.camera_delay, model.camera_delay_stderr, "s"),
+        "stage": stage,
+        "rings": rings,
+        "data": [dict(entry) for entry in model.data],
+        "scores": dict(model.scores),
+    }
+
+
+class _Dumper(yaml.SafeDumper):
+    """Innermost mappings on one line, as people write them."""
+
+
+def _mapping(dumper: _Dumper, data: Mapping[str, Any]) -> yaml.Node:
+    flat = bool(data) and all(not isinstance(value, dict | list) for value in data.values())
+    return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style=flat)
+
+
+_Dumper.add_representer(dict, _mapping)
+
+
+def save_model(model: RigModel, folder: str | Path) -> Path:
+    """Write the folder (made if need be) and return the path of its model.yaml. Raises ModelError."""
+    path = Path(folder) / "model.yaml"
+    text = yaml.dump(model_document(model), Dumper=_Dumper, sort_keys=False, width=120)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
+    return path

@@ -1,0 +1,333 @@
+"""Discrete dynamics of the ball in one ring together with the tilting stage, compiled, with analytic derivatives.
+
+State s = (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), control u = (u_beta, u_gamma), one step of dt.
+Point mass at radius r in the plate frame, R = Ry(beta) Rx(gamma); rolling and friction added:
+
+    theta_dd =  beta_dd sin(gamma) + 2 beta_d gamma_d cos(gamma) sin(theta)^2
+              + (gamma_d^2 - beta_d^2 cos(gamma)^2) sin(theta) cos(theta)
+              - k (g/r) [sin(beta') sin(theta) + sin(gamma') cos(beta') cos(theta)]
+              - c theta_d - d tanh(theta_d / w)
+    beta_dd  =  wn^2 (gain u + offset - beta) - 2 zeta wn beta_d        (gamma likewise)
+
+beta' = beta + beta_0 and gamma' = gamma + gamma_0 are the tilts against gravity: the table itself is off level by
+(beta_0, gamma_0). tanh stands for the sign in dry friction: good for planning, not for identification.
+
+The stage is linear with a held input, so it is exact (zero-order hold, any damping); theta goes by the classical
+Runge-Kutta scheme of order 4 on the exact tilt. With SUBSTEPS = 1 the error of one step of 1/30 s, against an adaptive
+integrator, is below 2e-6 rad and 1e-4 rad/s for tilts within 5 degrees and speeds up to 8 rad/s (see the tests).
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from mazeplan.errors import ModelError
+from mazeplan.records import Array
+
+if TYPE_CHECKING:
+    from mazeplan.models.modelfile import RigModel
+
+GRAVITY = 9.81  # m/s^2
+SUBSTEPS = 2
+ROLLING_BETWEEN_FLOOR_AND_WALL = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a solid sphere that turns on floor and wall at once
+
+_DRIVE, _VISCOUS, _DRY, _WIDTH, _BETA_0, _GAMMA_0, _STEP, _SUBSTEPS, _AXES = range(9)
+_GAIN, _OFFSET, _STIFFNESS, _DAMPING, _TABLE = range(5)
+_NODE = 4  # the entries of a 2x2 transition matrix in the table
+
+
+def _positive(name: str, value: float) -> None:
+    if not 0.0 < value < math.inf:
+        raise ModelError(f"got {value}, expected a number > 0", key=name)
+
+
+def _finite(name: str, value: float) -> None:
+    if not math.isfinite(value):
+        raise ModelError(f"got {value}, expected a finite number", key=name)
+
+
+@dataclass(frozen=True)
+class AxisParameters:
+    """One axis of the stage, second order. gain: -; natural_frequency: rad/s; damping: ratio; offset: rad."""
+
+    gain: float = 1.0
+    natural_frequency: float = 26.0
+    damping: float = 0.9
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        _positive("stage gain", self.gain)
+        _positive("stage natural_frequency", self.natural_frequency)
+        _positive("stage damping", self.damping)
+        _finite("stage offset", self.offset)
+
+
+@dataclass(frozen=True)
+class RingParameters:
+    """Everything the step needs.
+
+    radius: m, where the ball's centre travels; rolling_factor: times the gravity part; viscous: 1/s; dry: rad/s^2;
+    dry_width: rad/s over which dry friction changes sign; offset_beta, offset_gamma: tilt of the table, rad;
+    beta, gamma: the stage; dt: s; gravity: m/s^2. Raises ModelError for values out of range.
+    """
+
+    radius: float
+    rolling_factor: float = ROLLING_BETWEEN_FLOOR_AND_WALL
+    viscous: float = 0.0
+    dry: float = 0.0
+    dry_width: float = 0.1
+    offset_beta: float = 0.0
+    offset_gamma: float = 0.0
+    beta: AxisParameters = AxisParameters()
+    gamma: AxisParameters = AxisParameters()
+    dt: float = 1.0 / 30.0
+    gravity: float = GRAVITY
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "rolling_factor", "dry_width", "dt", "gravity"):
+            _positive(name, getattr(self, name))
+        for name in ("viscous", "dry"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ModelError(f"got {getattr(self, name)}, expected a number >= 0", key=name)
+        for name in ("offset_beta", "offset_gamma"):
+            _finite(name, getattr(self, name))
+
+    @classmethod
+    def from_model(cls, model: RigModel, ring: int, radius: float) -> RingParameters:
+        """The parameters of a fitted model for one ring, at its track radius (m)."""
+        ball = model.ball(ring)
+        axes = [
+            AxisParameters(axis.gain, axis.natural_frequency, axis.damping, axis.offset)
+            for axis in (model.stage.beta, model.stage.gamma)
+        ]
+        return cls(
+            radius=radius,
+            rolling_factor=ball.parameter("rolling_inertia", "factor", 1.0),
+            viscous=max(0.0, ball.parameter("viscous_friction", "coefficient", 0.0)),
+            dry=max(0.0, ball.parameter("dry_friction", "coefficient", 0.0)),
+            offset_beta=ball.parameter("tilt_offset", "beta", 0.0),
+            offset_gamma=ball.parameter("tilt_offset", "gamma", 0.0),
+            beta=axes[0],
+            gamma=axes[1],
+        )
+
+    def pack(self) -> Array:
+        """The vector that the compiled functions read: ball, integration, then per axis its numbers and its table of
+        transition matrices at 0, 1/2, 1, 3/2 ... SUBSTEPS integration steps."""
+        ball = [
+            self.rolling_factor * self.gravity / self.radius,
+            self.viscous,
+            self.dry,
+            self.dry_width,
+            self.offset_beta,
+            self.offset_gamma,
+            self.dt / SUBSTEPS,
+            SUBSTEPS,
+        ]
+        axes = [number for axis in (self.beta, self.gamma) for number in _pack_axis(axis, self.dt)]
+        return np.array(ball + axes, dtype=float)
+
+
+def _pack_axis(axis: AxisParameters, dt: float) -> list[float]:
+    wn = axis.natural_frequency
+    numbers = [axis.gain, axis.offset, wn * wn, 2.0 * axis.damping * wn]
+    for node in range(2 * SUBSTEPS + 1):
+        numbers.extend(stage_transition(wn, axis.damping, 0.5 * node * dt / SUBSTEPS).ravel())
+    return numbers
+
+
+def stage_transition(wn: float, zeta: float, t: float) -> Array:
+    """exp(M t) of M = [[0, 1], [-wn^2, -2 zeta wn]], shape (2, 2), for any damping.
+
+    exp(M t) = exp(-zeta wn t) [cosh(mu t) I + sinh(mu t)/mu (M + zeta wn I)],  mu = wn sqrt(zeta^2 - 1).
+    """
+    mu = wn * cmath.sqrt(complex(zeta * zeta - 1.0))
+    slope = t if abs(mu * t) < 1e-9 else (cmath.sinh(mu * t) / mu).real
+    rest = np.array([[zeta * wn, 1.0], [-wn * wn, -zeta * wn]])
+    return math.exp(-zeta * wn * t) * (cmath.cosh(mu * t).real * np.eye(2) + slope * rest)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _tilt(p, axis, node, angle, rate, u):
+    """Angle, rate and acceleration of one axis (its block in p) at a node of its table, from its start and command."""
+    at = axis + _TABLE + _NODE * node
+    rest = p[axis + _GAIN] * u + p[axis + _OFFSET]
+    a = rest + p[at] * (angle - rest) + p[at + 1] * rate
+    r = p[at + 2] * (angle - rest) + p[at + 3] * rate
+    return a, r, p[axis + _STIFFNESS] * (rest - a) - p[axis + _DAMPING] * r
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _axes(p):
+    """Where the two axes begin in p."""
+    size = _TABLE + _NODE * (2 * int(p[_SUBSTEPS]) + 1)
+    return _AXES, _AXES + size
+
+
+@njit(cache=True, error_model="numpy")
+def _coefficients(p, s, u, node):
+    """(c0, c1, c2, c3, c4) at a node: theta_dd = c0 + c1 sin cos + c2 cos^2 + c3 sin + c4 cos - friction."""
+    b, c = _axes(p)
+    beta, beta_d, beta_dd = _tilt(p, b, node, s[2], s[3], u[0])
+    gamma, gamma_d, _ = _tilt(p, c, node, s[4], s[5], u[1])
+    cos_c = math.cos(gamma)
+    coriolis = 2.0 * beta_d * gamma_d * cos_c
+    return (
+        beta_dd * math.sin(gamma) + coriolis,
+        gamma_d * gamma_d - beta_d * beta_d * cos_c * cos_c,
+        -coriolis,
+        -p[_DRIVE] * math.sin(beta + p[_BETA_0]),
+        -p[_DRIVE] * math.sin(gamma + p[_GAMMA_0]) * math.cos(beta + p[_BETA_0]),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _acceleration(p, c, theta, theta_d):
+    """theta_dd from the coefficients at a node."""
+    sin, cos = math.sin(theta), math.cos(theta)
+    friction = p[_VISCOUS] * theta_d + p[_DRY] * math.tanh(theta_d / p[_WIDTH])
+    return c[0] + (c[1] * sin + c[2] * cos) * cos + c[3] * sin + c[4] * cos - friction
+
+
+@njit(cache=True, error_model="numpy")
+def step(s, u, p, out):
+    """The state one dt later, into out (6,). s (6,), u (2,), p = RingParameters.pack()."""
+    h, n = p[_STEP], int(p[_SUBSTEPS])
+    theta, theta_d = s[0], s[1]
+    last = _coefficients(p, s, u, 0)
+    for i in range(n):
+        first, middle, last = last, _coefficients(p, s, u, 2 * i + 1), _coefficients(p, s, u, 2 * i + 2)
+        a1 = _acceleration(p, first, theta, theta_d)
+        d2 = theta_d + 0.5 * h * a1
+        a2 = _acceleration(p, middle, theta + 0.5 * h * theta_d, d2)
+        d3 = theta_d + 0.5 * h * a2
+        a3 = _acceleration(p, middle, theta + 0.5 * h * d2, d3)
+        a4 = _acceleration(p, last, theta + h * d3, theta_d + h * a3)
+        theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
+        theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+    b, c = _axes(p)
+    beta, beta_d, _ = _tilt(p, b, 2 * n, s[2], s[3], u[0])
+    gamma, gamma_d, _ = _tilt(p, c, 2 * n, s[4], s[5], u[1])
+    out[0], out[1], out[2], out[3], out[4], out[5] = theta, theta_d, beta, beta_d, gamma, gamma_d
+
+
+@njit(cache=True, error_model="numpy")
+def _partials(p, s, u, node, theta, theta_d):
+    """Derivatives of theta_dd at a node by theta, theta_d, beta, beta_d, beta_dd, gamma, gamma_d."""
+    b, c = _axes(p)
+    beta, beta_d, beta_dd = _tilt(p, b, node, s[2], s[3], u[0])
+    gamma, gamma_d, _ = _tilt(p, c, node, s[4], s[5], u[1])
+    sin, cos = math.sin(theta), math.cos(theta)
+    sin_c, cos_c = math.sin(gamma), math.cos(gamma)
+    sin_b0, cos_b0 = math.sin(beta + p[_BETA_0]), math.cos(beta + p[_BETA_0])
+    sin_c0, cos_c0 = math.sin(gamma + p[_GAMMA_0]), math.cos(gamma + p[_GAMMA_0])
+    drive, tanh = p[_DRIVE], math.tanh(theta_d / p[_WIDTH])
+    spin = gamma_d * gamma_d - beta_d * beta_d * cos_c * cos_c
+    return (
+        spin * (cos * cos - sin * sin)
+        + 4.0 * beta_d * gamma_d * cos_c * sin * cos
+        - drive * (sin_b0 * cos - sin_c0 * cos_b0 * sin),
+        -p[_VISCOUS] - p[_DRY] / p[_WIDTH] * (1.0 - tanh * tanh),
+        -drive * (cos_b0 * sin - sin_c0 * sin_b0 * cos),
+        2.0 * gamma_d * cos_c * sin * sin - 2.0 * beta_d * cos_c * cos_c * sin * cos,
+        sin_c,
+        beta_dd * cos_c
+        + 2.0 * beta_d * beta_d * cos_c * sin_c * sin * cos
+        - 2.0 * beta_d * gamma_d * sin_c * sin * sin
+        - drive * cos_c0 * cos_b0 * cos,
+        2.0 * beta_d * cos_c * sin * sin + 2.0 * gamma_d * sin * cos,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _tilt_tangent(p, axis, node, column):
+    """Derivatives of (angle, rate, acceleration) at a node by the axis's start angle (column 0), start rate (1), command
+    (2)."""
+    at = axis + _TABLE + _NODE * node
+    rest = 0.0
+    if column == 2:
+        rest = p[axis + _GAIN]
+        a, r = rest * (1.0 - p[at]), -rest * p[at + 2]
+    else:
+        a, r = p[at + column], p[at + 2 + column]
+    return a, r, p[axis + _STIFFNESS] * (rest - a) - p[axis + _DAMPING] * r
+
+
+@njit(cache=True, error_model="numpy")
+def _forced(p, f, node, column):
+    """Change of theta_dd at a node through the tilt, by column: 0, 1 theta and its rate (none), 2-4 beta's start angle,
+    start rate, command, 5-7 gamma's."""
+    if column < 2:
+        return 0.0
+    b, c = _axes(p)
+    if column < 5:
+        a, r, rr = _tilt_tangent(p, b, node, column - 2)
+        return f[2] * a + f[3] * r + f[4] * rr
+    a, r, rr = _tilt_tangent(p, c, node, column - 5)
+    return f[5] * a + f[6] * r
+
+
+@njit(cache=True, error_model="numpy")
+def _advance_tangent(p, h, node, f1, f2, f3, f4, column, d, dd):
+    """Carry the tangent (d, dd) of (theta, theta_d) in one column through one Runge-Kutta step."""
+    middle2, middle3 = _forced(p, f2, node + 1, column), _forced(p, f3, node + 1, column)
+    a1 = f1[0] * d + f1[1] * dd + _forced(p, f1, node, column)
+    r2 = dd + 0.5 * h * a1
+    a2 = f2[0] * (d + 0.5 * h * dd) + f2[1] * r2 + middle2
+    r3 = dd + 0.5 * h * a2
+    a3 = f3[0] * (d + 0.5 * h * r2) + f3[1] * r3 + middle3
+    a4 = f4[0] * (d + h * r3) + f4[1] * (dd + h * a3) + _forced(p, f4, node + 2, column)
+    return d + h * dd + h * h / 6.0 * (a1 + a2 + a3), dd + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+@njit(cache=True, error_model="numpy")
+def linearise(s, u, p, A, B):
+    """Derivatives of `step` by s and u, into A (6, 6) and B (6, 2): the chain rule through the integration scheme."""
+    h, n = p[_STEP], int(p[_SUBSTEPS])
+    A[:] = 0.0
+    B[:] = 0.0
+    A[0, 0] = A[1, 1] = 1.0
+    theta, theta_d = s[0], s[1]
+    for i in range(n):
+        first, middle = _coefficients(p, s, u, 2 * i), _coefficients(p, s, u, 2 * i + 1)
+        last = _coefficients(p, s, u, 2 * i + 2)
+        a1 = _acceleration(p, first, theta, theta_d)
+        d2 = theta_d + 0.5 * h * a1
+        t2 = theta + 0.5 * h * theta_d
+        a2 = _acceleration(p, middle, t2, d2)
+        d3 = theta_d + 0.5 * h * a2
+        t3 = theta + 0.5 * h * d2
+        a3 = _acceleration(p, middle, t3, d3)
+        d4, t4 = theta_d + h * a3, theta + h * d3
+        f1 = _partials(p, s, u, 2 * i, theta, theta_d)
+        f2 = _partials(p, s, u, 2 * i + 1, t2, d2)
+        f3 = _partials(p, s, u, 2 * i + 1, t3, d3)
+        f4 = _partials(p, s, u, 2 * i + 2, t4, d4)
+        for j in range(8):  # columns as in _forced: six states and two commands, the commands behind their axis
+            if j == 4 or j == 7:
+                k = 0 if j == 4 else 1
+                B[0, k], B[1, k] = _advance_tangent(p, h, 2 * i, f1, f2, f3, f4, j, B[0, k], B[1, k])
+            else:
+                k = j if j < 4 else j - 1
+                A[0, k], A[1, k] = _advance_tangent(p, h, 2 * i, f1, f2, f3, f4, j, A[0, k], A[1, k])
+        if n > 1:
+            a4 = _acceleration(p, last, t4, d4)
+            theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
+            theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+    _stage_tangents(p, 2 * n, A, B)
+
+
+@njit(cache=True, error_model="numpy")
+def _stage_tangents(p, node, A, B):
+    """The rows of the stage in A and B."""
+    b, c = _axes(p)
+    for axis, row in ((b, 2), (c, 4)):
+        for j in range(2):
+            A[row, row + j], A[row + 1, row + j], _ = _tilt_tangent(p, axis, node, j)
+        B[row, row // 2 - 1], B[row + 1, row // 2 - 1], _ = _tilt_tangent(p, axis, node, 2)

@@ -1,0 +1,97 @@
+"""From what a user writes after `--rig` to a rig: a packaged name, a YAML file, or module:Class."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from mazeplan.errors import SettingsError
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.yamltree import shown
+from mazeplan.rigs.interface import Rig
+
+PACKAGED = Path(__file__).resolve().parent
+METHODS = ("reset", "observe", "command", "level", "close")
+
+
+def rig_names() -> tuple[str, ...]:
+    """Names of the packaged rigs."""
+    return tuple(sorted(path.stem for path in PACKAGED.glob("*.yaml")))
+
+
+def rig_file(spec: str) -> Path | None:
+    """The YAML file that a spec stands for, or None for module:Class. Raises SettingsError when there is none."""
+    packaged = PACKAGED / f"{spec}.yaml"
+    if spec in rig_names():
+        return packaged
+    path = Path(spec)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        if not path.is_file():
+            raise SettingsError("no such file", file=spec)
+        return path
+    if ":" in spec:
+        return None
+    raise SettingsError(
+        f"got rig {shown(spec)}, expected one of {', '.join(rig_names())}, a YAML file, or module:Class"
+    )
+
+
+def rig_label(spec: str) -> str:
+    """What reports call it: the name, the file's stem, or the class."""
+    path = rig_file(spec)
+    return path.stem if path is not None else spec
+
+
+def rig_model_hint(spec: str) -> str | None:
+    """The model that a rig's file asks for with `model:`; a path is taken from the file's folder."""
+    from mazeplan.rigs.settings import read_rig_file
+
+    path = rig_file(spec)
+    if path is None:
+        return None
+    _, data, tree = read_rig_file(path)
+    hint = data.get("model")
+    if hint is None:
+        return None
+    if not isinstance(hint, str):
+        raise SettingsError(f"got {shown(hint)}, expected a model's name or folder", file=path, line=tree.line(("model",)), key="model")
+    beside = path.parent / hint
+    return str(beside) if beside.exists() else hint
+
+
+def make_rig(spec: str, maze: Maze) -> Rig:
+    """The rig, with nothing opened yet. Raises SettingsError with file, line and key."""
+    path = rig_file(spec)
+    if path is None:
+        return _from_class(spec, maze, {})
+    from mazeplan.rigs.settings import read_rig_file, settings_from
+
+    kind, data, tree = read_rig_file(path)
+    if kind is not None:
+        return _from_class(kind, maze, data, file=path, line=tree.line(("class",)))
+    from mazeplan.rigs.simulated import SimulatedRig
+
+    return SimulatedRig(maze, settings_from(data, file=path, tree=tree))
+
+
+def _from_class(spec: str, maze: Maze, settings: dict[str, Any], **where: Any) -> Rig:
+    module_name, _, class_name = spec.partition(":")
+    here = os.getcwd()
+    if here not in sys.path:  # as `python -m` does: a rig in the folder where one works
+        sys.path.insert(0, here)
+    try:
+        kind = getattr(importlib.import_module(module_name), class_name)
+    except ImportError as problem:
+        raise SettingsError(f"rig {spec!r}: module {module_name!r} cannot be imported: {problem}", **where) from None
+    except (AttributeError, ValueError):
+        raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
+    missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
+    if missing or not isinstance(kind, type):
+        raise SettingsError(f"{spec!r} is no rig: it lacks {', '.join(missing) or 'a class'}", **where)
+    rig = kind(maze, settings)
+    if not isinstance(getattr(rig, "rate_hz", None), int | float):
+        raise SettingsError(f"{spec!r} is no rig: it lacks rate_hz", **where)
+    return rig

@@ -1,0 +1,109 @@
+"""Settings of a simulated rig, as they stand in its YAML file. Units are in the names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mazeplan.errors import SettingsError
+from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class Section(BaseModel):
+    """Base of all sections: unknown keys, NaN and text where a number belongs are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class Fault(Section):
+    """Something that goes wrong on purpose, from at_s on for duration_s.
+
+    stuck: the ball is glued where it is; blackout: the camera sees nothing; dead_axis: `axis` no longer follows commands;
+    blocked: a plug in `opening`; push: a kick of `speed_m_s` towards `direction_deg` at at_s."""
+
+    kind: Literal["stuck", "blackout", "dead_axis", "blocked", "push"]
+    at_s: float = Field(ge=0.0)
+    duration_s: float = Field(default=1.0, ge=0.0)
+    axis: Literal["beta", "gamma"] = "beta"
+    opening: str | None = None
+    speed_m_s: float = Field(default=0.1, ge=0.0, le=2.0)
+    direction_deg: float = 0.0
+
+
+class SimulatedSettings(Section):
+    """All that can be set on the simulated rig. The defaults are an ideal machine; every key may be edited."""
+
+    model: str | None = Field(default=None, description="model of ball and stage to navigate with: a name or folder")
+    rate_hz: float = Field(default=30.0, ge=5.0, le=200.0, description="samples and commands per second")
+    # camera
+    camera_noise_mm: float = Field(default=0.0, ge=0.0, le=20.0, description="1 sigma per axis")
+    camera_delay_frames: int = Field(default=0, ge=0, le=15, description="age of the picture, in samples")
+    ball_lost_probability: Fraction = Field(default=0.0, description="per sample, that the ball is lost")
+    ball_lost_frames: int = Field(default=3, ge=1, le=300, description="for how many samples it then is")
+    outlier_probability: Fraction = Field(default=0.0, description="per sample, of a wrong position")
+    outlier_mm: float = Field(default=30.0, ge=0.0, le=200.0, description="1 sigma of a wrong position")
+    camera_offset_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="x, y of the picture's centre")
+    camera_rotation_deg: float = Field(default=0.0, ge=-10.0, le=10.0, description="of the picture against the plate")
+    # tilt
+    tilt_noise_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="1 sigma of the tilt sensor")
+    table_x_deg: float = Field(default=0.0, ge=-4.0, le=4.0, description="table off level about x; + lifts the +y side")
+    table_y_deg: float = Field(default=0.0, ge=-4.0, le=4.0, description="table off level about y; + lowers the +x side")
+    # servo
+    servo_frequency_rad_s: float = Field(default=26.0, ge=5.0, le=100.0, description="natural frequency")
+    servo_damping: float = Field(default=0.9, ge=0.3, le=3.0)
+    servo_slew_deg_s: float = Field(default=120.0, ge=5.0, le=2000.0, description="fastest change of the set point")
+    command_delay_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="before the servo hears a command")
+    backlash_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="play between servo and plate")
+    deadband_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="smallest change of command that is obeyed")
+    # contact
+    rolling_friction_m: float = Field(default=2e-5, ge=0.0, le=1e-3, description="stiction angle = this / ball radius")
+    floor_friction: float = Field(default=0.3, ge=0.0, le=2.0, description="sliding; low: the ball slips")
+    wall_grip: float = Field(default=0.3, ge=0.0, le=2.0, description="sliding friction of walls; it spins the ball")
+    contact_damping_ratio: float = Field(default=1.0, ge=0.02, le=5.0, description="below 1 the ball bounces off walls")
+    wall_segments: int = Field(default=360, ge=192, le=1440, description="boxes per full circle of wall")
+    faults: tuple[Fault, ...] = ()
+
+
+def settings_from(data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None) -> SimulatedSettings:
+    """Validated settings. Raises SettingsError with file, line and key."""
+    try:
+        return SimulatedSettings.model_validate(_tuples(data))
+    except ValidationError as problem:
+        first = problem.errors()[0]
+        key: Key = tuple(first["loc"])
+        raise SettingsError(
+            _sentence(first), file=file, line=None if tree is None else tree.line(key), key=key_path(key) or None
+        ) from None
+
+
+def _tuples(value: Any) -> Any:
+    """Lists as tuples: strict validation takes them for fixed-length settings."""
+    if isinstance(value, Mapping):
+        return {key: _tuples(item) for key, item in value.items()}
+    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
+
+
+def _sentence(error: Any) -> str:
+    if error["type"] == "extra_forbidden":
+        fields = Fault.model_fields if "faults" in error["loc"] else SimulatedSettings.model_fields
+        return f"unknown key, expected one of {', '.join(fields)}"
+    message = str(error["msg"])
+    expected = message.removeprefix("Input should be ").removeprefix("Field ")
+    return f"got {shown(error.get('input'))}, expected {expected}"
+
+
+def read_rig_file(path: Path) -> tuple[str | None, dict[str, Any], Tree]:
+    """(class or None, the other keys, the tree for line numbers) of a rig's YAML file. Raises SettingsError."""
+    tree = read_yaml(path, error=SettingsError)
+    if not isinstance(tree.data, dict):
+        raise SettingsError(f"got {shown(tree.data)}, expected settings as `key: value`", file=path, line=1)
+    data = dict(tree.data)
+    kind = data.pop("class", None)
+    if kind is not None and not isinstance(kind, str):
+        raise SettingsError(f"got {shown(kind)}, expected module:Class", file=path, line=tree.line(("class",)), key="class")
+    return kind, data, tree

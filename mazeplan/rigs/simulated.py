@@ -1,0 +1,150 @@
+"""A simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins, and a camera that is late and noisy.
+
+It shares no equation with the planner's models. Time is the simulation's; one sample is `rate_hz`. Commands go to the servo in
+`CHUNKS` parts a sample, so that slew limit, command delay and faults act on a finer grid than the samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mazeplan.errors import RigError
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Array, Observation
+from mazeplan.rigs.faults import FaultBox
+from mazeplan.rigs.mjcf import SUBSTEPS, mjcf
+from mazeplan.rigs.settings import SimulatedSettings, settings_from
+
+CHUNKS = 5  # per sample; 1/150 s at 30 Hz
+TOLERANCE = 1e-9  # rad, of the tilt limit
+
+
+class SimulatedRig:
+    """See `interface.Rig`. settings: a mapping as in rigs/ideal.yaml, or SimulatedSettings."""
+
+    def __init__(self, maze: Maze, settings: Mapping[str, Any] | SimulatedSettings | None = None) -> None:
+        self.maze = maze
+        self.settings = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
+        self.rate_hz = self.settings.rate_hz
+        self._model: mujoco.MjModel | None = None
+        self._data: mujoco.MjData | None = None
+        self._samples = 0
+        self._rng = np.random.default_rng(0)
+
+    # -- life -------------------------------------------------------------------------------------------------------
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """Place the ball at rest in the middle of a ring, level the plate, time 0."""
+        if self._model is None:
+            self._model = mujoco.MjModel.from_xml_string(mjcf(self.maze, self.settings))
+            self._data = mujoco.MjData(self._model)
+        model, data = self._model, self._machine()
+        mujoco.mj_resetData(model, data)
+        radius = self.maze.track_radius(ring)
+        data.qpos[2:5] = radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius
+        data.qpos[5] = 1.0
+        mujoco.mj_forward(model, data)
+        self._rng, self._samples, self._lost = rng, 0, 0
+        self._target = self._ctrl = np.zeros(2)
+        self._queue: deque[tuple[float, Array]] = deque()
+        self._played = np.zeros(2)
+        self._seen: deque[Array] = deque(maxlen=self.settings.camera_delay_frames + 1)
+        self._faults = FaultBox(self.settings.faults, model, data, self.maze)
+
+    def close(self) -> None:
+        """Give memory back; may be called twice."""
+        self._model = self._data = None
+
+    def _machine(self) -> mujoco.MjData:
+        if self._data is None or self._model is None:
+            raise RigError("the simulated rig was used before reset() or after close()")
+        return self._data
+
+    # -- the loop ---------------------------------------------------------------------------------------------------
+
+    def observe(self) -> Observation:
+        """The next sample: the first at time 0, each further one 1 / rate_hz later."""
+        data = self._machine()
+        if self._samples > 0:
+            for _ in range(CHUNKS):
+                self._step(data)
+        t = self._samples / self.rate_hz
+        self._samples += 1
+        self._seen.append(self.truth()[:2].copy())
+        x, y = self._picture(t)
+        noise = math.radians(self.settings.tilt_noise_deg) * self._rng.standard_normal(2)
+        return Observation(t, x, y, float(data.qpos[0] + noise[0]), float(data.qpos[1] + noise[1]))
+
+    def _step(self, data: mujoco.MjData) -> None:
+        assert self._model is not None
+        dt = 1.0 / (self.rate_hz * CHUNKS)
+        now = float(data.time)
+        while self._queue and self._queue[0][0] <= now + 1e-9:
+            self._target = self._queue.popleft()[1]
+        most = math.radians(self.settings.servo_slew_deg_s) * dt
+        self._ctrl = self._ctrl + np.clip(self._target - self._ctrl, -most, most)
+        half = 0.5 * math.radians(self.settings.backlash_deg)
+        self._played = np.clip(self._played, self._ctrl - half, self._ctrl + half)
+        data.ctrl[:] = self._faults.servo(now, self._played)
+        self._faults.before_step(now)
+        mujoco.mj_step(self._model, data, nstep=SUBSTEPS // CHUNKS)
+        self._faults.after_step(float(data.time))
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit."""
+        data, limit = self._machine(), self.maze.tilt_limit + TOLERANCE
+        for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
+            if not -limit <= value <= limit:  # also refuses NaN
+                raise RigError(f"{name}: got {value} rad, expected at most {self.maze.tilt_limit:.4f} rad either way")
+        wanted = np.array([u_beta, u_gamma], dtype=float)
+        last = self._queue[-1][1] if self._queue else self._target
+        band = math.radians(self.settings.deadband_deg)
+        wanted = np.where(np.abs(wanted - last) < band, last, wanted) if band > 0.0 else wanted
+        self._queue.append((float(data.time) + 1e-3 * self.settings.command_delay_ms, wanted))
+
+    def level(self) -> None:
+        """Level the plate, now: the queue of delayed commands is dropped."""
+        if self._data is not None:
+            self._queue.clear()
+            self._target = np.zeros(2)
+
+    # -- camera -----------------------------------------------------------------------------------------------------
+
+    def _picture(self, t: float) -> tuple[float | None, float | None]:
+        """Where the camera says the ball is. Each sample draws the same numbers, so that settings do not shift one another's."""
+        settings, rng = self.settings, self._rng
+        noise, wrong = rng.standard_normal(2), rng.standard_normal(2)
+        lost, outlier = rng.random(2)
+        if self._lost > 0:
+            self._lost -= 1
+        elif lost < settings.ball_lost_probability:
+            self._lost = settings.ball_lost_frames
+        if self._lost > 0 or self._faults.blackout(t):
+            return None, None
+        turn = math.radians(settings.camera_rotation_deg)
+        x, y = self._seen[0]
+        position = np.array([math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y])
+        position = position + 1e-3 * (np.array(settings.camera_offset_mm) + settings.camera_noise_mm * noise)
+        if outlier < settings.outlier_probability:
+            position = position + 1e-3 * settings.outlier_mm * wrong
+        return float(position[0]), float(position[1])
+
+    # -- what only a simulation knows ------------------------------------------------------------------------------
+
+    def truth(self) -> Array:
+        """x, y, z (m), x_dot, y_dot (m/s) of the ball in the plate frame, beta, gamma (rad): shape (7,)."""
+        data = self._machine()
+        b, c = float(data.qpos[0]), float(data.qpos[1])
+        cb, sb, cc, sc = math.cos(b), math.sin(b), math.cos(c), math.sin(c)
+        plate = np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
+        position = plate.T @ data.qpos[2:5]
+        # angular velocity of the plate in its own frame: gamma_dot about x, beta_dot about the y axis outside
+        omega = np.array([data.qvel[1], cc * data.qvel[0], -sc * data.qvel[0]])
+        velocity = plate.T @ data.qvel[2:5] - np.cross(omega, position)
+        return np.array([*position, velocity[0], velocity[1], b, c])

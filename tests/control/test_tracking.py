@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mazeplan.control.tilt import Plate
+from mazeplan.control.tracking import TrackingOptions, deviation, finished, follow_gains, follow_pd, off_plan, plan_step
+from mazeplan.records import Plan, State, StopReason
+
+PLATE = Plate(limit=0.0873)
+RADIUS = 0.07
+STEPS = 10
+
+
+def make_plan(theta0: float = 3.0) -> Plan:
+    states = np.zeros((STEPS + 1, 6))
+    states[:, 0] = theta0 + 0.05 * np.arange(STEPS + 1)
+    states[:, 1] = 1.5
+    controls = np.tile([0.02, -0.01], (STEPS, 1))
+    gains = np.zeros((STEPS, 2, 6))
+    gains[:, 0, 0], gains[:, 1, 1] = -0.5, 0.1
+    return Plan(states, controls, gains, 1.0, StopReason.CONVERGED, 3, 0.5, t0=2.0)
+
+
+def on_plan(plan: Plan, k: int, theta_error: float = 0.0, rate_error: float = 0.0) -> State:
+    theta, rate = plan.states[k, 0] + theta_error, plan.states[k, 1] + rate_error
+    return State(
+        plan.t0 + k * plan.dt, RADIUS * math.cos(theta), RADIUS * math.sin(theta), -RADIUS * rate * math.sin(theta),
+        RADIUS * rate * math.cos(theta), 0.0, 0.0, 0.0, 0.0, ring=2,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("k", [0, 4, 9])
+def test_on_the_plan_the_command_is_the_plans_own_also_past_half_a_turn(k):
+    plan = make_plan()  # theta runs through pi, where atan2 jumps
+    state = on_plan(plan, k)
+    assert np.allclose(deviation(plan, state), 0.0, atol=1e-12)
+    for command in (follow_gains(plan, state, PLATE), follow_pd(plan, state, PLATE, TrackingOptions(), RADIUS)):
+        assert (command.u_beta, command.u_gamma) == pytest.approx((0.02, -0.01))
+
+
+def test_gains_correct_the_command():
+    plan = make_plan()
+    command = follow_gains(plan, on_plan(plan, 5, theta_error=0.02, rate_error=0.1), PLATE)
+    assert (command.u_beta, command.u_gamma) == pytest.approx((0.02 - 0.5 * 0.02, -0.01 + 0.1 * 0.1))
+
+
+def test_pd_pulls_back_along_theta():
+    plan = replace(make_plan(), controls=np.zeros((STEPS, 2)))
+    state = on_plan(plan, 3, theta_error=0.05)
+    command = follow_pd(plan, state, PLATE, TrackingOptions(), RADIUS)
+    # acceleration along theta of the ball's equation: -sin(beta) sin(theta) - sin(gamma) cos(theta)
+    along = -command.u_beta * math.sin(state.theta) - command.u_gamma * math.cos(state.theta)
+    assert along == pytest.approx(-TrackingOptions().kp * 0.05 * RADIUS / 9.81)
+
+
+def test_commands_are_limited():
+    plan = make_plan()
+    command = follow_gains(plan, on_plan(plan, 5, theta_error=-1.0, rate_error=-5.0), PLATE)
+    assert (command.u_beta, command.u_gamma) == (PLATE.limit, -PLATE.limit)
+
+
+def test_steps_belong_to_rig_time():
+    plan = make_plan()
+    assert [plan_step(plan, 2.0 + dt) for dt in (-1.0, 0.0, 0.06, 5.0)] == [0, 0, 2, STEPS - 1]
+    assert not finished(plan, 2.0 + 9 / 30)
+    assert finished(plan, 2.0 + 10 / 30)
+
+
+def test_off_plan_by_angle_or_by_speed():
+    plan, options = make_plan(), TrackingOptions()
+    assert not off_plan(plan, on_plan(plan, 2, 0.9 * options.replan_theta), options)
+    assert off_plan(plan, on_plan(plan, 2, 1.1 * options.replan_theta), options)
+    assert off_plan(plan, on_plan(plan, 2, 0.0, -1.1 * options.replan_speed), options)

@@ -1,0 +1,174 @@
+"""The estimator against motions that are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mazeplan.estimation.estimator import Estimator, EstimatorOptions
+from mazeplan.estimation.plate import AxisFilter, PlateNoise, servo_transition
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel
+from mazeplan.models.planar import PlanarModel, predict
+from mazeplan.records import Command, Observation
+
+MAZE = load_map("cme")
+DT = 1.0 / 30.0
+
+
+def model(delay_frames: float = 2.0) -> RigModel:
+    return replace(RigModel.nominal(MAZE), camera_delay=delay_frames * DT)
+
+
+class Played:
+    """A ball played by the planar model under commands, seen late and with noise: truth is known at each moment."""
+
+    def __init__(self, rig_model: RigModel, theta: float = 0.3, noise: float = 0.0, seed: int = 0) -> None:
+        self.model, self.noise, self.rng = rig_model, noise, np.random.default_rng(seed)
+        self.planar = PlanarModel.build(MAZE, rig_model)
+        radius = MAZE.track_radius(1)
+        self.z = np.array([radius * math.cos(theta), radius * math.sin(theta), 0, 0, 0, 0, 0, 0], dtype=float)
+        self.history, self.t = [self.z.copy()], 0.0
+
+    def observation(self) -> Observation:
+        late = round(self.model.camera_delay / DT)
+        x, y = self.history[max(0, len(self.history) - 1 - late)][:2] + self.noise * self.rng.standard_normal(2)
+        return Observation(self.t, float(x), float(y), float(self.z[4]), float(self.z[6]))
+
+    def step(self, command: Command) -> None:
+        u = np.array([[command.u_beta, command.u_gamma]])
+        predict(self.z, self.t, self.t + DT, np.array([self.t]), u, *self.planar.arrays())
+        self.t += DT
+        self.history.append(self.z.copy())
+
+
+def wave(t: float) -> Command:
+    return Command(0.05 * math.sin(2.0 * t), 0.05 * math.cos(1.3 * t + 0.4))
+
+
+def follow(played: Played, estimator: Estimator, ticks: int, lost=lambda k: False) -> list[float]:
+    """Distance in m between the state returned and the truth at the same moment, each tick."""
+    errors = []
+    for k in range(ticks):
+        observation = played.observation()
+        if lost(k):
+            observation = replace(observation, x=None, y=None)
+        state = estimator.update(observation)
+        errors.append(math.hypot(state.x - played.z[0], state.y - played.z[1]))
+        command = wave(played.t)
+        estimator.sent(command, played.t)
+        played.step(command)
+    return errors
+
+
+@pytest.mark.parametrize("delay_frames", [0.0, 1.0, 2.0, 3.0])
+def test_the_delay_is_taken_out(delay_frames):
+    rig = model(delay_frames)
+    errors = follow(Played(rig), Estimator(MAZE, rig), 120)
+    assert max(errors[20:]) < 0.5e-3  # m; the ball moves up to 10 mm in three frames
+
+
+def test_an_estimator_that_knows_of_no_delay_lags():
+    errors = follow(Played(model(2.0)), Estimator(MAZE, model(0.0)), 120)
+    assert max(errors[20:]) > 4e-3
+
+
+def test_noise_is_filtered():
+    rig = model()
+    errors = follow(Played(rig, noise=0.5e-3), Estimator(MAZE, rig), 300)
+    assert np.sqrt(np.mean(np.square(errors[30:]))) < 1.5e-3  # m; three times one sample's sigma, at 67 ms ahead
+
+
+def test_lost_frames_are_bridged_and_said():
+    rig = model()
+    estimator = Estimator(MAZE, rig)
+    errors = follow(Played(rig), estimator, 90, lost=lambda k: 60 <= k < 70)
+    assert max(errors[60:]) < 2e-3
+    played = Played(rig)
+    estimator = Estimator(MAZE, rig)
+    for k in range(60):
+        observation = played.observation()
+        if k >= 30:
+            observation = replace(observation, x=None, y=None)
+        state = estimator.update(observation)
+        assert state.lost == (k - 29 > round(0.5 / DT))
+        estimator.sent(wave(played.t), played.t)
+        played.step(wave(played.t))
+
+
+def test_outliers_are_left_out_but_a_ball_that_was_moved_is_followed():
+    rig = model(0.0)
+    estimator, played = Estimator(MAZE, rig), Played(rig)
+    for k in range(40):
+        observation = played.observation()
+        if k == 30:
+            observation = replace(observation, x=observation.x + 0.03)
+        state = estimator.update(observation)
+        if k >= 30:
+            assert math.hypot(state.x - played.z[0], state.y - played.z[1]) < 1e-3
+        estimator.sent(wave(played.t), played.t)
+        played.step(wave(played.t))
+    elsewhere = [Observation(played.t + k * DT, -0.0892, 0.0, 0.0, 0.0) for k in range(4)]
+    states = [estimator.update(observation) for observation in elsewhere]
+    assert states[0].x > 0.0
+    assert states[-1].x == pytest.approx(-0.0892, abs=2e-3)
+
+
+def test_the_ring_has_hysteresis():
+    rig = model(0.0)
+    estimator = Estimator(MAZE, rig, EstimatorOptions(acceleration_sigma=1e3))  # follows each sample
+    opening = MAZE.openings_between(1, 2)[0]
+    middle, c, s = MAZE.threshold_radius(opening), math.cos(opening.angle), math.sin(opening.angle)
+
+    def ring(r: float, k: int) -> int:
+        return estimator.update(Observation(k * DT, r * c, r * s, 0.0, 0.0)).ring
+
+    assert ring(middle + 0.003, 0) == 1
+    assert ring(middle - 0.0005, 1) == 1  # past the middle, but not by the margin
+    assert ring(middle - 0.003, 2) == 2
+    assert ring(middle + 0.0005, 3) == 2
+    assert ring(middle + 0.003, 4) == 1
+
+
+def test_plate_filter_follows_the_servo_through_noise():
+    axis = RigModel.nominal(MAZE).stage.beta
+    rng, plate, truth, raw, filtered = np.random.default_rng(1), AxisFilter(axis, PlateNoise()), np.zeros(2), [], []
+    for k in range(300):
+        u = 0.06 * math.copysign(1.0, math.sin(0.2 * k))
+        target = np.array([axis.gain * u + axis.offset, 0.0])
+        truth = target + servo_transition(axis.natural_frequency, axis.damping, DT) @ (truth - target)
+        plate.predict(u, DT)
+        measured = truth[0] + 1e-3 * rng.standard_normal()
+        plate.update(measured)
+        raw.append(measured - truth[0])
+        filtered.append(plate.mean[0] - truth[0])
+    assert np.std(filtered) < 0.95 * np.std(raw)
+    assert abs(plate.mean[1] - truth[1]) < 0.1
+
+
+@pytest.mark.parametrize("damping", [0.3, 0.9, 1.0, 1.6])
+def test_servo_transition_against_the_matrix_exponential(damping):
+    from scipy.linalg import expm
+
+    wn, dt = 26.0, 0.03
+    a = np.array([[0.0, 1.0], [-(wn**2), -2.0 * damping * wn]])
+    assert np.allclose(servo_transition(wn, damping, dt), expm(a * dt), atol=1e-10)
+
+
+def test_ahead_is_the_state_later_with_the_last_command_held():
+    rig = model()
+    estimator, played = Estimator(MAZE, rig), Played(rig)
+    for _ in range(60):
+        estimator.update(played.observation())
+        estimator.sent(wave(played.t), played.t)
+        played.step(wave(played.t))
+    state = estimator.update(played.observation())
+    twin = played.z.copy()
+    last = wave(played.t - DT)
+    predict(twin, 0.0, 0.1, np.array([0.0]), np.array([[last.u_beta, last.u_gamma]]), *played.planar.arrays())
+    later = estimator.ahead(0.1)
+    assert later.t == pytest.approx(state.t + 0.1)
+    assert (later.x, later.y) == pytest.approx((twin[0], twin[1]), abs=1e-3)

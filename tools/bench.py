@@ -1,0 +1,137 @@
+"""Measures what the README and the changelog may claim, and writes BENCHMARKS.md. Usage: python tools/bench.py [--quick] [-o FILE]
+
+Every section is a command that anyone can repeat. All navigation figures are obtained in simulation, in physics (MuJoCo) that the
+planner does not share. Seeds are in the commands (default 0).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PAPER = "7 of 10, mean 7.71 s, best 6.2 s, worst 10.13 s (published, on hardware)"
+
+
+def mazeplan(*arguments: str) -> dict:
+    """The JSON document of one command; its failure status is not ours to judge."""
+    done = subprocess.run(
+        [sys.executable, "-m", "mazeplan", *arguments, "--json"], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    if not done.stdout.strip():
+        raise SystemExit(f"mazeplan {' '.join(arguments)}: exit {done.returncode}\n{done.stderr}")
+    return json.loads(done.stdout)
+
+
+def cpu() -> str:
+    """Name of the processor, where the system tells."""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def evaluation_rows(jobs: list[tuple[str, list[str]]]) -> list[str]:
+    rows = [
+        "| what | command | arrived | mean s | best | p50 | p95 | worst | failures on the way |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for label, arguments in jobs:
+        got = mazeplan("evaluate", *arguments)
+        t = got["time_s"]
+        times = [f"{t[key]:.2f}" if t[key] is not None else "-" for key in ("mean", "best", "p50", "p95", "worst")]
+        failures = ", ".join(f"{kind} {count}" for kind, count in got["failures"].items()) or "none"
+        command = "`mazeplan evaluate " + " ".join(arguments) + "`"
+        rows.append(f"| {label} | {command} | {got['success']}/{got['runs']} | {' | '.join(times)} | {failures} |")
+        print(rows[-1], file=sys.stderr)
+    return rows
+
+
+def navigation_section(quick: bool) -> list[str]:
+    few = "4" if quick else "16"
+    main = [
+        ("ideal rig", ["--rig", "ideal", "--runs", few]),
+        ("toy rig", ["--rig", "toy", "--runs", "8" if quick else "32"]),
+        ("toy rig, other noise", ["--rig", "toy", "--runs", few, "--seed", "1000"]),
+        ("outwards", ["--rig", "toy", "--from", "ring5", "--to", "ring1", "--runs", few]),
+        ("second map", ["--rig", "toy", "--map", "trio", "--runs", few]),
+        ("second map, outwards", ["--rig", "toy", "--map", "trio", "--from", "ring3", "--to", "ring1", "--runs", few]),
+    ]
+    pairs = [
+        (f"ring {a} to {b}", ["--rig", "toy", "--from", f"ring{a}", "--to", f"ring{b}", "--runs", "2" if quick else "4"])
+        for a in range(1, 6)
+        for b in range(1, 6)
+        if a != b and (a, b) not in ((1, 5), (5, 1))
+    ]
+    return [
+        "## Navigation (simulated)",
+        "",
+        f"To compare: {PAPER}.",
+        "",
+        *evaluation_rows(main),
+        "",
+        "### Between any two rings",
+        "",
+        *evaluation_rows(pairs),
+    ]
+
+
+def tick_section() -> list[str]:
+    arguments = ["evaluate", "--rig", "toy", "--runs", "8"]
+    got = mazeplan(*arguments)
+    rows = ["## Time of one tick and of one plan", "", f"`mazeplan {' '.join(arguments)} --json`, one process.", ""]
+    rows += ["| what | p50 ms | p99 ms (worst run) | max ms |", "|---|---|---|---|"]
+    for key, label in (("tick_ms", "tick: estimate, tree, plan, command"), ("planner_ms", "plan")):
+        rows.append(f"| {label} | {got[key]['p50']:.2f} | {got[key]['p99']:.2f} | {got[key]['max']:.2f} |")
+    log = ROOT / "build" / "bench.mcap"
+    log.parent.mkdir(exist_ok=True)
+    one = mazeplan("navigate", "--rig", "toy", "--log", str(log))["tick_ms"]
+    rows.append(f"| tick with the log written | {one['p50']:.2f} | {one['p99']:.2f} | {one['max']:.2f} |")
+    return rows
+
+
+def start_section() -> list[str]:
+    def seconds(*command: str) -> float:
+        began = time.perf_counter()
+        subprocess.run(command, capture_output=True, check=True, cwd=ROOT)
+        return time.perf_counter() - began
+
+    rows = ["## Start of the program", "", "| command | median of 5, s |", "|---|---|"]
+    for arguments in (["--help"], ["map", "check", "cme"], ["navigate", "--rig", "ideal", "--start-angle", "11.25"]):
+        times = sorted(seconds(sys.executable, "-m", "mazeplan", *arguments) for _ in range(5))
+        rows.append(f"| `mazeplan {' '.join(arguments)}` | {times[2]:.2f} |")
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="few runs, to try the script itself")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "BENCHMARKS.md")
+    options = parser.parse_args()
+    head = [
+        "# Benchmarks",
+        "",
+        "Written by `make bench` (tools/bench.py); nothing here is typed by hand.",
+        "",
+        f"- date: {datetime.now(UTC):%Y-%m-%d}{' (quick)' if options.quick else ''}",
+        f"- machine: {cpu()}, Python {platform.python_version()}, {platform.system()}",
+        f"- versions: {', '.join(f'{p} {version(p)}' for p in ('mazeplan', 'numpy', 'numba', 'mujoco'))}",
+        "",
+    ]
+    sections = [navigation_section(options.quick), tick_section(), start_section()]
+    text = "\n".join(head + [line for section in sections for line in [*section, ""]])
+    options.output.write_text(text.rstrip() + "\n")
+    print(f"wrote {options.output}")
+
+
+if __name__ == "__main__":
+    main()
