@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import typer
 
+from mazeplan.cli import behavior, learn, log, map, rig
+from mazeplan.cli.doctor import doctor
+from mazeplan.cli.navigate import evaluate, navigate
+
 app = typer.Typer(
     name="mazeplan",
     help="Plan, learn and navigate a ball through a circular maze on a tilting plate.",
@@ -12,3 +16,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.command()(navigate)
+app.command()(evaluate)
+app.command()(learn.collect)
+app.command()(learn.learn)
+app.add_typer(map.app, name="map")
+app.add_typer(log.app, name="log")
+app.add_typer(behavior.app, name="behavior")
+app.add_typer(rig.app, name="rig")
+app.command()(doctor)

@@ -2,19 +2,20 @@
 
     minimise  sum_{k<T} l_k(s_k, u_k) + l_T(s_T)   subject to   s_{k+1} = f(s_k, u_k),  low <= u_k <= high
 
-Tassa, Mansard, Todorov, ICRA 2014, without the second derivatives of f. Each iteration linearises along the trajectory, solves
-a box-limited quadratic problem in each step backwards, and rolls the new policy out with steps alpha until the cost falls
-by enough of what was expected. The cost never rises. Why it stopped (`Plan.reason`):
+Tassa, Mansard, Todorov, ICRA 2014, without the second derivatives of f. Each iteration linearises along the
+trajectory, solves a box-limited quadratic problem in each step backwards, and rolls the new policy out with steps
+alpha until the cost falls by enough of what was expected. The cost never rises. Why it stopped (`Plan.reason`):
 
-    1. CONVERGED     without regularisation, the largest correction of a control is below control_tolerance, or the
-                     reduction that is expected or was got is below tolerance * (1 + |cost|)
+    1. CONVERGED     with no regularisation worth naming (at most mu_min), the largest correction of a control is below
+                     control_tolerance, or the reduction expected or got is below tolerance * (1 + |cost|)
     2. MAX_ITERATIONS
     3. DEADLINE      the next iteration would probably end after the deadline (the longest so far is the estimate)
     4. NO_DESCENT    regularisation above mu_max and still no step that lowers the cost
-    5. NOT_FINITE    dynamics, cost or a derivative gave NaN or infinity along the starting trajectory
+    5. NOT_FINITE    dynamics, cost or a derivative gave NaN or infinity along the way; the controls are then level
+                     (the allowed ones nearest zero)
 
-In every case but the last the plan may be followed: controls are inside the limits, states belong to them, and the gains
-belong to that trajectory (zero in rows where the control is held at its limit).
+In every case but the last the plan may be followed: controls are inside the limits, states belong to them, and the
+gains belong to that trajectory (zero in rows where the control is held at its limit).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,9 +42,9 @@ from mazeplan.records import Array, Plan, StopReason
 @dataclass(frozen=True)
 class IlqgOptions:
     """horizon: steps; max_iterations; tolerance: of the cost, relative; control_tolerance: rad;
-    min_ratio: of reduction got to reduction expected; mu: regularisation to start with, added to the control Hessian, between
-    mu_min and mu_max and changed by mu_factor (which itself grows while it is raised or lowered again and again);
-    alphas: step lengths tried in turn; deadline_ms: of one solve. Raises SettingsError.
+    min_ratio: of reduction got to reduction expected; mu: regularisation to start with, added to the control
+    Hessian, between mu_min and mu_max and changed by mu_factor (which itself grows while it is raised or lowered
+    again and again); alphas: step lengths tried in turn; deadline_ms: of one solve. Raises SettingsError.
     """
 
     horizon: int = 40
@@ -75,8 +76,9 @@ class IlqgOptions:
 class Dynamics:
     """f and its derivatives, compiled by numba.njit at module level with cache=True (else every process compiles anew).
 
-    step(s, u, p, out) -> None; linearise(s, u, p, A, B) -> None; s, out (n,), u (2,), A (n, n), B (n, 2), all written whole;
-    parameters p: a float64 vector, which the solver only passes on (its tail may serve as scratch space).
+    step(s, u, p, out) -> None; linearise(s, u, p, A, B) -> None; s, out (n,), u (2,), A (n, n), B (n, 2), all
+    written whole; parameters p: a float64 vector, which the solver only passes on (its tail may serve as scratch
+    space).
     """
 
     step: Any
@@ -99,8 +101,15 @@ class Cost:
     final_derivatives: Any
 
 
+_REASONS = {
+    core.CONVERGED: StopReason.CONVERGED,
+    core.NO_DESCENT: StopReason.NO_DESCENT,
+    core.NOT_FINITE: StopReason.NOT_FINITE,
+}
+
+
 class Planner:
-    """Solves problems of one dynamics, cost and limits again and again, in one workspace. Not for use by two threads."""
+    """Solves problems of one dynamics, cost and limits again and again in one workspace; not for two threads."""
 
     def __init__(
         self,
@@ -131,7 +140,13 @@ class Planner:
         )
         o = self.options
         self._rules = core.Rules(
-            o.tolerance, o.control_tolerance, o.min_ratio, o.mu_min, o.mu_max, o.mu_factor, np.array(o.alphas, dtype=float)
+            o.tolerance,
+            o.control_tolerance,
+            o.min_ratio,
+            o.mu_min,
+            o.mu_max,
+            o.mu_factor,
+            np.array(o.alphas, dtype=float),
         )
 
     def solve(
@@ -146,21 +161,24 @@ class Planner:
     ) -> Plan:
         """A plan from s0 (n,).
 
-        warm: a former plan, shifted to t0 and followed with its gains as the first guess; or controls (T, 2); or None for
-        zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
+        warm: a former plan, shifted to t0 and followed with its gains as the first guess; or controls (T, 2); or
+        None for zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
         trace(iteration, cost) is told of every cost on the way, the first included.
         """
         began = self._clock()
         end = began + 1e-3 * (self.options.deadline_ms if deadline_ms is None else deadline_ms)
         w, f, q = self._w, self._f, np.ascontiguousarray(cost_parameters, dtype=float)
-        w.states[0] = s0
+        w.states[:] = s0
         code = core.NOT_FINITE
         if warm is not None:
             code = core.begin(w, f, self._p, q, self._guess(warm, t0), self.options.mu)
         if code != core.GO_ON:  # cold, or the guess leads nowhere: start again from level
-            w.states[0] = s0
+            w.states[:] = s0
             code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
         reason, done = self._improve(q, code, end, trace)
+        if reason is StopReason.NOT_FINITE:
+            w.K[:] = 0.0
+            w.controls[:] = np.clip(0.0, w.low, w.high)
         ms = 1e3 * (self._clock() - began)
         cost = float(w.numbers[core.COST])
         return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt)
@@ -181,19 +199,11 @@ class Planner:
             code = core.iterate(w, self._f, self._p, q, self._rules)
             done, before, now = done + 1, now, self._clock()
             longest = max(longest, now - before)
-        if code == core.NOT_FINITE:
-            w.K[:] = 0.0
-            return StopReason.NOT_FINITE, done
-        if w.numbers[core.STALE] > 0.0 and core.policy(w, self._f, self._p, q, self._rules) == core.NOT_FINITE:
-            w.K[:] = 0.0
-            return StopReason.NOT_FINITE, done
+        if w.numbers[core.STALE] > 0.0 and code != core.NOT_FINITE:  # the gains still belong to the trajectory before
+            code = max(code, core.policy(w, self._f, self._p, q, self._rules))
         if trace is not None:
             trace(done, float(w.numbers[core.COST]))
-        if code == core.CONVERGED:
-            reason = StopReason.CONVERGED
-        elif code == core.NO_DESCENT:
-            reason = StopReason.NO_DESCENT
-        return reason, done
+        return _REASONS.get(code, reason), done
 
     def _guess(self, warm: Plan | Array | None, t0: float) -> Array:
         """Put the first guess into the workspace (controls, K); the reference states for K, shape (T+1, n)."""
@@ -217,27 +227,31 @@ class Planner:
         self.solve(s0, cost_parameters)
 
 
-RING_COST = Cost(
-    ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives
-)
+RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
 
 
-@dataclass
 class RingPlanner:
-    """Plans along one ring. parameters: of the ring's model; tilt_limit: rad per axis; options, cost: with defaults."""
+    """Plans along one ring."""
 
-    parameters: RingParameters
-    tilt_limit: float
-    options: IlqgOptions = field(default_factory=IlqgOptions)
-    cost: CostParameters = field(default_factory=CostParameters)
-    clock: Callable[[], float] = time.perf_counter
+    def __init__(
+        self,
+        parameters: RingParameters,
+        tilt_limit: float,
+        options: IlqgOptions | None = None,
+        cost: CostParameters | None = None,
+        *,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; clock: s, for deadlines."""
+        self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
+        dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
+        limit = np.full(2, tilt_limit)
+        self._planner = Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, clock=clock)
 
-    def __post_init__(self) -> None:
-        dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, self.parameters.pack(), 6)
-        limit = np.full(2, self.tilt_limit)
-        self._planner = Planner(
-            dynamics, RING_COST, -limit, limit, self.options, dt=self.parameters.dt, clock=self.clock
-        )
+    @property
+    def options(self) -> IlqgOptions:
+        """Of the solver."""
+        return self._planner.options
 
     def plan(
         self,
@@ -252,8 +266,8 @@ class RingPlanner:
     ) -> Plan:
         """A plan from a planner state (6,) to an angle, which must be on the turn to be taken (theta is not wrapped).
 
-        lean: wished outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm: the last
-        plan, of any turn; t0: rig time of the state, s. Never raises for numbers: see `Plan.reason`.
+        lean: wished outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm:
+        the last plan, of any turn; t0: rig time of the state, s. Never raises for numbers: see `Plan.reason`.
         """
         if warm is not None:
             warm = self._same_turn(warm, float(state[0]), t0)

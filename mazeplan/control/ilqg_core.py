@@ -1,8 +1,9 @@
 """The compiled inside of the iLQG planner: roll out, linearise, backward pass inside the control limits, line search.
 
-Everything works in place on one `Workspace`, so that an iteration allocates nothing, and calls dynamics and cost through
-their addresses (`mazeplan.maths.compiled`), so that one cached compilation serves every model. The method is control-limited
-DDP with Gauss-Newton dynamics: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014.
+Everything works in place on one `Workspace`, so that an iteration allocates nothing, and calls dynamics and cost
+through their addresses (`mazeplan.maths.compiled`), so that one cached compilation serves every model. The method
+is control-limited DDP with Gauss-Newton dynamics: Tassa, Mansard, Todorov, "Control-limited differential dynamic
+programming", ICRA 2014.
 
 Compiled functions cannot raise for numbers: what happened is returned as one of the codes below.
 """
@@ -63,8 +64,8 @@ class Workspace(NamedTuple):
 
     states (T+1, n), controls (T, 2): the trajectory; new_states, new_controls: a candidate; low, high (2,): limits;
     A (T, n, n), B (T, n, 2), lx (T+1, n), lu (T, 2), lxx (T+1, n, n), luu (T, 2, 2): derivatives along the trajectory;
-    k (T, 2), K (T, 2, n): correction and feedback; V (n,), VV (n, n), VA, Q, W (n, n), VB (n, 2): of the backward pass;
-    numbers: cost, regularisation and so on, at the indices above.
+    k (T, 2), K (T, 2, n): correction and feedback; V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n): of the
+    backward pass; numbers: cost, regularisation and so on, at the indices above.
     """
 
     states: Array
@@ -229,9 +230,7 @@ def _value(w, t, g0, g1, h00, h01, h11):
         w.V[i] = w.Qx[i] + K0 * r0 + K1 * r1 + w.Qux[0, i] * k0 + w.Qux[1, i] * k1
         m0, m1 = w.Qux[0, i] + h00 * K0 + h01 * K1, w.Qux[1, i] + h01 * K0 + h11 * K1
         for j in range(n):
-            w.VV[i, j] = (
-                w.Qxx[i, j] + m0 * w.K[t, 0, j] + m1 * w.K[t, 1, j] + K0 * w.Qux[0, j] + K1 * w.Qux[1, j]
-            )
+            w.VV[i, j] = w.Qxx[i, j] + m0 * w.K[t, 0, j] + m1 * w.K[t, 1, j] + K0 * w.Qux[0, j] + K1 * w.Qux[1, j]
     for i in range(n):
         for j in range(i):
             w.VV[i, j] = w.VV[j, i] = 0.5 * (w.VV[i, j] + w.VV[j, i])
@@ -239,10 +238,11 @@ def _value(w, t, g0, g1, h00, h01, h11):
 
 @njit(cache=True, error_model="numpy")
 def backward(w, mu):
-    """k and K along the trajectory with mu added to Quu's diagonal. Returns (ok, slope, curvature, largest).
+    """k and K along the trajectory with mu added to Quu's diagonal. Returns (code, slope, curvature, largest).
 
-    Moving by alpha is expected to change the cost by alpha slope + alpha^2 curvature; largest is the
-    largest full correction of a control, 0 at the optimum (one that is held at its limit is not corrected).
+    code: GO_ON, NO_DESCENT when Quu is not positive definite, or NOT_FINITE. Moving by alpha is expected to change
+    the cost by alpha slope + alpha^2 curvature; largest is the largest full correction of a control, 0 at the
+    optimum (a control held at its limit is not corrected).
     """
     T, n = w.controls.shape[0], w.V.shape[0]
     for i in range(n):
@@ -257,14 +257,15 @@ def backward(w, mu):
             h00 + mu, h01, h11 + mu, g0, g1, w.low[0] - a, w.high[0] - a, w.low[1] - b, w.high[1] - b
         )
         if not ok:
-            return False, slope, curvature, largest
+            code = NO_DESCENT if math.isfinite(h00 + h01 + h11) else NOT_FINITE
+            return code, slope, curvature, largest
         w.k[t, 0], w.k[t, 1] = k0, k1
         _feedback(w, t, h00 + mu, h01, h11 + mu, free0, free1)
         slope += k0 * g0 + k1 * g1
         curvature += 0.5 * (h00 * k0 * k0 + h11 * k1 * k1) + h01 * k0 * k1
         largest = max(largest, abs(k0), abs(k1))
         _value(w, t, g0, g1, h00, h01, h11)
-    return True, slope, curvature, largest
+    return GO_ON if math.isfinite(slope + curvature) else NOT_FINITE, slope, curvature, largest
 
 
 @njit(cache=True, error_model="numpy")
@@ -289,23 +290,16 @@ def policy(w, f, p, q, rules):
     if w.numbers[STALE] > 0.0:
         derivatives(w, f, p, q)
         w.numbers[STALE] = 0.0
-    while True:
-        ok, slope, curvature, largest = backward(w, w.numbers[MU])
-        if ok:
-            break
-        if not math.isfinite(w.V.sum() + w.Qux.sum()) or not math.isfinite(w.Qx.sum()):
-            return NOT_FINITE
-        if not _harder(w, rules):
-            return NO_DESCENT
-    if not math.isfinite(slope + curvature):
-        return NOT_FINITE
+    code, slope, curvature, largest = backward(w, w.numbers[MU])
+    while code == NO_DESCENT and _harder(w, rules):
+        code, slope, curvature, largest = backward(w, w.numbers[MU])
     w.numbers[SLOPE], w.numbers[CURVATURE], w.numbers[LARGEST] = slope, curvature, largest
-    return GO_ON
+    return code
 
 
 @njit(cache=True, error_model="numpy")
 def iterate(w, f, p, q, rules):
-    """One iteration: policy, then a line search; the trajectory is replaced only by one of lower cost. Returns a code."""
+    """One iteration: policy, then a line search; only a lower cost replaces the trajectory. Returns a code."""
     code = policy(w, f, p, q, rules)
     if code != GO_ON:
         return code

@@ -2,102 +2,166 @@
 
 Topics (JSON with a JSON schema each, so that general MCAP viewers read them); the log time is the rig's, in ns:
 
-    /header  once: program, version, rig, map (its text), behaviour, start, goal, seed ...
+    /header  once: program, rig, map (its text), behaviour, start, goal, seed ...
     /tick    each control tick: what was observed, estimated and commanded, by which leaf
-    /plan    each plan: states, controls, cost, why the solver stopped
+    /plan    each plan: states and controls by component, cost, why the solver stopped
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 
-The file is not chunked and flushed after each message: a chunk that was not finished would be lost with everything in it.
+The file is not chunked and is handed to the operating system after each message: a chunk that was not finished would be lost with
+everything in it. A value that is not known is left out rather than null, and arrays have one dimension: viewers that plot refuse
+schemas with unions of types and nested arrays. `read_log` in runlog_reader.py reads the file back.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+import platform
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from mcap.exceptions import EndOfFile, McapError
-from mcap.stream_reader import StreamReader
-from mcap.records import Channel, Message
 from mcap.writer import CompressionType, Writer
 
+from mazeplan.data.runlog_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
 from mazeplan.errors import LogError
 from mazeplan.records import Command, Observation, Plan, State
 
-TOPICS = ("/header", "/tick", "/plan", "/event", "/result")
-NUMBER, TEXT = {"type": ["number", "null"]}, {"type": ["string", "null"]}
+__all__ = ["RunLog", "RunLogWriter", "read_log"]
+
+NUMBER, INTEGER, TEXT, FLAG = ({"type": name} for name in ("number", "integer", "string", "boolean"))
+NUMBERS = {"type": "array", "items": NUMBER}
+
+
+def _object(**fields: Any) -> dict[str, Any]:
+    return {"type": "object", "properties": fields}
+
+
+def _objects(**fields: Any) -> dict[str, Any]:
+    return {"type": "array", "items": _object(**fields)}
+
+
+ESTIMATE = ("t", "x", "y", "vx", "vy", "beta", "beta_dot", "gamma", "gamma_dot")
 SCHEMAS: dict[str, dict[str, Any]] = {
-    "/header": {},
-    "/tick": {
+    "/header": _object(
+        **dict.fromkeys(("program", "version", "rig", "map", "map_name", "model", "behavior", "platform"), TEXT),
+        **dict.fromkeys(("format", "seed", "start_ring", "goal_ring"), INTEGER),
+        start_theta=NUMBER,
+    ),
+    "/tick": _object(
         **dict.fromkeys(("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma"), NUMBER),
-        **{f"estimate_{name}": NUMBER for name in ("t", "x", "y", "vx", "vy", "beta", "beta_dot", "gamma", "gamma_dot")},
-        **dict.fromkeys(("ring", "goal_theta", "planner_ms", "tick_ms", "segment"), NUMBER),
+        **{f"estimate_{name}": NUMBER for name in ESTIMATE},
+        **dict.fromkeys(("planned_theta", "goal_theta", "planner_ms", "tick_ms"), NUMBER),
+        **dict.fromkeys(("ring", "segment"), INTEGER),
         **dict.fromkeys(("leaf", "opening"), TEXT),
-    },
-    "/plan": {"t0": NUMBER, "dt": NUMBER, "states": {"type": "array"}, "controls": {"type": "array"}, "reason": TEXT},
-    "/event": {"t": NUMBER, "kind": TEXT, "detail": {"type": "object"}},
-    "/result": {},
+    ),
+    "/plan": _object(
+        **dict.fromkeys(("t0", "dt", "cost", "ms"), NUMBER),
+        reason=TEXT,
+        iterations=INTEGER,
+        **dict.fromkeys((*PLAN_STATES, *PLAN_CONTROLS), NUMBERS),
+    ),
+    "/event": _object(
+        t=NUMBER,
+        kind=TEXT,
+        detail=_object(**dict.fromkeys(("kind", "where", "detail", "recovery", "opening"), TEXT), ring=INTEGER),
+    ),
+    "/result": _object(
+        success=FLAG,
+        reason=TEXT,
+        time_s=NUMBER,
+        replans=INTEGER,
+        rings=_objects(ring=INTEGER, time_s=NUMBER, opening=TEXT),
+        failures=_objects(t=NUMBER, kind=TEXT, recovery=TEXT),
+    ),
 }
-MAGIC = b"\x89MCAP0\r\n"
 
 
-def _encode(document: Any) -> bytes:
-    return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+def _plain(value: Any) -> Any:
+    """What JSON has no words for, in words that it has: NaN and infinities as null, NumPy values as Python's."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
+
+
+def _encode(document: dict[str, Any]) -> bytes:
+    try:
+        text = json.dumps(document, separators=(",", ":"), allow_nan=False)
+    except (TypeError, ValueError):  # rare, so that the usual tick does not pay for it
+        known = {key: value for key, value in _plain(document).items() if value is not None}
+        text = json.dumps(known, separators=(",", ":"))
+    return text.encode()
 
 
 class RunLogWriter:
-    """Writes one run; a context manager. Raises LogError when the file cannot be made."""
+    """Writes one run; a context manager.
+
+    header: what a reader should know about the run; program, format and platform are added. Every method raises LogError when the
+    file cannot be written, once; the run may go on, what comes later is not written.
+    """
 
     def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
         self.path, self._closed, self._sequence, self._t = Path(path), False, 0, 0.0
+        self._whole = True  # False while a message is on its way, and for good when it did not arrive
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._stream = self.path.open("wb")
-        except OSError as problem:
-            raise LogError(f"cannot be written: {problem.strerror}", file=self.path) from None
-        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
-        self._writer.start(profile="", library="mazeplan")
-        self._channels: dict[str, int] = {}
-        for topic in TOPICS:
-            schema = {"type": "object", "properties": SCHEMAS[topic]}
-            schema_id = self._writer.register_schema(f"mazeplan{topic.replace('/', '.')}", "jsonschema", _encode(schema))
-            self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
-        self._add("/header", header)
-
-    def _add(self, topic: str, document: Any) -> None:
-        if self._closed:
-            return
-        nanoseconds = round(self._t * 1e9)
-        self._sequence += 1
-        self._writer.add_message(
-            self._channels[topic], nanoseconds, _encode(document), nanoseconds, self._sequence
+        except (OSError, ValueError) as problem:
+            raise self._failed(problem) from None
+        self._writer = Writer(
+            self._stream, compression=CompressionType.NONE, use_chunking=False, enable_data_crcs=True
         )
-        self._stream.flush()
+        self._writer.start(profile="", library=PROGRAM)
+        self._channels: dict[str, int] = {}
+        for topic, schema in SCHEMAS.items():
+            schema_id = self._writer.register_schema(f"{PROGRAM}.{topic[1:]}", "jsonschema", _encode(schema))
+            self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
+        own = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform()}
+        self._add("/header", 0.0, {**header, **own})
+
+    def _failed(self, problem: Exception) -> LogError:
+        return LogError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=self.path)
+
+    def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        if self._closed or not self._whole:
+            return
+        data = _encode(document)
+        nanoseconds = round(t * 1e9) if math.isfinite(t) and t > 0.0 else 0
+        self._sequence += 1
+        # Ctrl-C may strike anywhere in here; half a message must not be followed by another one
+        self._whole = False
+        try:
+            self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._sequence)
+            self._stream.flush()
+        except OSError as problem:
+            raise self._failed(problem) from None
+        self._whole = True
 
     def sample(self, observation: Observation, command: Command, **more: Any) -> None:
-        """One tick without an estimate, as `collect` writes it."""
+        """One tick without an estimate, as `collect` writes it; `more` that is None is left out."""
         self._t = observation.t
-        self._add(
-            "/tick",
-            {
-                "t": observation.t,
-                "x": observation.x,
-                "y": observation.y,
-                "beta": observation.beta,
-                "gamma": observation.gamma,
-                "u_beta": command.u_beta,
-                "u_gamma": command.u_gamma,
-                **more,
-            },
-        )
+        document = {
+            "t": observation.t,
+            "x": observation.x,
+            "y": observation.y,
+            "beta": observation.beta,
+            "gamma": observation.gamma,
+            "u_beta": command.u_beta,
+            "u_gamma": command.u_gamma,
+            **more,
+        }
+        self._add("/tick", observation.t, {name: value for name, value in document.items() if value is not None})
 
     def tick(self, observation: Observation, command: Command, state: State, **more: Any) -> None:
-        """One control tick: observed, commanded, estimated, and `more` (leaf, opening, goal_theta, planner_ms, tick_ms)."""
+        """One control tick: observed, commanded, estimated, and `more` (leaf, opening, planned_theta, goal_theta, planner_ms, tick_ms)."""
         self.sample(
             observation,
             command,
@@ -115,114 +179,51 @@ class RunLogWriter:
         )
 
     def plan(self, plan: Plan) -> None:
-        """One plan (its gains are left out: they follow from the rest)."""
-        finite = bool(np.all(np.isfinite(plan.states))) and math.isfinite(plan.cost)
-        self._add(
-            "/plan",
-            {
-                "t0": plan.t0,
-                "dt": plan.dt,
-                "states": np.round(plan.states, 6).tolist() if finite else [],
-                "controls": np.round(plan.controls, 6).tolist() if finite else [],
-                "cost": plan.cost if finite else None,
-                "reason": str(plan.reason),
-                "iterations": plan.iterations,
-                "ms": plan.ms,
-            },
-        )
+        """One plan (its gains are left out: they follow from the rest); no trajectory when it is not finite."""
+        document = {
+            "t0": plan.t0,
+            "dt": plan.dt,
+            "cost": plan.cost,
+            "reason": str(plan.reason),
+            "iterations": plan.iterations,
+            "ms": plan.ms,
+        }
+        if np.isfinite(plan.states).all() and np.isfinite(plan.controls).all():
+            # 1 urad is far below what any sensor of the rig resolves, and halves the file
+            document |= zip(PLAN_STATES, np.round(plan.states, 6).T.tolist(), strict=True)
+            document |= zip(PLAN_CONTROLS, np.round(plan.controls, 6).T.tolist(), strict=True)
+        self._add("/plan", plan.t0, document)
 
     def event(self, t: float, kind: str, detail: dict[str, Any]) -> None:
-        """Something that happened."""
-        self._add("/event", {"t": t, "kind": kind, "detail": detail})
+        """Something that happened at rig time t; detail is plain data (text, numbers, lists)."""
+        self._add("/event", t, {"t": t, "kind": kind, "detail": detail})
 
     def result(self, document: dict[str, Any]) -> None:
         """The outcome of the run."""
-        self._add("/result", json.loads(json.dumps(document)))
+        self._add("/result", self._t, document)
 
     def close(self) -> None:
-        """Finish the file; may be called twice."""
-        if not self._closed:
-            self._closed = True
-            self._writer.finish()
+        """Finish the file; may be called twice. After a message that did not arrive the file stays as one that was cut."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if self._whole:
+                self._writer.finish()
+        except OSError as problem:
+            raise self._failed(problem) from None
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        try:
             self._stream.close()
+        except OSError as problem:
+            if self._whole:  # else it has been said already
+                raise self._failed(problem) from None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
-
-
-@dataclass(frozen=True)
-class RunLog:
-    """A log that was read. ticks: column -> array of N (float with NaN for missing, or object for text); complete: whether
-    the file was finished; False after a crash, when the last message may be missing."""
-
-    path: Path
-    header: dict[str, Any]
-    ticks: dict[str, np.ndarray]
-    plans: tuple[dict[str, Any], ...]
-    events: tuple[dict[str, Any], ...]
-    result: dict[str, Any] | None
-    complete: bool
-
-
-def read_log(path: str | Path) -> RunLog:
-    """Read a log, also one that was cut. Raises LogError when the file is missing or is no run log of ours."""
-    path = Path(path)
-    try:
-        with path.open("rb") as stream:
-            if stream.read(len(MAGIC)) != MAGIC:
-                raise LogError("not a run log: expected an MCAP file", file=path)
-            stream.seek(0)
-            messages, complete = _messages(stream, path)
-    except OSError as problem:
-        raise LogError(f"cannot be read: {problem.strerror}", file=path) from None
-    by_topic: dict[str, list[dict[str, Any]]] = {topic: [] for topic in TOPICS}
-    for topic, document in messages:
-        if topic in by_topic:
-            by_topic[topic].append(document)
-    if not by_topic["/header"] or by_topic["/header"][0].get("program") != "mazeplan":
-        raise LogError("not a run log: it has no header of mazeplan", file=path)
-    return RunLog(
-        path,
-        by_topic["/header"][0],
-        _columns(by_topic["/tick"]),
-        tuple(by_topic["/plan"]),
-        tuple(by_topic["/event"]),
-        by_topic["/result"][-1] if by_topic["/result"] else None,
-        complete,
-    )
-
-
-def _messages(stream: Any, path: Path) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
-    """(topic, document) of all messages, and whether the file was finished. The non-seeking reader stops where the file does."""
-    topics: dict[int, str] = {}
-    found: list[tuple[str, dict[str, Any]]] = []
-    try:
-        for record in StreamReader(stream).records:
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                document = json.loads(record.data)
-                if isinstance(document, dict):
-                    found.append((topics.get(record.channel_id, ""), document))
-    except EndOfFile:
-        return found, False
-    except (McapError, ValueError, KeyError, AssertionError) as problem:
-        if found and isinstance(problem, McapError | AssertionError):
-            return found, False
-        raise LogError(f"damaged: {problem or type(problem).__name__}", file=path) from None
-    return found, True
-
-
-def _columns(ticks: list[dict[str, Any]]) -> dict[str, np.ndarray]:
-    names = list(dict.fromkeys(name for tick in ticks for name in tick))
-    columns = {}
-    for name in names:
-        values = [tick.get(name) for tick in ticks]
-        if any(isinstance(value, str) for value in values):
-            columns[name] = np.array(["" if value is None else str(value) for value in values], dtype=object)
-        else:
-            columns[name] = np.array([math.nan if value is None else float(value) for value in values])
-    return columns

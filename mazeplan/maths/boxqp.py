@@ -22,8 +22,9 @@ def _clip(x, low, high):
 def box_qp(h00, h01, h11, g0, g1, low0, high0, low1, high1):
     """(x0, x1, free0, free1, ok): the minimiser, which variables are free, and whether H is positive definite.
 
-    Scalars in and out, so that nothing is allocated. Bounds hold exactly. A variable is not free when it is at a bound and the
-    objective would fall beyond it, or when its bounds coincide. With ok False (also for NaN) the rest is zero and False.
+    Scalars in and out, so that nothing is allocated. Bounds hold exactly. A variable is not free when it is at a
+    bound and the objective would fall beyond it, or when its bounds coincide. With ok False (also for NaN) the rest
+    is zero and False.
     """
     det = h00 * h11 - h01 * h01
     if not (h00 > 0.0 and h11 > 0.0 and det > 0.0):

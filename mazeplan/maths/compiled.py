@@ -1,18 +1,18 @@
 """Call a compiled function through its address, from compiled code that does not know it.
 
-A compiled solver that takes functions as arguments would be compiled anew for each of them and could not be kept in Numba's
-cache between processes; Numba's own first-class function values can, but cost 28 us per function and call to unpack. So
-the solver is given plain integers, and calls what is behind them: one compilation of the solver for every model, and a changed
-model can never meet a stale copy of itself inside a cached solver.
+A compiled solver that takes functions as arguments would be compiled anew for each of them and could not be kept in
+Numba's cache between processes; Numba's own first-class function values can, but cost 28 us per function and call
+to unpack. So the solver is given plain integers, and calls what is behind them: one compilation of the solver for
+every model, and a changed model can never meet a stale copy of itself inside a cached solver.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
-from numba.core.typing import signature as typing_signature
+from numba.core.typing.templates import signature as typing_signature
 from numba.extending import intrinsic
 
 INTEGER = types.int64
@@ -55,6 +55,3 @@ def caller(signature: Any) -> Any:
         return expected, code
 
     return through
-
-
-__all__ = ["INTEGER", "MATRIX", "REAL", "VECTOR", "address_of", "caller", "njit"]

@@ -59,8 +59,8 @@ def wall_outlines(wall: Wall) -> list[Array]:
 def draw_maze(maze: Maze, ax: Axes | None = None, *, labels: bool = True, path: Array | None = None) -> Axes:
     """Draw walls, openings, ball and tilt axes into `ax`, or into a figure of its own; returns the axes.
 
-    labels=False leaves the bare maze. path: (N, 2) in m, what will be drawn over the maze (a route, a trail): the ball lies
-    at its first point, ring numbers keep away from it, and the angles of the openings make room for it.
+    labels=False leaves the bare maze. path: (N, 2) in m, what will be drawn over the maze (a route, a trail): the ball
+    lies at its first point, ring numbers keep away from it, and the angles of the openings make room for it.
     """
     if ax is None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -246,23 +246,28 @@ def _label_radius(maze: Maze, ring: int) -> float:
 
 
 def _clear_rays(maze: Maze, path: Array | None) -> tuple[float, float]:
-    """Two angles: on the first, ring numbers stand furthest from openings and path; on the second, the ball."""
+    """Two angles: on the first, ring numbers stand far from openings and path; on the second, the ball does."""
     radii = [_label_radius(maze, ring.number) for ring in maze.rings]
     taken = [maze.threshold_radius(opening) * _unit(opening.angle) for opening in maze.openings]
-    crowd = np.vstack([*taken, path if path is not None else np.empty((0, 2)), np.full((1, 2), np.inf)])
+    crowd = np.vstack([*taken, np.empty((0, 2)) if path is None else path])
+    enough = 3.0 * maze.ball.radius
 
-    def clearance(angle: float, others: Array) -> float:
-        labels = np.outer(radii, _unit(angle))
-        return float(np.linalg.norm(labels[:, None] - others[None], axis=2).min())
+    def room(angle: float) -> float:
+        """Sum over rings of the distance, up to `enough`, from the ring's number to what it must not touch."""
+        gaps = np.linalg.norm(np.outer(radii, _unit(angle))[:, None] - crowd[None], axis=2).min(axis=1)
+        return round(float(np.minimum(gaps, enough).sum()), 6)
+
+    def preference(angle: float) -> float:
+        """Symmetric mazes have many ties: they go to the upper left."""
+        return math.cos(angle - 2.0)
 
     rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
-    # ties, of which a symmetric maze has many, go to the upper left
-    first = max(rays, key=lambda ray: (round(clearance(ray, crowd), 5), math.cos(ray - 2.0)))
-    gates = [opening.angle for opening in maze.openings if opening.outer == 1] + [first, first + 0.1, first - 0.1]
-    second = max(
-        rays,
-        key=lambda ray: (round(min(abs(difference(ray, gate)) for gate in gates), 5), math.cos(ray - 2.0)),
-    )
+    steep = [
+        ray for ray in rays if abs(math.sin(ray)) > 0.6
+    ]  # "ring 1" is wider than high: it fits where walls are level
+    first = max(steep, key=lambda ray: (room(ray), preference(ray)))
+    gates = [opening.angle for opening in maze.openings if opening.outer == 1] + [first - 0.2, first, first + 0.2]
+    second = max(rays, key=lambda ray: (round(min(abs(difference(ray, g)) for g in gates), 6), preference(ray)))
     return first, second
 
 

@@ -149,8 +149,11 @@ class RouteGraph:
     def route(self, start: int, goal: int, theta: float, avoid: Collection[str] = ()) -> Route | None:
         """The fastest route from angle theta in ring `start` to ring `goal`; None if there is none.
 
-        Closed openings and those in `avoid` are not used. Raises IndexError for a ring that the maze does not have.
+        Closed openings and those in `avoid` are not used. Raises IndexError for a ring that the maze does not have,
+        ValueError for an angle that is not finite.
         """
+        if not math.isfinite(theta):
+            raise ValueError(f"theta: got {theta}, expected a finite angle in rad")
         if self.maze.ring(start) == self.maze.ring(goal):
             return Route((), 0.0)
         passages = {

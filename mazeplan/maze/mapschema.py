@@ -107,7 +107,9 @@ def _section(loc: Key) -> type[BaseModel]:
 def _field(loc: Key) -> FieldInfo | None:
     if len(loc) == 1:
         return MapFile.model_fields.get(str(loc[0]))
-    return _section(loc).model_fields.get(str(loc[2] if isinstance(loc[1], int) and len(loc) > 2 else loc[-1]))
+    *_, last = loc
+    key = loc[2] if len(loc) > 2 else last  # ("rings", 0, "inner_radius_mm") or ("ball", "mass_g")
+    return _section(loc).model_fields.get(str(key))
 
 
 def _bounds(loc: Key) -> str:

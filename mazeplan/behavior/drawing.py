@@ -1,0 +1,109 @@
+"""A behaviour tree as text and as a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from py_trees.behaviour import Behaviour
+
+from mazeplan.behavior.leaf import Key, Leaf
+from mazeplan.behavior.nodes import CONTROLS, SubTree
+from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.errors import InputError
+
+# fill by kind of node, readable in grey and with any colour vision: light blue, light orange, white, light yellow
+COLOURS = {"control": "#cfe2f3", "decorator": "#fce5cd", "leaf": "#ffffff", "tree": "#fff2a8"}
+SYMBOLS = {
+    "Sequence": "→", "SequenceWithMemory": "→*", "ReactiveSequence": "→ᴿ", "Fallback": "?", "ReactiveFallback": "?ᴿ",
+    "Parallel": "⇉", "Repeat": "↻", "RetryUntilSuccessful": "↺", "Inverter": "¬",
+}  # fmt: skip
+
+
+def _kind(node: Behaviour) -> str:
+    if isinstance(node, Leaf):
+        return "leaf"
+    if isinstance(node, SubTree):
+        return "tree"
+    return "control" if type(node).__name__ in CONTROLS else "decorator"
+
+
+def _label(node: Behaviour) -> tuple[str, str]:
+    """(kind of node, own name if it has one)."""
+    kind = type(node).__name__
+    symbol = SYMBOLS.get(kind, "")
+    title = f"{symbol} {kind}".strip() if symbol else kind
+    return title, "" if node.name == kind else node.name
+
+
+def _ports(node: Behaviour) -> str:
+    values: dict[str, Any] = getattr(node, "_values", {})
+    return " ".join(f"{name}={{{v.name}}}" if isinstance(v, Key) else f"{name}={v}" for name, v in values.items())
+
+
+def tree_text(tree: BehaviorTree) -> str:
+    """The tree, one node a line, with its ports."""
+    lines: list[str] = []
+
+    def add(node: Behaviour, lead: str, branch: str, below: str) -> None:
+        title, name = _label(node)
+        lines.append(" ".join(filter(None, (lead + branch + title, f"'{name}'" if name else "", _ports(node)))))
+        for i, child in enumerate(node.children):
+            last = i + 1 == len(node.children)
+            add(child, lead + below, "└── " if last else "├── ", "    " if last else "│   ")
+
+    add(tree.root, "", "", "")
+    return "\n".join(lines)
+
+
+@dataclass
+class _Placed:
+    node: Behaviour
+    x: float
+    y: float
+    parent: _Placed | None
+
+
+def _place(tree: BehaviorTree) -> list[_Placed]:
+    """Indented outline: one row a node, so that nothing overlaps however wide the tree is."""
+    placed: list[_Placed] = []
+
+    def add(node: Behaviour, depth: int, parent: _Placed | None) -> None:
+        here = _Placed(node, depth, -len(placed), parent)
+        placed.append(here)
+        for child in node.children:
+            add(child, depth + 1, here)
+
+    add(tree.root, 0, None)
+    return placed
+
+
+def save_tree_drawing(tree: BehaviorTree, path: str | Path) -> None:
+    """Draw the tree into a PNG, SVG or PDF file. Raises InputError when it cannot be written."""
+    from matplotlib.figure import Figure
+
+    path = Path(path)
+    placed = _place(tree)
+    depth, rows, step = max(p.x for p in placed), len(placed), 0.42
+    figure = Figure(figsize=(0.3 * depth + 6.5, 0.32 * rows + 0.4))
+    axes = figure.add_axes((0.01, 0.01, 0.98, 0.98))
+    axes.set_axis_off()
+    for p in placed:
+        x = p.x * step
+        if p.parent is not None:
+            trunk = p.parent.x * step + 0.12
+            axes.plot([trunk, trunk, x], [p.parent.y - 0.35, p.y, p.y], color="#555555", lw=0.9, zorder=1)
+        title, name = _label(p.node)
+        axes.text(
+            x, p.y, title, va="center", ha="left", fontsize=8, zorder=3, family="DejaVu Sans",
+            bbox={"boxstyle": "round,pad=0.28", "fc": COLOURS[_kind(p.node)], "ec": "#333333", "lw": 0.8},
+        )  # fmt: skip
+        note = "  ".join(filter(None, (name, _ports(p.node))))
+        axes.text(x + 0.12 * len(title) * 0.62 + 0.3, p.y, note, va="center", fontsize=7, color="#444444")
+    axes.set_xlim(-0.1, depth * step + 5.0)
+    axes.set_ylim(-rows + 0.2, 0.8)
+    try:
+        figure.savefig(path, dpi=150)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be drawn: {problem}", file=path) from None

@@ -1,0 +1,101 @@
+"""`behavior check`, `show`, `list`, `palette`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.cli.output import say
+from mazeplan.errors import InputError, TreeError
+
+if TYPE_CHECKING:
+    from mazeplan.behavior.tree import BehaviorTree
+
+app = typer.Typer(help="Behaviour trees: check, show, list of leaves, palette for Groot2.", no_args_is_help=True)
+
+
+class _NoRun:
+    """The context of a tree that is only looked at."""
+
+    def clock(self) -> float:
+        """No time passes."""
+        return 0.0
+
+    def failed(self, failure: Any) -> None:
+        """Nothing fails."""
+
+
+def _load(source: str) -> BehaviorTree:
+    from mazeplan.behavior.registry import REGISTRY
+    from mazeplan.behavior.treefile import load_tree
+
+    return load_tree(source, REGISTRY, _NoRun())
+
+
+@app.command("check")
+def check(files: Annotated[list[str], typer.Argument(help="XML files, or names of packaged trees.")]) -> None:
+    """Read trees and say what is wrong with them, with file and line."""
+    bad = 0
+    for source in files:
+        try:
+            tree = _load(source)
+        except TreeError as error:
+            bad += 1
+            say(f"mazeplan: {error}")
+        else:
+            print(f"{source}: ok, {len(list(tree.nodes()))} nodes")
+    if bad:
+        raise SystemExit(2)
+
+
+@app.command("show")
+def show(
+    source: Annotated[str, typer.Argument(help="XML file, or name of a packaged tree.")] = "navigate",
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Draw it into a PNG, SVG or PDF file.")] = None,
+) -> None:
+    """Show a tree as text, or draw it."""
+    from mazeplan.behavior.drawing import save_tree_drawing, tree_text
+
+    tree = _load(source)
+    if output is None:
+        print(tree_text(tree))
+    else:
+        save_tree_drawing(tree, output)
+        say(f"wrote {output}")
+
+
+@app.command("list")
+def list_leaves() -> None:
+    """The leaves that a tree may use, with their ports, and the control nodes."""
+    from mazeplan.behavior.leaf import REQUIRED
+    from mazeplan.behavior.nodes import CONTROLS, DECORATORS
+    from mazeplan.behavior.registry import REGISTRY
+
+    for name, leaf in sorted(REGISTRY.items()):
+        print(f"{name}: {(leaf.__doc__ or '').splitlines()[0]}")
+        for port_name, port in leaf.ports.items():
+            default = "needed" if port.default is REQUIRED else "" if port.default is None else f"default {port.default}"
+            kind = "output" if port.direction == "out" else port.type.__name__
+            print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}")
+    print("control nodes: " + ", ".join((*CONTROLS, *DECORATORS, "SubTree")))
+
+
+@app.command("palette")
+def palette(
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="File; default: stdout.")] = None,
+) -> None:
+    """The leaves as a TreeNodesModel, for the palette of Groot2."""
+    from mazeplan.behavior.registry import REGISTRY
+    from mazeplan.behavior.treefile import write_palette
+
+    text = write_palette(REGISTRY)
+    if output is None:
+        print(text, end="")
+        return
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise InputError(f"cannot be written: {problem.strerror}", file=output) from None
+    say(f"wrote {output}")

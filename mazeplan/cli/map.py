@@ -1,0 +1,152 @@
+"""`mazeplan map`: check, draw and route maps."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.cli.arguments import parse_opening, parse_ring
+from mazeplan.cli.output import print_json, say
+from mazeplan.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.maze.geometry import Maze
+    from mazeplan.maze.graph import Route
+
+app = typer.Typer(help="Check, draw and route maps.", no_args_is_help=True, rich_markup_mode=None)
+
+MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or the name of a packaged map.")]
+FromOption = Annotated[str, typer.Option("--from", help="Ring where the ball is, such as ring1.")]
+ToOption = Annotated[str | None, typer.Option("--to", help="Ring to reach; the centre if not given.")]
+AngleOption = Annotated[float, typer.Option("--start-angle", help="Angle of the ball in its ring, degrees.")]
+CloseOption = Annotated[list[str] | None, typer.Option("--close", help="Opening not to be used; repeatable.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+
+
+@app.command()
+def check(
+    files: Annotated[list[str], typer.Argument(metavar="FILE...", help="Map files, or names of packaged maps.")],
+    json: JsonOption = False,
+) -> None:
+    """Say whether maps can be used, and with line and key what is wrong with those that cannot."""
+    from mazeplan.maze.mapfile import check_map
+
+    results = [(file, check_map(file)) for file in files]
+    if json:
+        print_json(
+            [
+                {
+                    "file": file,
+                    "ok": result.maze is not None,
+                    "errors": [str(error) for error in result.errors],
+                    "warnings": list(result.warnings),
+                }
+                for file, result in results
+            ]
+        )
+    for file, result in () if json else results:
+        for line in (*result.errors, *result.warnings):
+            say(str(line))
+        if result.maze is not None:
+            rings, openings = len(result.maze.rings), len(result.maze.openings)
+            print(f"{file}: ok: {result.maze.name}, {rings} rings, {openings} openings")
+    if any(result.errors for _, result in results):
+        raise typer.Exit(2)
+
+
+@app.command()
+def show(
+    map_: MapArgument = "cme",
+    output: Annotated[Path, typer.Option("--output", "-o", help="Picture to write: .png, .svg or .pdf.")] = Path(
+        "maze.png"
+    ),
+    with_route: Annotated[bool, typer.Option("--route", help="Draw the route as well.")] = False,
+    start: FromOption = "ring1",
+    goal: ToOption = None,
+    start_angle: AngleOption = 0.0,
+    close: CloseOption = None,
+) -> None:
+    """Draw a map to scale, with `--route` also the route that `map route` finds."""
+    from mazeplan.maze.drawing import save_drawing
+    from mazeplan.maze.mapfile import load_map
+
+    maze = load_map(map_)
+    found = _find(maze, start, goal, start_angle, close or [])[2] if with_route else None
+    if with_route and found is None:
+        _no_route(maze, start, goal)
+    save_drawing(maze, output, route=found)
+    say(f"wrote {output}")
+
+
+@app.command()
+def route(
+    map_: MapArgument = "cme",
+    start: FromOption = "ring1",
+    goal: ToOption = None,
+    start_angle: AngleOption = 0.0,
+    close: CloseOption = None,
+    json: JsonOption = False,
+) -> None:
+    """The route that is expected to be fastest: for every ring how far to turn, and the opening to leave by."""
+    from mazeplan.maze.mapfile import load_map
+
+    maze = load_map(map_)
+    first, last, found = _find(maze, start, goal, start_angle, close or [])
+    if json:
+        print_json(_document(maze, first, last, start_angle, found))
+        if found is None:
+            raise typer.Exit(1)
+        return
+    if found is None:
+        _no_route(maze, start, goal)
+        return
+    for leg in found.legs:
+        turn, name, there = math.degrees(leg.turn_rad), leg.opening.name, leg.opening.leads_to(leg.ring)
+        print(f"ring {leg.ring}: turn {turn:+7.1f} deg, opening {name} to ring {there}, {leg.expected_s:.2f} s")
+    print(f"ring {last}: there, {found.expected_s:.2f} s expected")
+
+
+def _find(
+    maze: Maze, start: str, goal: str | None, start_angle: float, close: list[str]
+) -> tuple[int, int, Route | None]:
+    from mazeplan.maze.graph import RouteGraph
+
+    if not math.isfinite(start_angle):
+        raise InputError(f"--start-angle: got {start_angle}, expected a finite angle in degrees")
+    first = parse_ring(start, maze)
+    last = len(maze.rings) if goal is None else parse_ring(goal, maze)
+    graph = RouteGraph(maze)
+    for name in close:
+        graph.close(parse_opening(name, maze))
+    return first, last, graph.route(first, last, math.radians(start_angle))
+
+
+def _no_route(maze: Maze, start: str, goal: str | None) -> None:
+    goal = goal or f"ring{len(maze.rings)}"
+    say(f"mazeplan: no route from {start} to {goal} through the open openings of map {maze.name}")
+    raise typer.Exit(1)
+
+
+def _document(maze: Maze, first: int, last: int, start_angle: float, found: Route | None) -> dict[str, Any]:
+    legs = found.legs if found else ()
+    return {
+        "map": maze.name,
+        "from": first,
+        "to": last,
+        "start_angle_deg": start_angle,
+        "found": found is not None,
+        "expected_s": None if found is None else found.expected_s,
+        "legs": [
+            {
+                "ring": leg.ring,
+                "opening": leg.opening.name,
+                "opening_angle_deg": math.degrees(leg.opening.angle),
+                "turn_deg": math.degrees(leg.turn_rad),
+                "expected_s": leg.expected_s,
+            }
+            for leg in legs
+        ],
+    }

@@ -1,0 +1,58 @@
+"""`rig check`, `rig list`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from mazeplan.cli.output import print_json
+
+app = typer.Typer(help="Rigs: conformance, list.", no_args_is_help=True)
+
+
+@app.command("check")
+def check(
+    rig: Annotated[str, typer.Argument(help="Packaged rig, YAML file, or module:Class.")],
+    map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
+    seed: Annotated[int, typer.Option("--seed", min=0)] = 0,
+    hardware: Annotated[bool, typer.Option("--hardware", help="Leave out what only a simulation can repeat.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
+) -> None:
+    """Try whether a rig does what every rig must: clock, signs, limits, level, repeatability."""
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.conformance import check_rig
+    from mazeplan.rigs.registry import make_rig
+
+    maze = load_map(map_)
+    results = check_rig(make_rig(rig, maze), maze, seed=seed, repeatable=not hardware)
+    passed = all(result.passed for result in results)
+    if as_json:
+        print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results]})
+    else:
+        for result in results:
+            print(f"{'ok    ' if result.passed else 'FAILED'}  {result.name:26s} {'' if result.passed else result.detail}".rstrip())
+    sys.exit(0 if passed else 1)
+
+
+@app.command("list")
+def list_rigs(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
+) -> None:
+    """The packaged rigs, and every key that a simulated rig's YAML file may set."""
+    from mazeplan.rigs.registry import rig_names
+    from mazeplan.rigs.settings import SimulatedSettings
+
+    keys = {
+        name: {"default": info.default if name != "faults" else [], "what": info.description or ""}
+        for name, info in SimulatedSettings.model_fields.items()
+    }
+    if as_json:
+        print_json({"rigs": list(rig_names()), "settings": keys})
+        return
+    print("packaged rigs: " + ", ".join(rig_names()))
+    print("keys of a simulated rig (default; what):")
+    for name, key in keys.items():
+        print(f"  {name:24s} {key['default']!s:12s} {key['what']}")

@@ -1,0 +1,164 @@
+"""Reads run logs (MCAP) back, also those that were cut by a crash; what is in them is described in runlog.py.
+
+The file is read from front to back, without its index: one that was cut has none.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Channel, Chunk, Message
+from mcap.stream_reader import StreamReader
+
+from mazeplan.errors import LogError
+
+PROGRAM = "mazeplan"
+FORMAT = 1  # version of the topics and their fields; a reader refuses what is newer
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_LIMIT = 64 * 2**20  # bytes; the longest of ours is a header with a map, some kB
+MEASURED = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns that every log has
+PLAN_STATES = ("theta", "theta_dot", "beta", "beta_dot", "gamma", "gamma_dot")
+PLAN_CONTROLS = ("u_beta", "u_gamma")
+EXPECTED = "expected a run log of mazeplan (MCAP)"
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """A log that was read.
+
+    header:   what the writer told about the run
+    ticks:    column -> array of N: float with NaN for missing, or object (str, "" for missing) for text
+    plans:    documents with t0, dt, cost, reason, iterations, ms and the arrays states (T+1, 6) and controls (T, 2)
+    events:   documents with t, kind, detail
+    result:   the outcome, None when there is none
+    complete: whether the file was finished; False after a crash, when the last message may be missing
+    """
+
+    path: Path
+    header: dict[str, Any]
+    ticks: dict[str, np.ndarray]
+    plans: tuple[dict[str, Any], ...]
+    events: tuple[dict[str, Any], ...]
+    result: dict[str, Any] | None
+    complete: bool
+
+
+class _Whole:
+    """A stream that reads all that was asked or says that the file is over: a record that was cut is no record."""
+
+    def __init__(self, stream: IO[bytes], size: int) -> None:
+        self._stream, self._left = stream, size
+
+    def read(self, length: int) -> bytes:
+        if not 0 <= length <= self._left:
+            raise EndOfFile
+        self._left -= length
+        return self._stream.read(length)
+
+
+def read_log(path: str | Path) -> RunLog:
+    """Read a log, also one that was cut. Raises LogError when the file is missing, damaged, or no run log of ours."""
+    path = Path(path)
+    try:
+        with path.open("rb") as stream:
+            messages, complete = _messages(stream, path)
+    except (OSError, ValueError) as problem:
+        raise LogError(f"cannot be read: {getattr(problem, 'strerror', None) or problem}", file=path) from None
+    header = next((document for topic, document in messages if topic == "/header"), {})
+    if header.get("program") != PROGRAM:
+        raise LogError(f"got an MCAP file without the header of a run, {EXPECTED}", file=path)
+    if header.get("format") != FORMAT:
+        raise LogError(f"got format {header.get('format')!r}, expected {FORMAT}: written by another version", file=path)
+
+    def of(wanted: str) -> list[dict[str, Any]]:
+        return [document for topic, document in messages if topic == wanted]
+
+    try:
+        return RunLog(
+            path,
+            header,
+            _columns(of("/tick")),
+            tuple(_plan(document) for document in of("/plan")),
+            tuple(_event(document) for document in of("/event")),
+            next(iter(of("/result")), None),
+            complete,
+        )
+    except (KeyError, TypeError, ValueError, OverflowError) as problem:
+        raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
+
+
+def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
+    """(topic, document) of all messages, and whether the file was finished."""
+    size = os.fstat(stream.fileno()).st_size
+    if stream.read(len(MAGIC)) != MAGIC:
+        raise LogError(f"got {'an empty file' if size == 0 else 'another kind of file'}, {EXPECTED}", file=path)
+    stream.seek(max(0, size - len(MAGIC)))
+    finished = size > len(MAGIC) and stream.read() == MAGIC
+    stream.seek(0)
+    topics: dict[int, str] = {}
+    found: list[tuple[str, dict[str, Any]]] = []
+    # the reader asks only for read(); Any, as its annotations name concrete stream classes
+    whole: Any = _Whole(stream, size)
+    reader = StreamReader(whole, emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_LIMIT)
+    try:
+        for record in reader.records:
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                found.append((topics[record.channel_id], _document(record.data)))
+            elif isinstance(record, Chunk):
+                raise LogError("got an MCAP file with chunks, expected one as mazeplan writes it", file=path)
+    except EndOfFile:
+        if finished:  # it has its end, so a length in its middle must be wrong
+            raise LogError("damaged: a record is longer than the file", file=path) from None
+        return found, False
+    except (McapError, ValueError, KeyError, RecursionError, struct.error) as problem:
+        raise LogError(f"damaged after {len(found)} messages: {_one_line(problem)}", file=path) from None
+    return found, True
+
+
+def _one_line(problem: Exception) -> str:
+    return " ".join(str(problem).split())[:120] or type(problem).__name__
+
+
+def _document(data: bytes) -> dict[str, Any]:
+    document = json.loads(data)
+    if not isinstance(document, dict):
+        raise ValueError("a message is no JSON object")
+    return document
+
+
+def _columns(ticks: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    names = dict.fromkeys((*MEASURED, *(name for tick in ticks for name in tick)))
+    columns = {}
+    for name in names:
+        values = [tick.get(name) for tick in ticks]
+        if any(isinstance(value, str) for value in values):
+            columns[name] = np.array(["" if value is None else str(value) for value in values], dtype=object)
+        else:
+            columns[name] = np.array([math.nan if value is None else float(value) for value in values])
+    if not np.isfinite(columns["t"]).all():
+        raise ValueError("a tick without t")
+    return columns
+
+
+def _plan(document: dict[str, Any]) -> dict[str, Any]:
+    def stack(names: tuple[str, ...]) -> np.ndarray:
+        return np.array([document.get(name, []) for name in names], dtype=float).T
+
+    rest = {key: value for key, value in document.items() if key not in PLAN_STATES + PLAN_CONTROLS}
+    return {**rest, "states": stack(PLAN_STATES), "controls": stack(PLAN_CONTROLS)}
+
+
+def _event(document: dict[str, Any]) -> dict[str, Any]:
+    if not isinstance(document["kind"], str) or not isinstance(document["detail"], dict):
+        raise TypeError("an event without kind or detail")
+    return {**document, "t": float(document["t"])}

@@ -1,0 +1,296 @@
+"""Fit a rig's model to a log: stage by output error, ball by the weak form, camera delay by profile.
+
+Differentiating a noisy angle twice biases what is fitted to it. The weak form needs no derivative of the data: with a smooth
+phi(t) that vanishes with its derivatives at both ends of a short window, integrating by parts gives
+
+    int phi'' theta dt - int phi kinematic dt = k int phi gravity dt + c_v int phi' theta dt - c_d int phi sign(theta_dot) dt
+                                                + k beta_0 int phi d gravity/d beta dt + k gamma_0 int phi d gravity/d gamma dt
+
+linear in the unknowns of each ring (k: rolling factor, c_v viscous, c_d dry) once the tilt of the table (beta_0, gamma_0), shared by
+all rings, is alternated with k. The camera is late: the tilt is taken at t - delay, and the delay is the one that leaves the smallest residual.
+
+Each ring's unknowns have a Gaussian prior around the pooled fit of all rings (widths in `PRIOR_SIGMA`), so that a ring that was hardly
+visited gets the pooled values. Windows over a missing sample or a change of ring are left out; those with an impact, at the edge of an
+opening say, have residuals far out and are weighted down (Huber). Standard errors are robust against correlation within blocks of `BLOCK_S`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from mazeplan.data.table import Table
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import (
+    DryFriction,
+    RingKinematics,
+    RollingInertia,
+    TiltOffset,
+    ViscousFriction,
+    gravity_jacobian,
+    gravity_part,
+    kinematic_terms,
+)
+from mazeplan.models.modelfile import FREE_ROLLING, WALL_ROLLING, RigModel
+from mazeplan.models.stage import StageFit, StageModel, fit_axis
+from mazeplan.records import Array
+
+WINDOW = 21  # samples; half a second at 30 Hz
+HOP = 3  # samples between windows
+BLOCK_S = 5.0  # s; windows within one count as one observation for standard errors
+DELAYS = np.arange(0.0, 0.2001, 1.0 / 120.0)  # s, tried first
+PRIOR_SIGMA = np.array([0.05, 0.3, 1.0])  # factor -, viscous 1/s, dry rad/s^2 around the pooled fit
+POOLED_SIGMA = np.array([0.3, 2.0, 5.0])  # around 5/9, 0, 0
+MOVING = 8e-3  # m/s; slower windows are left out, since their friction has no sign
+TEST_SHARE = 0.3  # the last part of the record: scores only
+MIN_WINDOWS = 20
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Weak-form rows of one ring: index of first sample, radius, and block number of each window."""
+
+    ring: int
+    radius: float
+    start: Array
+    block: Array
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What `fit_rig` found: the model, fits of both axes, number of windows per ring."""
+
+    model: RigModel
+    stage: tuple[StageFit, StageFit]
+    windows: dict[int, int]
+
+
+def weak_function(dt: float, n: int = WINDOW) -> tuple[Array, Array, Array]:
+    """phi, phi', phi'' (n,) of (1 - s^2)^5 over a window of n samples; s in [-1, 1] across it.
+
+    The fifth power makes four derivatives vanish at the ends: sums over samples are then as good as integrals."""
+    half = 0.5 * (n - 1) * dt
+    s = np.linspace(-1.0, 1.0, n)
+    q = 1.0 - s**2
+    slope = -10.0 * s * q**4 / half
+    curve = (-10.0 * q**4 + 80.0 * s**2 * q**3) / half**2
+    return q**5, slope, curve
+
+
+def find_windows(table: Table, maze: Maze, ring: int, dt: float) -> Windows:
+    """Windows in which the ball is seen all the time, moves one way, and stays in the channel of one ring."""
+    here = maze.ring(ring)
+    r, theta = table["r"], table["theta"]
+    reach = maze.ball.radius - 2e-3  # m; the camera's noise may put the ball a little into a wall
+    good = np.isfinite(theta) & (r > here.inner_radius + reach) & (r < here.outer_radius - reach)
+    segment = table.segment
+    starts = np.arange(0, len(r) - WINDOW + 1, HOP)
+    inside = np.lib.stride_tricks.sliding_window_view(good, WINDOW)[starts].all(axis=1)
+    inside &= segment[starts] == segment[starts + WINDOW - 1]
+    starts = starts[inside]
+    moved = _unwrapped(theta, starts)
+    speed = np.abs(moved[:, 4:] - moved[:, :-4]).min(axis=1) * here.track_radius / (4.0 * dt) if len(starts) else moved[:, 0]
+    starts = starts[speed > MOVING]
+    return Windows(ring, here.track_radius, starts, (starts * dt // BLOCK_S).astype(int))
+
+
+def _unwrapped(theta: Array, starts: Array) -> Array:
+    """theta of each window, continuous, (K, WINDOW)."""
+    rows = starts[:, None] + np.arange(WINDOW)
+    return np.unwrap(theta[rows], axis=1) if len(starts) else np.zeros((0, WINDOW))
+
+
+def weak_rows(table: Table, windows: Windows, delay: float, dt: float) -> tuple[Array, Array]:
+    """Targets (K,) and features (K, 5): gravity, viscous, dry, d gravity / d beta, d gravity / d gamma."""
+    phi, slope, curve = weak_function(dt)
+    rows = windows.start[:, None] + np.arange(WINDOW)
+    theta = _unwrapped(table["theta"], windows.start)
+    tilt = {}
+    for axis in ("beta", "gamma"):
+        late = np.clip(rows - delay / dt, 0, len(table) - 1)
+        grid = np.arange(len(table))
+        for order, name in enumerate((axis, f"{axis}_dot", f"{axis}_ddot")):
+            smooth = savgol_filter(table[axis], 7, 3, deriv=order, delta=dt) if order else table[axis]
+            tilt[name] = np.interp(late, grid, smooth)
+    flat = {name: values.ravel() for name, values in tilt.items()}
+    theta_dot = np.gradient(theta, dt, axis=1)
+    k = RingKinematics(windows.radius, theta.ravel(), theta_dot.ravel(), **flat)
+    shape, weight = theta.shape, phi * dt
+    gravity = gravity_part(k).reshape(shape)
+    tilt_jacobian = gravity_jacobian(k)[:, [2, 4]].reshape(*shape, 2)
+    theta = theta - theta[:, WINDOW // 2, None]  # the sums of phi' and phi'' vanish but for rounding
+    target = theta @ curve * dt - kinematic_terms(k).reshape(shape) @ weight
+    direction = np.sign(theta[:, -1] - theta[:, 0])[:, None] * np.ones(WINDOW)
+    features = np.stack(
+        [
+            gravity @ weight,
+            theta @ slope * dt,
+            -direction @ weight,
+            np.einsum("kwi,w->ki", tilt_jacobian, weight)[:, 0],
+            np.einsum("kwi,w->ki", tilt_jacobian, weight)[:, 1],
+        ],
+        axis=1,
+    )
+    return target, features
+
+
+def _huber(residual: Array, width: float = 2.0) -> Array:
+    """Weights that let far-out residuals count less."""
+    scale = 1.4826 * np.median(np.abs(residual)) + 1e-12
+    return np.minimum(1.0, width * scale / np.maximum(np.abs(residual), 1e-12))
+
+
+def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: Array) -> tuple[Array, Array, Array]:
+    """MAP of y = X w with w ~ N(mean, sigma^2), noise and weights found on the way: (w, covariance, residual).
+
+    The covariance is the larger of the Bayesian and the block-robust one, entry by entry on the diagonal."""
+    w, weights = mean.copy(), np.ones(len(y))
+    noise, precision = 1.0, np.diag(1.0 / sigma**2)
+    information = precision
+    for _ in range(8):
+        information = (X * weights[:, None]).T @ X / noise + precision
+        w = np.linalg.solve(information, (X * weights[:, None]).T @ y / noise + precision @ mean)
+        residual = y - X @ w
+        weights = _huber(residual)
+        noise = max(float(np.sum(weights * residual**2) / max(np.sum(weights), 1.0)), 1e-12)
+    residual = y - X @ w
+    bread = np.linalg.inv(information)
+    scores = X * (weights * residual)[:, None] / noise
+    meat = sum((np.outer(s, s) for s in (scores[block == b].sum(axis=0) for b in np.unique(block))), np.zeros_like(bread))
+    robust = bread @ meat @ bread
+    covariance = np.where(np.diag(robust) > np.diag(bread), np.diag(robust), np.diag(bread))
+    return w, covariance, residual
+
+
+@dataclass(frozen=True)
+class _BallFit:
+    weights: dict[int, Array]  # ring -> (factor, viscous, dry)
+    sigma: dict[int, Array]
+    offset: Array
+    offset_sigma: Array
+    loss: float
+
+
+def _fit_balls(table: Table, windows: list[Windows], delay: float, dt: float) -> _BallFit:
+    """All rings at one delay: pooled, then each ring around it, the table's tilt shared."""
+    data = {w.ring: weak_rows(table, w, delay, dt) for w in windows}
+    blocks = {w.ring: w.block for w in windows}
+    radius = {w.ring: w.radius for w in windows}
+    reference = float(np.mean(list(radius.values())))
+    y = np.concatenate([data[ring][0] for ring in data])
+    X = np.concatenate([data[ring][1] for ring in data])
+    block = np.concatenate([blocks[ring] for ring in data])
+    mean = np.array([WALL_ROLLING, 0.0, 0.0, 0.0, 0.0])
+    pooled, variance, _ = ridge(X, y, mean, np.array([*POOLED_SIGMA, 0.1, 0.1]), block)
+    offset, offset_variance = pooled[3:] / pooled[0], variance[3:] / pooled[0] ** 2
+    weights, sigma, loss = {}, {}, 0.0
+    for _ in range(3):
+        tilt_y, tilt_X, tilt_b, loss = [], [], [], 0.0
+        for ring, (target, F) in data.items():
+            corrected = np.column_stack([F[:, 0] + F[:, 3:] @ offset, F[:, 1:3]])
+            prior = np.array([pooled[0], max(pooled[1], 0.0), max(pooled[2], 0.0) * reference / radius[ring]])
+            weights[ring], variance, residual = ridge(corrected, target, prior, PRIOR_SIGMA, blocks[ring])
+            weights[ring] = np.concatenate([weights[ring][:1], np.maximum(weights[ring][1:], 0.0)])
+            sigma[ring] = np.sqrt(variance)
+            loss += float(np.sum(_huber(residual) * residual**2))
+            tilt_y.append(target - np.column_stack([F[:, 0], F[:, 1:3]]) @ weights[ring])
+            tilt_X.append(weights[ring][0] * F[:, 3:])
+            tilt_b.append(blocks[ring])
+        offset, offset_variance, _ = ridge(
+            np.concatenate(tilt_X), np.concatenate(tilt_y), np.zeros(2), np.full(2, 0.1), np.concatenate(tilt_b)
+        )
+    return _BallFit(weights, sigma, offset, np.sqrt(offset_variance), loss)
+
+
+def _best_delay(table: Table, windows: list[Windows], dt: float) -> tuple[float, float]:
+    """Delay of the camera with the smallest residual, refined by a parabola, and a standard error from its curvature."""
+    losses = np.array([_fit_balls(table, windows, float(d), dt).loss for d in DELAYS])
+    i = int(np.clip(np.argmin(losses), 1, len(DELAYS) - 2))
+    step = DELAYS[1] - DELAYS[0]
+    left, middle, right = losses[i - 1 : i + 2]
+    curvature = (left - 2.0 * middle + right) / step**2
+    if curvature <= 0.0:
+        return float(DELAYS[np.argmin(losses)]), float(step)
+    delay = DELAYS[i] - 0.5 * step * (right - left) / (left - 2.0 * middle + right)
+    observations = sum(len(np.unique(w.block)) for w in windows)
+    noise = middle / max(sum(len(w.start) for w in windows), 1)
+    per_block = sum(len(w.start) for w in windows) / max(observations, 1)
+    return float(max(delay, 0.0)), float(np.sqrt(2.0 * noise * per_block / curvature))
+
+
+def _score(table: Table, windows: list[Windows], fit: _BallFit, delay: float, dt: float) -> dict[str, float]:
+    """Weak-form residual over spread of the target, per ring."""
+    out = {}
+    for w in windows:
+        if len(w.start) >= MIN_WINDOWS:
+            target, F = weak_rows(table, w, delay, dt)
+            predicted = np.column_stack([F[:, 0] + F[:, 3:] @ fit.offset, F[:, 1:3]]) @ fit.weights[w.ring]
+            out[f"ring{w.ring}"] = float(np.sqrt(np.mean((target - predicted) ** 2)) / np.std(target))
+    return out
+
+
+def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = ()) -> Fit:
+    """Fit stage, ball and camera delay. Raises ValueError naming what the table lacks."""
+    for name in ("u_beta", "u_gamma", "r"):
+        if name not in table:
+            raise ValueError(f"column {name} is needed to fit a whole rig")
+    dt = float(np.median(np.diff(table["t"])))
+    breaks = np.concatenate([[True], np.diff(table.segment) != 0])
+    axes = tuple(fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
+    split = round((1.0 - TEST_SHARE) * len(table))
+    # blocks in time of every segment: train on the first part of each, score on the last
+    channels = [ring.number for ring in maze.rings if not ring.is_disc]
+    found = [find_windows(table, maze, ring, dt) for ring in channels]
+    train = [w for w in (_part(w, table, dt, True) for w in found) if len(w.start) >= MIN_WINDOWS]
+    test = [w for w in (_part(w, table, dt, False) for w in found) if any(w.ring == t.ring for t in train)]
+    if not train:
+        raise ValueError(f"the ball is hardly ever seen moving freely in a ring ({split} samples looked at)")
+    delay, delay_sigma = _best_delay(table, train, dt)
+    fit = _fit_balls(table, train, delay, dt)
+    scores = {"weak_nrmse_train": _score(table, train, fit, delay, dt), "weak_nrmse_test": _score(table, test, fit, delay, dt)}
+    model = RigModel(
+        stage=StageModel(axes[0].axis, axes[1].axis),
+        balls={ring.number: _ball(ring.number, maze, fit) for ring in maze.rings},
+        camera_delay=delay,
+        camera_delay_stderr=delay_sigma,
+        kind="pi",
+        rate_hz=round(1.0 / dt, 3),
+        data=tuple(dict(source) for source in sources),
+        scores={name: {ring: round(x, 4) for ring, x in values.items()} for name, values in scores.items()},
+    )
+    return Fit(model, (axes[0], axes[1]), {w.ring: len(w.start) for w in train})
+
+
+def _part(windows: Windows, table: Table, dt: float, train: bool) -> Windows:
+    """Windows in the first part of their segment, or in the last."""
+    segment = table.segment
+    numbers, first, count = np.unique(segment, return_index=True, return_counts=True)
+    at = np.searchsorted(numbers, segment[windows.start])
+    place = (windows.start + (0 if not train else WINDOW) - first[at]) / count[at]
+    keep = place <= 1.0 - TEST_SHARE if train else place > 1.0 - TEST_SHARE
+    return Windows(windows.ring, windows.radius, windows.start[keep], windows.block[keep])
+
+
+def _ball(ring: int, maze: Maze, fit: _BallFit) -> BallModel:
+    """The ball model of one ring; a ring without data has that of the nearest with, the disc a ball on the floor alone."""
+    nearest = min(fit.weights, key=lambda number: abs(number - ring))
+    factor, viscous, dry = (float(v) for v in fit.weights[nearest])
+    sigma = fit.sigma[nearest]
+    if maze.ring(ring).is_disc:
+        factor = FREE_ROLLING
+    effects = (
+        RollingInertia(factor),
+        ViscousFriction(viscous),
+        DryFriction(dry),
+        TiltOffset(float(fit.offset[0]), float(fit.offset[1])),
+    )
+    stderr = {
+        "rolling_inertia": {"factor": float(sigma[0])},
+        "viscous_friction": {"coefficient": float(sigma[1])},
+        "dry_friction": {"coefficient": float(sigma[2])},
+        "tilt_offset": {"beta": float(fit.offset_sigma[0]), "gamma": float(fit.offset_sigma[1])},
+    }
+    return BallModel(effects, stderr)

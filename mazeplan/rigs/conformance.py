@@ -1,0 +1,195 @@
+"""A conformance suite for anybody's rig: `check_rig(rig, maze)` or `mazeplan rig check`.
+
+Each check resets the rig, drives it for a second or two, and says in one sentence what it saw. On hardware a person places the ball at
+each reset; `repeatable=False` leaves out the check that only a simulation can pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.errors import MazeplanError
+from mazeplan.maths.angles import difference
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Observation
+from mazeplan.rigs.interface import Rig
+
+TILT = math.radians(3.0)  # rad, of the test commands
+SETTLED = math.radians(0.7)  # rad: servo, sensor noise and play together
+SETTLE_S = 0.8  # s: twice what a slow servo takes
+CLOCK = 0.02  # relative error of 1 / rate that a clock may show
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One check: its name, whether it passed, and what was seen."""
+
+    name: str
+    passed: bool
+    detail: str
+
+
+class Trial:
+    """One rig under test."""
+
+    def __init__(self, rig: Rig, maze: Maze, seed: int) -> None:
+        self.rig, self.maze, self.seed = rig, maze, seed
+        self.dt = 1.0 / rig.rate_hz
+
+    def reset(self, ring: int = 1, theta: float = 0.0) -> None:
+        """A fresh start with the same random numbers each time."""
+        self.rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(self.seed))
+
+    def run(self, seconds: float, u_beta: float = 0.0, u_gamma: float = 0.0) -> list[Observation]:
+        """Samples under a command that is given anew at each."""
+        samples = []
+        for _ in range(max(2, round(seconds / self.dt))):
+            samples.append(self.rig.observe())
+            self.rig.command(u_beta, u_gamma)
+        return samples
+
+
+def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -> list[CheckResult]:
+    """Run all checks; the rig is levelled and closed at the end, whatever happens.
+
+    A rig that raises in a check fails that check; the others are run all the same."""
+    trial = Trial(rig, maze, seed)
+    checks: list[tuple[str, Callable[[Trial], str | None]]] = [
+        ("clock", _clock),
+        ("observation", _observation),
+        ("tilt follows beta", lambda t: _follows(t, "beta")),
+        ("tilt follows gamma", lambda t: _follows(t, "gamma")),
+        ("sign of beta", _sign_beta),
+        ("sign of gamma", _sign_gamma),
+        ("level", _level),
+        ("refuses NaN", lambda t: _refuses(t, math.nan)),
+        ("refuses beyond the limit", lambda t: _refuses(t, 1.5 * maze.tilt_limit)),
+        ("limit is kept", _limit),
+    ]
+    if repeatable:
+        checks.append(("repeatable", _repeatable))
+    checks.append(("close", _close))
+    results = []
+    for name, check in checks:
+        try:
+            problem = check(trial)
+        except Exception as error:  # anybody's rig may raise anything; a check reports it
+            problem = f"raised {type(error).__name__}: {error}"
+        results.append(CheckResult(name, problem is None, problem or "ok"))
+    return results
+
+
+def _clock(trial: Trial) -> str | None:
+    trial.reset()
+    times = [o.t for o in trial.run(0.5)]
+    if abs(times[0]) > trial.dt:
+        return f"the first sample after reset is at t = {times[0]:.4f} s, expected about 0"
+    steps = np.diff(times)
+    if np.any(np.abs(steps - trial.dt) > CLOCK * trial.dt):
+        return f"t goes up by {steps.min():.5f} to {steps.max():.5f} s, expected {trial.dt:.5f} s (1 / rate_hz)"
+    return None
+
+
+def _observation(trial: Trial) -> str | None:
+    trial.reset(theta=1.0)
+    samples = trial.run(0.5)
+    ring = trial.maze.ring(1)
+    for o in samples:
+        if not isinstance(o, Observation):
+            return f"observe() returned {type(o).__name__}, expected Observation"
+        if not all(math.isfinite(v) for v in (o.t, o.beta, o.gamma)):
+            return f"t, beta, gamma: got {o.t}, {o.beta}, {o.gamma}, expected finite numbers"
+        if (o.x is None) != (o.y is None):
+            return "x and y must both be None or both be numbers"
+    radii = [math.hypot(o.x, o.y) for o in samples if o.x is not None and o.y is not None]
+    if not radii:
+        return "the ball was never seen"
+    if not ring.inner_radius - 0.01 <= float(np.median(radii)) <= ring.outer_radius + 0.01:
+        return f"the ball was placed in ring 1 but is seen at r = {np.median(radii) * 1e3:.1f} mm"
+    return None
+
+
+def _follows(trial: Trial, axis: str) -> str | None:
+    for sign in (1.0, -1.0):
+        trial.reset()
+        u = sign * TILT
+        samples = trial.run(SETTLE_S + 0.4, **{f"u_{axis}": u})
+        late = [o for o in samples if o.t - samples[0].t >= SETTLE_S]
+        got = float(np.mean([getattr(o, axis) for o in late]))
+        other = float(np.mean([getattr(o, "gamma" if axis == "beta" else "beta") for o in late]))
+        if abs(got - u) > SETTLED:
+            return f"commanded {math.degrees(u):+.1f} deg, measured {math.degrees(got):+.2f} deg after {SETTLE_S} s"
+        if abs(other) > SETTLED:
+            return f"the other axis went to {math.degrees(other):+.2f} deg"
+    return None
+
+
+def _moved(trial: Trial, theta: float, u_beta: float, u_gamma: float) -> float:
+    """How far the ball turned within a second, rad; NaN if it was never seen."""
+    trial.reset(theta=theta)
+    samples = trial.run(1.0, u_beta, u_gamma)
+    seen = [math.atan2(o.y, o.x) for o in samples if o.x is not None and o.y is not None]
+    return float(sum(difference(b, a) for a, b in zip(seen, seen[1:], strict=False))) if seen else math.nan
+
+
+def _sign_beta(trial: Trial) -> str | None:
+    turned = _moved(trial, 0.5 * math.pi, TILT, 0.0)
+    return None if turned < -0.05 else f"beta > 0: a ball at 90 deg turned by {math.degrees(turned):+.1f} deg, expected < -3"
+
+
+def _sign_gamma(trial: Trial) -> str | None:
+    turned = _moved(trial, 0.0, 0.0, TILT)
+    return None if turned < -0.05 else f"gamma > 0: a ball at 0 deg turned by {math.degrees(turned):+.1f} deg, expected < -3"
+
+
+def _level(trial: Trial) -> str | None:
+    trial.reset()
+    trial.run(0.5, TILT, -TILT)
+    trial.rig.level()
+    samples = [trial.rig.observe() for _ in range(max(2, round((SETTLE_S + 0.4) / trial.dt)))]
+    late = samples[-max(2, round(0.4 / trial.dt)) :]
+    worst = max(abs(float(np.mean([getattr(o, axis) for o in late]))) for axis in ("beta", "gamma"))
+    return None if worst < SETTLED else f"level() left the plate at {math.degrees(worst):.2f} deg"
+
+
+def _refuses(trial: Trial, value: float) -> str | None:
+    trial.reset()
+    trial.rig.observe()
+    for command in ((value, 0.0), (0.0, value)):
+        try:
+            trial.rig.command(*command)
+        except (MazeplanError, ValueError):
+            continue
+        return f"command{command} was taken, expected RigError or ValueError"
+    return None
+
+
+def _limit(trial: Trial) -> str | None:
+    trial.reset()
+    limit = trial.maze.tilt_limit
+    samples = trial.run(SETTLE_S + 0.4, limit, limit)
+    late = samples[-max(2, round(0.4 / trial.dt)) :]
+    worst = max(float(np.mean([getattr(o, axis) for o in late])) for axis in ("beta", "gamma"))
+    return None if worst <= limit + SETTLED else f"the plate went to {math.degrees(worst):.2f} deg at the limit"
+
+
+def _repeatable(trial: Trial) -> str | None:
+    runs = []
+    for _ in range(2):
+        trial.reset(theta=0.7)
+        runs.append(trial.run(1.0, TILT, 0.5 * TILT))
+    for a, b in zip(*runs, strict=True):
+        if a != b:
+            return f"two runs with the same seed differ at t = {a.t:.3f} s: {a} and {b}"
+    return None
+
+
+def _close(trial: Trial) -> str | None:
+    trial.rig.level()
+    trial.rig.close()
+    trial.rig.close()  # an error here is reported by the caller
+    return None

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mazeplan.control.cost import (
+    CostParameters,
+    final,
+    final_derivatives,
+    lean_of,
+    penalty,
+    running,
+    running_derivatives,
+)
+from mazeplan.errors import SettingsError
+
+ALL = CostParameters(rate=0.01, final_lean=2.0, lean=3.0, arrival_zone=0.3)
+WISHES = [(0.4, 0.0, 0.0), (0.4, 1.3, -0.03), (0.4, -1.3, 0.02)]
+
+
+def central(function, x, h=1e-5):
+    """Gradient by central differences of order 4; function gives a number or an array."""
+    columns = []
+    for e in np.eye(len(x)):
+        f = [np.array(function(x + k * h * e)) for k in (-2, -1, 1, 2)]
+        columns.append((f[0] - 8.0 * f[1] + 8.0 * f[2] - f[3]) / (12.0 * h))
+    return np.stack(columns, axis=-1)
+
+
+def points(rng, count=60):
+    for _ in range(count):
+        yield rng.uniform(-1, 1, 6) * [1.5, 4.0, 0.09, 1.0, 0.09, 1.0], rng.uniform(-0.09, 0.09, 2)
+
+
+def derivatives_of_running(s, u, q):
+    lx, lu, lxx, luu = np.full(6, np.nan), np.full(2, np.nan), np.full((6, 6), np.nan), np.full((2, 2), np.nan)
+    running_derivatives(0, s, u, q, lx, lu, lxx, luu)
+    return lx, lu, lxx, luu
+
+
+@pytest.mark.parametrize("wishes", WISHES)
+@pytest.mark.parametrize(
+    "parameters", [ALL, replace(ALL, quadratic=True), CostParameters()], ids=["all", "quadratic", "default"]
+)
+def test_gradients_equal_finite_differences(parameters, wishes):
+    q = parameters.pack(*wishes)
+    for s, u in points(np.random.default_rng(1)):
+        lx, lu, _, luu = derivatives_of_running(s, u, q)
+        np.testing.assert_allclose(lx, central(lambda x, u=u: running(0, x, u, q), s), rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(lu, central(lambda x, s=s: running(0, s, x, q), u, 1e-4), rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(
+            luu, central(lambda x, s=s: derivatives_of_running(s, x, q)[1], u, 1e-4), rtol=1e-6, atol=1e-8
+        )
+        fx, fxx = np.full(6, np.nan), np.full((6, 6), np.nan)
+        final_derivatives(s, q, fx, fxx)
+        np.testing.assert_allclose(fx, central(lambda x: final(x, q), s), rtol=1e-6, atol=1e-8)
+
+
+def test_hessians_are_exact_where_nothing_was_dropped():
+    q = replace(ALL, lean=0.0, final_lean=0.0, arrival=0.0).pack(*WISHES[1])
+    for s, u in points(np.random.default_rng(2)):
+        lxx = derivatives_of_running(s, u, q)[2]
+        exact = central(lambda x, u=u: derivatives_of_running(x, u, q)[0], s)
+        np.testing.assert_allclose(lxx, exact, rtol=1e-6, atol=1e-7)
+
+
+def test_the_lean_hessian_is_exact_up_to_the_curvature_of_the_lean():
+    """With the lean frozen to its tangent plane the Hessian of the cost is the Gauss-Newton one."""
+    parameters = CostParameters(theta=0.0, speed=0.0, arrival=0.0, lean=2.0, final_theta=0.0, final_speed=0.0)
+    q = parameters.pack(0.0, 0.0, -0.03)
+    for s, u in points(np.random.default_rng(3)):
+        lean = lean_of(s[0], s[2], s[4])
+        slope = central(lambda x: lean_of(x[0], x[2], x[4]), s)
+        curvature = penalty(lean + 0.03, parameters.width_lean, 0.0)[2]
+        lxx = derivatives_of_running(s, u, q)[2]
+        np.testing.assert_allclose(lxx, 2.0 * curvature * np.outer(slope, slope), rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("wishes", WISHES)
+def test_hessians_are_positive_semidefinite_and_symmetric(wishes):
+    q = ALL.pack(*wishes)
+    for s, u in points(np.random.default_rng(4)):
+        _, _, lxx, luu = derivatives_of_running(s, u, q)
+        fx, fxx = np.empty(6), np.empty((6, 6))
+        final_derivatives(s, q, fx, fxx)
+        for H in (lxx, fxx):
+            assert (H == H.T).all()
+            assert np.linalg.eigvalsh(H).min() > -1e-10
+        assert np.linalg.eigvalsh(luu).min() > 0.0
+
+
+def test_lean_is_the_outward_acceleration():
+    for theta in np.linspace(-3.0, 3.0, 13):
+        beta, gamma = 0.05, -0.07
+        force = np.array([np.sin(beta), -np.sin(gamma) * np.cos(beta)])  # over m g, in the plate's plane
+        assert lean_of(theta, beta, gamma) == pytest.approx(force @ [np.cos(theta), np.sin(theta)], abs=1e-15)
+
+
+def test_the_smooth_absolute_value():
+    assert penalty(0.0, 0.1, 0.0) == pytest.approx((0.0, 0.0, 10.0))
+    far = penalty(-1e6, 0.1, 0.0)
+    assert far[0] == pytest.approx(1e6 - 0.1)
+    assert far[1] == pytest.approx(-1.0)
+    assert penalty(3.0, 0.1, 1.0) == (4.5, 3.0, 1.0)
+
+
+def test_passing_the_goal_at_speed_forgives_the_angle_behind_it_only():
+    parameters = CostParameters(speed=0.0, arrival=0.0, lean=0.0, past=0.1)
+    before, behind = np.array([0.2, 0, 0, 0, 0, 0]), np.array([0.6, 0, 0, 0, 0, 0])
+    stop, forwards = parameters.pack(0.4), parameters.pack(0.4, 1.0)
+    u = np.zeros(2)
+    assert running(0, before, u, stop) == pytest.approx(running(0, behind, u, stop))
+    assert running(0, before, u, forwards) == pytest.approx(running(0, before, u, stop))
+    assert running(0, behind, u, forwards) == pytest.approx(0.1 * running(0, behind, u, stop))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"theta": -1.0}, "theta: got -1.0, expected a number >= 0"),
+        ({"lean": float("nan")}, "lean"),
+        ({"width_theta": 0.0}, "width_theta: got 0, expected a number > 0"),
+        ({"control": 0.0}, "control"),
+    ],
+)
+def test_bad_weights_are_refused(change, message):
+    with pytest.raises(SettingsError, match=message):
+        CostParameters(**change)

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from typer.testing import CliRunner
+
+from mazeplan.cli.arguments import parse_opening, parse_ring, positive
+from mazeplan.cli.map import app
+from mazeplan.errors import InputError
+from mazeplan.maze.mapfile import dump_map, load_map
+
+CME = load_map("cme")
+
+
+def run(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+@pytest.mark.parametrize(("text", "ring"), [("ring1", 1), ("5", 5), ("Ring 3", 3), ("ring-2", 2), (" ring4 ", 4)])
+def test_parse_ring(text, ring):
+    assert parse_ring(text, CME) == ring
+
+
+@pytest.mark.parametrize("text", ["ring0", "ring6", "", "ring", "one", "-1", "1.0", "ring1 ring2", "9999999"])
+def test_parse_ring_refuses(text):
+    with pytest.raises(InputError, match=r"expected ring1 to ring5 \(map cme\)"):
+        parse_ring(text, CME)
+
+
+def test_parse_opening():
+    assert parse_opening("1-2@45", CME) == "1-2@45"
+    with pytest.raises(InputError, match="expected one of 1-2@45, 1-2@135"):
+        parse_opening("1-2@46", CME)
+
+
+def test_positive():
+    assert positive("--x", 0.5) == 0.5
+    for bad in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(InputError, match="--x: got .*, expected a finite number > 0"):
+            positive("--x", bad)
+
+
+def test_check_good_maps():
+    result = run("check", "cme", "lopsided")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [
+        "cme: ok: cme, 5 rings, 13 openings",
+        "lopsided: ok: lopsided, 3 rings, 5 openings",
+    ]
+
+
+def test_check_names_every_problem_and_goes_on(tmp_path):
+    bad = tmp_path / "bad.yaml"
+    text = dump_map(CME)
+    bad.write_text(text.replace("angle_deg: 45", "angle_deg: 400"))
+    result = run("check", str(bad), "cme")
+    assert result.exit_code == 2
+    assert "cme: ok" in result.stdout
+    line = text[: text.index("angle_deg: 45")].count("\n") + 1
+    assert f"{bad}:{line}: openings[0].angle_deg: got 400, expected 0 <= angle_deg < 360" in result.stderr
+    assert len(result.stderr.splitlines()) == 2
+    document = json.loads(run("check", "--json", str(bad), "cme").stdout)
+    assert [item["ok"] for item in document] == [False, True]
+    assert len(document[0]["errors"]) == 2
+
+
+def test_check_warns_of_rings_behind_closed_openings(tmp_path):
+    path = tmp_path / "closed.yaml"
+    path.write_text(dump_map(CME).replace("width_mm: 15.5", "width_mm: 15.5, closed: true"))
+    result = run("check", str(path))
+    assert result.exit_code == 0
+    assert "warning: ring 5 can be reached only through closed openings" in result.stderr
+
+
+def test_route_in_words():
+    result = run("route", "--start-angle", "-20")
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert len(lines) == 5
+    assert lines[0].startswith("ring 1: turn   -25.0 deg, opening 1-2@315 to ring 2")
+    assert lines[-1].startswith("ring 5: there")
+
+
+def test_route_as_json():
+    result = run("route", "lopsided", "--from", "3", "--to", "ring1", "--close", "wide", "--json")
+    document = json.loads(result.stdout)
+    assert document["found"] is True
+    assert (document["map"], document["from"], document["to"]) == ("lopsided", 3, 1)
+    assert [leg["ring"] for leg in document["legs"]] == [3, 2]
+    assert "wide" not in [leg["opening"] for leg in document["legs"]]
+    assert document["expected_s"] == pytest.approx(sum(leg["expected_s"] for leg in document["legs"]))
+
+
+def test_no_route_is_exit_status_1():
+    result = run("route", "--close", "4-5@180")
+    assert result.exit_code == 1
+    assert "no route from ring1 to ring5" in result.stderr
+    result = run("route", "--close", "4-5@180", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["found"] is False
+    assert run("show", "--route", "--close", "4-5@180").exit_code == 1
+
+
+def test_show(tmp_path):
+    plain, routed = tmp_path / "plain.png", tmp_path / "routed.png"
+    assert run("show", "lopsided", "-o", str(plain)).exit_code == 0
+    assert run("show", "lopsided", "-o", str(routed), "--route", "--start-angle", "200").exit_code == 0
+    assert plain.read_bytes()[:4] == routed.read_bytes()[:4] == b"\x89PNG"
+    assert plain.read_bytes() != routed.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("route", "nope"),
+        ("route", "--to", "ring9"),
+        ("route", "--close", "x"),
+        ("route", "--start-angle", "nan"),
+        ("show", "-o", "maze.gif"),
+    ],
+)
+def test_bad_input_is_an_input_error(words):
+    error = run(*words).exception
+    assert isinstance(error, InputError)
+    assert error.exit_status == 2
+    assert "\n" not in str(error)

@@ -1,0 +1,276 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mazeplan import resources
+from mazeplan.errors import MapError
+from mazeplan.maze.geometry import Ring
+from mazeplan.maze.mapfile import MapCheck, check_map, check_text, default_name, dump_map, load_map, packaged_maps
+
+CME = resources.find("maps", "cme", ".yaml").read_text()
+
+
+def changed(old: str, new: str) -> MapCheck:
+    assert old in CME
+    return check_text(CME.replace(old, new, 1), file="a.yaml")
+
+
+def line_of(text: str) -> int:
+    return CME[: CME.index(text)].count("\n") + 1
+
+
+def test_cme_has_the_published_geometry():
+    maze = load_map("cme")
+    assert [round(ring.track_radius * 1000, 2) for ring in maze.rings] == [89.19, 68.92, 48.79, 28.67, 0.0]
+    assert [(wall.outer_radius - wall.inner_radius) * 1000 for wall in maze.walls] == pytest.approx([5.0] * 5, abs=0.03)
+    assert [len(maze.openings_between(i, i + 1)) for i in range(1, 5)] == [4, 4, 4, 1]
+    angles = {round(math.degrees(o.angle)) for o in maze.openings_between(2, 3)}
+    assert angles == {0, 90, 180, 270}
+    assert maze.opening("4-5@180").width == pytest.approx(0.0155)
+    assert (maze.ball.radius, maze.ball.mass) == (0.00635, 0.0084)
+    assert maze.tilt_limit == math.radians(5)
+    assert maze.wall_height == 0.02
+
+
+def test_second_map_is_playable_with_the_same_ball():
+    cme, maze = load_map("cme"), load_map("lopsided")
+    assert len(maze.rings) == 3
+    assert maze.ball == cme.ball
+    for ring in maze.rings[:-1]:
+        room = ring.outer_radius - ring.inner_radius - 2 * maze.ball.radius
+        assert 2.3e-3 < room < 3.1e-3
+    widths = [opening.width for opening in maze.openings]
+    assert len(set(widths)) == len(widths)
+    assert 0.014 <= min(widths) < max(widths) <= 0.017
+
+
+@pytest.mark.parametrize("name", packaged_maps())
+def test_packaged_maps_survive_a_round_trip(name):
+    result = check_map(name)
+    assert result.errors == () and result.warnings == ()
+    assert result.maze is not None
+    again = check_text(dump_map(result.maze)).maze
+    assert again == result.maze
+
+
+def test_round_trip_keeps_what_openings_say():
+    maze = load_map("lopsided")
+    first = dataclasses.replace(maze.openings[0], name="a name", closed=True, extra_cost=0.1 + 0.2, angle=0.123456789)
+    other = dataclasses.replace(maze, openings=(first, *maze.openings[1:]), name="007")
+    again = check_text(dump_map(other)).maze
+    assert again is not None
+    assert again.name == "007"
+    assert again.openings[1:] == other.openings[1:]
+    assert dataclasses.replace(again.openings[0], angle=first.angle) == first
+    assert again.openings[0].angle == pytest.approx(first.angle, abs=1e-15)
+
+
+def test_load_map_takes_a_path_and_remembers_it(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(CME)
+    for source in (path, str(path)):
+        assert load_map(source) == load_map("cme")
+        assert load_map(source).source == str(path)
+
+
+def test_defaults_and_optional_keys():
+    line = "  - {rings: [2, 1], angle_deg: 45, width_mm: 15.3, name: north-east, closed: true, extra_cost_s: 2}"
+    maze = changed("  - {rings: [1, 2], angle_deg: 45, width_mm: 15.3}", line).maze
+    assert maze is not None
+    opening = maze.opening("north-east")
+    assert (opening.outer, opening.inner, opening.closed, opening.extra_cost) == (1, 2, True, 2.0)
+    assert maze.openings[1].name == "1-2@135"
+    assert default_name(1, 2, 100.5) == "1-2@100.5"
+
+
+ANGLE = "angle_deg: 45, width_mm: 15.3"
+OPENING = "  - {rings: [1, 2], angle_deg: 45, width_mm: 15.3}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "problem"),
+    [
+        (ANGLE, "angle_deg: 400, width_mm: 15", "openings[0].angle_deg", "got 400, expected 0 <= angle_deg < 360"),
+        (ANGLE, "angle_deg: 360, width_mm: 15", "openings[0].angle_deg", "got 360, expected 0 <= angle_deg < 360"),
+        (ANGLE, "angle_deg: .nan, width_mm: 15", "openings[0].angle_deg", "got nan, expected 0 <= angle_deg < 360"),
+        (ANGLE, "angle_deg: 1e999, width_mm: 15", "openings[0].angle_deg", "got inf, expected 0 <= angle_deg"),
+        (ANGLE, "angle_deg: true, width_mm: 15", "openings[0].angle_deg", "got true, expected a number"),
+        (ANGLE, 'angle_deg: "45", width_mm: 15', "openings[0].angle_deg", "got '45', expected a number"),
+        (ANGLE, "angle_deg:, width_mm: 15", "openings[0].angle_deg", "got nothing, expected a number"),
+        (ANGLE, "angle_deg: 45, width_mm: 12.7", "openings[0].width_mm", "got 12.7, expected more than the ball's"),
+        (ANGLE, "angle_deg: 45, width_mm: 155", "openings[0].width_mm", "got 155, expected less than 152.98"),
+        (ANGLE, "angle_deg: 45", "openings[0].width_mm", "missing, expected 0 < width_mm <= 1000"),
+        (ANGLE, ANGLE + ", colour: red", "openings[0].colour", "unknown key, expected one of rings, angle_deg"),
+        (ANGLE, ANGLE + ", closed: yes", "openings[0].closed", "got 'yes', expected true or false"),
+        (ANGLE, ANGLE + ", name: 5", "openings[0].name", "got 5, expected text"),
+        (ANGLE, ANGLE + ', name: "a/b"', "openings[0].name", "got 'a/b', expected 1 to 40 letters"),
+        (ANGLE, ANGLE + ", extra_cost_s: -1", "openings[0].extra_cost_s", "got -1, expected 0 <= extra_cost_s"),
+        (OPENING, OPENING.replace("[1, 2]", "[1, 3]"), "openings[0].rings", "got [1, 3], expected two neighbours"),
+        (OPENING, OPENING.replace("[1, 2]", "[2, 2]"), "openings[0].rings", "got [2, 2], expected two neighbours"),
+        (OPENING, OPENING.replace("[1, 2]", "[5, 6]"), "openings[0].rings", "got ring 6, expected 1 to 5"),
+        (OPENING, OPENING.replace("[1, 2]", "[1.0, 2]"), "openings[0].rings[0]", "got 1.0, expected a whole number"),
+        (OPENING, OPENING.replace("[1, 2]", "[1]"), "openings[0].rings", "got 1 entries, expected at least 2"),
+        ("ball: {radius_mm: 6.35, mass_g: 8.4}", "ball: steel", "ball", "got 'steel', expected a mapping"),
+        ("radius_mm: 6.35", "radius_mm: 0.00635", "ball.radius_mm", "got 0.00635, expected 1 <= radius_mm <= 50"),
+        ("radius_mm: 6.35", "radius_mm: 7.8", "rings[0].outer_radius_mm", "got a ring 15.4 mm wide, expected more"),
+        ("tilt_limit_deg: 5", "tilt_limit_deg: 0", "tilt_limit_deg", "got 0, expected 0 < tilt_limit_deg <= 30"),
+        ("wall_height_mm: 20", "wall_height_mm: 3", "wall_height_mm", "got 3, expected at least the ball's radius"),
+        ("outer_radius_mm: 76.49", "outer_radius_mm: 86.49", "rings[1].outer_radius_mm", "expected at most 80.49"),
+        ("outer_radius_mm: 76.49", "outer_radius_mm: 81.4", "rings[1].outer_radius_mm", "a wall of at least 1 mm"),
+        (
+            "outer_radius_mm: 76.49",
+            "outer_radius_mm: 60",
+            "rings[1].outer_radius_mm",
+            "expected more than inner_radius",
+        ),
+        ("inner_radius_mm: 0,", "inner_radius_mm: 1,", "rings[4].inner_radius_mm", "expected 0: the last ring"),
+        ("inner_radius_mm: 21.11", "inner_radius_mm: 0", "rings[3].inner_radius_mm", "only the last ring is a disc"),
+    ],
+)
+def test_each_mistake_is_named_with_its_line(old, new, key, problem):
+    first = changed(old, new).errors[0]
+    assert first.key == key
+    assert problem in str(first)
+    line = line_of(old)
+    if key.startswith("rings") and not old.startswith(("inner", "outer")):
+        line = line_of("inner_radius_mm: 81.49")
+    assert str(first).startswith(f"a.yaml:{line}: {key}: ")
+    assert "\n" not in str(first)
+
+
+def test_overlap_counts_the_edges_of_both_openings():
+    radius = 16.11 + 60.38  # outer radius of ring 2, where the gap is widest in angle
+    needed = 2 * math.degrees(math.asin(0.5 * 15.3 / radius))
+    bad = changed("angle_deg: 135", f"angle_deg: {45 + needed - 0.01:.6f}")
+    assert [error.key for error in bad.errors] == ["openings[1].angle_deg"]
+    assert "overlaps openings[0]" in str(bad.errors[0])
+    assert changed("angle_deg: 135", f"angle_deg: {45 + needed + 0.01:.6f}").maze is not None
+
+
+def test_overlap_across_zero_degrees():
+    text = CME.replace("angle_deg: 45", "angle_deg: 2", 1).replace("angle_deg: 315", "angle_deg: 355", 1)
+    assert "overlaps openings[0]" in str(check_text(text).errors[0])
+
+
+def test_duplicate_names():
+    bad = changed("angle_deg: 135, width_mm: 15.3", "angle_deg: 135, width_mm: 15.3, name: 1-2@45")
+    assert "got the name '1-2@45', which openings[0] has already" in str(bad.errors[0])
+
+
+def test_ring_without_openings_is_unreachable():
+    bad = changed("  - {rings: [4, 5], angle_deg: 180, width_mm: 15.5}", "")
+    assert [error.key for error in bad.errors] == ["rings[4]"]
+    assert "ring 5 cannot be reached" in str(bad.errors[0])
+
+
+def test_ring_behind_closed_openings_is_a_warning():
+    result = changed("width_mm: 15.5", "width_mm: 15.5, closed: true")
+    assert result.maze is not None
+    assert len(result.warnings) == 1
+    assert "a.yaml:27: rings[4]: warning: ring 5 can be reached only through closed" in result.warnings[0]
+
+
+def test_all_problems_are_reported_in_the_order_of_the_file():
+    text = CME.replace("angle_deg: 45", "angle_deg: 400").replace("mass_g: 8.4", "mass_g: -1")
+    errors = check_text(text).errors
+    assert [error.key for error in errors] == ["ball.mass_g", "openings[0].angle_deg", "openings[8].angle_deg"]
+    lines = [error.line or 0 for error in errors]
+    assert lines == sorted(lines)
+
+
+@pytest.mark.parametrize("text", ["[]", "3", "text", "- a\n- b\n", "{}", "a: 1", "{1: 2}"])
+def test_not_a_map_at_all(text):
+    result = check_text(text, file="f")
+    assert result.maze is None
+    assert all(isinstance(error, MapError) for error in result.errors)
+
+
+def test_thousands_of_keys_openings_or_rings():
+    many = [
+        "\n".join(f"k{i}: 1" for i in range(15_000)),
+        CME + OPENING.join(["\n"] * 3000),
+        CME.replace("rings:\n", "rings:\n" + "  - {inner_radius_mm: 1, outer_radius_mm: 2}\n" * 3000, 1),
+    ]
+    for text in many:
+        begin = time.perf_counter()
+        result = check_text(text)
+        assert result.maze is None
+        assert 1 <= len(result.errors) <= 50
+        assert time.perf_counter() - begin < 1.0
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("nope", "not a packaged map, which are: cme, lopsided"),
+        ("nope.yaml", "no such file"),
+        ("nope/nope", "no such file"),
+        ("/", "folder"),
+        ("/dev/zero", "not a regular file"),
+        ("a\0b", "not the name of a map"),
+        ("a\nb", "not the name of a map"),
+        ("x" * 5000, "not the name of a map"),
+        ("x" * 300 + ".yaml", "not the name of a map"),
+        ("", "folder"),
+    ],
+)
+def test_sources_that_cannot_be_read(source, words):
+    with pytest.raises(MapError, match=words) as caught:
+        load_map(source)
+    assert "\n" not in str(caught.value)
+
+
+def mutate(text: str, rng: np.random.Generator) -> bytes:
+    """One to four random edits: bytes replaced, pieces removed, doubled, moved, or a nasty word inserted."""
+    nasty = [b"\t", b"&a ", b"*a", b"!!int ", b"{", b"]", b"- ", b": ", b"\x00", b"\xff", b".nan", b"-1e308", b"1e-320"]
+    nasty += [b"'", b'"', b"#", b"\n", b"---\n", b"<<: ", b"null", b"true", b"[[", b"99999999999999999999", b"%", b"|"]
+    data = text.encode()
+    for _ in range(rng.integers(1, 5)):
+        a, b = sorted(rng.integers(0, len(data) + 1, size=2))
+        b = min(b, a + 60)
+        match rng.integers(0, 5):
+            case 0:
+                data = data[:a] + rng.bytes(1) + data[a + 1 :]
+            case 1:
+                data = data[:a] + data[b:]
+            case 2:
+                data = data[:b] + data[a:b] + data[b:]
+            case 3:
+                data = data[:a] + data[b:] + data[a:b]
+            case _:
+                data = data[:a] + nasty[rng.integers(len(nasty))] + data[a:]
+    return data
+
+
+def test_fuzz_only_map_errors_come_out(tmp_path):
+    rng = np.random.default_rng(20190520)
+    path: Path = tmp_path / "fuzz.yaml"
+    refused = 0
+    for _ in range(500):
+        path.write_bytes(mutate(CME, rng))
+        try:
+            maze = load_map(path)
+        except MapError as error:
+            refused += 1
+            assert "\n" not in str(error)
+            assert str(path) in str(error)
+        else:
+            again = check_text(dump_map(maze)).maze
+            assert again is not None
+            assert again == maze
+    assert 100 < refused < 500  # some edits hit comments or make another valid map
+
+
+def test_dump_of_a_ring_that_was_never_in_a_file():
+    maze = load_map("lopsided")
+    third = 0.1 / 3
+    rings = (Ring(1, maze.rings[0].inner_radius, third * 2), *maze.rings[1:])
+    again = check_text(dump_map(dataclasses.replace(maze, rings=rings))).maze
+    assert again is not None
+    assert again.rings[0].outer_radius == pytest.approx(third * 2, rel=1e-15)

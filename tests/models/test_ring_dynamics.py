@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from mazeplan.errors import ModelError
+from mazeplan.models.ring_dynamics import AxisParameters, RingParameters, linearise, stage_transition, step
+
+PLAIN = RingParameters(0.0689)
+FULL = RingParameters(
+    0.0487,
+    rolling_factor=0.61,
+    viscous=0.4,
+    dry=0.5,
+    dry_width=0.2,
+    offset_beta=0.004,
+    offset_gamma=-0.006,
+    beta=AxisParameters(0.95, 24.0, 0.8, 0.002),
+    gamma=AxisParameters(1.1, 28.0, 1.4, -0.003),
+)
+SPREAD = np.array([math.pi, 8.0, 0.09, 1.0, 0.09, 1.0])  # of start states: rad, rad/s
+
+
+def axis_acceleration(axis, angle, rate, u):
+    wn = axis.natural_frequency
+    return wn * wn * (axis.gain * u + axis.offset - angle) - 2.0 * axis.damping * wn * rate
+
+
+def right_hand_side(t, s, u, p):
+    """The equation term by term, as it stands in the derivation."""
+    theta, theta_d, beta, beta_d, gamma, gamma_d = s
+    beta_dd = axis_acceleration(p.beta, beta, beta_d, u[0])
+    gamma_dd = axis_acceleration(p.gamma, gamma, gamma_d, u[1])
+    g = p.rolling_factor * p.gravity / p.radius
+    b, c = beta + p.offset_beta, gamma + p.offset_gamma
+    theta_dd = (
+        beta_dd * np.sin(gamma)
+        - beta_d**2 * np.sin(theta) * np.cos(theta) * np.cos(gamma) ** 2
+        - 2.0 * beta_d * gamma_d * np.cos(gamma) * np.cos(theta) ** 2
+        + 2.0 * beta_d * gamma_d * np.cos(gamma)
+        + 0.5 * gamma_d**2 * np.sin(2.0 * theta)
+        - g * np.sin(b) * np.sin(theta)
+        - g * np.sin(c) * np.cos(b) * np.cos(theta)
+        - p.viscous * theta_d
+        - p.dry * np.tanh(theta_d / p.dry_width)
+    )
+    return [theta_d, theta_dd, beta_d, beta_dd, gamma_d, gamma_dd]
+
+
+def stepped(s, u, p):
+    out = np.empty(6)
+    step(s, u, p.pack(), out)
+    return out
+
+
+def integrated(s, u, p):
+    return solve_ivp(right_hand_side, (0.0, p.dt), s, args=(u, p), rtol=1e-11, atol=1e-13, method="DOP853").y[:, -1]
+
+
+@pytest.mark.parametrize("p", [PLAIN, FULL], ids=["plain", "full"])
+def test_a_step_equals_an_adaptive_integrator(p):
+    rng = np.random.default_rng(1)
+    worst = np.zeros(6)
+    for _ in range(60):
+        s, u = SPREAD * rng.uniform(-1, 1, 6), 0.09 * rng.uniform(-1, 1, 2)
+        worst = np.maximum(worst, np.abs(stepped(s, u, p) - integrated(s, u, p)))
+    assert worst[0] < 1e-5
+    assert worst[1] < 2e-4
+    assert (worst[2:] < 1e-10).all()  # the stage is exact
+
+
+def test_forty_steps_equal_an_adaptive_integrator():
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        s = SPREAD * [1.0, 0.2, 0.5, 0.3, 0.5, 0.3] * rng.uniform(-1, 1, 6)
+        reference = s
+        for _ in range(40):
+            u = 0.09 * rng.uniform(-1, 1, 2)
+            s, reference = stepped(s, u, FULL), integrated(reference, u, FULL)
+        assert s == pytest.approx(reference, abs=2e-3)
+        assert abs(s[0] - reference[0]) < 1e-3
+
+
+@pytest.mark.parametrize("p", [PLAIN, FULL], ids=["plain", "full"])
+def test_derivatives_equal_finite_differences(p):
+    rng = np.random.default_rng(3)
+    A, B, h = np.empty((6, 6)), np.empty((6, 2)), 1e-5
+    for _ in range(100):
+        x = np.concatenate([SPREAD * rng.uniform(-1, 1, 6), 0.09 * rng.uniform(-1, 1, 2)])
+        linearise(x[:6], x[6:], p.pack(), A, B)
+        for j in range(8):
+            moved = [stepped((x + d * np.eye(8)[j])[:6], (x + d * np.eye(8)[j])[6:], p) for d in (-2 * h, -h, h, 2 * h)]
+            numeric = (moved[0] - 8.0 * moved[1] + 8.0 * moved[2] - moved[3]) / (12.0 * h)
+            exact = A[:, j] if j < 6 else B[:, j - 6]
+            np.testing.assert_allclose(exact, numeric, rtol=1e-6, atol=2e-9)
+
+
+@pytest.mark.parametrize("zeta", [0.05, 0.9, 1.0, 1.0 + 1e-12, 1.7, 40.0])
+def test_the_transition_matrix_is_the_matrix_exponential(zeta):
+    wn, t = 26.0, 1.0 / 30.0
+    M = np.array([[0.0, 1.0], [-wn * wn, -2.0 * zeta * wn]])
+    np.testing.assert_allclose(stage_transition(wn, zeta, t), expm(M * t), rtol=1e-7, atol=1e-9)
+
+
+def test_signs_of_the_tilt():
+    level = stepped(np.zeros(6), np.zeros(2), PLAIN)
+    assert (level == 0.0).all()
+    beta = stepped(np.array([math.pi / 2, 0, 0.05, 0, 0, 0]), np.array([0.05, 0.0]), PLAIN)
+    assert beta[1] < 0.0  # positive beta: from 90 deg towards 0
+    gamma = stepped(np.array([0, 0, 0, 0, 0.05, 0]), np.array([0.0, 0.05]), PLAIN)
+    assert gamma[1] < 0.0  # positive gamma: from 0 towards negative angles
+
+
+def test_a_table_off_level_is_undone_by_the_opposite_tilt():
+    p = replace(PLAIN, offset_beta=0.01, offset_gamma=-0.02)
+    s = np.array([0.7, 0.0, -0.01, 0.0, 0.02, 0.0])
+    assert stepped(s, np.array([-0.01, 0.02]), p) == pytest.approx(s, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"radius": 0.0}, "radius: got 0.0, expected a number > 0"),
+        ({"radius": math.nan}, "radius"),
+        ({"dry_width": -1.0}, "dry_width"),
+        ({"viscous": -0.1}, "viscous: got -0.1, expected a number >= 0"),
+        ({"dry": math.inf}, "dry"),
+        ({"offset_beta": math.nan}, "offset_beta: got nan, expected a finite number"),
+    ],
+)
+def test_values_out_of_range_are_refused(change, message):
+    with pytest.raises(ModelError, match=message):
+        replace(PLAIN, **change)
+
+
+@pytest.mark.parametrize(
+    "change", [{"gain": 0.0}, {"natural_frequency": -1.0}, {"damping": math.nan}, {"offset": math.inf}]
+)
+def test_a_stage_out_of_range_is_refused(change):
+    with pytest.raises(ModelError, match=next(iter(change))):
+        AxisParameters(**change)
