@@ -18,7 +18,7 @@ def positive(option: str, value: float) -> float:
 
 def parse_ring(text: str, maze: Maze) -> int:
     """Number of a ring written as "ring1", "Ring 1" or "1". Raises InputError if the maze has no such ring."""
-    number = re.fullmatch(r"(?:ring)?[ _-]?([0-9]{1,3})", text.strip().lower())
+    number = re.fullmatch(r"(?:ring[ _-]?)?([0-9]{1,3})", text.strip().lower())
     if number is None or not 1 <= int(number[1]) <= len(maze.rings):
         raise InputError(f"ring: got {text!r}, expected ring1 to ring{len(maze.rings)} (map {maze.name})")
     return int(number[1])

@@ -3,62 +3,32 @@
 from __future__ import annotations
 
 import csv
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
-from mazeplan.cli.output import print_json, say
+from mazeplan.cli.output import finite, print_json, say
 from mazeplan.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from mazeplan.data.runlog import RunLog
 
 app = typer.Typer(help="Run logs: summary, export.", no_args_is_help=True)
 
-FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "segment", "ring")
-
-
-def summary(log: RunLog) -> dict[str, Any]:
-    """What `log info --json` prints."""
-    import numpy as np
-
-    t = log.ticks.get("t", np.zeros(0))
-    seen = np.isfinite(log.ticks["x"]) if "x" in log.ticks else np.zeros(0, dtype=bool)
-
-    def spread(column: str) -> dict[str, float] | None:
-        values = log.ticks.get(column, np.zeros(0))
-        values = values[np.isfinite(values)]
-        if not values.size:
-            return None
-        p50, p99 = np.percentile(values, [50, 99])
-        return {"p50": float(p50), "p99": float(p99), "max": float(values.max())}
-
-    return {
-        "file": str(log.path),
-        "complete": log.complete,
-        "header": {key: value for key, value in log.header.items() if key != "map"},
-        "ticks": len(t),
-        "duration_s": float(t[-1] - t[0]) if len(t) > 1 else 0.0,
-        "rate_hz": float((len(t) - 1) / (t[-1] - t[0])) if len(t) > 1 and t[-1] > t[0] else None,
-        "ball_seen": float(seen.mean()) if seen.size else None,
-        "rings": [
-            {"t": event["t"], "ring": event["detail"].get("ring")} for event in log.events if event["kind"] == "ring"
-        ],
-        "passed": [event["detail"].get("opening") for event in log.events if event["kind"] == "passed"],
-        "failures": [{"t": event["t"], **event["detail"]} for event in log.events if event["kind"] == "failure"],
-        "recoveries": [event["detail"].get("recovery") for event in log.events if event["kind"] == "recovery"],
-        "plans": len(log.plans),
-        "planner_ms": spread("planner_ms"),
-        "tick_ms": spread("tick_ms"),
-        "result": log.result,
-    }
+LogFile = Annotated[Path, typer.Argument(help="Run log (MCAP).")]
+FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
+WHOLE_NUMBERS = ("ring", "segment")
+TOLD = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
 
 
 @app.command("info")
 def info(
-    log: Annotated[Path, typer.Argument(help="Run log (MCAP).")],
+    log: LogFile,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Summary of a run log; one that was cut is read up to where it ends."""
@@ -67,28 +37,13 @@ def info(
     document = summary(read_log(log))
     if as_json:
         print_json(document)
-        return
-    print(f"{document['file']}: {'complete' if document['complete'] else 'cut off before its end'}")
-    header = document["header"]
-    for key in ("rig", "map_name", "behavior", "start_ring", "goal_ring", "seed"):
-        if key in header:
-            print(f"  {key:12s} {header[key]}")
-    seen = "" if document["ball_seen"] is None else f", ball seen in {100 * document['ball_seen']:.1f} %"
-    print(f"  {document['ticks']} ticks over {document['duration_s']:.2f} s{seen}, {document['plans']} plans")
-    print("  rings        " + ", ".join(f"{entry['ring']} at {entry['t']:.2f} s" for entry in document["rings"]))
-    print("  openings     " + (", ".join(str(name) for name in document["passed"]) or "none"))
-    for failure in document["failures"]:
-        print(f"  failure      {failure['t']:.2f} s {failure['kind']} in {failure['where']}: {failure['detail']}")
-    for key in ("planner_ms", "tick_ms"):
-        if document[key]:
-            print(f"  {key:12s} " + ", ".join(f"{name} {value:.2f}" for name, value in document[key].items()))
-    if document["result"]:
-        print(f"  result       {document['result']['reason']} after {document['result']['time_s']:.2f} s")
+    else:
+        print("\n".join(lines(document)))
 
 
 @app.command("export")
 def export(
-    log: Annotated[Path, typer.Argument(help="Run log (MCAP).")],
+    log: LogFile,
     output: Annotated[str, typer.Option("-o", "--output", help="CSV file, or - for stdout.")],
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
 ) -> None:
@@ -100,6 +55,8 @@ def export(
         _write(sys.stdout, columns)
         return
     path = Path(output)
+    if path.exists() and path.samefile(log):
+        raise InputError("is the log itself, expected another file for the table", file=path)
     if path.exists() and not force:
         raise InputError("exists already; give --force to overwrite it", file=path)
     try:
@@ -108,24 +65,109 @@ def export(
             _write(stream, columns)
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror}", file=path) from None
-    rows = len(next(iter(columns.values()), []))
-    say(f"wrote {rows} rows to {path}")
+    say(f"wrote {len(columns['t'])} rows to {path}")
+
+
+def summary(log: RunLog) -> dict[str, Any]:
+    """What `log info --json` prints."""
+    import numpy as np
+
+    t = log.ticks["t"]
+    duration = float(t[-1] - t[0]) if len(t) > 1 else 0.0
+    planner_ms = [plan["ms"] for plan in log.plans if isinstance(plan.get("ms"), int | float)]
+    document = {
+        "file": str(log.path),
+        "complete": log.complete,
+        "header": {key: value for key, value in log.header.items() if key != "map"},
+        "ticks": len(t),
+        "duration_s": duration,
+        "rate_hz": (len(t) - 1) / duration if duration > 0.0 else None,
+        "ball_seen": float(np.isfinite(log.ticks["x"]).mean()) if len(t) else None,
+        "rings": _rings(log),
+        "passed": [{"t": t, "opening": detail.get("opening")} for t, detail in _events(log, "passed")],
+        "failures": [{"t": t, **detail} for t, detail in _events(log, "failure")],
+        "recoveries": [{"t": t, "recovery": detail.get("recovery")} for t, detail in _events(log, "recovery")],
+        "plans": len(log.plans),
+        "planner_ms": _spread(planner_ms),
+        "tick_ms": _spread(log.ticks.get("tick_ms", ())),
+        "result": log.result,
+    }
+    return finite(document)
+
+
+def _events(log: RunLog, kind: str) -> list[tuple[float, dict[str, Any]]]:
+    return [(event["t"], event["detail"]) for event in log.events if event["kind"] == kind]
+
+
+def _rings(log: RunLog) -> list[dict[str, Any]]:
+    """Each stay in a ring: when it began, how long it was (to the last tick for the last one), s."""
+    entered = _events(log, "ring")
+    last = max((float(log.ticks["t"][-1]) if len(log.ticks["t"]) else 0.0, *(t for t, _ in entered)))
+    ends = [*(t for t, _ in entered[1:]), last]
+    return [
+        {"ring": detail.get("ring"), "t": t, "time_s": end - t} for (t, detail), end in zip(entered, ends, strict=False)
+    ]
+
+
+def _spread(values: Iterable[float]) -> dict[str, float] | None:
+    import numpy as np
+
+    known = np.array([value for value in values if math.isfinite(value)])
+    if not known.size:
+        return None
+    p50, p99 = np.percentile(known, [50, 99])
+    return {"p50": float(p50), "p99": float(p99), "max": float(known.max())}
+
+
+def lines(document: dict[str, Any]) -> list[str]:
+    """The summary for people, a line each."""
+    whole = "complete" if document["complete"] else "cut off: the program did not finish it"
+    told = [f"{document['file']}: {whole}"]
+
+    def tell(name: str, text: str) -> None:
+        told.append(f"  {name:11s} {text}")
+
+    for key in TOLD:
+        if document["header"].get(key) is not None:
+            tell(key, str(document["header"][key]))
+    seen = "" if document["ball_seen"] is None else f", ball seen in {100 * document['ball_seen']:.1f} %"
+    rate = "" if document["rate_hz"] is None else f" at {document['rate_hz']:.2f} Hz"
+    tell("ticks", f"{document['ticks']} over {document['duration_s']:.2f} s{rate}{seen}")
+    stays = [f"{stay['ring']} from {stay['t']:.2f} s for {stay['time_s']:.2f} s" for stay in document["rings"]]
+    tell("rings", "; ".join(stays) or "not told")
+    tell("openings", "; ".join(f"{p['opening']} at {p['t']:.2f} s" for p in document["passed"]) or "none passed")
+    for failure in document["failures"]:
+        parts = [str(failure.get(key)) for key in ("kind", "where", "detail") if failure.get(key)]
+        tell("failure", f"{failure['t']:.2f} s {', '.join(parts)}")
+    for recovery in document["recoveries"]:
+        tell("recovery", f"{recovery['t']:.2f} s {recovery['recovery']}")
+    for key, name in (("planner_ms", f"{document['plans']} plans"), ("tick_ms", "tick")):
+        if document[key]:
+            tell(name, ", ".join(f"{figure} {value:.2f} ms" for figure, value in document[key].items()))
+    result = document["result"]
+    tell("result", "none" if result is None else f"{result.get('reason')} after {result.get('time_s')} s")
+    return told
 
 
 def table_columns(log: RunLog) -> dict[str, Any]:
-    """Columns of a log in the order of a brought table: the known ones first, theta and r worked out."""
+    """Columns of a log in the order of a brought table: the known ones first; theta and r worked out from x and y."""
     import numpy as np
 
-    columns = dict(log.ticks)
-    if "x" in columns:
-        columns["theta"] = np.arctan2(columns["y"], columns["x"])
-        columns["r"] = np.hypot(columns["x"], columns["y"])
+    x, y = log.ticks["x"], log.ticks["y"]
+    columns = {**log.ticks, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}
     order = [name for name in FIRST if name in columns]
-    return {name: columns[name] for name in [*order, *(name for name in columns if name not in order)]}
+    return {name: columns[name] for name in (*order, *(name for name in columns if name not in order))}
 
 
 def _write(stream: TextIO, columns: dict[str, Any]) -> None:
-    writer = csv.writer(stream)
+    writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
+    whole = [name in WHOLE_NUMBERS for name in columns]
     for row in zip(*columns.values(), strict=True):
-        writer.writerow(["" if value != value else value for value in row])
+        writer.writerow([_cell(value, as_int) for value, as_int in zip(row, whole, strict=True)])
+
+
+def _cell(value: Any, as_int: bool) -> Any:
+    if value != value:  # NaN: not known
+        return ""
+    return int(value) if as_int and math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Run logs: MCAP files, written message by message as the run goes, so that a killed process loses at most the last tick.
+"""Run logs: MCAP files, written message by message, so that a killed process loses at most the last tick.
 
 Topics (JSON with a JSON schema each, so that general MCAP viewers read them); the log time is the rig's, in ns:
 
@@ -8,9 +8,9 @@ Topics (JSON with a JSON schema each, so that general MCAP viewers read them); t
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 
-The file is not chunked and is handed to the operating system after each message: a chunk that was not finished would be lost with
-everything in it. A value that is not known is left out rather than null, and arrays have one dimension: viewers that plot refuse
-schemas with unions of types and nested arrays. `read_log` in runlog_reader.py reads the file back.
+The file is not chunked and is handed to the operating system after each message: a chunk that was not finished would
+be lost with everything in it. A value that is not known is left out rather than null, and arrays have one dimension:
+viewers that plot refuse schemas with unions of types and nested arrays. `read_log` in runlog_reader.py reads it back.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ def _encode(document: dict[str, Any]) -> bytes:
 class RunLogWriter:
     """Writes one run; a context manager.
 
-    header: what a reader should know about the run; program, format and platform are added. Every method raises LogError when the
-    file cannot be written, once; the run may go on, what comes later is not written.
+    header: what a reader should know about the run; program, format and platform are added. Every method raises
+    LogError when the file cannot be written, but only once; the run may go on, what comes later is not written.
     """
 
     def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
@@ -114,18 +114,21 @@ class RunLogWriter:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._stream = self.path.open("wb")
+            self._flush = self._stream.flush
         except (OSError, ValueError) as problem:
             raise self._failed(problem) from None
-        self._writer = Writer(
-            self._stream, compression=CompressionType.NONE, use_chunking=False, enable_data_crcs=True
-        )
+        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False, enable_data_crcs=True)
         self._writer.start(profile="", library=PROGRAM)
         self._channels: dict[str, int] = {}
         for topic, schema in SCHEMAS.items():
             schema_id = self._writer.register_schema(f"{PROGRAM}.{topic[1:]}", "jsonschema", _encode(schema))
             self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
         own = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform()}
-        self._add("/header", 0.0, {**header, **own})
+        try:
+            self._add("/header", 0.0, {**header, **own})
+        except LogError:
+            self.close()
+            raise
 
     def _failed(self, problem: Exception) -> LogError:
         return LogError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=self.path)
@@ -140,7 +143,7 @@ class RunLogWriter:
         self._whole = False
         try:
             self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._sequence)
-            self._stream.flush()
+            self._flush()
         except OSError as problem:
             raise self._failed(problem) from None
         self._whole = True
@@ -161,7 +164,10 @@ class RunLogWriter:
         self._add("/tick", observation.t, {name: value for name, value in document.items() if value is not None})
 
     def tick(self, observation: Observation, command: Command, state: State, **more: Any) -> None:
-        """One control tick: observed, commanded, estimated, and `more` (leaf, opening, planned_theta, goal_theta, planner_ms, tick_ms)."""
+        """One control tick: observed, commanded, estimated.
+
+        `more`: leaf, opening, planned_theta, goal_theta, planner_ms, tick_ms; None is left out.
+        """
         self.sample(
             observation,
             command,
@@ -203,7 +209,7 @@ class RunLogWriter:
         self._add("/result", self._t, document)
 
     def close(self) -> None:
-        """Finish the file; may be called twice. After a message that did not arrive the file stays as one that was cut."""
+        """Finish the file; may be called twice. If a message did not arrive, the file stays as one that was cut."""
         if self._closed:
             return
         self._closed = True
@@ -225,5 +231,7 @@ class RunLogWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()

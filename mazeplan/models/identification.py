@@ -1,4 +1,4 @@
-"""Fit a rig's model to a log: stage by output error, ball by the weak form, camera delay by profile.
+"""Fit a rig's model to a log: stage by output error, ball by the weak form, camera delay by prediction.
 
 Differentiating a noisy angle twice biases what is fitted to it. The weak form needs no derivative of the data: with a smooth
 phi(t) that vanishes with its derivatives at both ends of a short window, integrating by parts gives
@@ -7,7 +7,7 @@ phi(t) that vanishes with its derivatives at both ends of a short window, integr
                                                 + k beta_0 int phi d gravity/d beta dt + k gamma_0 int phi d gravity/d gamma dt
 
 linear in the unknowns of each ring (k: rolling factor, c_v viscous, c_d dry) once the tilt of the table (beta_0, gamma_0), shared by
-all rings, is alternated with k. The camera is late: the tilt is taken at t - delay, and the delay is the one that leaves the smallest residual.
+all rings, is alternated with k. The camera is late: the tilt is taken at t - delay; the delay is found by prediction (`delay`).
 
 Each ring's unknowns have a Gaussian prior around the pooled fit of all rings (widths in `PRIOR_SIGMA`), so that a ring that was hardly
 visited gets the pooled values. Windows over a missing sample or a change of ring are left out; those with an impact, at the edge of an
@@ -24,6 +24,7 @@ from scipy.signal import savgol_filter
 from mazeplan.data.table import Table
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.ball import BallModel
+from mazeplan.models.delay import best_delay, usable_starts
 from mazeplan.models.effects import (
     DryFriction,
     RingKinematics,
@@ -35,13 +36,13 @@ from mazeplan.models.effects import (
     kinematic_terms,
 )
 from mazeplan.models.modelfile import FREE_ROLLING, WALL_ROLLING, RigModel
+from mazeplan.models.planar import PlanarModel
 from mazeplan.models.stage import StageFit, StageModel, fit_axis
 from mazeplan.records import Array
 
-WINDOW = 21  # samples; half a second at 30 Hz
+WINDOW = 13  # samples; 0.4 s at 30 Hz
 HOP = 3  # samples between windows
 BLOCK_S = 5.0  # s; windows within one count as one observation for standard errors
-DELAYS = np.arange(0.0, 0.2001, 1.0 / 120.0)  # s, tried first
 PRIOR_SIGMA = np.array([0.05, 0.3, 1.0])  # factor -, viscous 1/s, dry rad/s^2 around the pooled fit
 POOLED_SIGMA = np.array([0.3, 2.0, 5.0])  # around 5/9, 0, 0
 MOVING = 8e-3  # m/s; slower windows are left out, since their friction has no sign
@@ -205,20 +206,18 @@ def _fit_balls(table: Table, windows: list[Windows], delay: float, dt: float) ->
     return _BallFit(weights, sigma, offset, np.sqrt(offset_variance), loss)
 
 
-def _best_delay(table: Table, windows: list[Windows], dt: float) -> tuple[float, float]:
-    """Delay of the camera with the smallest residual, refined by a parabola, and a standard error from its curvature."""
-    losses = np.array([_fit_balls(table, windows, float(d), dt).loss for d in DELAYS])
-    i = int(np.clip(np.argmin(losses), 1, len(DELAYS) - 2))
-    step = DELAYS[1] - DELAYS[0]
-    left, middle, right = losses[i - 1 : i + 2]
-    curvature = (left - 2.0 * middle + right) / step**2
-    if curvature <= 0.0:
-        return float(DELAYS[np.argmin(losses)]), float(step)
-    delay = DELAYS[i] - 0.5 * step * (right - left) / (left - 2.0 * middle + right)
-    observations = sum(len(np.unique(w.block)) for w in windows)
-    noise = middle / max(sum(len(w.start) for w in windows), 1)
-    per_block = sum(len(w.start) for w in windows) / max(observations, 1)
-    return float(max(delay, 0.0)), float(np.sqrt(2.0 * noise * per_block / curvature))
+def _best_delay(table: Table, windows: list[Windows], maze: Maze, dt: float) -> tuple[float, float]:
+    """Delay of the camera and its standard error, by prediction with the ball fitted at each delay."""
+    starts = np.concatenate([w.start for w in windows])
+    blocks = np.concatenate([w.block for w in windows])
+    usable = np.isin(starts, usable_starts(table, starts))
+
+    def model_at(delay: float) -> PlanarModel:
+        fit = _fit_balls(table, windows, delay, dt)
+        balls = {ring.number: _ball(ring.number, maze, fit) for ring in maze.rings}
+        return PlanarModel.build(maze, RigModel(StageModel(), balls))
+
+    return best_delay(table, starts[usable], blocks[usable], model_at, dt)
 
 
 def _score(table: Table, windows: list[Windows], fit: _BallFit, delay: float, dt: float) -> dict[str, float]:
@@ -248,7 +247,7 @@ def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = ()) 
     test = [w for w in (_part(w, table, dt, False) for w in found) if any(w.ring == t.ring for t in train)]
     if not train:
         raise ValueError(f"the ball is hardly ever seen moving freely in a ring ({split} samples looked at)")
-    delay, delay_sigma = _best_delay(table, train, dt)
+    delay, delay_sigma = _best_delay(table, train, maze, dt)
     fit = _fit_balls(table, train, delay, dt)
     scores = {"weak_nrmse_train": _score(table, train, fit, delay, dt), "weak_nrmse_test": _score(table, test, fit, delay, dt)}
     model = RigModel(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.runtime import _nrt_python, rtsys
 
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner, RingPlanner
 from mazeplan.errors import SettingsError
@@ -331,6 +332,14 @@ def test_iterations_may_run_out():
     assert plan.ok
 
 
+def test_the_gains_belong_to_the_trajectory_that_is_returned():
+    early = ring_planner(options=IlqgOptions(max_iterations=4)).plan(np.zeros(6), 1.0)
+    content = ring_planner(options=IlqgOptions(tolerance=1e9))  # stops after its first backward pass
+    there = content._planner.solve(np.zeros(6), content.cost.pack(1.0), early.controls)
+    assert (there.controls == early.controls).all()
+    np.testing.assert_allclose(early.gains, there.gains, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("derivatives", [lying_derivatives, concave_derivatives])
 def test_no_descent_is_told(derivatives):
     problem = LinearProblem(1)
@@ -418,3 +427,19 @@ def test_a_function_that_is_not_compiled_is_refused():
 
 def test_warm_up_makes_a_plan():
     ring_planner().warm_up()
+
+
+def test_nothing_is_allocated_inside():
+    """Handing the workspace over costs some allocations a call; what is inside must add none, however long it works."""
+    allocated = []
+    _nrt_python.memsys_enable_stats()
+    try:
+        for horizon in (10, 40):
+            planner = ring_planner(options=IlqgOptions(horizon=horizon, max_iterations=3))
+            planner.warm_up()
+            before = rtsys.get_allocation_stats().alloc
+            assert planner.plan(np.zeros(6), 1.0).iterations == 3
+            allocated.append(rtsys.get_allocation_stats().alloc - before)
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert allocated[0] == allocated[1] > 0

@@ -38,7 +38,7 @@ def test_parse_opening():
 def test_positive():
     assert positive("--x", 0.5) == 0.5
     for bad in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(InputError, match="--x: got .*, expected a finite number > 0"):
+        with pytest.raises(InputError, match=r"--x: got .*, expected a finite number > 0"):
             positive("--x", bad)
 
 

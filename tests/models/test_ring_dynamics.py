@@ -9,7 +9,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mazeplan.errors import ModelError
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import RollingInertia, TiltOffset, ViscousFriction, make_effect
+from mazeplan.models.modelfile import RigModel
 from mazeplan.models.ring_dynamics import AxisParameters, RingParameters, linearise, stage_transition, step
+from mazeplan.models.stage import StageAxis, StageModel
 
 PLAIN = RingParameters(0.0689)
 FULL = RingParameters(
@@ -144,3 +148,32 @@ def test_values_out_of_range_are_refused(change, message):
 def test_a_stage_out_of_range_is_refused(change):
     with pytest.raises(ModelError, match=next(iter(change))):
         AxisParameters(**change)
+
+
+def test_parameters_come_from_a_fitted_model():
+    balls = {
+        2: BallModel(
+            (
+                RollingInertia(0.6),
+                ViscousFriction(0.2),
+                make_effect("dry_friction", {"coefficient": 0.4}),
+                TiltOffset(0.01, -0.02),
+            )
+        )
+    }
+    stage = StageModel(beta=StageAxis(gain=0.9, natural_frequency=20.0), gamma=StageAxis(damping=1.2, offset=0.003))
+    p = RingParameters.from_model(RigModel(stage, balls), 2, 0.0689)
+    assert p == RingParameters(
+        0.0689,
+        rolling_factor=0.6,
+        viscous=0.2,
+        dry=0.4,
+        offset_beta=0.01,
+        offset_gamma=-0.02,
+        beta=AxisParameters(0.9, 20.0, stage.beta.damping, stage.beta.offset),
+        gamma=AxisParameters(stage.gamma.gain, stage.gamma.natural_frequency, 1.2, 0.003),
+    )
+
+
+def test_without_a_rolling_effect_the_ball_slides():
+    assert RingParameters.from_model(RigModel(StageModel(), {1: BallModel(())}), 1, 0.08).rolling_factor == 1.0
