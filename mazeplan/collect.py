@@ -47,7 +47,11 @@ def run_collection(
         with RunLogWriter(output, header) as log:
             for segment, start in enumerate(range(0, len(commands), stretch)):
                 ring = plan.rings[segment % len(plan.rings)]
-                rig.reset(ring=ring, theta=float(rng.uniform(-math.pi, math.pi)), rng=np.random.default_rng([plan.seed, segment]))
+                rig.reset(
+                    ring=ring,
+                    theta=float(rng.uniform(-math.pi, math.pi)),
+                    rng=np.random.default_rng([plan.seed, segment]),
+                )
                 for u in commands[start : start + stretch]:
                     o = rig.observe()
                     command = Command(float(u[0]), float(u[1]))

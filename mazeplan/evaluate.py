@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan.choices import resolve_model, ring_number
 from mazeplan.maze.mapfile import load_map
-from mazeplan.navigate import TIME_LIMIT, Job, Setup, resolve_model, ring_number, run_job, spread
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.run import TIME_LIMIT, Job, Setup, run_job, spread
 
 FIXED_STARTS = 16
 

@@ -8,12 +8,14 @@ import math
 import pytest
 from planar_rig import PlanarRig
 
+from mazeplan.choices import resolve_model, ring_number
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import InputError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.navigate import Job, Setup, navigate, resolve_model, ring_number, run_job
+from mazeplan.navigate import navigate
 from mazeplan.records import FailureKind
+from mazeplan.run import Job, Setup, run_job
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, RigModel.nominal(MAZE), rig_name="planar")

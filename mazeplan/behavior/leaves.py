@@ -17,9 +17,9 @@ from mazeplan.control.gate import aligned, gate_command
 from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan
 from mazeplan.maths.angles import nearest
 from mazeplan.maze.geometry import Opening
-from mazeplan.records import Failure, FailureKind, Plan
+from mazeplan.records import Command, Failure, FailureKind, Plan, State
 
-STILL_SPEED = 4.0e-3  # m/s; below it the ball counts as standing: twice the noise of the estimate
+STILL_RADIUS = 2.5e-3  # m; five times the noise of a camera sample
 STILL_AFTER = 0.6  # s of standing away from where it should be before it counts as stuck
 LOST_TRACK = 2.5  # rad; turn to the opening beyond which aligning makes no sense
 
@@ -51,18 +51,20 @@ class MazeLeaf(Leaf):
 
 
 class StillWatch:
-    """Notices a ball that stands where it should not: slower than STILL_SPEED for STILL_AFTER s."""
+    """Notices a ball that stands where it should not: within STILL_RADIUS of one place for STILL_AFTER s.
+
+    It goes by places, not by speed: the estimate of a ball that is held moves with the tilt that should move it."""
 
     def __init__(self) -> None:
-        self._since: float | None = None
+        self._since, self._x, self._y = 0.0, math.inf, math.inf
 
-    def standing(self, t: float, speed: float) -> bool:
-        """Whether the ball has now been standing for too long."""
-        if speed > STILL_SPEED:
-            self._since = None
-        elif self._since is None:
-            self._since = t
-        return self._since is not None and t - self._since > STILL_AFTER
+    def standing(self, state: State | None) -> bool:
+        """Whether the ball has now been standing for too long; `state`: where it was measured."""
+        if state is None:
+            return False
+        if math.hypot(state.x - self._x, state.y - self._y) > STILL_RADIUS:
+            self._since, self._x, self._y = state.t, state.x, state.y
+        return state.t - self._since > STILL_AFTER
 
 
 class PlanRoute(MazeLeaf):
@@ -185,7 +187,7 @@ class Track(MazeLeaf):
             return Status.SUCCESS
         if run.now - self._began > self.get("timeout_s"):
             return self.fail_as(FailureKind.MISSED_OPENING, f"not in front of {opening.name} in time")
-        if self._still.standing(run.now, here.speed):
+        if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
         plan = self._renewed(plan, opening)
         run.steer(self.name, self._follow(plan))
@@ -202,7 +204,7 @@ class Track(MazeLeaf):
                 return new
         return plan
 
-    def _follow(self, plan: Plan):
+    def _follow(self, plan: Plan) -> Command:
         run = self.context
         if self.get("law") == "pd":
             radius = run.maze.track_radius(run.here.ring)
@@ -234,12 +236,13 @@ class Align(MazeLeaf):
         astray = not run.maze.ring(self._ring).is_disc and abs(run.turn_to(opening)) > LOST_TRACK
         if astray or run.now - self._began > self.get("timeout_s"):
             return self.fail_as(FailureKind.MISSED_OPENING, f"not aligned with {opening.name}")
-        if self._still.standing(run.now, here.speed):
+        if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing beside {opening.name}")
         push = math.radians(self.get("lean_deg"))
         ahead = run.ahead(run.options.gate.lead_s)
         run.steer(
-            self.name, gate_command(ahead, opening, opening.leads_to(self._ring), run.plate, run.options.gate, push=push)
+            self.name,
+            gate_command(ahead, opening, opening.leads_to(self._ring), run.plate, run.options.gate, push=push),
         )
         return Status.RUNNING
 
@@ -343,7 +346,9 @@ class Settle(MazeLeaf):
         """+1 to lean outwards, -1 inwards: away from the nearest opening's side."""
         run = self.context
         near = min(
-            (o for o in run.maze.openings if ring in (o.outer, o.inner)), key=lambda o: abs(run.turn_to(o)), default=None
+            (o for o in run.maze.openings if ring in (o.outer, o.inner)),
+            key=lambda o: abs(run.turn_to(o)),
+            default=None,
         )
         if near is None:
             return 0.0

@@ -63,10 +63,12 @@ class LevelPlate(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS once seen; FAILURE when the wait is over."""
         run = self.context
-        run.steer(self.name, LEVEL)
         if not run.here.lost:
             return Status.SUCCESS
-        return Status.RUNNING if run.now - self._began < self.get("timeout_s") else Status.FAILURE
+        if run.now - self._began >= self.get("timeout_s"):
+            return Status.FAILURE
+        run.steer(self.name, LEVEL)  # only while it goes on: in the tick in which it ends another leaf commands
+        return Status.RUNNING
 
 
 class Dither(MazeLeaf):
@@ -145,4 +147,3 @@ class Replan(MazeLeaf):
         self.context.replans += 1
         self.context.recovering("replan")
         return Status.SUCCESS
-

@@ -58,7 +58,7 @@ def _parse(path: Path) -> Element:
     if len(data) > MAX_BYTES:
         raise TreeError(f"larger than {MAX_BYTES} bytes, which no tree is", file=path)
     if not data.strip():
-        raise TreeError("the file is empty, expected <root BTCPP_format=\"4\">", file=path)
+        raise TreeError('the file is empty, expected <root BTCPP_format="4">', file=path)
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         line = 1 + data[: min(i for i in (data.find(b"<!DOCTYPE"), data.find(b"<!ENTITY")) if i >= 0)].count(b"\n")
         raise TreeError("document types and entities are not allowed", file=path, line=line)
@@ -79,7 +79,7 @@ class _Builder:
         self._file, self._registry, self._context = file, registry, context
         self._root, self._count = root, 0
         if root.tag != "root":
-            raise self.error(root, "", f"got <{root.tag}>, expected <root BTCPP_format=\"4\">")
+            raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
         if root.get("BTCPP_format") != "4":
             raise self.error(root, "", f"BTCPP_format: got {root.get('BTCPP_format')!r}, expected '4'")
         self._trees: dict[str, Element] = {}
@@ -101,7 +101,9 @@ class _Builder:
         if not name:
             raise self.error(element, "", "<BehaviorTree> without ID")
         if name in self._trees:
-            raise self.error(element, name, f"a second tree of this name; the first is at line {self._trees[name].sourceline}")
+            raise self.error(
+                element, name, f"a second tree of this name; the first is at line {self._trees[name].sourceline}"
+            )
         self._trees[name] = element
 
     def build(self, main: str | None) -> BehaviorTree:
@@ -180,12 +182,16 @@ class _Builder:
             if key:
                 values[attribute] = Key(key.group(1))
             elif port.direction == "out":
-                raise self.error(element, path, f"{attribute}: got {text!r}, expected a blackboard entry such as {{{attribute}}}")
+                raise self.error(
+                    element, path, f"{attribute}: got {text!r}, expected a blackboard entry such as {{{attribute}}}"
+                )
             else:
                 try:
                     values[attribute] = port.parse(text)
                 except (ValueError, OverflowError):
-                    raise self.error(element, path, f"{attribute}: got {text!r}, expected {port.type.__name__}") from None
+                    raise self.error(
+                        element, path, f"{attribute}: got {text!r}, expected {port.type.__name__}"
+                    ) from None
         for name, port in ports.items():
             if port.default is REQUIRED and name not in values:
                 raise self.error(element, path, f"{name} is missing ({port.doc})")

@@ -24,7 +24,10 @@ def collect(
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     ring: Annotated[str, typer.Option("--ring", help="Ring to start in.")] = "ring1",
     rings: Annotated[
-        bool, typer.Option("--rings", help="Place the ball in each ring in turn, every 20 s; sines alone starve the inner ones.")
+        bool,
+        typer.Option(
+            "--rings", help="Place the ball in each ring in turn, every 20 s; sines alone starve the inner ones."
+        ),
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of commands, places and simulated noise.")] = 0,
 ) -> None:
@@ -90,7 +93,9 @@ def report(fit: Fit, path: Path) -> None:
             f"{e['natural_frequency']:.1f} rad/s, damping {axis.damping:.2f} ± {e['damping']:.2f}, dead time "
             f"{1e3 * axis.dead_time:.1f} ± {1e3 * e['dead_time']:.1f} ms, poles {poles} rad/s, rms {found.rms:.2g} rad"
         )
-    print(f"camera       {1e3 * model.camera_delay:.1f} ± {1e3 * (model.camera_delay_stderr or 0.0):.1f} ms behind the tilt sensor")
+    print(
+        f"camera       {1e3 * model.camera_delay:.1f} ± {1e3 * (model.camera_delay_stderr or 0.0):.1f} ms behind the tilt sensor"
+    )
     for ring, ball in sorted(model.balls.items()):
         parts = []
         for effect in ball.effects:
@@ -98,7 +103,9 @@ def report(fit: Fit, path: Path) -> None:
                 error = ball.stderr.get(effect.name, {}).get(name)
                 if error is not None:
                     unit = effect.parameters[name].unit
-                    parts.append(f"{effect.name} {name} {value:.4f} ± {error:.4f} {unit if unit != '1' else ''}".rstrip())
+                    parts.append(
+                        f"{effect.name} {name} {value:.4f} ± {error:.4f} {unit if unit != '1' else ''}".rstrip()
+                    )
         note = f" ({fit.windows[ring]} windows)" if ring in fit.windows else " (no data of its own)"
         print(f"ring {ring}{note}  " + "; ".join(parts))
     print(f"wrote {path}")

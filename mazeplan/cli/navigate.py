@@ -28,7 +28,9 @@ def navigate(
     rig: RigName = "toy",
     model: Model = None,
     behavior: Behavior = "navigate",
-    start_angle: Annotated[float | None, typer.Option("--start-angle", help="Start angle in deg; default: by seed.")] = None,
+    start_angle: Annotated[
+        float | None, typer.Option("--start-angle", help="Start angle in deg; default: by seed.")
+    ] = None,
     seed: Seed = 0,
     time_limit: TimeLimit = 20.0,
     log: Annotated[Path | None, typer.Option("--log", help="Write a run log (MCAP).")] = None,
@@ -98,7 +100,9 @@ def print_summary(document: dict) -> None:
     times = document["time_s"]
     print(f"arrived       {document['success']} of {document['runs']}")
     if times["mean"] is not None:
-        print("time          " + ", ".join(f"{key} {times[key]:.2f} s" for key in ("mean", "best", "p50", "p95", "worst")))
+        print(
+            "time          " + ", ".join(f"{key} {times[key]:.2f} s" for key in ("mean", "best", "p50", "p95", "worst"))
+        )
     failures = document["failures"]
     print("failures      " + (", ".join(f"{kind} {count}" for kind, count in failures.items()) or "none"))
     for key, label in (("planner_ms", "planner"), ("tick_ms", "tick")):

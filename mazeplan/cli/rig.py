@@ -33,7 +33,9 @@ def check(
         print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results]})
     else:
         for result in results:
-            print(f"{'ok    ' if result.passed else 'FAILED'}  {result.name:26s} {'' if result.passed else result.detail}".rstrip())
+            print(
+                f"{'ok    ' if result.passed else 'FAILED'}  {result.name:26s} {'' if result.passed else result.detail}".rstrip()
+            )
     sys.exit(0 if passed else 1)
 
 

@@ -37,9 +37,7 @@ def usable_starts(table: Table, starts: Array) -> Array:
 def prediction_errors(table: Table, starts: Array, model: PlanarModel, delay: float, dt: float) -> Array:
     """Distance in m between prediction and measurement AHEAD samples on, shape (K,)."""
     grid = np.arange(len(table)) * dt
-    tilts = np.ascontiguousarray(
-        np.stack([savgol_filter(table[axis], 5, 3) for axis in ("beta", "gamma")], axis=1)
-    )
+    tilts = np.ascontiguousarray(np.stack([savgol_filter(table[axis], 5, 3) for axis in ("beta", "gamma")], axis=1))
     tau = (np.arange(START) - START // 2) * dt
     smoother = np.linalg.pinv(np.stack([np.ones(START), tau, tau**2], axis=1))[:2]  # position and velocity at tau = 0
     rows = starts[:, None] + np.arange(START)

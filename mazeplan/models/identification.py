@@ -93,7 +93,11 @@ def find_windows(table: Table, maze: Maze, ring: int, dt: float) -> Windows:
     inside &= segment[starts] == segment[starts + WINDOW - 1]
     starts = starts[inside]
     moved = _unwrapped(theta, starts)
-    speed = np.abs(moved[:, 4:] - moved[:, :-4]).min(axis=1) * here.track_radius / (4.0 * dt) if len(starts) else moved[:, 0]
+    speed = (
+        np.abs(moved[:, 4:] - moved[:, :-4]).min(axis=1) * here.track_radius / (4.0 * dt)
+        if len(starts)
+        else moved[:, 0]
+    )
     starts = starts[speed > MOVING]
     return Windows(ring, here.track_radius, starts, (starts * dt // BLOCK_S).astype(int))
 
@@ -160,7 +164,9 @@ def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: Array) -> tuple[
     residual = y - X @ w
     bread = np.linalg.inv(information)
     scores = X * (weights * residual)[:, None] / noise
-    meat = sum((np.outer(s, s) for s in (scores[block == b].sum(axis=0) for b in np.unique(block))), np.zeros_like(bread))
+    meat = sum(
+        (np.outer(s, s) for s in (scores[block == b].sum(axis=0) for b in np.unique(block))), np.zeros_like(bread)
+    )
     robust = bread @ meat @ bread
     covariance = np.where(np.diag(robust) > np.diag(bread), np.diag(robust), np.diag(bread))
     return w, covariance, residual
@@ -249,7 +255,10 @@ def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = ()) 
         raise ValueError(f"the ball is hardly ever seen moving freely in a ring ({split} samples looked at)")
     delay, delay_sigma = _best_delay(table, train, maze, dt)
     fit = _fit_balls(table, train, delay, dt)
-    scores = {"weak_nrmse_train": _score(table, train, fit, delay, dt), "weak_nrmse_test": _score(table, test, fit, delay, dt)}
+    scores = {
+        "weak_nrmse_train": _score(table, train, fit, delay, dt),
+        "weak_nrmse_test": _score(table, test, fit, delay, dt),
+    }
     model = RigModel(
         stage=StageModel(axes[0].axis, axes[1].axis),
         balls={ring.number: _ball(ring.number, maze, fit) for ring in maze.rings},

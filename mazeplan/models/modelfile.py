@@ -99,7 +99,9 @@ class _Reader:
         """The error at a key."""
         return ModelError(problem, file=self._path, line=self._tree.line(key), key=key_path(key) or None)
 
-    def section(self, node: Any, key: Key, allowed: tuple[str, ...] | None, needed: tuple[str, ...] = ()) -> dict[str, Any]:
+    def section(
+        self, node: Any, key: Key, allowed: tuple[str, ...] | None, needed: tuple[str, ...] = ()
+    ) -> dict[str, Any]:
         """A mapping with only allowed and all needed keys."""
         if not isinstance(node, dict):
             raise self.fail(f"got {shown(node)}, expected a mapping", *key)

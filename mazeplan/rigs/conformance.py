@@ -138,12 +138,20 @@ def _moved(trial: Trial, theta: float, u_beta: float, u_gamma: float) -> float:
 
 def _sign_beta(trial: Trial) -> str | None:
     turned = _moved(trial, 0.5 * math.pi, TILT, 0.0)
-    return None if turned < -0.05 else f"beta > 0: a ball at 90 deg turned by {math.degrees(turned):+.1f} deg, expected < -3"
+    return (
+        None
+        if turned < -0.05
+        else f"beta > 0: a ball at 90 deg turned by {math.degrees(turned):+.1f} deg, expected < -3"
+    )
 
 
 def _sign_gamma(trial: Trial) -> str | None:
     turned = _moved(trial, 0.0, 0.0, TILT)
-    return None if turned < -0.05 else f"gamma > 0: a ball at 0 deg turned by {math.degrees(turned):+.1f} deg, expected < -3"
+    return (
+        None
+        if turned < -0.05
+        else f"gamma > 0: a ball at 0 deg turned by {math.degrees(turned):+.1f} deg, expected < -3"
+    )
 
 
 def _level(trial: Trial) -> str | None:

@@ -57,7 +57,9 @@ def rig_model_hint(spec: str) -> str | None:
     if hint is None:
         return None
     if not isinstance(hint, str):
-        raise SettingsError(f"got {shown(hint)}, expected a model's name or folder", file=path, line=tree.line(("model",)), key="model")
+        raise SettingsError(
+            f"got {shown(hint)}, expected a model's name or folder", file=path, line=tree.line(("model",)), key="model"
+        )
     beside = path.parent / hint
     return str(beside) if beside.exists() else hint
 

@@ -52,7 +52,9 @@ class SimulatedSettings(Section):
     # tilt
     tilt_noise_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="1 sigma of the tilt sensor")
     table_x_deg: float = Field(default=0.0, ge=-4.0, le=4.0, description="table off level about x; + lifts the +y side")
-    table_y_deg: float = Field(default=0.0, ge=-4.0, le=4.0, description="table off level about y; + lowers the +x side")
+    table_y_deg: float = Field(
+        default=0.0, ge=-4.0, le=4.0, description="table off level about y; + lowers the +x side"
+    )
     # servo
     servo_frequency_rad_s: float = Field(default=26.0, ge=5.0, le=100.0, description="natural frequency")
     servo_damping: float = Field(default=0.9, ge=0.3, le=3.0)
@@ -69,7 +71,9 @@ class SimulatedSettings(Section):
     faults: tuple[Fault, ...] = ()
 
 
-def settings_from(data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None) -> SimulatedSettings:
+def settings_from(
+    data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None
+) -> SimulatedSettings:
     """Validated settings. Raises SettingsError with file, line and key."""
     try:
         return SimulatedSettings.model_validate(_tuples(data))
@@ -105,5 +109,7 @@ def read_rig_file(path: Path) -> tuple[str | None, dict[str, Any], Tree]:
     data = dict(tree.data)
     kind = data.pop("class", None)
     if kind is not None and not isinstance(kind, str):
-        raise SettingsError(f"got {shown(kind)}, expected module:Class", file=path, line=tree.line(("class",)), key="class")
+        raise SettingsError(
+            f"got {shown(kind)}, expected module:Class", file=path, line=tree.line(("class",)), key="class"
+        )
     return kind, data, tree

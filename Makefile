@@ -1,0 +1,73 @@
+# Two commands are all a newcomer needs: `make navigate` and `make test`. Both make .venv first, and install again only when
+# pyproject.toml or constraints.txt have changed. Needs make and Python 3.11 or newer.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+JOBS ?= 2
+ARGS ?=
+
+.PHONY: help navigate test check unit bench constraints wheel clean
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+
+help:
+	@echo "make navigate [ARGS='--rig ideal']  the main job: the ball goes from ring 1 to ring 5"
+	@echo "make test                           check, then unit"
+	@echo "make check                          formatting, lint, types, import contracts"
+	@echo "make unit [ARGS='-k map']           the tests, with coverage"
+	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
+	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
+	@echo "make wheel                          dist/*.whl"
+	@echo "make clean                          remove .venv and what was built"
+	@echo "Another Python: make PYTHON=python3.12 ..."
+
+$(VENV)/made:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "mazeplan needs Python 3.11 or newer; '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." >&2; \
+	  echo "Name another one: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' || { \
+	  echo "this Python has no venv; on Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
+	@test -x $(BIN)/python || { echo "making $(VENV)"; $(PYTHON) -m venv $(VENV); }
+	@touch $@
+
+$(VENV)/installed: $(VENV)/made pyproject.toml constraints.txt
+	@echo "installing mazeplan (a minute or so, most of it download)"
+	@$(PIP) -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
+	@echo "installing the test tools"
+	@$(PIP) -c constraints.txt -e '.[dev]'
+	@touch $@
+
+navigate: $(VENV)/installed
+	$(BIN)/mazeplan navigate --from ring1 --to ring5 $(ARGS)
+
+test: check unit
+
+check: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+# one BLAS thread a worker: more of them fight over the same cores
+unit: $(VENV)/installed-dev
+	rm -f .coverage .coverage.*
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --cov --cov-report=term --cov-fail-under=85 $(ARGS)
+
+bench: $(VENV)/installed
+	OMP_NUM_THREADS=1 $(BIN)/python tools/bench.py $(ARGS)
+
+constraints: $(VENV)/installed
+	$(BIN)/python tools/pin.py > constraints.new
+	mv constraints.new constraints.txt
+
+wheel: $(VENV)/installed-dev
+	$(BIN)/python -m build --wheel
+
+clean:
+	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* .pytest_cache .ruff_cache .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

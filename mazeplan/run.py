@@ -1,0 +1,299 @@
+"""One run, tick by tick, with everything wired together.
+
+    Observation -> estimator -> State -> tree -> Command -> Rig, and every tick into the log.
+
+The rig owns the clock; the only wall time read here is the stopwatch around a tick, which decides nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from mazeplan.behavior.context import LeafOptions, RunContext
+from mazeplan.behavior.registry import REGISTRY
+from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.treefile import load_tree
+from mazeplan.control.ilqg import RingPlanner
+from mazeplan.control.tilt import Plate
+from mazeplan.data.runlog import RunLogWriter
+from mazeplan.estimation.estimator import Estimator, EstimatorOptions
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.graph import RouteGraph
+from mazeplan.maze.mapfile import dump_map
+from mazeplan.models.modelfile import RigModel
+from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.records import (
+    LEVEL,
+    Command,
+    Failure,
+    FailureKind,
+    NavigationResult,
+    Observation,
+    RingPassage,
+)
+from mazeplan.rigs.interface import Rig
+
+TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
+
+
+class Display(Protocol):
+    """What shows a run to a person; `NullDisplay` shows nothing."""
+
+    def ring_entered(self, ring: int, t: float) -> None:
+        """The ball is in another ring."""
+
+    def passed(self, ring: int, opening: str, t: float) -> None:
+        """The ball left `ring` by an opening."""
+
+    def event(self, t: float, text: str) -> None:
+        """Something worth a line."""
+
+    def tick(self, t: float, ring: int, text: str) -> None:
+        """One tick is over."""
+
+
+class NullDisplay:
+    """Shows nothing."""
+
+    def ring_entered(self, ring: int, t: float) -> None:
+        """Nothing."""
+
+    def passed(self, ring: int, opening: str, t: float) -> None:
+        """Nothing."""
+
+    def event(self, t: float, text: str) -> None:
+        """Nothing."""
+
+    def tick(self, t: float, ring: int, text: str) -> None:
+        """Nothing."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One navigation to do: from a ring and angle (rad; None: drawn by seed) to a ring, within time_limit s."""
+
+    start: int
+    goal: int
+    theta: float | None = None
+    seed: int = 0
+    time_limit: float = TIME_LIMIT
+    closed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Setup:
+    """With what a job is done: maze, model of ball and stage, tree (name or file), and settings."""
+
+    maze: Maze
+    model: RigModel
+    behavior: str = "navigate"
+    rig_name: str = ""
+    leaves: LeafOptions = field(default_factory=LeafOptions)
+    estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
+
+
+def run_job(
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None
+) -> NavigationResult:
+    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens."""
+    with ExitStack() as stack:
+        writer = stack.enter_context(RunLogWriter(log, log_header(setup, job))) if log is not None else None
+        run = Run(rig, setup, job, writer, display or NullDisplay())
+        stack.callback(rig.level)
+        try:
+            result = run.drive(None if log is None else str(log))
+        except KeyboardInterrupt:
+            if writer is not None:
+                writer.result(run.result(False, "interrupted", str(log)).to_json())
+            raise
+        if writer is not None:
+            writer.result(result.to_json())
+        return result
+
+
+def log_header(setup: Setup, job: Job) -> dict[str, Any]:
+    """What a reader of the log needs to know about the run."""
+    return {
+        "program": "mazeplan",
+        "version": version("mazeplan"),
+        "rig": setup.rig_name,
+        "map": dump_map(setup.maze),
+        "map_name": setup.maze.name,
+        "behavior": setup.behavior,
+        "start_ring": job.start,
+        "goal_ring": job.goal,
+        "seed": job.seed,
+        "time_limit_s": job.time_limit,
+    }
+
+
+def plate_of(maze: Maze, model: RigModel) -> Plate:
+    """Limits of the maze and the table's tilt by the model."""
+    ball = model.ball(1)
+    return Plate(
+        maze.tilt_limit,
+        ball.parameter("tilt_offset", "beta", 0.0),
+        ball.parameter("tilt_offset", "gamma", 0.0),
+    )
+
+
+def planners_of(maze: Maze, model: RigModel) -> dict[int, RingPlanner]:
+    """A planner for each channel."""
+    return {
+        ring.number: RingPlanner(RingParameters.from_model(model, ring.number, ring.track_radius), maze.tilt_limit)
+        for ring in maze.rings
+        if not ring.is_disc
+    }
+
+
+class Run:
+    """One navigation in progress."""
+
+    def __init__(self, rig: Rig, setup: Setup, job: Job, log: RunLogWriter | None, display: Display) -> None:
+        self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
+        maze = setup.maze
+        self._estimator = Estimator(maze, setup.model, setup.estimator, rig.rate_hz)
+        graph = RouteGraph(maze)
+        for name in job.closed:
+            graph.close(name)
+        self.context = RunContext(
+            maze=maze,
+            graph=graph,
+            plate=plate_of(maze, setup.model),
+            goal=job.goal,
+            planners=planners_of(maze, setup.model),
+            ahead=self._estimator.ahead,
+            on_event=self._on_event,
+            options=setup.leaves,
+        )
+        self._tree: BehaviorTree = load_tree(setup.behavior, REGISTRY, self.context)
+        self._tree.blackboard.set("goal", job.goal)
+        self._tick_ms: list[float] = []
+        self._passages: list[RingPassage] = []
+        self._ring: int | None = None
+        self._ring_since = 0.0
+        self._left_by: str | None = None
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Compile and load everything before the rig moves."""
+        self._estimator.warm_up()
+        for planner in self.context.planners.values():
+            planner.warm_up()
+            break  # one compilation serves all rings
+
+    def drive(self, log: str | None) -> NavigationResult:
+        """Run until the tree has succeeded, the time is over, or the tree gave up."""
+        job, rng = self._job, np.random.default_rng(self._job.seed)
+        theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
+        self._rig.reset(ring=job.start, theta=theta, rng=rng)
+        while True:
+            observation = self._rig.observe()
+            status = self._tick(observation)
+            if status == "SUCCESS":
+                return self._end(True, "arrived", log)
+            if status == "FAILURE":
+                last = self.context.last_failure
+                return self._end(False, str(last.kind) if last else "failed", log)
+            if observation.t >= job.time_limit:
+                detail = f"not in ring {job.goal} after {job.time_limit:g} s"
+                self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
+                return self._end(False, str(FailureKind.OUT_OF_TIME), log)
+
+    def _end(self, success: bool, reason: str, log: str | None) -> NavigationResult:
+        self._tree.halt()
+        self._rig.level()
+        return self.result(success, reason, log)
+
+    def _tick(self, observation: Observation) -> str:
+        began = perf_counter()
+        run = self.context
+        state = self._estimator.update(observation)
+        measured = self._estimator.filtered or state
+        run.begin(observation.t, state, measured)
+        self._note_ring(observation.t, state.ring)
+        status = self._tree.tick().name
+        command = run.command or LEVEL
+        self._rig.command(command.u_beta, command.u_gamma)
+        self._estimator.sent(command, observation.t)
+        self._tick_ms.append(1e3 * (perf_counter() - began))
+        self._write(observation, command)
+        self._tick_ms[-1] = 1e3 * (perf_counter() - began)
+        return status
+
+    def _write(self, observation: Observation, command: Command) -> None:
+        run = self.context
+        leaf = run.commanded_by
+        self._display.tick(observation.t, run.here.ring, leaf)
+        if self._log is not None:
+            self._log.tick(
+                observation,
+                command,
+                state=run.here,
+                leaf=leaf,
+                opening=None if run.opening is None else run.opening.name,
+                goal_theta=run.goal_theta,
+                planner_ms=run.planner_ms[-1] if run.planner_ms else None,
+                tick_ms=self._tick_ms[-1],
+            )
+
+    def _note_ring(self, t: float, ring: int) -> None:
+        if ring == self._ring:
+            return
+        if self._ring is not None:
+            opening = self.context.opening
+            joins = opening is not None and {self._ring, ring} == {opening.outer, opening.inner}
+            name = opening.name if joins and opening is not None else None
+            self._passages.append(RingPassage(self._ring, t - self._ring_since, name))
+            self._display.passed(self._ring, name or "another opening", t)
+        self._ring, self._ring_since = ring, t
+        self._display.ring_entered(ring, t)
+        self._on_event("ring", {"ring": ring})
+
+    def _on_event(self, kind: str, detail: dict[str, Any]) -> None:
+        t = self.context.now
+        if kind == "plan":
+            if self._log is not None:
+                self._log.plan(detail["plan"])
+            return
+        if self._log is not None:
+            self._log.event(t, kind, detail)
+        if kind in ("failure", "recovery"):
+            self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
+
+    def result(self, success: bool, reason: str, log: str | None) -> NavigationResult:
+        """What has happened until now."""
+        run = self.context
+        passages = list(self._passages)
+        if self._ring is not None:
+            passages.append(RingPassage(self._ring, run.now - self._ring_since, None))
+        return NavigationResult(
+            success=success,
+            reason=reason,
+            time_s=round(run.now, 6),
+            seed=self._job.seed,
+            rig=self._setup.rig_name,
+            rings=tuple(passages),
+            failures=tuple(run.failures),
+            replans=run.replans,
+            planner_ms=spread(run.planner_ms),
+            log=log,
+            tick_ms=spread(self._tick_ms),
+        )
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """p50, p99 and max; 0 when there are none."""
+    if not values:
+        return {"p50": 0.0, "p99": 0.0, "max": 0.0}
+    p50, p99 = np.percentile(values, [50.0, 99.0])
+    return {"p50": round(float(p50), 4), "p99": round(float(p99), 4), "max": round(float(max(values)), 4)}
