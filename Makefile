@@ -62,8 +62,8 @@ bench: $(VENV)/installed
 	OMP_NUM_THREADS=1 $(BIN)/python tools/bench.py $(ARGS)
 
 constraints: $(VENV)/installed
-	$(BIN)/python tools/pin.py > constraints.new
-	mv constraints.new constraints.txt
+	$(BIN)/python tools/pin.py > $(VENV)/constraints.txt
+	mv $(VENV)/constraints.txt constraints.txt
 
 wheel: $(VENV)/installed-dev
 	$(BIN)/python -m build --wheel

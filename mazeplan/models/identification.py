@@ -43,8 +43,8 @@ from mazeplan.records import Array
 WINDOW = 13  # samples; 0.4 s at 30 Hz
 HOP = 3  # samples between windows
 BLOCK_S = 5.0  # s; windows within one count as one observation for standard errors
-PRIOR_SIGMA = np.array([0.05, 0.3, 1.0])  # factor -, viscous 1/s, dry rad/s^2 around the pooled fit
-POOLED_SIGMA = np.array([0.3, 2.0, 5.0])  # around 5/9, 0, 0
+PRIOR_SIGMA = np.array([0.03, 0.15, 0.02])  # factor -, viscous 1/s, dry m/s^2: how far a ring may be from the pooled fit
+POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # around 5/9, 0, 0
 MOVING = 8e-3  # m/s; slower windows are left out, since their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record: scores only
 MIN_WINDOWS = 20
@@ -142,6 +142,11 @@ def weak_rows(table: Table, windows: Windows, delay: float, dt: float) -> tuple[
     return target, features
 
 
+def _per_radius(radius: float) -> Array:
+    """Factors (5,) that turn the features of a ring into those of `radius * theta_dd`, with dry friction in m/s^2."""
+    return np.array([radius, radius, 1.0, radius, radius])
+
+
 def _huber(residual: Array, width: float = 2.0) -> Array:
     """Weights that let far-out residuals count less."""
     scale = 1.4826 * np.median(np.abs(residual)) + 1e-12
@@ -186,9 +191,9 @@ def _fit_balls(table: Table, windows: list[Windows], delay: float, dt: float) ->
     data = {w.ring: weak_rows(table, w, delay, dt) for w in windows}
     blocks = {w.ring: w.block for w in windows}
     radius = {w.ring: w.radius for w in windows}
-    reference = float(np.mean(list(radius.values())))
-    y = np.concatenate([data[ring][0] for ring in data])
-    X = np.concatenate([data[ring][1] for ring in data])
+    # pooled along the channel, in m/s^2: noise and impacts are then about as large in every ring, and dry friction is the same force
+    y = np.concatenate([radius[ring] * target for ring, (target, _) in data.items()])
+    X = np.concatenate([F * _per_radius(radius[ring]) for ring, (_, F) in data.items()])
     block = np.concatenate([blocks[ring] for ring in data])
     mean = np.array([WALL_ROLLING, 0.0, 0.0, 0.0, 0.0])
     pooled, variance, _ = ridge(X, y, mean, np.array([*POOLED_SIGMA, 0.1, 0.1]), block)
@@ -198,8 +203,9 @@ def _fit_balls(table: Table, windows: list[Windows], delay: float, dt: float) ->
         tilt_y, tilt_X, tilt_b, loss = [], [], [], 0.0
         for ring, (target, F) in data.items():
             corrected = np.column_stack([F[:, 0] + F[:, 3:] @ offset, F[:, 1:3]])
-            prior = np.array([pooled[0], max(pooled[1], 0.0), max(pooled[2], 0.0) * reference / radius[ring]])
-            weights[ring], variance, residual = ridge(corrected, target, prior, PRIOR_SIGMA, blocks[ring])
+            prior = np.array([pooled[0], max(pooled[1], 0.0), max(pooled[2], 0.0) / radius[ring]])
+            width = PRIOR_SIGMA / np.array([1.0, 1.0, radius[ring]])
+            weights[ring], variance, residual = ridge(corrected, target, prior, width, blocks[ring])
             weights[ring] = np.concatenate([weights[ring][:1], np.maximum(weights[ring][1:], 0.0)])
             sigma[ring] = np.sqrt(variance)
             loss += float(np.sum(_huber(residual) * residual**2))
