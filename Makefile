@@ -29,7 +29,7 @@ $(VENV)/made:
 	  echo "Name another one: make PYTHON=/path/to/python3.11 ..." >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' || { \
 	  echo "this Python has no venv; on Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
-	@test -x $(BIN)/python || { echo "making $(VENV)"; $(PYTHON) -m venv $(VENV); }
+	@echo "making $(VENV)"; $(PYTHON) -m venv $(VENV)
 	@touch $@
 
 $(VENV)/installed: $(VENV)/made pyproject.toml constraints.txt

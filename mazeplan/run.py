@@ -22,6 +22,7 @@ from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
+from mazeplan.control.cost import CostParameters
 from mazeplan.control.ilqg import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.data.runlog import RunLogWriter
@@ -146,10 +147,10 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
     )
 
 
-def planners_of(maze: Maze, model: RigModel) -> dict[int, RingPlanner]:
+def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, RingPlanner]:
     """A planner for each channel."""
     return {
-        ring.number: RingPlanner(RingParameters.from_model(model, ring.number, ring.track_radius), maze.tilt_limit)
+        ring.number: RingPlanner(RingParameters.from_model(model, ring.number, ring.track_radius), maze.tilt_limit, cost=cost)
         for ring in maze.rings
         if not ring.is_disc
     }
@@ -170,7 +171,7 @@ class Run:
             graph=graph,
             plate=plate_of(maze, setup.model),
             goal=job.goal,
-            planners=planners_of(maze, setup.model),
+            planners=planners_of(maze, setup.model, setup.leaves.cost),
             ahead=self._estimator.ahead,
             on_event=self._on_event,
             options=setup.leaves,

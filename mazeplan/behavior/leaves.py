@@ -111,9 +111,9 @@ class PlanInRing(MazeLeaf):
 
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
-        "lean_deg": Port(float, 3.0, "tilt towards the next ring while travelling, deg"),
-        "speed": Port(float, 0.04, "speed on arrival along the ring, m/s"),
-        "deadline_ms": Port(float, 6.0, "time the planner may take"),
+        "lean_deg": Port(float, 4.0, "tilt towards the next ring while travelling, deg"),
+        "speed": Port(float, 0.05, "speed on arrival along the ring, m/s"),
+        "deadline_ms": Port(float, 15.0, "time the planner may take"),
         "plan": Port(str, None, "the plan, for Track", "out"),
     }
 
@@ -166,9 +166,9 @@ class Track(MazeLeaf):
         "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
         "plan": Port(str, REQUIRED, "the plan to follow"),
         "law": Port(str, "gains", "gains: the plan's own time-varying ones; pd: PD on the planned trajectory"),
-        "lean_deg": Port(float, 3.0, "tilt towards the next ring in new plans, deg"),
-        "speed": Port(float, 0.04, "speed on arrival in new plans, m/s"),
-        "deadline_ms": Port(float, 6.0, "time the planner may take"),
+        "lean_deg": Port(float, 4.0, "tilt towards the next ring in new plans, deg"),
+        "speed": Port(float, 0.05, "speed on arrival in new plans, m/s"),
+        "deadline_ms": Port(float, 15.0, "time the planner may take"),
         "timeout_s": Port(float, 4.0, "after that the opening counts as missed"),
     }
 

@@ -25,9 +25,9 @@ class GateOptions:
     (m/s): inside both the ball is aligned and may be pushed; lead_s: servo lag to look ahead."""
 
     kp: float = 90.0
-    kd: float = 14.0
+    kd: float = 16.0
     push: float = math.radians(5.0)
-    window_m: float = 6.0e-3
+    window_m: float = 12.0e-3
     window_speed: float = 0.10
     lead_s: float = 0.08
 

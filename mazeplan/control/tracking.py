@@ -27,7 +27,7 @@ class TrackingOptions:
     kd: float = 12.0
     replan_theta: float = 0.05
     replan_speed: float = 0.6
-    replan_every: int = 3
+    replan_every: int = 1
 
 
 def plan_step(plan: Plan, t: float) -> int:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -120,7 +119,7 @@ def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, 
         if finished:  # it has its end, so a length in its middle must be wrong
             raise LogError("damaged: a record is longer than the file", file=path) from None
         return found, False
-    except (McapError, ValueError, KeyError, RecursionError, struct.error) as problem:
+    except (McapError, ValueError, KeyError, RecursionError) as problem:
         raise LogError(f"damaged after {len(found)} messages: {_one_line(problem)}", file=path) from None
     return found, True
 

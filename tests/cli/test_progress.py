@@ -80,6 +80,14 @@ def test_on_a_terminal_there_is_a_line_per_ring():
     assert "left ring 1" not in stream.getvalue()
 
 
+def test_brackets_in_a_name_are_no_markup():
+    stream = Terminal()
+    with NavigationProgress(stream) as progress:
+        progress.ring_entered(1, 0.0)
+        progress.event(0.1, "stuck in [/b] [red]")
+    assert "stuck in [/b] [red]" in shown(stream)[-1]
+
+
 def test_the_current_ring_stays_on_the_screen():
     progress = NavigationProgress(Terminal(), live=True)
     with progress:
