@@ -32,7 +32,8 @@ def run_collection(
     rig: Rig, maze: Maze, plan: Collection, output: str | Path, *, rig_name: str = "",
     progress: Callable[[int], None] | None = None,
 ) -> int:  # fmt: skip
-    """Drive the rig with random sines and log each sample; returns the number of samples. The plate is level afterwards.
+    """Drive the rig with random sines and log each sample; returns the number of samples. The plate is level
+    afterwards.
 
     Each placing of the ball begins a new segment; time goes on through all of them."""
     rng = np.random.default_rng(plan.seed)

@@ -1,6 +1,7 @@
 """Many navigations: success, times, failures by kind.
 
-Start angles: the first 16 are theta = pi k / 8 + pi / 16 (facts of the published evaluation), further ones are drawn by the run's
+Start angles: the first 16 are theta = pi k / 8 + pi / 16 (facts of the published evaluation), further ones are
+drawn by the run's
 seed. Each run has a seed of its own, so that the results are the same for any number of workers.
 """
 

@@ -31,8 +31,10 @@ def navigate(
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
-    start, goal: ring numbers (or "ring1"); rig: a packaged name, a YAML file, "module:Class", or a rig; model: packaged name or
-    folder (None: the rig's own, else a packaged one of its name, else nominal physics); seed: of start angle and simulated noise.
+    start, goal: ring numbers (or "ring1"); rig: a packaged name, a YAML file, "module:Class", or a rig; model:
+    packaged name or
+    folder (None: the rig's own, else a packaged one of its name, else nominal physics); seed: of start angle and
+    simulated noise.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     maze = map if isinstance(map, Maze) else load_map(map)

@@ -150,7 +150,9 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
 def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, RingPlanner]:
     """A planner for each channel."""
     return {
-        ring.number: RingPlanner(RingParameters.from_model(model, ring.number, ring.track_radius), maze.tilt_limit, cost=cost)
+        ring.number: RingPlanner(
+            RingParameters.from_model(model, ring.number, ring.track_radius), maze.tilt_limit, cost=cost
+        )
         for ring in maze.rings
         if not ring.is_disc
     }

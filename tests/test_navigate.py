@@ -35,13 +35,15 @@ def recoveries(result):
     return [failure.recovery for failure in result.failures]
 
 
-@pytest.mark.parametrize(("start", "goal"), [(a, b) for a in range(1, 6) for b in range(1, 6) if abs(a - b) in (0, 1, 4)])
+@pytest.mark.parametrize(
+    ("start", "goal"), [(a, b) for a in range(1, 6) for b in range(1, 6) if abs(a - b) in (0, 1, 4)]
+)
 def test_between_rings(start, goal):
     result, rig = go(start, goal)
     assert result.success
     assert result.reason == "arrived"
     assert rig.ring == goal
-    assert [passage.ring for passage in result.rings][0] == start
+    assert next(passage.ring for passage in result.rings) == start
     assert result.rings[-1].ring == goal
     assert len(result.rings) == abs(start - goal) + 1
     assert all(passage.opening for passage in result.rings[:-1])

@@ -1,6 +1,8 @@
-"""Measures what the README and the changelog may claim, and writes BENCHMARKS.md. Usage: python tools/bench.py [--quick] [-o FILE]
+"""Measures what the README and the changelog may claim, and writes BENCHMARKS.md. Usage: python tools/bench.py
+[--quick] [-o FILE]
 
-Every section is a command that anyone can repeat. All navigation figures are obtained in simulation, in physics (MuJoCo) that the
+Every section is a command that anyone can repeat. All navigation figures are obtained in simulation, in physics
+(MuJoCo) that the
 planner does not share. Seeds are in the commands (default 0).
 """
 
@@ -63,11 +65,17 @@ def navigation_section(quick: bool) -> list[str]:
         ("toy rig", ["--rig", "toy", "--runs", "8" if quick else "32"]),
         ("toy rig, other noise", ["--rig", "toy", "--runs", few, "--seed", "1000"]),
         ("outwards", ["--rig", "toy", "--from", "ring5", "--to", "ring1", "--runs", few]),
-        ("second map", ["--rig", "toy", "--map", "trio", "--runs", few]),
-        ("second map, outwards", ["--rig", "toy", "--map", "trio", "--from", "ring3", "--to", "ring1", "--runs", few]),
+        ("second map", ["--rig", "toy", "--map", "lopsided", "--runs", few]),
+        (
+            "second map, outwards",
+            ["--rig", "toy", "--map", "lopsided", "--from", "ring3", "--to", "ring1", "--runs", few],
+        ),
     ]
     pairs = [
-        (f"ring {a} to {b}", ["--rig", "toy", "--from", f"ring{a}", "--to", f"ring{b}", "--runs", "2" if quick else "4"])
+        (
+            f"ring {a} to {b}",
+            ["--rig", "toy", "--from", f"ring{a}", "--to", f"ring{b}", "--runs", "2" if quick else "4"],
+        )
         for a in range(1, 6)
         for b in range(1, 6)
         if a != b and (a, b) not in ((1, 5), (5, 1))
@@ -113,7 +121,7 @@ def start_section() -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few runs, to try the script itself")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "BENCHMARKS.md")
     options = parser.parse_args()

@@ -1,4 +1,5 @@
-"""The blackboard of one run: names and values, in scopes. A fresh object per run; py_trees' process-global one is not used.
+"""The blackboard of one run: names and values, in scopes. A fresh object per run; py_trees' process-global one is
+not used.
 
 Each SubTree has a scope of its own; a port that is remapped ({key}) reads and writes the key of the scope outside.
 """

@@ -1,6 +1,8 @@
-"""What the leaves of one run share: maze, model, route graph, planners, the state of this tick and the command given in it.
+"""What the leaves of one run share: maze, model, route graph, planners, the state of this tick and the command
+given in it.
 
-One context per run. A leaf reads `state`, gives at most one command a tick through `steer`, and reports through `event` and
+One context per run. A leaf reads `state`, gives at most one command a tick through `steer`, and reports through
+`event` and
 `fail`; it knows neither the rig nor the log.
 """
 
@@ -25,7 +27,8 @@ from mazeplan.records import Command, Failure, FailureKind, Plan, State
 class LeafOptions:
     """Settings of the leaves; gains and windows sit with their algorithms.
 
-    cost: of a move along a ring. Its price on tilt rates keeps the plate from being thrown about just before an opening,
+    cost: of a move along a ring. Its price on tilt rates keeps the plate from being thrown about just before an
+    opening,
     where the servo's lag would carry the ball past; without it the 16 standard runs take 0.2 s longer."""
 
     tracking: TrackingOptions = field(default_factory=TrackingOptions)

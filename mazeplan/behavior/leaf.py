@@ -1,6 +1,7 @@
 """What a leaf is: ports with types, and a life of start, step, halt.
 
-`start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if it is
+`start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if
+it is
 interrupted in between. A leaf that fails says why with `fail`.
 """
 

@@ -1,6 +1,7 @@
 """Control and decorator nodes with the semantics of BehaviorTree.CPP 4, as py_trees behaviours.
 
-py_trees' own composites differ where it matters here (retries cost a tick each, timers read the wall clock), so the nodes are written on its
+py_trees' own composites differ where it matters here (retries cost a tick each, timers read the wall clock), so the
+nodes are written on its
 `Behaviour`, with children in `children`. A child that has finished counts as idle: it starts anew when ticked again.
 
 | node | ticks | result |

@@ -1,7 +1,9 @@
 """Behaviour trees from XML files in BehaviorTree.CPP version 4 format, with errors at the line.
 
-Read by lxml without DTD, entities or network, after a look at the size; nothing in a file is ever executed. Both forms of a node are taken:
-`<Track speed="1"/>` and `<Action ID="Track" speed="1"/>`. An attribute is a port, or `name`; `{key}` refers to the blackboard.
+Read by lxml without DTD, entities or network, after a look at the size; nothing in a file is ever executed. Both
+forms of a node are taken:
+`<Track speed="1"/>` and `<Action ID="Track" speed="1"/>`. An attribute is a port, or `name`; `{key}` refers to the
+blackboard.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from lxml import etree
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
 from mazeplan import resources
 from mazeplan.behavior.blackboard import Blackboard

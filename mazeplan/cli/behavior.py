@@ -76,7 +76,9 @@ def list_leaves() -> None:
     for name, leaf in sorted(REGISTRY.items()):
         print(f"{name}: {(leaf.__doc__ or '').splitlines()[0]}")
         for port_name, port in leaf.ports.items():
-            default = "needed" if port.default is REQUIRED else "" if port.default is None else f"default {port.default}"
+            default = (
+                "needed" if port.default is REQUIRED else "" if port.default is None else f"default {port.default}"
+            )
             kind = "output" if port.direction == "out" else port.type.__name__
             print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}")
     print("control nodes: " + ", ".join((*CONTROLS, *DECORATORS, "SubTree")))

@@ -12,7 +12,19 @@ import typer
 from mazeplan.cli.output import print_json
 
 NEEDED = {
-    "core": ("numpy", "scipy", "numba", "mujoco", "networkx", "py-trees", "pydantic", "lxml", "mcap", "pyyaml", "matplotlib"),
+    "core": (
+        "numpy",
+        "scipy",
+        "numba",
+        "mujoco",
+        "networkx",
+        "py-trees",
+        "pydantic",
+        "lxml",
+        "mcap",
+        "pyyaml",
+        "matplotlib",
+    ),
     "learn": ("torch",),
     "view": ("viser",),
     "hardware": ("pyserial", "opencv-python-headless"),

@@ -94,7 +94,8 @@ def report(fit: Fit, path: Path) -> None:
             f"{1e3 * axis.dead_time:.1f} ± {1e3 * e['dead_time']:.1f} ms, poles {poles} rad/s, rms {found.rms:.2g} rad"
         )
     print(
-        f"camera       {1e3 * model.camera_delay:.1f} ± {1e3 * (model.camera_delay_stderr or 0.0):.1f} ms behind the tilt sensor"
+        f"camera       {1e3 * model.camera_delay:.1f} ± {1e3 * (model.camera_delay_stderr or 0.0):.1f} ms "
+        "behind the tilt sensor"
     )
     for ring, ball in sorted(model.balls.items()):
         parts = []

@@ -33,9 +33,8 @@ def check(
         print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results]})
     else:
         for result in results:
-            print(
-                f"{'ok    ' if result.passed else 'FAILED'}  {result.name:26s} {'' if result.passed else result.detail}".rstrip()
-            )
+            word, detail = ("ok", "") if result.passed else ("FAILED", result.detail)
+            print(f"{word:6s}  {result.name:26s} {detail}".rstrip())
     sys.exit(0 if passed else 1)
 
 

@@ -34,7 +34,8 @@ class GateOptions:
 
 @dataclass(frozen=True, slots=True)
 class GateFrame:
-    """Where the ball is, seen from an opening: along its middle line (from the centre outwards) and across it, m, m/s."""
+    """Where the ball is, seen from an opening: along its middle line (from the centre outwards) and across it, m,
+    m/s."""
 
     along: float
     across: float
@@ -57,9 +58,7 @@ def aligned(state: State, opening: Opening, options: GateOptions) -> bool:
     """Whether the ball is in front of the opening, slow enough to be pushed."""
     frame = gate_frame(state, opening)
     return (
-        frame.along > 0.0
-        and abs(frame.across) <= options.window_m
-        and abs(frame.across_speed) <= options.window_speed
+        frame.along > 0.0 and abs(frame.across) <= options.window_m and abs(frame.across_speed) <= options.window_speed
     )
 
 

@@ -4,7 +4,8 @@ Inverse of the gravity part of the ball's equation at small angles, without its 
 
     a_x = g (beta + beta_0),   a_y = -g (gamma + gamma_0)
 
-where (beta_0, gamma_0) is the tilt of the table. An acceleration here is "tilt times g": the ball gets 5/7 of it or less.
+where (beta_0, gamma_0) is the tilt of the table. An acceleration here is "tilt times g": the ball gets 5/7 of it or
+less.
 """
 
 from __future__ import annotations
@@ -47,6 +48,4 @@ class Plate:
                 share = min(share, max(0.0, (self.limit - start) / step))
             elif step < 0.0:
                 share = min(share, max(0.0, (-self.limit - start) / step))
-        return self.clip(
-            base.u_beta + share * (full[0] - base.u_beta), base.u_gamma + share * (full[1] - base.u_gamma)
-        )
+        return self.clip(base.u_beta + share * (full[0] - base.u_beta), base.u_gamma + share * (full[1] - base.u_gamma))

@@ -21,7 +21,8 @@ from mazeplan.records import Array, Command, Plan, State
 @dataclass(frozen=True)
 class TrackingOptions:
     """kp: 1/s^2 and kd: 1/s of the PD tracker, as angular acceleration; replan_theta: rad and replan_speed: rad/s of
-    deviation from the plan beyond which a new one is worth making; replan_every: ticks after which one is made anyway."""
+    deviation from the plan beyond which a new one is worth making; replan_every: ticks after which one is made
+    anyway."""
 
     kp: float = 60.0
     kd: float = 12.0

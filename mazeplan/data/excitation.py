@@ -1,6 +1,7 @@
 """Commands that excite a rig: random sums of sines, as the published rig was excited.
 
-50 sines per axis with frequencies drawn from [0, 1.5] Hz and phases from [0, 2 pi), 30 Hz; scaled so that the sum stays within the tilt limit.
+50 sines per axis with frequencies drawn from [0, 1.5] Hz and phases from [0, 2 pi), 30 Hz; scaled so that the sum
+stays within the tilt limit.
 """
 
 from __future__ import annotations

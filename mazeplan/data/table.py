@@ -1,6 +1,7 @@
 """Tables of measurements: columns of equal length, from run logs or from CSV that a user brings.
 
-Known columns, SI units and radians: t theta r x y beta gamma u_beta u_gamma segment ring. Needed: t, beta, gamma, and theta or x, y. Unknown
+Known columns, SI units and radians: t theta r x y beta gamma u_beta u_gamma segment ring. Needed: t, beta, gamma,
+and theta or x, y. Unknown
 columns are kept. A sample in which the ball was not seen has NaN in x, y, theta.
 """
 

@@ -11,11 +11,13 @@ The camera is late by `RigModel.camera_delay`, the servo acts `dead_time` after 
 
 A sample far outside the innovation's spread is an outlier and is left out; several in a row that agree with one another
 are the truth, and the filter starts again there. Without samples the prediction carries on; after `lost_after` s
-the state says `lost`. The ring has hysteresis: it changes when the predicted ball is past the middle of the wall by a margin.
+the state says `lost`. The ring has hysteresis: it changes when the predicted ball is past the middle of the wall by
+a margin.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from dataclasses import dataclass, field
@@ -36,7 +38,8 @@ class EstimatorOptions:
     """Settings of the estimator.
 
     camera_sigma: m, 1 sigma of one sample; acceleration_sigma: m/s^2 that the planar model does not explain;
-    outlier_sigmas: innovation beyond which a sample is left out; outliers_to_restart: so many in a row restart the filter;
+    outlier_sigmas: innovation beyond which a sample is left out; outliers_to_restart: so many in a row restart the
+    filter;
     lost_after: s without a sample; ring_margin: m past the middle of a wall before the ring changes;
     plate: noise of the tilt filter.
     """
@@ -184,7 +187,7 @@ class Estimator:
         if self.innovation > options.outlier_sigmas * math.sqrt(variance):
             self._outliers.append(position)
             recent = self._outliers[-options.outliers_to_restart :]
-            agree = all(np.hypot(*(a - b)) < 0.02 for a, b in zip(recent, recent[1:], strict=False))
+            agree = all(np.hypot(*(a - b)) < 0.02 for a, b in itertools.pairwise(recent))
             if len(recent) == options.outliers_to_restart and agree:
                 self._start_at(moment, position)
                 self._last_seen = t

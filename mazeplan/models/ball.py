@@ -41,11 +41,12 @@ class BallModel:
         factor, beta_0, gamma_0 = self._gravity()
         total = kinematic_terms(k) + factor * gravity_part(k, beta_0, gamma_0)
         for effect in self.effects:
-            total = total + effect.acceleration(k)
+            total = total + effect.term(k)
         return total
 
     def jacobian(self, k: RingKinematics) -> Array:
-        """Derivatives of theta_dd with respect to (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), shape (N, 6)."""
+        """Derivatives of theta_dd with respect to (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), shape (N,
+        6)."""
         factor, beta_0, gamma_0 = self._gravity()
         total = kinematic_jacobian(k) + factor * gravity_jacobian(k, beta_0, gamma_0)
         for effect in self.effects:

@@ -1,8 +1,11 @@
 """How late the camera is, by prediction: the delay whose tilt history explains best where the ball went.
 
-From short stretches of a log the ball is started with a position and velocity smoothed over `START` samples and played forward by the
-planar model, walls and openings included, under the tilt that was measured `delay` earlier. The wrong delay makes the ball turn too early or too late. The
-error after `AHEAD` samples, capped at `CAP` so that impacts do not decide, is smallest at the true delay; a parabola through the best three of a grid
+From short stretches of a log the ball is started with a position and velocity smoothed over `START` samples and
+played forward by the
+planar model, walls and openings included, under the tilt that was measured `delay` earlier. The wrong delay makes
+the ball turn too early or too late. The
+error after `AHEAD` samples, capped at `CAP` so that impacts do not decide, is smallest at the true delay; a
+parabola through the best three of a grid
 refines it, and a bootstrap over blocks of the record gives its standard error.
 """
 
@@ -11,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.signal import savgol_filter
 
+from mazeplan.data.smoothing import smoothed
 from mazeplan.data.table import Table
 from mazeplan.models.planar import PlanarModel, predict_given_tilt
-from mazeplan.records import Array
+from mazeplan.records import Array, IntArray
 
 GRID = np.arange(0.0, 0.1751, 1.0 / 120.0)  # s
 START = 7  # samples that give position and velocity at their middle
@@ -25,7 +28,7 @@ HISTORY = 8  # samples of tilt that are kept before a start: more than the longe
 RESAMPLES = 200
 
 
-def usable_starts(table: Table, starts: Array) -> Array:
+def usable_starts(table: Table, starts: IntArray) -> IntArray:
     """Of the first samples given, those from which START and AHEAD samples follow without a gap."""
     seen, segment = np.isfinite(table["x"]), table.segment
     need = START // 2 + AHEAD
@@ -34,10 +37,10 @@ def usable_starts(table: Table, starts: Array) -> Array:
     return starts[whole & (segment[starts - HISTORY] == segment[starts + START + AHEAD + HISTORY])]
 
 
-def prediction_errors(table: Table, starts: Array, model: PlanarModel, delay: float, dt: float) -> Array:
+def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay: float, dt: float) -> Array:
     """Distance in m between prediction and measurement AHEAD samples on, shape (K,)."""
     grid = np.arange(len(table)) * dt
-    tilts = np.ascontiguousarray(np.stack([savgol_filter(table[axis], 5, 3) for axis in ("beta", "gamma")], axis=1))
+    tilts = np.ascontiguousarray(np.stack([smoothed(table[axis], 5) for axis in ("beta", "gamma")], axis=1))
     tau = (np.arange(START) - START // 2) * dt
     smoother = np.linalg.pinv(np.stack([np.ones(START), tau, tau**2], axis=1))[:2]  # position and velocity at tau = 0
     rows = starts[:, None] + np.arange(START)
@@ -56,9 +59,10 @@ def prediction_errors(table: Table, starts: Array, model: PlanarModel, delay: fl
 
 
 def best_delay(
-    table: Table, starts: Array, blocks: Array, model_at: Callable[[float], PlanarModel], dt: float, seed: int = 0
+    table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel], dt: float, seed: int = 0
 ) -> tuple[float, float]:
-    """(delay, standard error) in s. model_at(delay): the planar model fitted with that delay; blocks (K,): block of each start."""
+    """(delay, standard error) in s. model_at(delay): the planar model fitted with that delay; blocks (K,): block of
+    each start."""
     losses = np.array(
         [np.minimum(prediction_errors(table, starts, model_at(float(d)), float(d), dt), CAP) for d in GRID]
     )
@@ -72,7 +76,8 @@ def best_delay(
 
 
 def vertex(grid: Sequence[float] | Array, values: Array) -> float:
-    """Place of the minimum: vertex of the parabola through the smallest value and two neighbours on either side, within the grid."""
+    """Place of the minimum: vertex of the parabola through the smallest value and two neighbours on either side,
+    within the grid."""
     grid = np.asarray(grid)
     i = int(np.argmin(values))
     near = slice(max(i - 2, 0), min(i + 3, len(grid)))

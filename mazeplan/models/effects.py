@@ -7,8 +7,9 @@ A point mass at radius r in a plate with R = Ry(beta) Rx(gamma) (Lagrange, kept 
              + gamma_d^2 sin(theta) cos(theta)
              - (g / r) (sin(beta) sin(theta) + sin(gamma) cos(beta) cos(theta))
 
-The last line is the gravity part; `rolling_inertia` scales it and `tilt_offset` adds to the tilt in it. Each other effect adds a
-term. An effect is a frozen dataclass whose fields are its parameters; `acceleration` gives its term, in rad/s^2,
+The last line is the gravity part; `rolling_inertia` scales it and `tilt_offset` adds to the tilt in it. Each other
+effect adds a
+term of its own. An effect is a frozen dataclass whose fields are its parameters; `term` gives it, in rad/s^2,
 for arrays of samples; `jacobian` its derivatives with respect to (theta, theta_dot, beta, beta_dot, gamma, gamma_dot).
 """
 
@@ -61,24 +62,28 @@ class Effect:
         for f in fields(self):
             value, allowed = getattr(self, f.name), self.parameters[f.name]
             if not allowed.low <= value <= allowed.high:  # also refuses NaN
-                raise ValueError(f"{f.name}: got {value}, expected {allowed.low} to {allowed.high} {allowed.unit}".strip())
+                raise ValueError(
+                    f"{f.name}: got {value}, expected {allowed.low} to {allowed.high} {allowed.unit}".strip()
+                )
 
     def values(self) -> dict[str, float]:
         """Parameters by name."""
         return {f.name: float(getattr(self, f.name)) for f in fields(self)}
 
-    def acceleration(self, k: RingKinematics) -> Array:
-        """The effect's term of theta_dd, shape (N,), rad/s^2; effects inside the gravity part have none of their own."""
+    def term(self, k: RingKinematics) -> Array:
+        """The effect's term of theta_dd, shape (N,), rad/s^2; effects inside the gravity part have none of their
+        own."""
         return np.zeros_like(k.theta)
 
     def jacobian(self, k: RingKinematics) -> Array:
-        """Derivatives of `acceleration`, shape (N, 6)."""
+        """Derivatives of `term`, shape (N, 6)."""
         return np.zeros((k.theta.size, 6))
 
 
 @dataclass(frozen=True)
 class RollingInertia(Effect):
-    """The gravity part times `factor`: 1 for a sliding point, 5/7 for a solid sphere that rolls on the floor, less along a wall."""
+    """The gravity part times `factor`: 1 for a sliding point, 5/7 for a solid sphere that rolls on the floor, less
+    along a wall."""
 
     factor: float = 1.0
     name: ClassVar[str] = "rolling_inertia"
@@ -106,7 +111,7 @@ class ViscousFriction(Effect):
     name: ClassVar[str] = "viscous_friction"
     parameters: ClassVar[Mapping[str, Parameter]] = {"coefficient": Parameter("1/s", 0.0, 0.0, 20.0)}
 
-    def acceleration(self, k: RingKinematics) -> Array:
+    def term(self, k: RingKinematics) -> Array:
         """- c theta_dot."""
         return -self.coefficient * k.theta_dot
 
@@ -129,7 +134,7 @@ class DryFriction(Effect):
         "asymmetry": Parameter("rad/s^2", 0.0, -10.0, 10.0),
     }
 
-    def acceleration(self, k: RingKinematics) -> Array:
+    def term(self, k: RingKinematics) -> Array:
         """- c sign(theta_dot) - a |sign(theta_dot)|; its derivatives are zero where they exist."""
         sign = np.sign(k.theta_dot)
         return -self.coefficient * sign - self.asymmetry * np.abs(sign)
@@ -143,7 +148,7 @@ class QuadraticDrag(Effect):
     name: ClassVar[str] = "quadratic_drag"
     parameters: ClassVar[Mapping[str, Parameter]] = {"coefficient": Parameter("1/rad", 0.0, 0.0, 5.0)}
 
-    def acceleration(self, k: RingKinematics) -> Array:
+    def term(self, k: RingKinematics) -> Array:
         """- c theta_dot |theta_dot|."""
         return -self.coefficient * k.theta_dot * np.abs(k.theta_dot)
 
@@ -154,19 +159,22 @@ class QuadraticDrag(Effect):
         return out
 
 
-    """+ acceleration."""
+@dataclass(frozen=True)
+class ConstantTorque(Effect):
+    """+ acceleration, the same everywhere."""
 
-    acceleration_: float = 0.0
+    acceleration: float = 0.0
     name: ClassVar[str] = "constant_torque"
-    parameters: ClassVar[Mapping[str, Parameter]] = {"acceleration_": Parameter("rad/s^2", 0.0, -10.0, 10.0)}
+    parameters: ClassVar[Mapping[str, Parameter]] = {"acceleration": Parameter("rad/s^2", 0.0, -10.0, 10.0)}
 
-    def acceleration(self, k: RingKinematics) -> Array:
-        """The same everywhere."""
-        return np.full_like(k.theta, self.acceleration_)
+    def term(self, k: RingKinematics) -> Array:
+        """A constant; its derivatives are zero."""
+        return np.full_like(k.theta, self.acceleration)
 
 
 EFFECTS: dict[str, type[Effect]] = {
-    kind.name: kind for kind in (RollingInertia, TiltOffset, ViscousFriction, DryFriction, QuadraticDrag)
+    kind.name: kind
+    for kind in (RollingInertia, TiltOffset, ViscousFriction, DryFriction, QuadraticDrag, ConstantTorque)
 }
 
 

@@ -1,17 +1,25 @@
 """Fit a rig's model to a log: stage by output error, ball by the weak form, camera delay by prediction.
 
-Differentiating a noisy angle twice biases what is fitted to it. The weak form needs no derivative of the data: with a smooth
+Differentiating a noisy angle twice biases what is fitted to it. The weak form needs no derivative of the data: with
+a smooth
 phi(t) that vanishes with its derivatives at both ends of a short window, integrating by parts gives
 
-    int phi'' theta dt - int phi kinematic dt = k int phi gravity dt + c_v int phi' theta dt - c_d int phi sign(theta_dot) dt
-                                                + k beta_0 int phi d gravity/d beta dt + k gamma_0 int phi d gravity/d gamma dt
+    int phi'' theta dt - int phi kinematic dt = k int phi gravity dt + c_v int phi' theta dt - c_d int phi
+    sign(theta_dot) dt
+                                                + k beta_0 int phi d gravity/d beta dt + k gamma_0 int phi d
+                                                gravity/d gamma dt
 
-linear in the unknowns of each ring (k: rolling factor, c_v viscous, c_d dry) once the tilt of the table (beta_0, gamma_0), shared by
-all rings, is alternated with k. The camera is late: the tilt is taken at t - delay; the delay is found by prediction (`delay`).
+linear in the unknowns of each ring (k: rolling factor, c_v viscous, c_d dry) once the tilt of the table (beta_0,
+gamma_0), shared by
+all rings, is alternated with k. The camera is late: the tilt is taken at t - delay; the delay is found by
+prediction (`delay`).
 
-Each ring's unknowns have a Gaussian prior around the pooled fit of all rings (widths in `PRIOR_SIGMA`), so that a ring that was hardly
-visited gets the pooled values. Windows over a missing sample or a change of ring are left out; those with an impact, at the edge of an
-opening say, have residuals far out and are weighted down (Huber). Standard errors are robust against correlation within blocks of `BLOCK_S`.
+Each ring's unknowns have a Gaussian prior around the pooled fit of all rings (widths in `PRIOR_SIGMA`), so that a
+ring that was hardly
+visited gets the pooled values. Windows over a missing sample or a change of ring are left out; those with an
+impact, at the edge of an
+opening say, have residuals far out and are weighted down (Huber). Standard errors are robust against correlation
+within blocks of `BLOCK_S`.
 """
 
 from __future__ import annotations
@@ -19,8 +27,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
+from mazeplan.data.smoothing import smoothed
 from mazeplan.data.table import Table
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.ball import BallModel
@@ -38,12 +46,14 @@ from mazeplan.models.effects import (
 from mazeplan.models.modelfile import FREE_ROLLING, WALL_ROLLING, RigModel
 from mazeplan.models.planar import PlanarModel
 from mazeplan.models.stage import StageFit, StageModel, fit_axis
-from mazeplan.records import Array
+from mazeplan.records import Array, IntArray
 
 WINDOW = 13  # samples; 0.4 s at 30 Hz
 HOP = 3  # samples between windows
 BLOCK_S = 5.0  # s; windows within one count as one observation for standard errors
-PRIOR_SIGMA = np.array([0.03, 0.15, 0.02])  # factor -, viscous 1/s, dry m/s^2: how far a ring may be from the pooled fit
+PRIOR_SIGMA = np.array(
+    [0.03, 0.15, 0.02]
+)  # factor -, viscous 1/s, dry m/s^2: how far a ring may be from the pooled fit
 POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # around 5/9, 0, 0
 MOVING = 8e-3  # m/s; slower windows are left out, since their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record: scores only
@@ -56,8 +66,8 @@ class Windows:
 
     ring: int
     radius: float
-    start: Array
-    block: Array
+    start: IntArray
+    block: IntArray
 
 
 @dataclass(frozen=True)
@@ -102,7 +112,7 @@ def find_windows(table: Table, maze: Maze, ring: int, dt: float) -> Windows:
     return Windows(ring, here.track_radius, starts, (starts * dt // BLOCK_S).astype(int))
 
 
-def _unwrapped(theta: Array, starts: Array) -> Array:
+def _unwrapped(theta: Array, starts: IntArray) -> Array:
     """theta of each window, continuous, (K, WINDOW)."""
     rows = starts[:, None] + np.arange(WINDOW)
     return np.unwrap(theta[rows], axis=1) if len(starts) else np.zeros((0, WINDOW))
@@ -118,7 +128,7 @@ def weak_rows(table: Table, windows: Windows, delay: float, dt: float) -> tuple[
         late = np.clip(rows - delay / dt, 0, len(table) - 1)
         grid = np.arange(len(table))
         for order, name in enumerate((axis, f"{axis}_dot", f"{axis}_ddot")):
-            smooth = savgol_filter(table[axis], 7, 3, deriv=order, delta=dt) if order else table[axis]
+            smooth = smoothed(table[axis], 7, deriv=order, dt=dt) if order else table[axis]
             tilt[name] = np.interp(late, grid, smooth)
     flat = {name: values.ravel() for name, values in tilt.items()}
     theta_dot = np.gradient(theta, dt, axis=1)
@@ -153,7 +163,7 @@ def _huber(residual: Array, width: float = 2.0) -> Array:
     return np.minimum(1.0, width * scale / np.maximum(np.abs(residual), 1e-12))
 
 
-def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: Array) -> tuple[Array, Array, Array]:
+def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: IntArray) -> tuple[Array, Array, Array]:
     """MAP of y = X w with w ~ N(mean, sigma^2), noise and weights found on the way: (w, covariance, residual).
 
     The covariance is the larger of the Bayesian and the block-robust one, entry by entry on the diagonal."""
@@ -174,7 +184,7 @@ def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: Array) -> tuple[
     )
     robust = bread @ meat @ bread
     covariance = np.where(np.diag(robust) > np.diag(bread), np.diag(robust), np.diag(bread))
-    return w, covariance, residual
+    return np.asarray(w, dtype=np.float64), covariance, residual
 
 
 @dataclass(frozen=True)
@@ -191,7 +201,8 @@ def _fit_balls(table: Table, windows: list[Windows], delay: float, dt: float) ->
     data = {w.ring: weak_rows(table, w, delay, dt) for w in windows}
     blocks = {w.ring: w.block for w in windows}
     radius = {w.ring: w.radius for w in windows}
-    # pooled along the channel, in m/s^2: noise and impacts are then about as large in every ring, and dry friction is the same force
+    # pooled along the channel, in m/s^2: noise and impacts are then about as large in every ring, and dry friction
+    # is the same force
     y = np.concatenate([radius[ring] * target for ring, (target, _) in data.items()])
     X = np.concatenate([F * _per_radius(radius[ring]) for ring, (_, F) in data.items()])
     block = np.concatenate([blocks[ring] for ring in data])
@@ -289,7 +300,8 @@ def _part(windows: Windows, table: Table, dt: float, train: bool) -> Windows:
 
 
 def _ball(ring: int, maze: Maze, fit: _BallFit) -> BallModel:
-    """The ball model of one ring; a ring without data has that of the nearest with, the disc a ball on the floor alone."""
+    """The ball model of one ring; a ring without data has that of the nearest with, the disc a ball on the floor
+    alone."""
     nearest = min(fit.weights, key=lambda number: abs(number - ring))
     factor, viscous, dry = (float(v) for v in fit.weights[nearest])
     sigma = fit.sigma[nearest]

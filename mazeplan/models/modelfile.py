@@ -60,7 +60,8 @@ class RigModel:
 
     @classmethod
     def nominal(cls, maze: Maze) -> RigModel:
-        """Textbook values for a rig that has no model yet: a ball that rolls on floor and wall (in the disc: on the floor),
+        """Textbook values for a rig that has no model yet: a ball that rolls on floor and wall (in the disc: on the
+        floor),
         a little viscous friction, a servo that settles in 0.2 s, a camera without delay, a level table."""
         balls = {
             ring.number: BallModel(

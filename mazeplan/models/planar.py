@@ -1,12 +1,14 @@
 """Fast planar motion of the ball on the tilting plate: both coordinates, walls, openings, servo, queued commands.
 
-The ring model (`ring_dynamics`) holds the ball on a circle; this one lets it fall through openings and meet walls, which
+The ring model (`ring_dynamics`) holds the ball on a circle; this one lets it fall through openings and meet walls,
+which
 is what a prediction over the camera delay needs. Plate frame, metres:
 
     x_dd =  k g sin(beta + beta_0)                      - c x_dot - d x_dot / |v|
     y_dd = -k g sin(gamma + gamma_0) cos(beta + beta_0) - c y_dot - d y_dot / |v|
 
-k is 5/7 (a solid sphere that rolls) where no wall is touched; along a wall the ball also turns against the wall, and k is the
+k is 5/7 (a solid sphere that rolls) where no wall is touched; along a wall the ball also turns against the wall,
+and k is the
 factor learned for that ring. Contacts are inelastic: the velocity into the wall is lost but for `restitution`.
 
 Everything compiled works on two float vectors, so that one compilation serves every maze and model:

@@ -2,12 +2,14 @@
 
     angle_dd = wn^2 (gain u(t - dead_time) + offset - angle) - 2 zeta wn angle_d
 
-The fit simulates the axis with the commands that were given (exactly, zero-order hold) and compares angles, so that noise of the
+The fit simulates the axis with the commands that were given (exactly, zero-order hold) and compares angles, so that
+noise of the
 tilt sensor does not bias it; zeta may exceed 1.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -85,13 +87,15 @@ def step_response(axis: StageAxis, t: Array) -> Array:
 
 
 def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
-    """Angle (N,) at the samples under commands u (N,), each held from its sample on, from rest at the first command's target.
+    """Angle (N,) at the samples under commands u (N,), each held from its sample on, from rest at the first
+    command's target.
 
-    The response to each change of the command is known in closed form; the sum over changes is a convolution, and past half a
+    The response to each change of the command is known in closed form; the sum over changes is a convolution, and
+    past half a
     second it has settled for every axis that is worth controlling, so a short one will do."""
     settle = max(0.5, 12.0 / (axis.natural_frequency * min(axis.damping, 1.0 / max(axis.damping, 1e-6))))
     n = min(len(u), math.ceil((settle + axis.dead_time) / dt) + 1)
-    response = step_response(axis, np.arange(n) * dt - axis.dead_time)
+    response = step_response(axis, np.arange(n, dtype=np.float64) * dt - axis.dead_time)
     impulse = np.diff(response, prepend=0.0)
     impulse[-1] += 1.0 - response[-1]
     start = u[0]
@@ -99,14 +103,15 @@ def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
 
 
 def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None) -> StageFit:
-    """Fit one axis to commands u (N,) and measured angle (N,), sampled every dt s. breaks: True where a new record begins.
+    """Fit one axis to commands u (N,) and measured angle (N,), sampled every dt s. breaks: True where a new record
+    begins.
 
     Raises ValueError when there is nothing to fit: fewer than 60 samples, or a command that never moves."""
     if len(u) < 60 or np.ptp(u) < 1e-3:
         raise ValueError(f"got {len(u)} samples with commands over {np.ptp(u) if len(u) else 0.0:.2g} rad")
     starts = np.flatnonzero(breaks) if breaks is not None else np.array([], dtype=int)
     edges = np.unique(np.concatenate([[0], starts, [len(u)]]))
-    pieces = [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a >= 30]
+    pieces = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= 30]
     skip = round(0.5 / dt)  # samples until the unknown start has died away
 
     def error(x: Array) -> Array:

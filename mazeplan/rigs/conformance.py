@@ -1,11 +1,13 @@
 """A conformance suite for anybody's rig: `check_rig(rig, maze)` or `mazeplan rig check`.
 
-Each check resets the rig, drives it for a second or two, and says in one sentence what it saw. On hardware a person places the ball at
+Each check resets the rig, drives it for a second or two, and says in one sentence what it saw. On hardware a person
+places the ball at
 each reset; `repeatable=False` leaves out the check that only a simulation can pass.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -133,7 +135,7 @@ def _moved(trial: Trial, theta: float, u_beta: float, u_gamma: float) -> float:
     trial.reset(theta=theta)
     samples = trial.run(1.0, u_beta, u_gamma)
     seen = [math.atan2(o.y, o.x) for o in samples if o.x is not None and o.y is not None]
-    return float(sum(difference(b, a) for a, b in zip(seen, seen[1:], strict=False))) if seen else math.nan
+    return float(sum(difference(b, a) for a, b in itertools.pairwise(seen))) if seen else math.nan
 
 
 def _sign_beta(trial: Trial) -> str | None:

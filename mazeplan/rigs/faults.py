@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module tells type checkers nothing of its names)
 import math
 from collections.abc import Sequence
 
@@ -16,7 +18,8 @@ from mazeplan.rigs.settings import Fault
 
 
 class FaultBox:
-    """Applies the faults of one run to a MuJoCo model and its data. Raises SettingsError for an opening that does not exist."""
+    """Applies the faults of one run to a MuJoCo model and its data. Raises SettingsError for an opening that does
+    not exist."""
 
     def __init__(self, faults: Sequence[Fault], model: mujoco.MjModel, data: mujoco.MjData, maze: Maze) -> None:
         self._faults, self._model, self._data = list(faults), model, data

@@ -1,9 +1,12 @@
 """The MuJoCo model (MJCF) of a maze on its gimbal, generated from the map and the settings.
 
-The plate is a real two-hinge gimbal, pitch beta about y outside and roll gamma about x inside, R = Ry(beta) Rx(gamma), driven by position
+The plate is a real two-hinge gimbal, pitch beta about y outside and roll gamma about x inside, R = Ry(beta)
+Rx(gamma), driven by position
 actuators. The floor is a box (a plane must not move). MuJoCo has no arcs: a wall is a row of boxes that touch at their
-edges, and each side of an opening is a box of its own, parallel to the opening's middle line, so that its width is exactly the map's.
-The ball's own friction is 0, because MuJoCo takes the larger of two: floor and walls set it. A table that is not level is a
+edges, and each side of an opening is a box of its own, parallel to the opening's middle line, so that its width is
+exactly the map's.
+The ball's own friction is 0, because MuJoCo takes the larger of two: floor and walls set it. A table that is not
+level is a
 gravity that is not vertical.
 """
 
@@ -25,7 +28,8 @@ TIME_CONSTANT = 0.004  # s, of contacts
 
 
 def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
-    """MJCF text. Bodies: plate, ball; joints: beta, gamma; actuators in that order; a plug geom `plug:NAME` per opening."""
+    """MJCF text. Bodies: plate, ball; joints: beta, gamma; actuators in that order; a plug geom `plug:NAME` per
+    opening."""
     wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
     kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
     x, y = math.radians(settings.table_x_deg), math.radians(settings.table_y_deg)

@@ -23,7 +23,8 @@ class Section(BaseModel):
 class Fault(Section):
     """Something that goes wrong on purpose, from at_s on for duration_s.
 
-    stuck: the ball is glued where it is; blackout: the camera sees nothing; dead_axis: `axis` no longer follows commands;
+    stuck: the ball is glued where it is; blackout: the camera sees nothing; dead_axis: `axis` no longer follows
+    commands;
     blocked: a plug in `opening`; push: a kick of `speed_m_s` towards `direction_deg` at at_s."""
 
     kind: Literal["stuck", "blackout", "dead_axis", "blocked", "push"]

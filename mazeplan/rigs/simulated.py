@@ -1,11 +1,15 @@
-"""A simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins, and a camera that is late and noisy.
+"""A simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins, and a camera that is late
+and noisy.
 
-It shares no equation with the planner's models. Time is the simulation's; one sample is `rate_hz`. Commands go to the servo in
+It shares no equation with the planner's models. Time is the simulation's; one sample is `rate_hz`. Commands go to
+the servo in
 `CHUNKS` parts a sample, so that slew limit, command delay and faults act on a finer grid than the samples.
 """
 
 from __future__ import annotations
 
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module tells type checkers nothing of its names)
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -117,7 +121,8 @@ class SimulatedRig:
     # -- camera -----------------------------------------------------------------------------------------------------
 
     def _picture(self, t: float) -> tuple[float | None, float | None]:
-        """Where the camera says the ball is. Each sample draws the same numbers, so that settings do not shift one another's."""
+        """Where the camera says the ball is. Each sample draws the same numbers, so that settings do not shift one
+        another's."""
         settings, rng = self.settings, self._rng
         noise, wrong = rng.standard_normal(2), rng.standard_normal(2)
         lost, outlier = rng.random(2)
