@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from mazeplan.choices import resolve_model, ring_number
+from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
@@ -37,6 +38,8 @@ def navigate(
     simulated noise.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
+    if start_angle_deg is not None and not math.isfinite(start_angle_deg):
+        raise InputError(f"got {start_angle_deg}, expected a finite number of degrees", key="start angle")
     maze = map if isinstance(map, Maze) else load_map(map)
     machine = make_rig(rig, maze) if isinstance(rig, str) else rig
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__

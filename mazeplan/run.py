@@ -26,6 +26,7 @@ from mazeplan.control.cost import CostParameters
 from mazeplan.control.ilqg import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.data.runlog import RunLogWriter
+from mazeplan.errors import RigError
 from mazeplan.estimation.estimator import Estimator, EstimatorOptions
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
@@ -220,6 +221,8 @@ class Run:
     def _tick(self, observation: Observation) -> str:
         began = perf_counter()
         run = self.context
+        if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
+            raise RigError(f"the rig measured no number: {observation}")
         state = self._estimator.update(observation)
         measured = self._estimator.filtered or state
         run.begin(observation.t, state, measured)

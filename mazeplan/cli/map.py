@@ -15,6 +15,7 @@ from mazeplan.errors import InputError
 if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.graph import Route
+    from mazeplan.records import Array
 
 app = typer.Typer(help="Check, draw and route maps.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -64,12 +65,13 @@ def show(
         "maze.png"
     ),
     with_route: Annotated[bool, typer.Option("--route", help="Draw the route as well.")] = False,
+    log: Annotated[Path | None, typer.Option("--log", help="Run log: draw where the ball went, too.")] = None,
     start: FromOption = "ring1",
     goal: ToOption = None,
     start_angle: AngleOption = 0.0,
     close: CloseOption = None,
 ) -> None:
-    """Draw a map to scale, with `--route` also the route that `map route` finds."""
+    """Draw a map to scale; with `--route` also the route that `map route` finds, with `--log` the trail of a run."""
     from mazeplan.maze.drawing import save_drawing
     from mazeplan.maze.mapfile import load_map
 
@@ -77,7 +79,7 @@ def show(
     found = _find(maze, start, goal, start_angle, close or [])[2] if with_route else None
     if with_route and found is None:
         _no_route(maze, start, goal)
-    save_drawing(maze, output, route=found)
+    save_drawing(maze, output, route=found, trail=None if log is None else _trail(log))
     say(f"wrote {output}")
 
 
@@ -107,6 +109,17 @@ def route(
         turn, name, there = math.degrees(leg.turn_rad), leg.opening.name, leg.opening.leads_to(leg.ring)
         print(f"ring {leg.ring}: turn {turn:+7.1f} deg, opening {name} to ring {there}, {leg.expected_s:.2f} s")
     print(f"ring {last}: there, {found.expected_s:.2f} s expected")
+
+
+def _trail(log: Path) -> Array:
+    """Where the estimator saw the ball, (N, 3) of x, y in m and time in s; what the camera saw where there was none."""
+    import numpy as np
+
+    from mazeplan.data.runlog import read_log
+
+    ticks = read_log(log).ticks
+    names = ("estimate_x", "estimate_y", "estimate_t") if "estimate_x" in ticks else ("x", "y", "t")
+    return np.stack([ticks[name] for name in names], axis=1)
 
 
 def _find(

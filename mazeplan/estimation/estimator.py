@@ -216,7 +216,7 @@ class Estimator:
             times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
             predict(z, t, acts, times, commands, *self._planar.arrays())
         self._acting_z, self._acts_at = z, acts
-        lost = self._z is None or t - self._last_seen > self._options.lost_after
+        lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
         self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
         self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
         self.filtered = _as_state(self._measured_at, measured, self._measured_ring, seen, lost)

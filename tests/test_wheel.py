@@ -1,0 +1,39 @@
+"""A wheel built from the tree works from any directory: maps, behaviours, rigs and models travel in it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def test_wheel_holds_everything_and_runs_elsewhere(tmp_path):
+    subprocess.run(
+        [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)],
+        check=True, capture_output=True, cwd=tmp_path,
+    )  # fmt: skip
+    (wheel,) = tmp_path.glob("*.whl")
+    site = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        archive.extractall(site)
+    for name in (
+        "_share/maps/cme.yaml",
+        "_share/behaviors/navigate.xml",
+        "rigs/toy.yaml",
+        "models/packaged/toy/model.yaml",
+    ):
+        assert f"mazeplan/{name}" in names
+    script = (
+        "import mazeplan, sys; assert mazeplan.__file__.startswith(sys.argv[1]), mazeplan.__file__\n"
+        "assert mazeplan.navigate('ring4', 'ring5', rig='toy', seed=1).success"
+    )
+    env = {**os.environ, "PYTHONPATH": str(site), "NUMBA_CACHE_DIR": str(ROOT / ".pytest_cache" / "numba")}
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(site)], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
