@@ -182,7 +182,7 @@ class Parallel(Node):
         self._done: dict[int, Status] = {}
 
     def run(self) -> Status:
-        """Tick every child that has not finished."""
+        """Tick the children that have not finished, until enough of them have."""
         n = len(self.children)
         needed, allowed = (n if self.get(port) < 0 else self.get(port) for port in ("success_count", "failure_count"))
         for i in range(n):
@@ -190,12 +190,12 @@ class Parallel(Node):
                 status = self.tick_child(i)
                 if status is not RUNNING:
                     self._done[i] = status
-        successes = sum(status is SUCCESS for status in self._done.values())
-        failures = len(self._done) - successes
-        if successes >= needed:
-            return SUCCESS
-        if failures >= allowed or n - failures < needed:
-            return FAILURE
+            successes = sum(status is SUCCESS for status in self._done.values())
+            failures = len(self._done) - successes
+            if successes >= needed:
+                return SUCCESS
+            if failures >= allowed or n - failures < needed:
+                return FAILURE
         return RUNNING
 
 
