@@ -39,7 +39,14 @@ def _label(node: Behaviour) -> tuple[str, str]:
 
 def _ports(node: Behaviour) -> str:
     values: dict[str, Any] = getattr(node, "_values", {})
-    return " ".join(f"{name}={{{v.name}}}" if isinstance(v, Key) else f"{name}={v}" for name, v in values.items())
+    return " ".join(f"{name}={_written(value)}" for name, value in values.items())
+
+
+def _written(value: Any) -> str:
+    """A port's value as it stands in a file."""
+    if isinstance(value, Key):
+        return f"{{{value.name}}}"
+    return ";".join(value) if isinstance(value, list) else str(value)
 
 
 def tree_text(tree: BehaviorTree) -> str:
@@ -95,12 +102,15 @@ def save_tree_drawing(tree: BehaviorTree, path: str | Path) -> None:
             trunk = p.parent.x * step + 0.12
             axes.plot([trunk, trunk, x], [p.parent.y - 0.35, p.y, p.y], color="#555555", lw=0.9, zorder=1)
         title, name = _label(p.node)
-        axes.text(
+        box = axes.text(
             x, p.y, title, va="center", ha="left", fontsize=8, zorder=3, family="DejaVu Sans",
             bbox={"boxstyle": "round,pad=0.28", "fc": COLOURS[_kind(p.node)], "ec": "#333333", "lw": 0.8},
         )  # fmt: skip
         note = "  ".join(filter(None, (name, _ports(p.node))))
-        axes.text(x + 0.12 * len(title) * 0.62 + 0.3, p.y, note, va="center", fontsize=7, color="#444444")
+        axes.annotate(
+            note, xy=(1.0, 0.5), xycoords=box, xytext=(6, 0), textcoords="offset points",
+            va="center", fontsize=7, color="#444444",
+        )  # fmt: skip
     axes.set_xlim(-0.1, depth * step + 5.0)
     axes.set_ylim(-rows + 0.2, 0.8)
     try:

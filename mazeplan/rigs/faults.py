@@ -13,7 +13,7 @@ import numpy as np
 from mazeplan.errors import SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
-from mazeplan.rigs.mjcf import plug_name
+from mazeplan.rigs.mjcf import PLUG_OFF, PLUG_ON, plug_name
 from mazeplan.rigs.settings import Fault
 
 
@@ -62,7 +62,7 @@ class FaultBox:
         for fault in self._faults:
             if fault.kind == "blocked" and fault.opening is not None:
                 geom = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, plug_name(fault.opening))
-                on = int(fault.opening in blocked)
+                on = PLUG_ON if fault.opening in blocked else PLUG_OFF
                 self._model.geom_contype[geom] = self._model.geom_conaffinity[geom] = on
         for i, fault in enumerate(self._faults):
             if fault.kind == "push" and i not in self._pushed and t >= fault.at_s:

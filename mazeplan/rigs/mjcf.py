@@ -21,6 +21,10 @@ GRAVITY = 9.81  # m/s^2
 SUBSTEPS = 20  # per sample; at 30 Hz a time step of 1/600 s
 ARMATURE = 0.05  # kg m^2 per axis; with less the weight of the ball tilts the plate
 CHEEK = 5e-4  # m, half thickness of the box at the side of an opening
+PLUG_ON, PLUG_OFF = (
+    1,
+    2,
+)  # collision bits; the ball has 1. With no bit at all MuJoCo would leave a plug out of its search tree
 FLOOR = 0.005  # m, half thickness of the floor
 TORSIONAL = 2e-5  # m, friction against spinning on a spot
 SOLIMP = "0.95 0.99 0.0005 0.5 2"
@@ -123,7 +127,7 @@ def _plug(maze: Maze, opening: Opening) -> str:
     near, far = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
     along = 0.5 * (near + far)
     x, y = along * math.cos(opening.angle), along * math.sin(opening.angle)
-    more = f'name="plug:{_safe(opening.name)}" contype="0" conaffinity="0" rgba="1 0 0 0.2"'
+    more = f'name="plug:{_safe(opening.name)}" contype="{PLUG_OFF}" conaffinity="{PLUG_OFF}" rgba="1 0 0 0.2"'
     return _box(x, y, opening.angle, 0.5 * (far - near), 0.5 * opening.width, maze.wall_height, more)
 
 

@@ -1,0 +1,143 @@
+"""The conformance suite: the packaged rigs pass, and each check fails for a rig that breaks just that."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mazeplan import check_rig
+from mazeplan.cli import main
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.simulated import SimulatedRig
+
+MAZE = load_map("cme")
+
+
+def failed(rig, **more):
+    return {result.name for result in check_rig(rig, MAZE, **more) if not result.passed}
+
+
+@pytest.mark.parametrize("name", ["ideal", "toy"])
+def test_packaged_rigs_conform(name):
+    results = check_rig(make_rig(name, MAZE), MAZE)
+    assert [result.detail for result in results if not result.passed] == []
+    assert len(results) == 12
+
+
+class LateClock(SimulatedRig):
+    def observe(self):
+        o = super().observe()
+        return replace(o, t=1.1 * o.t)
+
+
+class HalfBall(SimulatedRig):
+    def observe(self):
+        return replace(super().observe(), y=None)
+
+
+class SwappedAxes(SimulatedRig):
+    def command(self, u_beta, u_gamma):
+        super().command(u_gamma, u_beta)
+
+
+class WrongSignOfBall(SimulatedRig):
+    def observe(self):
+        o = super().observe()
+        return replace(o, x=o.x, y=-o.y)
+
+
+class NeverLevel(SimulatedRig):
+    def level(self):
+        pass
+
+
+class TakesNan(SimulatedRig):
+    def command(self, u_beta, u_gamma):
+        if math.isfinite(u_beta) and math.isfinite(u_gamma):
+            super().command(u_beta, u_gamma)
+
+
+class TakesTooMuch(SimulatedRig):
+    def command(self, u_beta, u_gamma):
+        if math.isfinite(u_beta) and math.isfinite(u_gamma):
+            limit = self.maze.tilt_limit
+            super().command(*(float(np.clip(u, -limit, limit)) for u in (u_beta, u_gamma)))
+        else:
+            raise ValueError("no number")
+
+
+class Overshoots(SimulatedRig):
+    def observe(self):
+        o = super().observe()
+        return replace(o, beta=o.beta * (1.3 if o.beta > 0.08 else 1.0))
+
+
+class Unrepeatable(SimulatedRig):
+    count = 0
+
+    def observe(self):
+        Unrepeatable.count += 1
+        o = super().observe()
+        return replace(o, x=o.x + 1e-9 * Unrepeatable.count)
+
+
+class ClosesOnce(SimulatedRig):
+    closed = False
+
+    def close(self):
+        if self.closed:
+            raise OSError("closed already")
+        self.closed = True
+
+
+@pytest.mark.parametrize(
+    ("kind", "checks"),
+    [
+        (LateClock, {"clock"}),
+        (HalfBall, {"observation", "sign of beta", "sign of gamma"}),
+        (SwappedAxes, {"tilt follows beta", "tilt follows gamma", "sign of beta", "sign of gamma"}),
+        (WrongSignOfBall, {"sign of beta", "sign of gamma"}),
+        (NeverLevel, {"level"}),
+        (TakesNan, {"refuses NaN"}),
+        (TakesTooMuch, {"refuses beyond the limit"}),
+        (Overshoots, {"limit is kept"}),
+        (Unrepeatable, {"repeatable"}),
+        (ClosesOnce, {"close"}),
+    ],
+)
+def test_each_check_finds_what_it_looks_for(kind, checks):
+    assert failed(kind(MAZE, {})) == checks
+
+
+def test_hardware_is_not_asked_to_repeat_itself():
+    assert failed(Unrepeatable(MAZE, {}), repeatable=False) == set()
+
+
+def command(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["mazeplan", "rig", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return stop.value.code or 0, capsys.readouterr()
+
+
+def test_command_line(monkeypatch, capsys, tmp_path):
+    code, got = command(monkeypatch, capsys, "check", "ideal", "--json")
+    assert code == 0
+    assert json.loads(got.out)["passed"] is True
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "stiff_rig.py").write_text(
+        "from mazeplan.rigs.simulated import SimulatedRig\n\n\nclass Stiff(SimulatedRig):\n"
+        "    def command(self, u_beta, u_gamma):\n        super().command(0.0 * u_beta, u_gamma)\n"
+    )
+    code, got = command(monkeypatch, capsys, "check", "stiff_rig:Stiff")
+    assert code == 1
+    assert "FAILED  tilt follows beta" in got.out
+    code, got = command(monkeypatch, capsys, "list")
+    assert "ideal, toy" in got.out
+    assert "camera_noise_mm" in got.out

@@ -1,0 +1,126 @@
+"""Settings files of simulated rigs, and what `--rig` stands for."""
+
+from __future__ import annotations
+
+import math
+import sys
+import textwrap
+
+import pytest
+
+from mazeplan.errors import SettingsError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import make_rig, rig_label, rig_model_hint, rig_names
+from mazeplan.rigs.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.simulated import SimulatedRig
+
+MAZE = load_map("cme")
+
+
+def test_packaged_rigs_are_as_documented():
+    assert rig_names() == ("ideal", "toy")
+    ideal, toy = (make_rig(name, MAZE).settings for name in rig_names())  # pyright: ignore
+    for name in ("camera_noise_mm", "camera_delay_frames", "tilt_noise_deg", "table_x_deg", "ball_lost_probability"):
+        assert getattr(ideal, name) == 0
+    assert (toy.camera_noise_mm, toy.camera_delay_frames, toy.tilt_noise_deg) == (0.5, 2, 0.05)
+    assert (toy.table_x_deg, toy.table_y_deg, toy.rolling_friction_m, toy.wall_grip) == (0.3, 0.15, 5e-5, 0.3)
+    assert (toy.ball_lost_probability, toy.ball_lost_frames) == (0.005, 3)
+    assert toy.wall_segments >= 192
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ("camera_noise_mm: 0.5\ncamera_nois_mm: 1\n", 2, "camera_nois_mm: unknown key"),
+        ("camera_noise_mm: much\n", 1, "camera_noise_mm: got 'much', expected a valid number"),
+        ("# a rig\ncamera_noise_mm: -1\n", 2, "camera_noise_mm: got -1, expected greater than or equal to 0"),
+        ("camera_delay_frames: 1.5\n", 1, "camera_delay_frames: got 1.5, expected a valid integer"),
+        ("rate_hz: true\n", 1, "rate_hz"),
+        ("rate_hz: .nan\n", 1, "rate_hz"),
+        ("wall_grip: 0.3\nwall_grip: 0.4\n", 2, "wall_grip"),
+        (
+            "faults:\n  - {kind: explosion, at_s: 1}\n",
+            2,
+            "faults[0].kind: got 'explosion', expected 'stuck', 'blackout'",
+        ),
+        ("faults:\n  - {kind: stuck}\n", 2, "faults[0].at_s"),
+        ("[1, 2]\n", 1, "expected settings"),
+        ("class: [a]\n", 1, "expected module:Class"),
+        ("a: &x 1\nb: *x\n", None, ""),
+    ],
+)
+def test_mistakes_are_one_line_with_place(tmp_path, text, line, said):
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    with pytest.raises(SettingsError) as error:
+        make_rig(str(path), MAZE)
+    assert str(error.value).startswith(f"{path}:{'' if line is None else line}")
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_settings_from_a_mapping():
+    settings = settings_from({"camera_offset_mm": [1.0, -2.0], "faults": [{"kind": "push", "at_s": 1.0}]})
+    assert settings.camera_offset_mm == (1.0, -2.0)
+    assert settings.faults[0].kind == "push"
+    with pytest.raises(SettingsError, match="tilt_noise_deg"):
+        settings_from({"tilt_noise_deg": math.inf})
+
+
+def test_labels_and_model_hints(tmp_path):
+    rig, model = tmp_path / "mine.yaml", tmp_path / "model"
+    model.mkdir()
+    rig.write_text("model: model\ncamera_noise_mm: 1\n")
+    assert rig_label(str(rig)) == "mine"
+    assert rig_model_hint(str(rig)) == str(model)
+    rig.write_text("model: toy\n")
+    assert rig_model_hint(str(rig)) == "toy"
+    assert rig_model_hint("ideal") is None
+    rig.write_text("model: [toy]\n")
+    with pytest.raises(SettingsError, match=r"mine.yaml:1: model"):
+        rig_model_hint(str(rig))
+    assert isinstance(make_rig("toy", MAZE), SimulatedRig)
+    assert rig_label("a.b:C") == "a.b:C"
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("nowhere", "expected one of ideal, toy"),
+        ("nowhere.yaml", "no such file"),
+        ("no_such_module:Rig", "cannot be imported"),
+        ("mazeplan.records:Nothing", "has no 'Nothing'"),
+        ("mazeplan.records:State", "lacks reset, observe, command, level, close"),
+    ],
+)
+def test_rigs_that_do_not_exist(spec, said):
+    with pytest.raises(SettingsError) as error:
+        make_rig(spec, MAZE)
+    assert said in str(error.value)
+
+
+def test_a_class_beside_the_file_gets_the_other_keys(tmp_path, monkeypatch):
+    (tmp_path / "own_rig_module.py").write_text(
+        textwrap.dedent("""
+        class Own:
+            rate_hz = 30.0
+            def __init__(self, maze, settings): self.maze, self.settings = maze, settings
+            def reset(self, *, ring, theta, rng): ...
+            def observe(self): ...
+            def command(self, u_beta, u_gamma): ...
+            def level(self): ...
+            def close(self): ...
+        """)
+    )
+    (tmp_path / "own.yaml").write_text("class: own_rig_module:Own\nport: /dev/ttyACM0\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    rig = make_rig("own.yaml", MAZE)
+    assert rig.settings == {"port": "/dev/ttyACM0"}  # pyright: ignore
+    assert make_rig("own_rig_module:Own", MAZE).settings == {}  # pyright: ignore
+
+
+def test_every_setting_says_what_it_is():
+    for name, info in SimulatedSettings.model_fields.items():
+        if name not in ("servo_damping", "faults"):
+            assert info.description, name
