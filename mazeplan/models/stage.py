@@ -93,7 +93,7 @@ def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
     The response to each change of the command is known in closed form; the sum over changes is a convolution, and
     past half a
     second it has settled for every axis that is worth controlling, so a short one will do."""
-    settle = max(0.5, 12.0 / (axis.natural_frequency * min(axis.damping, 1.0 / max(axis.damping, 1e-6))))
+    settle = max(0.5, 20.0 / (axis.natural_frequency * min(axis.damping, 1.0 / max(axis.damping, 1e-6))))
     n = min(len(u), math.ceil((settle + axis.dead_time) / dt) + 1)
     response = step_response(axis, np.arange(n, dtype=np.float64) * dt - axis.dead_time)
     impulse = np.diff(response, prepend=0.0)

@@ -1,0 +1,124 @@
+"""The ball's equation against a derivation that shares nothing with it: Lagrange's equation of a point on a circle
+in a tilting plate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import (
+    ConstantTorque,
+    DryFriction,
+    QuadraticDrag,
+    RingKinematics,
+    RollingInertia,
+    TiltOffset,
+    ViscousFriction,
+    make_effect,
+)
+
+GRAVITY = 9.81
+NAMES = ("theta", "theta_dot", "beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot", "gamma_ddot")
+
+
+@pytest.fixture(scope="module")
+def lagrange():
+    """theta_dd as a function of (r, theta, theta_d, beta, beta_d, beta_dd, gamma, gamma_d, gamma_dd)."""
+    t, r, g = sp.symbols("t r g")
+    theta, beta, gamma = (sp.Function(name)(t) for name in ("theta", "beta", "gamma"))
+    pitch = sp.Matrix([[sp.cos(beta), 0, sp.sin(beta)], [0, 1, 0], [-sp.sin(beta), 0, sp.cos(beta)]])
+    roll = sp.Matrix([[1, 0, 0], [0, sp.cos(gamma), -sp.sin(gamma)], [0, sp.sin(gamma), sp.cos(gamma)]])
+    place = pitch * roll * sp.Matrix([r * sp.cos(theta), r * sp.sin(theta), 0])
+    speed = place.diff(t)
+    lagrangian = (speed.T * speed)[0] / 2 - g * place[2]
+    rate, angle = sp.symbols("rate angle")
+    momentum = lagrangian.subs(theta.diff(t), rate).diff(rate).subs(rate, theta.diff(t))
+    force = lagrangian.subs(theta.diff(t), rate).subs(theta, angle).diff(angle).subs(angle, theta)
+    force = force.subs(rate, theta.diff(t))
+    unknown = sp.Symbol("theta_dd")
+    equation = (momentum.diff(t) - force).subs(theta.diff(t, 2), unknown)
+    solution = sp.solve(equation, unknown)[0]
+    symbols = sp.symbols("th thd b bd bdd c cd cdd")
+    values = {}
+    for function, (x, xd, xdd) in ((beta, symbols[2:5]), (gamma, symbols[5:8])):
+        values.update({function.diff(t, 2): xdd, function.diff(t): xd, function: x})
+    solution = solution.subs({k: v for k, v in values.items() if k.is_Derivative and k.derivative_count == 2})
+    solution = solution.subs({k: v for k, v in values.items() if k.is_Derivative and k.derivative_count == 1})
+    solution = solution.subs(theta.diff(t), symbols[1]).subs({beta: symbols[2], gamma: symbols[5], theta: symbols[0]})
+    return sp.lambdify((r, g, *symbols), solution)
+
+
+def random_motion(n=50, seed=0, radius=0.07):
+    rng = np.random.default_rng(seed)
+    scale = {"theta": 3.0, "theta_dot": 4.0, "beta": 0.3, "beta_dot": 2.0, "beta_ddot": 20.0}
+    scale |= {"gamma": 0.3, "gamma_dot": 2.0, "gamma_ddot": 20.0}
+    return RingKinematics(radius, **{name: scale[name] * rng.uniform(-1, 1, n) for name in NAMES})
+
+
+def test_sliding_point_is_lagranges_equation(lagrange):
+    k = random_motion()
+    expected = lagrange(k.radius, GRAVITY, *(getattr(k, name) for name in NAMES))
+    assert np.allclose(BallModel().acceleration(k), expected, rtol=1e-12, atol=1e-10)
+
+
+def test_gravity_part_is_scaled_and_offset(lagrange):
+    k = random_motion(seed=1)
+    tilted = RingKinematics(**{**k.__dict__, "beta": k.beta + 0.02, "gamma": k.gamma - 0.01})
+    zero = np.zeros_like(k.theta)
+
+    def gravity(motion):
+        still = [motion.theta, zero, motion.beta, zero, zero, motion.gamma, zero, zero]
+        return lagrange(k.radius, GRAVITY, *still)
+
+    model = BallModel((RollingInertia(0.6), TiltOffset(0.02, -0.01)))
+    without = lagrange(k.radius, GRAVITY, *(getattr(k, name) for name in NAMES)) - gravity(k)
+    assert np.allclose(model.acceleration(k), without + 0.6 * gravity(tilted), atol=1e-10)
+
+
+def test_friction_terms():
+    k = random_motion(seed=2)
+    base = BallModel().acceleration(k)
+    w = k.theta_dot
+    cases = {
+        ViscousFriction(0.4): -0.4 * w,
+        DryFriction(0.3, 0.1): -0.3 * np.sign(w) - 0.1,
+        QuadraticDrag(0.2): -0.2 * w * abs(w),
+        ConstantTorque(0.7): np.full_like(w, 0.7),
+    }
+    for effect, expected in cases.items():
+        assert np.allclose(BallModel((effect,)).acceleration(k) - base, expected, atol=1e-12), effect.name
+    resting = RingKinematics(**{**k.__dict__, "theta_dot": np.zeros_like(w)})
+    assert np.all(DryFriction(0.3, 0.1).term(resting) == 0.0)
+
+
+def test_jacobian_against_finite_differences():
+    model = BallModel(
+        (
+            RollingInertia(0.6),
+            TiltOffset(0.02, -0.01),
+            ViscousFriction(0.4),
+            DryFriction(0.3),
+            QuadraticDrag(0.2),
+            ConstantTorque(0.1),
+        )
+    )
+    k, h = random_motion(seed=3), 1e-6
+    for column, name in enumerate(("theta", "theta_dot", "beta", "beta_dot", "gamma", "gamma_dot")):
+        up, down = (RingKinematics(**{**k.__dict__, name: getattr(k, name) + s * h}) for s in (1.0, -1.0))
+        slope = (model.acceleration(up) - model.acceleration(down)) / (2.0 * h)
+        assert np.allclose(model.jacobian(k)[:, column], slope, rtol=1e-6, atol=1e-5), name
+
+
+def test_parameters_have_ranges_and_names():
+    assert BallModel((RollingInertia(0.6),)).parameter("rolling_inertia", "factor", 1.0) == 0.6
+    assert BallModel().parameter("rolling_inertia", "factor", 1.0) == 1.0
+    for wrong in (float("nan"), -1.0, 99.0):
+        with pytest.raises(ValueError, match="coefficient"):
+            ViscousFriction(wrong)
+    with pytest.raises(ValueError, match="rolling_inertia"):
+        make_effect("magic", {})
+    with pytest.raises(ValueError, match="coefficient"):
+        make_effect("viscous_friction", {"strength": 1.0})
+    assert make_effect("tilt_offset", {"beta": 0.1}).values() == {"beta": 0.1, "gamma": 0.0}
