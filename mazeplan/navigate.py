@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from mazeplan.choices import resolve_model, ring_number
@@ -25,6 +26,7 @@ def navigate(
     model: str | Path | RigModel | None = None,
     behavior: str = "navigate",
     start_angle_deg: float | None = None,
+    closed: Sequence[str] = (),
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
     log: str | Path | None = None,
@@ -36,11 +38,16 @@ def navigate(
     packaged name or
     folder (None: the rig's own, else a packaged one of its name, else nominal physics); seed: of start angle and
     simulated noise.
-    Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
+    closed: names of openings not to be used. Raises InputError for anything the user gave that cannot be used,
+    RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
         raise InputError(f"got {start_angle_deg}, expected a finite number of degrees", key="start angle")
     maze = map if isinstance(map, Maze) else load_map(map)
+    known = [opening.name for opening in maze.openings]
+    for name in closed:
+        if name not in known:
+            raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
     machine = make_rig(rig, maze) if isinstance(rig, str) else rig
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
@@ -50,8 +57,9 @@ def navigate(
         None if start_angle_deg is None else math.radians(start_angle_deg),
         seed,
         time_limit,
+        tuple(closed),
     )
-    setup = Setup(maze, chosen, behavior, label)
+    setup = Setup(maze, chosen, behavior, label, "" if isinstance(model, RigModel | None) else str(model))
     try:
         return run_job(machine, setup, job, log=log, display=display)
     finally:

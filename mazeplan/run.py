@@ -25,6 +25,7 @@ from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ilqg import RingPlanner
 from mazeplan.control.tilt import Plate
+from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunLogWriter
 from mazeplan.errors import RigError
 from mazeplan.estimation.estimator import Estimator, EstimatorOptions
@@ -99,6 +100,7 @@ class Setup:
     model: RigModel
     behavior: str = "navigate"
     rig_name: str = ""
+    model_name: str = ""
     leaves: LeafOptions = field(default_factory=LeafOptions)
     estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
 
@@ -130,6 +132,7 @@ def log_header(setup: Setup, job: Job) -> dict[str, Any]:
         "rig": setup.rig_name,
         "map": dump_map(setup.maze),
         "map_name": setup.maze.name,
+        "model": setup.model_name or setup.model.kind,
         "behavior": setup.behavior,
         "start_ring": job.start,
         "goal_ring": job.goal,
@@ -199,6 +202,7 @@ class Run:
         """Run until the tree has succeeded, the time is over, or the tree gave up."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
         theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
+        self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         while True:
             observation = self._rig.observe()
@@ -248,9 +252,17 @@ class Run:
                 leaf=leaf,
                 opening=None if run.opening is None else run.opening.name,
                 goal_theta=run.goal_theta,
+                planned_theta=self._planned_theta(),
                 planner_ms=run.planner_ms[-1] if run.planner_ms else None,
                 tick_ms=self._tick_ms[-1],
             )
+
+    def _planned_theta(self) -> float | None:
+        """Where the plan wants the ball at the state's own time, while a plan is followed."""
+        run = self.context
+        if run.plan is None or run.commanded_by != "Track":
+            return None
+        return float(run.plan.states[plan_step(run.plan, run.here.t), 0])
 
     def _note_ring(self, t: float, ring: int) -> None:
         if ring == self._ring:

@@ -195,3 +195,37 @@ def test_models_are_found_in_order():
     assert resolve_model(own, "toy", MAZE) is own
     assert resolve_model(None, "toy", MAZE).camera_delay > 0.05  # the packaged model of that rig
     assert resolve_model(None, None, MAZE) == RigModel.nominal(MAZE)
+
+
+def faulty(maze, **settings):
+    from mazeplan.rigs.simulated import SimulatedRig
+
+    return SimulatedRig(maze, settings)
+
+
+@pytest.mark.parametrize(
+    ("faults", "kind"),
+    [
+        ([{"kind": "stuck", "at_s": 0.2, "duration_s": 1.2}], "stuck"),
+        ([{"kind": "blackout", "at_s": 0.4, "duration_s": 1.2}], "ball_lost"),
+        ([{"kind": "blocked", "opening": "1-2@45", "at_s": 0.0, "duration_s": 20.0}], None),
+        ([{"kind": "push", "at_s": 0.5, "speed_m_s": 0.4, "direction_deg": 200.0}], None),
+    ],
+)
+def test_faults_of_the_simulated_machine_are_recovered_from(faults, kind):
+    rig = faulty(MAZE, faults=faults)
+    start = 0.0 if kind == "stuck" else 40.0  # a ball that sticks in front of an opening is a missed opening
+    result = navigate(1, 5, map=MAZE, rig=rig, model="ideal", start_angle_deg=start)
+    assert result.success, result
+    if kind is not None:
+        assert kind in kinds(result)
+        assert all(recoveries(result))
+    if faults[0]["kind"] == "blocked":
+        assert result.rings[0].opening != "1-2@45"
+        assert kinds(result)
+
+
+def test_closed_openings_must_exist():
+    with pytest.raises(InputError, match="expected one of 1-2@45"):
+        navigate(map=MAZE, rig=PlanarRig(MAZE), closed=["9-9@9"])
+    assert navigate(map=MAZE, rig=PlanarRig(MAZE), closed=["1-2@45"], start_angle_deg=45.0).rings[0].opening != "1-2@45"

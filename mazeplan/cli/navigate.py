@@ -31,6 +31,7 @@ def navigate(
     start_angle: Annotated[
         float | None, typer.Option("--start-angle", help="Start angle in deg; default: by seed.")
     ] = None,
+    close: Annotated[list[str] | None, typer.Option("--close", help="Opening not to be used; repeatable.")] = None,
     seed: Seed = 0,
     time_limit: TimeLimit = 20.0,
     log: Annotated[Path | None, typer.Option("--log", help="Write a run log (MCAP).")] = None,
@@ -52,6 +53,7 @@ def navigate(
             model=model,
             behavior=behavior,
             start_angle_deg=start_angle,
+            closed=close or (),
             seed=seed,
             time_limit=positive("--time-limit", time_limit),
             log=log,

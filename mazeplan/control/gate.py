@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 from mazeplan.control.tilt import GRAVITY, Plate
-from mazeplan.maze.geometry import Maze, Opening
+from mazeplan.maze.geometry import Opening
 from mazeplan.records import Command, State
 
 
@@ -72,9 +72,3 @@ def gate_command(
     strength = GRAVITY * (options.push if push is None else push)
     sign = -1.0 if towards == opening.inner else 1.0
     return plate.command_along((-s * hold, c * hold), (sign * strength * c, sign * strength * s))
-
-
-def through(state: State, opening: Opening, towards: int, maze: Maze) -> bool:
-    """Whether the ball's centre is past the middle of the wall that the opening breaks."""
-    threshold = maze.threshold_radius(opening)
-    return state.r < threshold if towards == opening.inner else state.r > threshold

@@ -8,10 +8,7 @@ middle line is the radius at `angle`.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-
-from mazeplan.maths.angles import difference
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,13 +124,3 @@ class Maze:
     def threshold_radius(self, opening: Opening) -> float:
         """Middle of the wall that the opening breaks, m: past it the ball is in the other ring."""
         return 0.5 * (self.ring(opening.outer).inner_radius + self.ring(opening.inner).outer_radius)
-
-    def in_front_of(self, theta: float, ring: int, margin: float = 0.0) -> Opening | None:
-        """The opening of `ring` in front of which angle theta lies (within half its width less `margin`, m)."""
-        radius = max(self.track_radius(ring), 1e-3)
-        for o in self.openings:
-            if ring in (o.outer, o.inner):
-                offset = radius * math.sin(difference(theta, o.angle))
-                if math.cos(difference(theta, o.angle)) > 0.0 and abs(offset) <= 0.5 * o.width - margin:
-                    return o
-        return None

@@ -1,0 +1,70 @@
+"""behavior check, show, list, palette; map show with the trail of a run."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from mazeplan import resources
+from mazeplan.behavior.registry import REGISTRY
+from mazeplan.cli import main
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["mazeplan", *arguments])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        got = capsys.readouterr()
+        return code, got.out, got.err
+
+    return run
+
+
+def test_check_names_every_bad_file(call, tmp_path):
+    good = (resources.share("behaviors") / "navigate.xml").read_text(encoding="utf-8")
+    (tmp_path / "good.xml").write_text(good, encoding="utf-8")
+    (tmp_path / "bad.xml").write_text(good.replace("<Align ", "<Allign "), encoding="utf-8")
+    code, out, err = call("behavior", "check", "navigate", str(tmp_path / "good.xml"))
+    assert (code, out.count(": ok, ")) == (0, 2)
+    code, out, err = call(
+        "behavior", "check", str(tmp_path / "bad.xml"), str(tmp_path / "good.xml"), str(tmp_path / "no")
+    )
+    assert code == 2
+    assert out.count(": ok, ") == 1
+    lines = err.strip().splitlines()
+    assert len(lines) == 2
+    assert "bad.xml:" in lines[0]
+    assert "did you mean Align?" in lines[0]
+
+
+def test_show_list_and_palette(call, tmp_path):
+    code, out, _ = call("behavior", "show", "navigate")
+    assert code == 0
+    assert "FailureIs kinds=missed_opening;stuck" in out
+    picture = tmp_path / "tree.svg"
+    assert call("behavior", "show", "-o", str(picture))[0] == 0
+    assert picture.read_text().startswith("<?xml")
+    assert call("behavior", "show", "-o", str(tmp_path / "tree.xyz"))[0] == 2
+    _, out, _ = call("behavior", "list")
+    for name in REGISTRY:
+        assert f"{name}: " in out
+    assert "opening (str, needed): name of the opening" in out
+    palette = tmp_path / "palette.xml"
+    assert call("behavior", "palette", "-o", str(palette))[0] == 0
+    assert call("behavior", "palette")[1] == palette.read_text()
+    assert call("behavior", "palette", "-o", str(tmp_path / "no" / "x.xml"))[0] == 2
+
+
+def test_map_show_draws_the_trail_of_a_run(call, tmp_path):
+    log, plain, trail = tmp_path / "run.mcap", tmp_path / "plain.svg", tmp_path / "trail.svg"
+    assert call("navigate", "--rig", "ideal", "--from", "ring3", "--log", str(log))[0] == 0
+    assert call("map", "show", "-o", str(plain))[0] == 0
+    assert call("map", "show", "--log", str(log), "-o", str(trail))[0] == 0
+    assert trail.stat().st_size > plain.stat().st_size + 3000
+    assert call("map", "show", "--log", str(tmp_path / "no.mcap"), "-o", str(trail))[0] == 2
