@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from mazeplan.cli.output import print_json
+from mazeplan.cli.output import print_json, say
 
 Map = Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")]
 RigName = Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")]
@@ -44,6 +44,7 @@ def navigate(
     from mazeplan.navigate import navigate as run
 
     maze = load_map(map_)
+    note_missing_model(rig, model)
     with NavigationProgress() as progress:
         result = run(
             start,
@@ -85,6 +86,7 @@ def evaluate(
     from mazeplan.evaluate import evaluate as run
     from mazeplan.maze.mapfile import load_map
 
+    note_missing_model(rig, model)
     to = len(load_map(map_).rings) if goal == "centre" else goal
     campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, positive("--time-limit", time_limit))
     with campaign_progress(runs) as advance:
@@ -95,6 +97,15 @@ def evaluate(
     else:
         print_summary(document)
     sys.exit(0 if document["success"] == runs else 1)
+
+
+def note_missing_model(rig: str, model: str | None) -> None:
+    """Tell the user when textbook physics stand in for a fitted model: no camera delay, no tilt of the table."""
+    from mazeplan.models.modelfile import model_names
+    from mazeplan.rigs.registry import rig_model_hint
+
+    if model is None and rig not in model_names() and rig_model_hint(rig) is None:
+        say(f"no model for rig {rig}: nominal physics stand in for it; fit one with `mazeplan collect` and `learn`")
 
 
 def print_summary(document: dict) -> None:

@@ -75,7 +75,10 @@ def test_labels_and_model_hints(tmp_path):
     assert rig_model_hint(str(rig)) == str(model)
     rig.write_text("model: toy\n")
     assert rig_model_hint(str(rig)) == "toy"
-    assert rig_model_hint("ideal") is None
+    assert rig_model_hint("ideal") == "ideal"
+    rig.write_text("camera_noise_mm: 1\n")
+    assert rig_model_hint(str(rig)) is None
+    assert rig_model_hint("module:Class") is None
     rig.write_text("model: [toy]\n")
     with pytest.raises(SettingsError, match=r"mine.yaml:1: model"):
         rig_model_hint(str(rig))
