@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from numba import njit
 
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner, RingPlanner
-from mazeplan.maths.lqr import riccati
 from mazeplan.models.ring_dynamics import RingParameters
-from mazeplan.records import StopReason
 
 LIMIT = math.radians(5.0)
 T, N = 15, 4  # horizon and states of the linear problem
@@ -134,50 +131,6 @@ class LinearProblem:
             total += (1.0 + 0.1 * k) * 0.5 * (s @ self.Q @ s + u @ self.R @ u)
             s = self.A @ s + self.B @ u
         return total + 0.5 * s @ self.Q_final @ s
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_on_a_linear_quadratic_problem_it_is_the_riccati_solution(seed):
-    problem = LinearProblem(seed)
-    plan = problem.planner().solve(problem.s0, problem.q)
-    weight = (1.0 + 0.1 * np.arange(T))[:, None, None]
-    exact = riccati(
-        np.tile(problem.A, (T, 1, 1)),
-        np.tile(problem.B, (T, 1, 1)),
-        weight * problem.Q,
-        weight * problem.R,
-        problem.Q_final,
-    )
-    assert plan.reason is StopReason.CONVERGED
-    assert plan.cost == pytest.approx(0.5 * problem.s0 @ exact.values[0] @ problem.s0, rel=1e-10)
-    np.testing.assert_allclose(plan.gains, exact.gains, rtol=1e-10, atol=1e-10)
-    for k in range(T):
-        np.testing.assert_allclose(plan.controls[k], exact.gains[k] @ plan.states[k], rtol=1e-8, atol=1e-8)
-    assert plan.iterations <= 3
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_with_limits_no_allowed_change_lowers_the_cost(seed):
-    problem = LinearProblem(seed)
-    limit = 0.3 * float(np.abs(problem.planner().solve(problem.s0, problem.q).controls).max())
-    plan = problem.planner(limit).solve(problem.s0, problem.q)
-    assert plan.reason is StopReason.CONVERGED
-    assert plan.cost == pytest.approx(problem.cost_of(problem.s0, plan.controls), rel=1e-12)
-    assert 0.05 < np.mean(np.abs(plan.controls) == limit) < 1.0
-    assert (np.abs(plan.controls) <= limit).all()
-    slope = np.zeros((T, 2))
-    for k in range(T):
-        for i in range(2):
-            for sign in (1.0, -1.0):
-                moved = plan.controls.copy()
-                moved[k, i] += sign * 1e-5
-                slope[k, i] += sign * problem.cost_of(problem.s0, moved) / 2e-5
-    free = np.abs(plan.controls) < limit
-    assert np.abs(slope[free]).max() < 1e-4 * np.abs(slope).max()
-    assert (slope[plan.controls == limit] < 0.0).all()
-    assert (slope[plan.controls == -limit] > 0.0).all()
-    assert (plan.gains[~free] == 0.0).all()
-    assert (np.abs(plan.gains[free]).max(axis=1) > 0.0).all()
 
 
 def ring_planner(**keywords) -> RingPlanner:
