@@ -229,3 +229,14 @@ def test_closed_openings_must_exist():
     with pytest.raises(InputError, match="expected one of 1-2@45"):
         navigate(map=MAZE, rig=PlanarRig(MAZE), closed=["9-9@9"])
     assert navigate(map=MAZE, rig=PlanarRig(MAZE), closed=["1-2@45"], start_angle_deg=45.0).rings[0].opening != "1-2@45"
+
+
+def test_the_estimator_is_told_every_command():
+    from mazeplan.run import NullDisplay, Run
+
+    rig = PlanarRig(MAZE)
+    run = Run(rig, SETUP, Job(1, 5, 0.3, time_limit=0.5), None, NullDisplay())
+    run.drive(None)
+    sent = [command[1:] for command in run._estimator._commands][1:]
+    assert sent == rig.commands[-len(sent) :]
+    assert len(sent) >= 14

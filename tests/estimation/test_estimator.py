@@ -172,3 +172,44 @@ def test_ahead_is_the_state_later_with_the_last_command_held():
     later = estimator.ahead(0.1)
     assert later.t == pytest.approx(state.t + 0.1)
     assert (later.x, later.y) == pytest.approx((twin[0], twin[1]), abs=1e-3)
+
+
+def test_commands_that_have_not_acted_yet_are_predicted_through():
+    """The state returned is that of the moment at which the next command acts, not that of the sample."""
+    dead_time = 0.05
+    nominal = model(0.0)
+    stage = replace(nominal.stage, beta=replace(nominal.stage.beta, dead_time=dead_time))
+    stage = replace(stage, gamma=replace(nominal.stage.gamma, dead_time=dead_time))
+    estimator = Estimator(MAZE, replace(nominal, stage=stage))
+    planar = PlanarModel.build(MAZE, nominal)
+    radius = MAZE.track_radius(1)
+    z = np.array([radius, 0.0, 0, 0, 0, 0, 0, 0], dtype=float)
+    moments, commands = [-1.0], [(0.0, 0.0)]
+    for k in range(60):
+        t = k * DT
+        state = estimator.update(Observation(t, float(z[0]), float(z[1]), float(z[4]), float(z[6])))
+        acts = z.copy()
+        predict(acts, t, t + dead_time, np.array(moments), np.array(commands), *planar.arrays())
+        assert state.t == pytest.approx(t + dead_time)
+        if k > 10:
+            assert state.gamma == pytest.approx(acts[6], abs=2e-3)
+            assert math.hypot(state.x - acts[0], state.y - acts[1]) < 1e-3
+        command = Command(0.0, 0.06 if (k // 12) % 2 else -0.06)
+        estimator.sent(command, t)
+        moments.append(t + dead_time)
+        commands.append((command.u_beta, command.u_gamma))
+        predict(z, t, t + DT, np.array(moments), np.array(commands), *planar.arrays())
+
+
+def test_a_kick_that_no_model_knows_is_found_by_the_filter():
+    rig = model(0.0)
+    estimator, played = Estimator(MAZE, rig), Played(rig)
+    for k in range(50):
+        if k == 30:
+            theta = math.atan2(played.z[1], played.z[0])
+            played.z[2:4] += 0.15 * np.array([-math.sin(theta), math.cos(theta)])
+        state = estimator.update(played.observation())
+        estimator.sent(wave(played.t), played.t)
+        if k >= 40:
+            assert math.hypot(state.vx - played.z[2], state.vy - played.z[3]) < 0.02
+        played.step(wave(played.t))

@@ -95,3 +95,13 @@ def test_the_servo_reaches_the_command_as_a_second_order_lag():
     step = 1.0 - math.exp(-zeta * wn * t) * (math.cos(wd * t) + zeta * wn / wd * math.sin(wd * t))
     assert z[4] == pytest.approx(0.05 * step, rel=0.03)
     assert z[6] == pytest.approx(-0.03 * step, rel=0.03)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_sides_of_an_opening_hold_the_ball(side):
+    opening = MAZE.opening("1-2@45")
+    z = at(MAZE.threshold_radius(opening), opening.angle)
+    c, s = math.cos(opening.angle), math.sin(opening.angle)
+    pull = 0.05 * side  # across the opening: too short a time to leave it along its middle line
+    held_tilt(z, 0.12, -s * pull, -c * pull)
+    assert -s * z[0] + c * z[1] == pytest.approx(side * (0.5 * opening.width - RADIUS), abs=1e-5)

@@ -137,6 +137,24 @@ def test_wall_grip_makes_rolling_along_a_wall_slower():
     assert travelled[1] < 0.92 * travelled[0]
 
 
+def test_true_velocity_is_that_in_the_plate_also_while_the_plate_turns():
+    machine = rig(theta=0.3, servo_slew_deg_s=2000.0)
+    places, speeds = [], []
+    for k in range(60):
+        machine.observe()
+        truth = machine.truth()
+        places.append(truth[:2])
+        speeds.append(truth[3:5])
+        tilt = 0.08 if (k // 6) % 2 else -0.08
+        machine.command(tilt, -tilt)
+    moved = np.diff(places, axis=0) * machine.rate_hz
+    mean = 0.5 * (np.array(speeds[1:]) + np.array(speeds[:-1]))
+    assert np.median(np.abs(moved - mean)) < 1e-3
+    machine._data.qvel[:2] = 2.0, 0.0  # rad/s of the plate alone
+    machine._data.qvel[2:5] = np.cross([0.0, 2.0, 0.0], machine._data.qpos[2:5])  # the ball goes with it
+    assert np.allclose(machine.truth()[3:5], 0.0, atol=1e-6)
+
+
 def test_model_text_follows_the_map():
     text = mjcf(load_map("lopsided"), settings_from({}))
     assert text.count('name="plug:') == len(load_map("lopsided").openings)
