@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mazeplan.cli.output import print_json, say
+
+if TYPE_CHECKING:
+    from mazeplan.maze.geometry import Maze
 
 Map = Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")]
 RigName = Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")]
@@ -44,7 +47,7 @@ def navigate(
     from mazeplan.navigate import navigate as run
 
     maze = load_map(map_)
-    note_missing_model(rig, model)
+    note_missing_model(rig, model, maze)
     with NavigationProgress() as progress:
         result = run(
             start,
@@ -86,8 +89,9 @@ def evaluate(
     from mazeplan.evaluate import evaluate as run
     from mazeplan.maze.mapfile import load_map
 
-    note_missing_model(rig, model)
-    to = len(load_map(map_).rings) if goal == "centre" else goal
+    maze = load_map(map_)
+    note_missing_model(rig, model, maze)
+    to = len(maze.rings) if goal == "centre" else goal
     campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, positive("--time-limit", time_limit))
     with campaign_progress(runs) as advance:
         outcomes = run(campaign, workers=workers, progress=advance)
@@ -99,11 +103,14 @@ def evaluate(
     sys.exit(0 if document["success"] == runs else 1)
 
 
-def note_missing_model(rig: str, model: str | None) -> None:
-    """Tell the user when textbook physics stand in for a fitted model: no camera delay, no tilt of the table."""
-    from mazeplan.models.modelfile import model_names
-    from mazeplan.rigs.registry import rig_model_hint
+def note_missing_model(rig: str, model: str | None, maze: Maze) -> None:
+    """Tell the user when textbook physics stand in for a fitted model: no camera delay, no tilt of the table.
 
+    Nothing is said of a rig that cannot be made; that is an error of its own, raised here."""
+    from mazeplan.models.modelfile import model_names
+    from mazeplan.rigs.registry import make_rig, rig_model_hint
+
+    make_rig(rig, maze)
     if model is None and rig not in model_names() and rig_model_hint(rig) is None:
         say(f"no model for rig {rig}: nominal physics stand in for it; fit one with `mazeplan collect` and `learn`")
 

@@ -52,14 +52,19 @@ def test_failing_to_arrive_is_one_and_names_the_reason(monkeypatch, capsys):
         (["--time-limit", "nan"], "--time-limit"),
         (["--start-angle", "nan"], "angle"),
         (["--log", "/proc/none/x.mcap"], "x.mcap"),
+        (["--seed", "-1"], "--seed"),
+        (["--time-limit", "soon"], "--time-limit"),
+        (["--colour"], "--colour"),
+        (["--rig", "os:getcwd"], "no rig"),
     ],
 )
 def test_bad_input_is_one_line_and_two(monkeypatch, capsys, arguments, said):
     code, out, err = call(monkeypatch, capsys, "navigate", *arguments)
     assert code == 2
     assert out == ""
-    lines = [line for line in err.splitlines() if line.startswith("mazeplan:")]
+    lines = err.splitlines()
     assert len(lines) == 1
+    assert lines[0].startswith("mazeplan: ")
     assert said in lines[0]
     assert "Traceback" not in err
 
@@ -146,4 +151,21 @@ def test_doctor(monkeypatch, capsys):
 def test_no_arguments_is_help_and_unknown_is_two(monkeypatch, capsys):
     code, out, err = call(monkeypatch, capsys, "navigat")
     assert code == 2
-    assert "navigat" in out + err
+    assert err.startswith("mazeplan: No such command 'navigat'")
+    assert len(err.splitlines()) == 1
+    code, out, err = call(monkeypatch, capsys)
+    assert code == 2
+    assert "evaluate" in out + err
+    code, out, err = call(monkeypatch, capsys, "--help")
+    assert code == 0
+    assert "navigate" in out
+
+
+def test_a_rig_without_a_model_is_told_so(monkeypatch, capsys, tmp_path):
+    rig = tmp_path / "own.yaml"
+    rig.write_text("camera_noise_mm: 0.1\n")
+    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", str(rig), "--from", "ring4")
+    assert code == 0
+    assert "no model for rig" in err
+    rig.write_text("model: ideal\n")
+    assert "no model" not in call(monkeypatch, capsys, "navigate", "--rig", str(rig), "--from", "ring4")[2]
