@@ -62,6 +62,8 @@ def run_collection(
                     if progress is not None and rows % 30 == 0:
                         progress(round(rows * dt))
     finally:
-        rig.level()
-        rig.close()
+        try:
+            rig.level()
+        finally:
+            rig.close()
     return rows

@@ -1,20 +1,22 @@
 """What a leaf is: ports with types, and a life of start, step, halt.
 
-`start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if
-it is
-interrupted in between. A leaf that fails says why with `fail`.
+`start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if it
+is interrupted in between. A leaf that fails says why with `fail`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.errors import TreeError
 from mazeplan.records import Failure
 
 
@@ -50,23 +52,56 @@ def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(";") if word.strip()]
 
 
-CONVERSIONS: dict[type, Any] = {int: int, float: float, str: str, bool: _boolean, list: _words}
+def _number(kind: type) -> Any:
+    def convert(text: str) -> Any:
+        if "_" in text:  # Python's own notation, which no other reader of the format knows
+            raise ValueError(text)
+        return kind(text)
+
+    return convert
+
+
+CONVERSIONS: dict[type, Any] = {int: _number(int), float: _number(float), str: str, bool: _boolean, list: _words}
+INSTANCES: dict[type, Any] = {int: Integral, float: Real, bool: bool, list: list | tuple}  # str: any object at all
 
 
 @dataclass(frozen=True)
 class Port:
-    """A typed input or output of a leaf. direction: in, out, or inout; an output takes a {key} only."""
+    """A typed input or output of a node. direction: in, out, or inout; an output takes a {key} only. least: the
+    smallest number allowed. A port of type str also carries objects, such as a plan, by {key}."""
 
     type: type
     default: Any = REQUIRED
     doc: str = ""
     direction: str = "in"
+    least: float | None = None
+
+    @property
+    def expected(self) -> str:
+        """What is allowed, for an error."""
+        return self.type.__name__ if self.least is None else f"{self.type.__name__} >= {self.least:g}"
 
     def parse(self, text: str) -> Any:
         """A literal from a file. Raises ValueError."""
-        value = CONVERSIONS[self.type](text)
+        return self._bounded(CONVERSIONS[self.type](text))
+
+    def accept(self, value: Any) -> Any:
+        """A value from the blackboard; text becomes what the port takes, as a literal would. Raises ValueError."""
+        if self.type is str:
+            return value
+        if type(value) is self.type:
+            return self._bounded(value)
+        if isinstance(value, str):
+            return self.parse(value)
+        if not isinstance(value, INSTANCES[self.type]) or (isinstance(value, bool) and self.type is not bool):
+            raise ValueError(value)
+        return self._bounded(value)
+
+    def _bounded(self, value: Any) -> Any:
         if isinstance(value, float) and value != value:  # NaN is equal to nothing
-            raise ValueError(text)
+            raise ValueError(value)
+        if self.least is not None and value < self.least:
+            raise ValueError(value)
         return value
 
 
@@ -77,23 +112,69 @@ class Key:
     name: str
 
 
-class Leaf(Behaviour):
-    """Base of all leaves. `values`: {port: literal or Key} of the ports given in the tree."""
+def shown(value: Any, most: int = 60) -> str:
+    """A value for an error: its repr, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a node stands: file, line, path in the tree."""
+
+    file: Path
+    line: int
+    path: str
+
+
+class Ported:
+    """What leaves and nodes with children share: ports given as literal or {key}, and a place in a file."""
 
     ports: ClassVar[dict[str, Port]] = {}
+    name: str
+    place: Place | None = None
+    _board: Blackboard
+    _values: dict[str, Any]
+
+    def get(self, port: str) -> Any:
+        """The value of a port: literal, blackboard entry, or default. Raises TreeError, at the line of the node, where
+        the entry is missing or not of the port's type."""
+        if port not in self._values:
+            return self.ports[port].default
+        value = self._values[port]
+        if not isinstance(value, Key):
+            return value
+        try:
+            found = self._board.get(value.name)
+        except KeyError as missing:
+            raise self.wrong(f"{port}: {missing.args[0]}") from None
+        try:
+            return self.ports[port].accept(found)
+        except (ValueError, OverflowError):
+            expected = self.ports[port].expected
+            raise self.wrong(f"{port}: got {shown(found)} from {{{value.name}}}, expected {expected}") from None
+
+    def wrong(self, problem: str) -> TreeError:
+        """The error that names this node."""
+        if self.place is None:
+            return TreeError(problem, key=self.name)
+        return TreeError(problem, file=self.place.file, line=self.place.line, key=self.place.path)
+
+
+FINISHED = (Status.SUCCESS, Status.FAILURE)
+
+
+class Leaf(Ported, Behaviour):
+    """Base of all leaves. `values`: {port: literal or Key} of the ports given in the tree; `category`: Action, or
+    Condition for one that answers at once and changes nothing."""
+
+    category: ClassVar[str] = "Action"
 
     def __init__(self, name: str, context: Any, blackboard: Blackboard, values: Mapping[str, Any]) -> None:
         super().__init__(name)
         self.context = context
         self._board, self._values = blackboard, dict(values)
         self._running = False
-
-    def get(self, port: str) -> Any:
-        """The value of an input: literal, blackboard entry, or default."""
-        if port not in self._values:
-            return self.ports[port].default
-        value = self._values[port]
-        return self._board.get(value.name) if isinstance(value, Key) else value
 
     def set(self, port: str, value: Any) -> None:
         """Write an output, or an input that is a key; nothing happens where the tree gave none."""
@@ -118,15 +199,25 @@ class Leaf(Behaviour):
 
     # -- py_trees ---------------------------------------------------------------------------------------------------
 
+    def tick(self) -> Iterator[Behaviour]:
+        """py_trees: one tick. Written out because py_trees' own takes twice the time, for its debug log."""
+        if self.status is not Status.RUNNING:
+            self.initialise()
+        self.status = self.update()
+        yield self
+
     def initialise(self) -> None:
         """py_trees: entered."""
         self._running = True
         self.start()
 
     def update(self) -> Status:
-        """py_trees: ticked."""
+        """py_trees: ticked. Raises TreeError where `step` returned anything but a status."""
         status = self.step()
-        self._running = status is Status.RUNNING
+        self._running = status not in FINISHED
+        if self._running and status is not Status.RUNNING:
+            what = f"{type(self).__name__}.step returned {shown(status)}"
+            raise self.wrong(f"{what}, expected RUNNING, SUCCESS or FAILURE")
         return status
 
     def terminate(self, new_status: Status) -> None:

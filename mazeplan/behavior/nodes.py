@@ -1,8 +1,8 @@
 """Control and decorator nodes with the semantics of BehaviorTree.CPP 4, as py_trees behaviours.
 
 py_trees' own composites differ where it matters here (retries cost a tick each, timers read the wall clock), so the
-nodes are written on its
-`Behaviour`, with children in `children`. A child that has finished counts as idle: it starts anew when ticked again.
+nodes are written on its `Behaviour`, with children in `children`. A child that has finished counts as idle: it starts
+anew when ticked again.
 
 | node | ticks | result |
 |---|---|---|
@@ -10,10 +10,10 @@ nodes are written on its
 | SequenceWithMemory | the same, but after FAILURE it resumes at the child that failed | |
 | ReactiveSequence | always from the first child | RUNNING of a child: later ones are halted |
 | Fallback, ReactiveFallback | the same with SUCCESS and FAILURE exchanged | |
-| Parallel | all that have not finished | success_count successes, failure_count failures; -1: all |
+| Parallel | all that have not finished | success_count successes, failure_count failures; -1: all, -2: all but 1 |
 | RetryUntilSuccessful | its child up to num_attempts times, within the tick; -1: without end, one attempt a tick | |
 | Repeat | its child num_cycles times, within the tick; -1: without end, one a tick | |
-| Timeout | FAILURE msec after its start, in rig time; the child is halted | |
+| Timeout | FAILURE msec after its start, in rig time; the child is halted; 0: no limit | |
 | Delay | its child delay_msec after its start | |
 | Inverter, ForceSuccess, ForceFailure, KeepRunningUntilFailure | | |
 | SubTree | its one child, on a blackboard of its own | |
@@ -28,15 +28,14 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.leaf import REQUIRED, Key, Port
+from mazeplan.behavior.leaf import REQUIRED, Port, Ported
 
 RUNNING, SUCCESS, FAILURE, INVALID = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.INVALID
 
 
-class Node(Behaviour):
+class Node(Ported, Behaviour):
     """Base of nodes with children. `most`: children allowed (None: any number from 1)."""
 
-    ports: ClassVar[dict[str, Port]] = {}
     most: ClassVar[int | None] = None
 
     def __init__(
@@ -53,12 +52,10 @@ class Node(Behaviour):
             child.parent = self
         self.clock, self._board, self._values = clock, blackboard, dict(values)
 
-    def get(self, port: str) -> Any:
-        """The value of a port: literal, blackboard entry, or default."""
-        if port not in self._values:
-            return self.ports[port].default
-        value = self._values[port]
-        return self._board.get(value.name) if isinstance(value, Key) else value
+    @classmethod
+    def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
+        """What is wrong with these literals for n children, if anything; asked when a file is read."""
+        return None
 
     def tick(self) -> Iterator[Behaviour]:
         """py_trees: one tick, children first."""
@@ -108,6 +105,11 @@ class _Ordered(Node):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._current = 0
+
+    def enter(self) -> None:
+        """From the first child, but for the node with memory; an exception may have left another place."""
+        if not self.remember_stop:
+            self._current = 0
 
     def run(self) -> Status:
         """Tick children in order, from the one that is running."""
@@ -173,9 +175,17 @@ class Parallel(Node):
     """All children side by side."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "success_count": Port(int, -1, "successes that make it succeed; -1: all"),
-        "failure_count": Port(int, 1, "failures that make it fail; -1: all"),
+        "success_count": Port(int, -1, "successes that make it succeed; -1: all, -2: all but one, ..."),
+        "failure_count": Port(int, 1, "failures that make it fail; -1: all, -2: all but one, ..."),
     }
+
+    @classmethod
+    def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
+        """A threshold that so few children cannot reach."""
+        for port, value in values.items():
+            if isinstance(value, int) and value > n:
+                return f"{port}: got {value}, expected at most its number of children, {n}"
+        return None
 
     def enter(self) -> None:
         """No child has finished."""
@@ -184,7 +194,7 @@ class Parallel(Node):
     def run(self) -> Status:
         """Tick the children that have not finished, until enough of them have."""
         n = len(self.children)
-        needed, allowed = (n if self.get(port) < 0 else self.get(port) for port in ("success_count", "failure_count"))
+        needed, allowed = (_from_end(self.get(port), n) for port in ("success_count", "failure_count"))
         for i in range(n):
             if i not in self._done:
                 status = self.tick_child(i)
@@ -199,6 +209,11 @@ class Parallel(Node):
         return RUNNING
 
 
+def _from_end(threshold: int, n: int) -> int:
+    """A negative threshold counts from the end, as an index does: -1 is n, -2 is n - 1."""
+    return threshold if threshold >= 0 else max(n + threshold + 1, 0)
+
+
 class _Decorator(Node):
     most: ClassVar[int | None] = 1
 
@@ -208,6 +223,7 @@ class _Loop(_Decorator):
 
     again: ClassVar[Status] = FAILURE
     limit: ClassVar[str] = "num_attempts"
+    reread: ClassVar[bool] = True  # the limit, after each round: the child may have changed it
 
     def enter(self) -> None:
         """Count from 0."""
@@ -223,27 +239,30 @@ class _Loop(_Decorator):
             self._count += 1
             if limit < 0:
                 return RUNNING
+            if self.reread:
+                limit = self.get(self.limit)
         return self.again
 
 
 class RetryUntilSuccessful(_Loop):
     """Its child again while it fails."""
 
-    ports: ClassVar[dict[str, Port]] = {"num_attempts": Port(int, REQUIRED, "attempts; -1: without end")}
+    ports: ClassVar[dict[str, Port]] = {"num_attempts": Port(int, REQUIRED, "attempts; -1: without end", least=-1)}
 
 
 class Repeat(_Loop):
     """Its child again while it succeeds."""
 
-    ports: ClassVar[dict[str, Port]] = {"num_cycles": Port(int, REQUIRED, "repetitions; -1: without end")}
+    ports: ClassVar[dict[str, Port]] = {"num_cycles": Port(int, REQUIRED, "repetitions; -1: without end", least=-1)}
     again: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
+    reread: ClassVar[bool] = False
 
 
 class Timeout(_Decorator):
     """FAILURE when its child takes too long, in rig time."""
 
-    ports: ClassVar[dict[str, Port]] = {"msec": Port(int, REQUIRED, "limit in ms")}
+    ports: ClassVar[dict[str, Port]] = {"msec": Port(int, REQUIRED, "limit in ms; 0: none", least=0)}
 
     def enter(self) -> None:
         """Start the clock."""
@@ -251,7 +270,8 @@ class Timeout(_Decorator):
 
     def run(self) -> Status:
         """The child's status, until the time is over."""
-        if 1e3 * (self.clock() - self._began) >= self.get("msec") - 1e-6:
+        limit = self.get("msec")
+        if limit > 0 and 1e3 * (self.clock() - self._began) >= limit - 1e-6:
             self.halt_children()
             return FAILURE
         return self.tick_child(0)
@@ -260,7 +280,7 @@ class Timeout(_Decorator):
 class Delay(_Decorator):
     """Its child after a while, in rig time."""
 
-    ports: ClassVar[dict[str, Port]] = {"delay_msec": Port(int, REQUIRED, "delay in ms")}
+    ports: ClassVar[dict[str, Port]] = {"delay_msec": Port(int, REQUIRED, "delay in ms", least=0)}
 
     def enter(self) -> None:
         """Start the clock."""

@@ -24,9 +24,12 @@ class BehaviorTree:
         return self.root.status
 
     def halt(self) -> None:
-        """Halt everything that runs."""
+        """Halt everything that runs, also what an exception in the middle of a tick has left running."""
         if self.root.status is Status.RUNNING:
             self.root.stop(Status.INVALID)
+        for _, node in self._paths:
+            if node.status is Status.RUNNING or getattr(node, "_running", False):
+                node.stop(Status.INVALID)
 
     def nodes(self) -> Iterator[Behaviour]:
         """All nodes, parents first."""

@@ -1,9 +1,8 @@
 """Behaviour trees from XML files in BehaviorTree.CPP version 4 format, with errors at the line.
 
 Read by lxml without DTD, entities or network, after a look at the size; nothing in a file is ever executed. Both
-forms of a node are taken:
-`<Track speed="1"/>` and `<Action ID="Track" speed="1"/>`. An attribute is a port, or `name`; `{key}` refers to the
-blackboard.
+forms of a node are taken: `<Track speed="1"/>` and `<Action ID="Track" speed="1"/>`. An attribute is a port, or `name`;
+`{key}` refers to the blackboard, `{=}` to the key that is called as the port.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compile
 
 from mazeplan import resources
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.leaf import REQUIRED, Context, Key, Leaf, Port
+from mazeplan.behavior.leaf import REQUIRED, Context, Key, Leaf, Place, Port, shown
 from mazeplan.behavior.nodes import CONTROLS, DECORATORS, Node, SubTree
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.errors import TreeError
@@ -26,8 +25,14 @@ from mazeplan.errors import TreeError
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 60  # nodes on one path, subtrees included
 MAX_NODES = 5_000  # after subtrees are put in their places
+MAX_NAME = 100  # characters of a node's name
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
+ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
+NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
 KEY = re.compile(r"\{([A-Za-z_][A-Za-z0-9_.]*)\}")
+BRACED = re.compile(r"\{.*\}", re.DOTALL)
+
+AUTOREMAP = Port(bool, False, "whether keys of the same name are those outside")
 
 Element = Any  # lxml's element class is not public
 
@@ -68,10 +73,19 @@ def _parse(path: Path) -> Element:
         resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, remove_comments=True, remove_pis=True
     )
     try:
-        return etree.fromstring(data, parser)
+        root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as problem:
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
-        raise TreeError(f"not XML: {message}", file=path, line=problem.lineno) from None
+        raise TreeError(f"not XML: {_one_line(message)}", file=path, line=problem.lineno) from None
+    if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII
+        raise TreeError("document types and entities are not allowed", file=path)
+    return root
+
+
+def _one_line(text: str, most: int = 600) -> str:
+    """Text for an error: one line, nothing that a terminal would obey, not endless."""
+    clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
+    return clean if len(clean) <= most else f"{clean[: most - 3]}..."
 
 
 class _Builder:
@@ -83,7 +97,8 @@ class _Builder:
         if root.tag != "root":
             raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
         if root.get("BTCPP_format") != "4":
-            raise self.error(root, "", f"BTCPP_format: got {root.get('BTCPP_format')!r}, expected '4'")
+            raise self.error(root, "", f"BTCPP_format: got {shown(root.get('BTCPP_format'))}, expected '4'")
+        self._known(root, "", ROOT_ATTRIBUTES)
         self._trees: dict[str, Element] = {}
         for element in root:
             self._top(element)
@@ -92,20 +107,31 @@ class _Builder:
 
     def error(self, element: Element, path: str, problem: str) -> TreeError:
         """The error at an element; `path` is the way to it through the tree."""
-        return TreeError(problem, file=self._file, line=element.sourceline, key=path or None)
+        path = path if len(path) <= 200 else f"...{path[-197:]}"
+        return TreeError(_one_line(problem), file=self._file, line=element.sourceline, key=_one_line(path) or None)
+
+    def _known(self, element: Element, path: str, allowed: Iterable[str]) -> None:
+        """Refuse other attributes than these; those of another namespace and NOTES mean nothing here."""
+        for attribute in map(str, element.attrib):
+            if attribute not in (*allowed, *NOTES) and not attribute.startswith("{"):
+                problem = f"unknown attribute {shown(attribute)}, expected one of {', '.join(allowed)}"
+                raise self.error(element, path, problem)
 
     def _top(self, element: Element) -> None:
         if element.tag == "TreeNodesModel":
             return
         if element.tag != "BehaviorTree":
-            raise self.error(element, "", f"got <{element.tag}>, expected <BehaviorTree> or <TreeNodesModel>")
+            expected = "<BehaviorTree> or <TreeNodesModel>"
+            if element.tag == "include":
+                expected += "; other files are not included: put the trees into this one"
+            raise self.error(element, "", f"got <{element.tag}>, expected {expected}")
         name = element.get("ID")
         if not name:
             raise self.error(element, "", "<BehaviorTree> without ID")
         if name in self._trees:
-            raise self.error(
-                element, name, f"a second tree of this name; the first is at line {self._trees[name].sourceline}"
-            )
+            first = self._trees[name].sourceline
+            raise self.error(element, name, f"a second tree of this name; the first is at line {first}")
+        self._known(element, name, ("ID",))
         self._trees[name] = element
 
     def build(self, main: str | None) -> BehaviorTree:
@@ -116,7 +142,7 @@ class _Builder:
                 raise self.error(self._root, "", "main_tree_to_execute is missing, and there is more than one tree")
             name = next(iter(self._trees))
         if name not in self._trees:
-            raise self.error(self._root, "", f"main tree: got {name!r}, expected one of {', '.join(self._trees)}")
+            raise self.error(self._root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self._trees)}")
         for other in self._trees:  # trees that are not used are checked all the same
             if other != name:
                 self._content(other, Blackboard(), other, (other,))
@@ -132,112 +158,143 @@ class _Builder:
 
     def _node(self, element: Element, board: Blackboard, above: str, within: tuple[str, ...]) -> Any:
         kind, attributes = self._kind(element, above)
-        name = attributes.pop("name", kind)
+        name = attributes.pop("name", "") or (attributes.get("ID", "") if kind == "SubTree" else kind)
+        if len(name) > MAX_NAME or not name.isprintable():
+            raise self.error(
+                element, above, f"name: got {shown(name)}, expected at most {MAX_NAME} printing characters"
+            )
         path = f"{above}/{name}"
         self._count += 1
         if path.count("/") > MAX_DEPTH or self._count > MAX_NODES:
             raise self.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
         if kind == "SubTree":
-            return self._subtree(element, attributes, board, above, within)
-        if kind in CONTROLS or kind in DECORATORS:
-            node = CONTROLS.get(kind) or DECORATORS[kind]
-            values = self._values(element, path, node.ports, attributes)
-            self._number_of_children(element, path, node)
+            node = self._subtree(element, name, attributes, board, path, within)
+        elif kind in CONTROLS or kind in DECORATORS:
+            node_class = CONTROLS.get(kind) or DECORATORS[kind]
+            values = self._values(element, path, node_class.ports, attributes, board)
+            self._check_children(element, path, node_class, values)
             children = [self._node(child, board, path, within) for child in element]
-            return node(name, children, self._context.clock, board, values)
-        if kind in self._registry:
+            node = node_class(name, children, self._context.clock, board, values)
+        elif kind in self._registry:
             leaf = self._registry[kind]
             if len(element):
                 raise self.error(element, path, f"{kind} is a leaf and has no children")
-            return leaf(name, self._context, board, self._values(element, path, leaf.ports, attributes))
-        raise self.error(element, above, f"unknown node {kind!r}{self._suggest(kind)}")
+            node = leaf(name, self._context, board, self._values(element, path, leaf.ports, attributes, board))
+        else:
+            raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
+        node.place = Place(self._file, element.sourceline, path)
+        return node
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
-        attributes = {str(key): str(value) for key, value in element.attrib.items()}
-        if element.tag in EXPLICIT:
-            kind = attributes.pop("ID", "")
-            if not kind:
-                raise self.error(element, above, f"<{element.tag}> without ID")
-            return kind, attributes
-        return str(element.tag), attributes
+        """(kind of node, its attributes but for the ID of the explicit form and what editors note)."""
+        attributes = {str(key): str(value) for key, value in element.attrib.items() if key not in NOTES}
+        if element.tag not in EXPLICIT:
+            return str(element.tag), attributes
+        kind = attributes.pop("ID", "")
+        if not kind:
+            raise self.error(element, above, f"<{element.tag}> without ID")
+        real = "Control" if kind in CONTROLS else "Decorator" if kind in DECORATORS else "Action"
+        if kind in (*CONTROLS, *DECORATORS, *self._registry):
+            fits = element.tag == real or (real == "Action" and element.tag == "Condition")
+            if not fits:
+                raise self.error(element, above, f'got <{element.tag} ID="{kind}">, expected <{real} ID="{kind}">')
+        return kind, attributes
 
     def _suggest(self, kind: str) -> str:
         known = [*CONTROLS, *DECORATORS, "SubTree", *self._registry]
         near = difflib.get_close_matches(kind, known, 1)
         return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}"
 
-    def _number_of_children(self, element: Element, path: str, node: type[Node]) -> None:
+    def _check_children(self, element: Element, path: str, node: type[Node], values: Mapping[str, Any]) -> None:
         n = len(element)
         if n == 0 or (node.most is not None and n > node.most):
             expected = "exactly 1" if node.most == 1 else "at least 1"
             raise self.error(element, path, f"{node.__name__}: got {n} children, expected {expected}")
+        problem = node.problem(values, n)
+        if problem:
+            raise self.error(element, path, problem)
+
+    def _key(self, element: Element, path: str, attribute: str, text: str) -> Key | None:
+        """The key that {key} or {=} stands for; None for a literal."""
+        text = text.strip()
+        if not BRACED.fullmatch(text):
+            return None
+        key = KEY.fullmatch(text)
+        if not key and text != "{=}":
+            allowed = "{key} of letters, digits, _ and ., or {=}"
+            raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {allowed}")
+        return Key(key.group(1) if key else attribute)
 
     def _values(
-        self, element: Element, path: str, ports: Mapping[str, Port], attributes: Mapping[str, str]
+        self,
+        element: Element,
+        path: str,
+        ports: Mapping[str, Port],
+        attributes: Mapping[str, str],
+        board: Blackboard,
     ) -> dict[str, Any]:
+        """{port: literal or Key}, checked; of the blackboard, only the literals given to a SubTree are known yet."""
         values: dict[str, Any] = {}
+        self._known(element, path, ("name", *ports, *(("ID",) if element.tag in EXPLICIT else ())))
         for attribute, text in attributes.items():
-            if attribute not in ports:
-                allowed = ", ".join(["name", *ports])
-                raise self.error(element, path, f"unknown attribute {attribute!r}, expected one of {allowed}")
-            port, key = ports[attribute], KEY.fullmatch(text)
-            if key:
-                values[attribute] = Key(key.group(1))
-            elif port.direction == "out":
-                raise self.error(
-                    element, path, f"{attribute}: got {text!r}, expected a blackboard entry such as {{{attribute}}}"
-                )
-            else:
-                try:
+            if attribute not in ports:  # of another namespace
+                continue
+            port, key = ports[attribute], self._key(element, path, attribute, text)
+            if key is None and port.direction == "out":
+                example = f"a blackboard entry such as {{{attribute}}}"
+                raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {example}")
+            given = text
+            try:
+                if key is None:
                     values[attribute] = port.parse(text)
-                except (ValueError, OverflowError):
-                    raise self.error(
-                        element, path, f"{attribute}: got {text!r}, expected {port.type.__name__}"
-                    ) from None
+                    continue
+                values[attribute] = key
+                if port.direction != "out" and key.name in board:
+                    given = board.get(key.name)
+                    port.accept(given)
+            except (ValueError, OverflowError):
+                source = f" from {{{key.name}}}" if key else ""
+                problem = f"{attribute}: got {shown(given)}{source}, expected {port.expected}"
+                raise self.error(element, path, problem) from None
         for name, port in ports.items():
             if port.default is REQUIRED and name not in values:
                 raise self.error(element, path, f"{name} is missing ({port.doc})")
         return values
 
     def _subtree(
-        self, element: Element, attributes: dict[str, str], board: Blackboard, above: str, within: tuple[str, ...]
+        self,
+        element: Element,
+        name: str,
+        attributes: dict[str, str],
+        board: Blackboard,
+        path: str,
+        within: tuple[str, ...],
     ) -> Any:
-        name = attributes.pop("ID", "")
-        path = f"{above}/{name}"
-        if name not in self._trees:
-            raise self.error(element, above, f"SubTree: got {name!r}, expected one of {', '.join(self._trees)}")
-        if name in within:
-            raise self.error(element, path, f"{name} contains itself: {_chain((*within, name))}")
-        autoremap = attributes.pop("_autoremap", "false").lower() in ("true", "1")
+        """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
+        tree = attributes.pop("ID", "")
+        if tree not in self._trees:
+            raise self.error(element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self._trees)}")
+        if tree in within:
+            raise self.error(element, path, f"{tree} contains itself: {' > '.join((*within, tree))}")
+        if len(element):
+            raise self.error(element, path, "a SubTree has no children: what it does stands in its <BehaviorTree>")
+        try:
+            autoremap = AUTOREMAP.parse(attributes.pop("_autoremap", "false"))
+        except ValueError:
+            problem = f"_autoremap: got {shown(element.get('_autoremap'))}, expected {AUTOREMAP.expected}"
+            raise self.error(element, path, problem) from None
         remap: dict[str, str] = {}
         literals: dict[str, str] = {}
         for port, text in attributes.items():
-            key = KEY.fullmatch(text)
+            if port.startswith("_"):
+                problem = f"unknown attribute {shown(port)}, expected ID, name, _autoremap or names of the tree's keys"
+                raise self.error(element, path, problem)
+            key = self._key(element, path, port, text)
             if key:
-                remap[port] = key.group(1)
+                remap[port] = key.name
             else:
                 literals[port] = text
-        scope = Blackboard(board, remap, autoremap=autoremap)
-        for port, text in literals.items():
-            scope.set(port, text)
-        inside = self._content(name, scope, path, (*within, name))
-        return SubTree(name, [inside], self._context.clock, scope, {})
-
-
-def _chain(names: Iterable[str]) -> str:
-    return " > ".join(names)
-
-
-def write_palette(registry: Mapping[str, type[Leaf]]) -> str:
-    """TreeNodesModel of all leaves, for Groot2's palette."""
-    root = etree.Element("root", BTCPP_format="4")
-    model = etree.SubElement(root, "TreeNodesModel")
-    for name, leaf in sorted(registry.items()):
-        action = etree.SubElement(model, "Action", ID=name)
-        for port_name, port in leaf.ports.items():
-            tag = {"in": "input_port", "out": "output_port", "inout": "inout_port"}[port.direction]
-            entry = etree.SubElement(action, tag, name=port_name, type=port.type.__name__)
-            if port.default is not REQUIRED and port.default is not None:
-                entry.set("default", str(port.default))
-            entry.text = port.doc
-    return etree.tostring(root, pretty_print=True, encoding="unicode")
+        scope = Blackboard(board, remap, literals, autoremap=autoremap)
+        inside = self._content(tree, scope, path, (*within, tree))
+        given = {port: Key(remap[port]) if port in remap else literals[port] for port in attributes}
+        return SubTree(name, [inside], self._context.clock, scope, {**({"ID": tree} if tree != name else {}), **given})

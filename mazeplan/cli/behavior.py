@@ -89,8 +89,8 @@ def palette(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="File; default: stdout.")] = None,
 ) -> None:
     """The leaves as a TreeNodesModel, for the palette of Groot2."""
+    from mazeplan.behavior.palette import write_palette
     from mazeplan.behavior.registry import REGISTRY
-    from mazeplan.behavior.treefile import write_palette
 
     text = write_palette(REGISTRY)
     if output is None:

@@ -46,7 +46,7 @@ class Table:
         return self.columns.get("segment", np.zeros(len(self)))
 
 
-def _checked(columns: dict[str, Array], file: Path, first_line: int) -> dict[str, Array]:
+def _checked(columns: dict[str, Array], file: Path, lines: Sequence[int]) -> dict[str, Array]:
     for name in ("t", "beta", "gamma"):
         if name not in columns:
             raise TableError(f"column {name} is missing; there are {', '.join(columns) or 'none'}", file=file)
@@ -57,26 +57,27 @@ def _checked(columns: dict[str, Array], file: Path, first_line: int) -> dict[str
     for name, values in columns.items():
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size and name in ("t", "beta", "gamma", "u_beta", "u_gamma", "segment", "ring"):
-            raise TableError(f"{name}: no finite number", file=file, line=first_line + int(bad[0]))
+            raise TableError(f"{name}: no finite number", file=file, line=lines[int(bad[0])])
     segment = columns.get("segment", np.zeros(len(columns["t"])))
     back = np.flatnonzero((np.diff(columns["t"]) <= 0.0) & (np.diff(segment) == 0.0))
     if back.size:
         row = int(back[0]) + 1
         raise TableError(
             f"t: got {columns['t'][row]:g} after {columns['t'][row - 1]:g}, expected it to grow",
-            file=file, line=first_line + row,
+            file=file, line=lines[row],
         )  # fmt: skip
     for name in ("beta", "gamma", "u_beta", "u_gamma"):
         if name in columns and np.max(np.abs(columns[name])) > DEGREES:
             row = int(np.argmax(np.abs(columns[name])))
             raise TableError(
                 f"{name}: got {columns[name][row]:g}, expected radians (at most {DEGREES:g}); are these degrees?",
-                file=file, line=first_line + row,
+                file=file, line=lines[row],
             )  # fmt: skip
-    if "x" in columns and "theta" not in columns:
-        columns["theta"] = np.arctan2(columns["y"], columns["x"])
-    if "x" in columns and "r" not in columns:
-        columns["r"] = np.hypot(columns["x"], columns["y"])
+    if {"x", "y"} <= set(columns):
+        columns.setdefault("theta", np.arctan2(columns["y"], columns["x"]))
+        columns.setdefault("r", np.hypot(columns["x"], columns["y"]))
+    elif {"theta", "r"} <= set(columns):
+        columns["x"], columns["y"] = columns["r"] * np.cos(columns["theta"]), columns["r"] * np.sin(columns["theta"])
     return columns
 
 
@@ -88,14 +89,16 @@ def read_table(path: str | Path) -> Table:
     if path.suffix == ".mcap":
         log = read_log(path)
         numeric = {name: column for name, column in log.ticks.items() if column.dtype != object}
-        columns = _checked(numeric, path, 1)
+        columns = _checked(numeric, path, range(1, 1 + len(log.ticks.get("t", ()))))
     else:
-        columns = _checked(_read_csv(path), path, 2)
+        columns, lines = _read_csv(path)
+        columns = _checked(columns, path, lines)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return Table(columns, {"file": path.name, "sha256": digest})
 
 
-def _read_csv(path: Path) -> dict[str, Array]:
+def _read_csv(path: Path) -> tuple[dict[str, Array], list[int]]:
+    """Columns, and the line of each row: lines without anything on them are no rows."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = csv.reader(stream)
@@ -103,13 +106,15 @@ def _read_csv(path: Path) -> dict[str, Array]:
             if not header or len(set(header)) != len(header):
                 raise TableError("expected a header row with each name once", file=path, line=1)
             values: list[list[float]] = []
-            for line, row in enumerate(rows, start=2):
+            lines: list[int] = []
+            for row in rows:
                 if row:
-                    values.append(_numbers(row, header, path, line))
+                    values.append(_numbers(row, header, path, rows.line_num))
+                    lines.append(rows.line_num)
     except (UnicodeDecodeError, csv.Error, OSError) as problem:
         raise TableError(f"not a CSV file: {problem}", file=path) from None
     array = np.array(values, dtype=float).reshape(-1, len(header))
-    return {name: np.ascontiguousarray(array[:, i]) for i, name in enumerate(header)}
+    return {name: np.ascontiguousarray(array[:, i]) for i, name in enumerate(header)}, lines
 
 
 def _numbers(row: Sequence[str], header: Sequence[str], path: Path, line: int) -> list[float]:

@@ -15,6 +15,7 @@ A plain number may stand for {value: number}. Nothing is executed on loading.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,7 @@ from mazeplan.models.effects import Effect, RollingInertia, ViscousFriction, mak
 from mazeplan.models.stage import StageAxis, StageModel
 
 FORMAT = 1
+KINDS = ("p", "pi", "np", "sp")
 PACKAGED = resources.PACKAGE / "models" / "packaged"
 AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
 WALL_ROLLING = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a sphere that rolls on floor and wall at once
@@ -121,6 +123,8 @@ class _Reader:
             self.section(node, key, ("value", "stderr", "unit"), ("value",))
             if node.get("stderr") is not None:
                 stderr = self.number(node["stderr"], *key, "stderr")[0]
+                if stderr < 0.0:
+                    raise self.fail(f"got {stderr:g}, expected a number >= 0", *key, "stderr")
             node = node["value"]
         if isinstance(node, bool) or not isinstance(node, int | float) or not math.isfinite(node):
             raise self.fail(f"got {shown(node)}, expected a finite number", *key)
@@ -141,20 +145,30 @@ class _Reader:
         rings = self.section(root["rings"], ("rings",), None)
         if not rings:
             raise self.fail("expected at least one ring", "rings")
+        kind = root.get("kind", "p")
+        if kind not in KINDS:
+            raise self.fail(f"got {shown(kind)}, expected one of {', '.join(KINDS)}", "kind")
+        rate = self.number(root.get("rate_hz", 30.0), "rate_hz")[0]
+        if rate <= 0.0:
+            raise self.fail(f"got {rate:g}, expected a number > 0", "rate_hz")
+        data = [] if root.get("data") is None else root["data"]
+        if not isinstance(data, list):
+            raise self.fail(f"got {shown(data)}, expected a list", "data")
+        scores = {} if root.get("scores") is None else root["scores"]
         return RigModel(
             stage=StageModel(self.axis(stage["beta"], "beta"), self.axis(stage["gamma"], "gamma")),
             balls={self.ring_number(name): self.ball(node, name) for name, node in rings.items()},
             camera_delay=delay,
             camera_delay_stderr=delay_stderr,
-            kind=str(root.get("kind", "p")),
-            rate_hz=self.number(root.get("rate_hz", 30.0), "rate_hz")[0],
-            data=tuple(root.get("data") or ()),
-            scores=dict(root.get("scores") or {}),
+            kind=kind,
+            rate_hz=rate,
+            data=tuple(self.section(entry, ("data", i), None) for i, entry in enumerate(data)),
+            scores=self.section(scores, ("scores",), None),
         )
 
     def ring_number(self, name: str) -> int:
         """The number of a ring from its key."""
-        if not str(name).isdigit() or int(name) < 1:
+        if not re.fullmatch("[1-9][0-9]{0,3}", name):
             raise self.fail(f"got {shown(name)}, expected a ring number from 1", "rings", name)
         return int(name)
 

@@ -71,6 +71,13 @@ def tick(node):
         ("Parallel", {}, ["F", "R"], "F", [1, 0]),
         ("Parallel", {"success_count": 1, "failure_count": 2}, ["F", "RS"], "RS", [1, 2]),
         ("Parallel", {"success_count": 1, "failure_count": -1}, ["F", "F"], "F", [1, 1]),
+        ("Parallel", {"success_count": -2, "failure_count": -1}, ["S", "R", "S"], "S", [1, 1, 1]),  # -2: all but one
+        ("Parallel", {"success_count": 1, "failure_count": -2}, ["F", "F", "R"], "F", [1, 1, 0]),
+        ("Parallel", {}, ["S", "RRS"], "RRS", [1, 3]),  # a child that has finished is not ticked again
+        ("SequenceWithMemory", {}, ["S", "FS", "FS"], "FFS", [1, 2, 2]),
+        ("SequenceWithMemory", {}, ["S", "S"], "SS", [2, 2]),  # after success it starts over
+        ("ReactiveFallback", {}, ["F", "RRF"], "RRF", [3, 3]),
+        ("ReactiveSequence", {}, ["RS", "S"], "RS", [2, 1]),
         ("RetryUntilSuccessful", {"num_attempts": 3}, ["FFS"], "S", [3]),  # loops within the tick
         ("RetryUntilSuccessful", {"num_attempts": 2}, ["F"], "F", [2]),
         ("RetryUntilSuccessful", {"num_attempts": 2}, ["FRF"], "RF", [3]),  # attempts are counted over ticks

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from finite_differences import jacobian
 
 from mazeplan.control.cost import (
     CostParameters,
@@ -18,15 +19,6 @@ from mazeplan.errors import SettingsError
 
 ALL = CostParameters(rate=0.01, final_lean=2.0, lean=3.0, arrival_zone=0.3)
 WISHES = [(0.4, 0.0, 0.0), (0.4, 1.3, -0.03), (0.4, -1.3, 0.02)]
-
-
-def central(function, x, h=1e-5):
-    """Gradient by central differences of order 4; function gives a number or an array."""
-    columns = []
-    for e in np.eye(len(x)):
-        f = [np.array(function(x + k * h * e)) for k in (-2, -1, 1, 2)]
-        columns.append((f[0] - 8.0 * f[1] + 8.0 * f[2] - f[3]) / (12.0 * h))
-    return np.stack(columns, axis=-1)
 
 
 def points(rng, count=60):
@@ -48,21 +40,21 @@ def test_gradients_equal_finite_differences(parameters, wishes):
     q = parameters.pack(*wishes)
     for s, u in points(np.random.default_rng(1)):
         lx, lu, _, luu = derivatives_of_running(s, u, q)
-        np.testing.assert_allclose(lx, central(lambda x, u=u: running(0, x, u, q), s), rtol=1e-6, atol=1e-8)
-        np.testing.assert_allclose(lu, central(lambda x, s=s: running(0, s, x, q), u, 1e-4), rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(lx, jacobian(lambda x, u=u: running(0, x, u, q), s), rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(lu, jacobian(lambda x, s=s: running(0, s, x, q), u, 1e-4), rtol=1e-6, atol=1e-8)
         np.testing.assert_allclose(
-            luu, central(lambda x, s=s: derivatives_of_running(s, x, q)[1], u, 1e-4), rtol=1e-6, atol=1e-8
+            luu, jacobian(lambda x, s=s: derivatives_of_running(s, x, q)[1], u, 1e-4), rtol=1e-6, atol=1e-8
         )
         fx, fxx = np.full(6, np.nan), np.full((6, 6), np.nan)
         final_derivatives(s, q, fx, fxx)
-        np.testing.assert_allclose(fx, central(lambda x: final(x, q), s), rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(fx, jacobian(lambda x: final(x, q), s), rtol=1e-6, atol=1e-8)
 
 
 def test_hessians_are_exact_where_nothing_was_dropped():
     q = replace(ALL, lean=0.0, final_lean=0.0, arrival=0.0).pack(*WISHES[1])
     for s, u in points(np.random.default_rng(2)):
         lxx = derivatives_of_running(s, u, q)[2]
-        exact = central(lambda x, u=u: derivatives_of_running(x, u, q)[0], s)
+        exact = jacobian(lambda x, u=u: derivatives_of_running(x, u, q)[0], s)
         np.testing.assert_allclose(lxx, exact, rtol=1e-6, atol=1e-7)
 
 
@@ -72,7 +64,7 @@ def test_the_lean_hessian_is_exact_up_to_the_curvature_of_the_lean():
     q = parameters.pack(0.0, 0.0, -0.03)
     for s, u in points(np.random.default_rng(3)):
         lean = lean_of(s[0], s[2], s[4])
-        slope = central(lambda x: lean_of(x[0], x[2], x[4]), s)
+        slope = jacobian(lambda x: lean_of(x[0], x[2], x[4]), s)
         curvature = penalty(lean + 0.03, parameters.width_lean, 0.0)[2]
         lxx = derivatives_of_running(s, u, q)[2]
         np.testing.assert_allclose(lxx, 2.0 * curvature * np.outer(slope, slope), rtol=1e-6, atol=1e-8)

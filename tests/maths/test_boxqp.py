@@ -74,6 +74,11 @@ def test_nan_is_told():
     assert not solve(np.array([[np.nan, 0.0], [0.0, 1.0]]), np.ones(2), -np.ones(2), np.ones(2))[2]
 
 
+def test_a_gradient_of_nan_gives_no_finite_answer():
+    for g in ([np.nan, 0.0], [5.0, np.nan]):
+        assert np.isnan(solve(np.eye(2), np.array(g), -np.ones(2), np.ones(2))[0]).all()
+
+
 def test_a_variable_between_equal_bounds_is_not_free():
     x, free, ok = solve(np.eye(2), np.array([-0.3, 0.4]), np.array([0.3, -1.0]), np.array([0.3, 1.0]))
     assert ok

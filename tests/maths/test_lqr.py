@@ -25,7 +25,7 @@ def stacked_optimum(A, B, Q, R, Q_final, x0):
         forced[k + 1] = A[k] @ forced[k]
         forced[k + 1, :, k * m : (k + 1) * m] += B[k]
     weights = [*Q, Q_final]
-    H = sum(f.T @ W @ f for f, W in zip(forced, weights, strict=True))
+    H = np.sum([f.T @ W @ f for f, W in zip(forced, weights, strict=True)], axis=0)
     for k in range(T):
         H[k * m : (k + 1) * m, k * m : (k + 1) * m] += R[k]
     g = sum(f.T @ W @ x for f, W, x in zip(forced, weights, free, strict=True))

@@ -7,7 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import TransferFunction
+from scipy.signal import step as unit_step
 
+from mazeplan.data.excitation import multisine
 from mazeplan.models.stage import StageAxis, fit_axis, simulate_axis, step_response
 
 DT = 1.0 / 30.0
@@ -49,19 +52,57 @@ def test_step_response_starts_at_rest_and_ends_at_one():
     assert step_response(axis, t) == pytest.approx([0.0, 0.0, 0.0, 1.0], abs=1e-6)
 
 
-def test_fit_finds_the_axis_through_noise():
-    rng = np.random.default_rng(0)
-    t = np.arange(4000) * DT
-    waves = [np.sin(f * t + p) for f, p in rng.uniform((0.3, 0.0), (9.0, 6.0), (12, 2))]
-    u = np.clip(0.02 * np.sum(waves, axis=0), -0.087, 0.087)
-    true = StageAxis(0.97, 23.0, 0.85, 0.021, 0.003)
-    fit = fit_axis(u, simulate_axis(true, u, DT) + 9e-4 * rng.standard_normal(len(t)), DT)
-    for name in ("gain", "natural_frequency", "damping", "dead_time", "offset"):
-        error = abs(getattr(fit.axis, name) - getattr(true, name))
-        assert error < 4.0 * fit.axis.stderr[name], name
-    assert fit.axis.dead_time == pytest.approx(0.021, abs=5e-3)
-    assert fit.axis.gain == pytest.approx(0.97, abs=5e-3)
-    assert fit.rms == pytest.approx(9e-4, rel=0.05)
+@pytest.mark.parametrize("damping", [0.05, 0.7, 1.0 - 1e-8, 1.0, 1.0 + 1e-8, 1.6, 10.0])
+def test_step_response_against_the_transfer_function(damping):
+    w, t = 17.0, np.linspace(0.0, 1.5, 151)
+    # poles apart by a rounding error are no use to scipy; the response is continuous in the damping
+    z = 1.0 + 1e-6 if abs(damping - 1.0) < 1e-6 else damping
+    _, expected = unit_step(TransferFunction([w * w], [1.0, 2.0 * z * w, w * w]), T=t)
+    np.testing.assert_allclose(step_response(StageAxis(1.0, w, damping), t), expected, atol=2e-6)
+
+
+def test_simulation_starts_at_rest_and_is_linear_in_the_command():
+    axis = StageAxis(0.9, 25.0, 0.7, 0.02, 0.005)
+    held = simulate_axis(axis, np.full(90, 0.04), DT)
+    assert held == pytest.approx(np.full(90, 0.9 * 0.04 + 0.005), abs=1e-12)
+    assert len(simulate_axis(axis, np.full(3, 0.04), DT)) == 3  # shorter than the response
+    u = multisine(np.random.default_rng(1), 10.0, 30.0, 0.08)
+    both = simulate_axis(axis, u[:, 0] + 2.0 * u[:, 1], DT) - axis.offset
+    apart = simulate_axis(axis, u[:, 0], DT) + 2.0 * simulate_axis(axis, u[:, 1], DT) - 3.0 * axis.offset
+    np.testing.assert_allclose(both, apart, atol=1e-12)
+
+
+NOISE = 9e-4  # rad, 0.05 deg
+AXES = {
+    "underdamped": StageAxis(0.97, 23.0, 0.85, 0.021, 0.003),
+    "overdamped": StageAxis(1.05, 18.0, 1.5, 0.05, -0.004),
+    "without dead time": StageAxis(1.0, 20.0, 0.7, 0.0, 0.0),
+}
+CLOSE = {"gain": 5e-3, "natural_frequency": 2.5, "damping": 0.12, "dead_time": 6e-3, "offset": 2e-4}
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_fit_finds_the_axis_through_noise(name):
+    true, rng = AXES[name], np.random.default_rng(0)
+    u = multisine(rng, 130.0, 30.0, 0.087)[:, 0]
+    fit = fit_axis(u, simulate_axis(true, u, DT) + NOISE * rng.standard_normal(len(u)), DT)
+    for parameter, close in CLOSE.items():
+        error = abs(getattr(fit.axis, parameter) - getattr(true, parameter))
+        assert error < 4.0 * fit.axis.stderr[parameter], parameter
+        assert error < close, parameter
+        assert fit.axis.stderr[parameter] < close, parameter
+    assert fit.rms == pytest.approx(NOISE, rel=0.05)
+    assert fit.samples == len(u) - 15  # the first half second is left out
+
+
+def test_standard_errors_are_the_scatter_of_repeated_fits():
+    true, rng = AXES["underdamped"], np.random.default_rng(5)
+    scores = []
+    for _ in range(8):
+        u = multisine(rng, 40.0, 30.0, 0.087)[:, 0]
+        axis = fit_axis(u, simulate_axis(true, u, DT) + NOISE * rng.standard_normal(len(u)), DT).axis
+        scores.append([(getattr(axis, p) - getattr(true, p)) / axis.stderr[p] for p in ("gain", "damping", "offset")])
+    assert 0.5 < np.std(scores) < 1.7
 
 
 def test_fit_respects_breaks_and_says_what_is_missing():
@@ -77,10 +118,40 @@ def test_fit_respects_breaks_and_says_what_is_missing():
         fit_axis(np.zeros(900), angle, DT)
 
 
-def test_poles_and_ranges():
+def test_fit_leaves_out_what_is_too_short_between_breaks():
+    axis, t = StageAxis(0.9, 20.0, 0.8), np.arange(500) * DT
+    u = 0.05 * np.sin(4.0 * t) + 0.02 * np.sin(9.0 * t)
+    angle = simulate_axis(axis, u, DT)
+    angle[240:260] = 1.0  # 20 samples of something else
+    breaks = np.isin(np.arange(500), [0, 240, 260])
+    fit = fit_axis(u, angle, DT, breaks)
+    assert fit.samples == 480 - 2 * 15
+    assert fit.axis.gain == pytest.approx(0.9, abs=0.02)
+
+
+def test_poles():
     a, b = StageAxis(damping=0.5, natural_frequency=10.0).poles()
     assert a == pytest.approx(complex(-5.0, 8.660254))
     assert b == pytest.approx(a.conjugate())
-    assert all(pole.imag == 0.0 and pole.real < 0.0 for pole in StageAxis(damping=2.0).poles())
-    with pytest.raises(ValueError, match="damping"):
-        StageAxis(damping=float("nan"))
+    slow, fast = StageAxis(damping=2.0, natural_frequency=10.0).poles()
+    assert slow + fast == pytest.approx(-40.0)
+    assert slow * fast == pytest.approx(100.0)
+    assert slow.imag == fast.imag == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("gain", 0.05, 20.0),
+        ("natural_frequency", 0.5, 500.0),
+        ("damping", 0.02, 20.0),
+        ("dead_time", 0.0, 1.0),
+        ("offset", -0.5, 0.5),
+    ],
+)
+def test_each_parameter_of_an_axis_has_a_range(name, low, high):
+    for value in (low, high):
+        assert getattr(StageAxis(**{name: value}), name) == value
+    for value in (low - 1e-6, high + 1e-6, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match=f"^{name}: got .*, expected {low} to {high}$"):
+            StageAxis(**{name: value})
