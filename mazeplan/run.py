@@ -8,7 +8,7 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -163,50 +163,79 @@ def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, 
 
 
 class Run:
-    """One navigation in progress."""
+    """One run in progress: estimator, planners and a tree with a goal, ticked once for each observation.
 
-    def __init__(self, rig: Rig, setup: Setup, job: Job, log: RunLogWriter | None, display: Display) -> None:
+    `drive` does a whole navigation; who wants another order of things places the ball and calls `tick` and `aim`.
+    segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
+    the tree's commands."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        setup: Setup,
+        job: Job,
+        log: RunLogWriter | None,
+        display: Display,
+        *,
+        segment: int | None = None,
+        slew: float = math.inf,
+    ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
-        maze = setup.maze
-        self._estimator = Estimator(maze, setup.model, setup.estimator, rig.rate_hz)
-        graph = RouteGraph(maze)
-        for name in job.closed:
-            graph.close(name)
-        self.context = RunContext(
-            maze=maze,
-            graph=graph,
-            plate=plate_of(maze, setup.model),
-            goal=job.goal,
-            planners=planners_of(maze, setup.model, setup.leaves.cost),
-            ahead=self._estimator.ahead,
-            on_event=self._on_event,
-            options=setup.leaves,
-        )
-        self._tree: BehaviorTree = load_tree(setup.behavior, REGISTRY, self.context)
-        self._tree.blackboard.set("goal", job.goal)
+        self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
+        self._estimator = Estimator(setup.maze, setup.model, setup.estimator, rig.rate_hz)
+        self._planners = planners_of(setup.maze, setup.model, setup.leaves.cost)
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
         self._ring_since = 0.0
-        self._left_by: str | None = None
+        self.context, self._tree = self._towards(job.goal, job.closed)
         self._warm_up()
+
+    def _towards(self, goal: int, closed: Collection[str]) -> tuple[RunContext, BehaviorTree]:
+        """A tree that has not begun, with a route graph and a list of failures of its own."""
+        setup = self._setup
+        graph = RouteGraph(setup.maze)
+        for name in closed:
+            graph.close(name)
+        context = RunContext(
+            maze=setup.maze,
+            graph=graph,
+            plate=plate_of(setup.maze, setup.model),
+            goal=goal,
+            planners=self._planners,
+            ahead=self._estimator.ahead,
+            on_event=self._on_event,
+            options=setup.leaves,
+        )
+        tree = load_tree(setup.behavior, REGISTRY, context)
+        tree.blackboard.set("goal", goal)
+        return context, tree
 
     def _warm_up(self) -> None:
         """Compile and load everything before the rig moves."""
         self._estimator.warm_up()
-        for planner in self.context.planners.values():
+        for planner in self._planners.values():
             planner.warm_up()
             break  # one compilation serves all rings
 
+    def aim(self, goal: int, closed: Collection[str] = ()) -> None:
+        """Begin anew towards a ring from where the ball is, not using the openings `closed`.
+
+        Tree, routes and failures start afresh; what is known of ball and plate stays."""
+        self._tree.halt()
+        now = self.context.now
+        self.context, self._tree = self._towards(goal, closed)
+        self.context.now = now
+
     def drive(self, log: str | None) -> NavigationResult:
-        """Run until the tree has succeeded, the time is over, or the tree gave up."""
+        """Place the ball and run until the tree has succeeded, the time is over, or the tree gave up."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
         theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
         self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         while True:
             observation = self._rig.observe()
-            status = self._tick(observation)
+            status = self.tick(observation)
             if status == "SUCCESS":
                 return self._end(True, "arrived", log)
             if status == "FAILURE":
@@ -222,7 +251,11 @@ class Run:
         self._rig.level()
         return self.result(success, reason, log)
 
-    def _tick(self, observation: Observation) -> str:
+    def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
+        """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE or RUNNING.
+
+        A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. Raises
+        RigError when the rig measured no number."""
         began = perf_counter()
         run = self.context
         if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
@@ -231,14 +264,26 @@ class Run:
         measured = self._estimator.filtered or state
         run.begin(observation.t, state, measured)
         self._note_ring(observation.t, state.ring)
-        status = self._tree.tick().name
-        command = run.command or LEVEL
+        if given is None:
+            status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
+        else:
+            status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
+            run.steer(by, given)
+        self.sent = command
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(command, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
         self._write(observation, command)
         self._tick_ms[-1] = 1e3 * (perf_counter() - began)
         return status
+
+    def _slewed(self, wanted: Command) -> Command:
+        """As far towards the command wanted as one sample allows."""
+        last, most = self.sent, self._most
+        return Command(
+            min(max(wanted.u_beta, last.u_beta - most), last.u_beta + most),
+            min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),
+        )
 
     def _write(self, observation: Observation, command: Command) -> None:
         run = self.context
@@ -255,6 +300,7 @@ class Run:
                 planned_theta=self._planned_theta(),
                 planner_ms=run.planner_ms[-1] if run.planner_ms else None,
                 tick_ms=self._tick_ms[-1],
+                segment=self._segment,
             )
 
     def _planned_theta(self) -> float | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import typer
 
-from mazeplan.cli import behavior, learn, log, map, rig
+from mazeplan.cli import behavior, data, learn, log, map, rig
+from mazeplan.cli.collect import collect
 from mazeplan.cli.doctor import doctor
 from mazeplan.cli.navigate import evaluate, navigate
 
@@ -18,10 +19,11 @@ app = typer.Typer(
 )
 app.command()(navigate)
 app.command()(evaluate)
-app.command()(learn.collect)
+app.command()(collect)
 app.command()(learn.learn)
 app.add_typer(map.app, name="map")
 app.add_typer(log.app, name="log")
 app.add_typer(behavior.app, name="behavior")
 app.add_typer(rig.app, name="rig")
+app.add_typer(data.app, name="data")
 app.command()(doctor)

@@ -16,6 +16,8 @@ NEEDED = {
         "numpy",
         "scipy",
         "numba",
+        "pandas",
+        "scikit-learn",
         "mujoco",
         "networkx",
         "py-trees",
@@ -25,7 +27,7 @@ NEEDED = {
         "pyyaml",
         "matplotlib",
     ),
-    "learn": ("torch",),
+    "learn": ("torch", "gpytorch"),
     "view": ("viser",),
     "hardware": ("pyserial", "opencv-python-headless"),
 }

@@ -1,50 +1,19 @@
-"""`collect` and `learn`."""
+"""`learn`."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mazeplan.cli.output import print_json, say
+from mazeplan.cli.output import print_json
 from mazeplan.errors import InputError, TableError
 
 if TYPE_CHECKING:
     from mazeplan.models.identification import Fit
 
 KINDS = ("p", "pi", "np", "sp")
-
-
-def collect(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Run log (MCAP) to write.")],
-    rig: Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")] = "toy",
-    seconds: Annotated[float, typer.Option("--seconds", help="Duration in s of rig time.")] = 300.0,
-    map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
-    ring: Annotated[str, typer.Option("--ring", help="Ring to start in.")] = "ring1",
-    rings: Annotated[
-        bool,
-        typer.Option(
-            "--rings", help="Place the ball in each ring in turn, every 20 s; sines alone starve the inner ones."
-        ),
-    ] = False,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of commands, places and simulated noise.")] = 0,
-) -> None:
-    """Excite a rig with 50 random sines per axis and log what it does."""
-    from mazeplan.cli.arguments import parse_ring, positive
-    from mazeplan.cli.progress import campaign_progress
-    from mazeplan.collect import Collection, run_collection
-    from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.registry import make_rig, rig_label
-
-    maze = load_map(map_)
-    starts = [r.number for r in maze.rings] if rings else [parse_ring(ring, maze)]
-    plan = Collection(positive("--seconds", seconds), tuple(starts), seed)
-    machine = make_rig(rig, maze)
-    with campaign_progress(math.ceil(seconds), label="seconds") as advance:
-        rows = run_collection(machine, maze, plan, output, rig_name=rig_label(rig), progress=advance)
-    say(f"wrote {rows} samples to {output}")
 
 
 def learn(
@@ -74,7 +43,8 @@ def learn(
         raise TableError(str(problem), file=", ".join(str(log) for log in logs)) from None
     model = fit.model
     if kind == "p":
-        model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
+        scores = {name: value for name, value in model.scores.items() if name == "stage_arx"}
+        model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores=scores)
     path = save_model(model, output)
     if as_json:
         print_json({"model": str(path), **model_document(model), "windows": fit.windows})
@@ -93,6 +63,8 @@ def report(fit: Fit, path: Path) -> None:
             f"{e['natural_frequency']:.1f} rad/s, damping {axis.damping:.2f} ± {e['damping']:.2f}, dead time "
             f"{1e3 * axis.dead_time:.1f} ± {1e3 * e['dead_time']:.1f} ms, poles {poles} rad/s, rms {found.rms:.2g} rad"
         )
+    for line in fit.arx.lines() if fit.arx is not None else ("ARX          the log is too short for it",):
+        print(line)
     print(
         f"camera       {1e3 * model.camera_delay:.1f} ± {1e3 * (model.camera_delay_stderr or 0.0):.1f} ms "
         "behind the tilt sensor"

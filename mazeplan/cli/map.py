@@ -1,4 +1,4 @@
-"""`mazeplan map`: check, draw and route maps."""
+"""`mazeplan map`: check, draw, route and learn maps."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.cli.arguments import parse_opening, parse_ring
+from mazeplan.cli.map_learn import learn
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
     from mazeplan.maze.graph import Route
     from mazeplan.records import Array
 
-app = typer.Typer(help="Check, draw and route maps.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True, rich_markup_mode=None)
+
+app.command()(learn)
 
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or the name of a packaged map.")]
 FromOption = Annotated[str, typer.Option("--from", help="Ring where the ball is, such as ring1.")]

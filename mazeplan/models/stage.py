@@ -3,12 +3,13 @@
     angle_dd = wn^2 (gain u(t - dead_time) + offset - angle) - 2 zeta wn angle_d
 
 The fit simulates the axis with the commands that were given (exactly, zero-order hold) and compares angles, so that
-noise of the
-tilt sensor does not bias it; zeta may exceed 1.
+noise of the tilt sensor does not bias it; zeta may exceed 1. It starts where a difference equation of order two says
+(`arx`), or from textbook values where those simulate better.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from dataclasses import dataclass, field
@@ -17,9 +18,14 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from mazeplan.models.arx import AxisArx, fit_arx_alone
+from mazeplan.models.output_error import SETTLE_S, SETTLE_TIMES
 from mazeplan.records import Array
 
-DEAD_TIMES = tuple(k / 120.0 for k in range(13))  # s, 0 to 0.1: where the search for the dead time starts
+TEXTBOOK = (1.0, 20.0, 0.9)  # gain, natural frequency in rad/s, damping: where the search starts ...
+DEAD_TIMES = (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1)  # s: ... with each of these, when the record is too short for ARX
+LOW = (0.1, 0.5, 0.05, 0.0, -0.3)  # bounds of the fit: gain, natural frequency, damping, dead time, offset
+HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
 
 
 @dataclass(frozen=True)
@@ -90,16 +96,25 @@ def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
     """Angle (N,) at the samples under commands u (N,), each held from its sample on, from rest at the first
     command's target.
 
-    The response to each change of the command is known in closed form; the sum over changes is a convolution, and
-    past half a
-    second it has settled for every axis that is worth controlling, so a short one will do."""
-    settle = max(0.5, 20.0 / (axis.natural_frequency * min(axis.damping, 1.0 / max(axis.damping, 1e-6))))
+    The response to each change of the command is known in closed form; the sum over changes is a convolution, cut
+    where the response has settled to 2e-9: a coarser cut would move with the parameters by steps that show in
+    differences of a fit."""
+    settle = max(0.5, -20.0 / max(pole.real for pole in axis.poles()))
     n = min(len(u), math.ceil((settle + axis.dead_time) / dt) + 1)
     response = step_response(axis, np.arange(n, dtype=np.float64) * dt - axis.dead_time)
     impulse = np.diff(response, prepend=0.0)
     impulse[-1] += 1.0 - response[-1]
     start = u[0]
     return axis.offset + axis.gain * (start + np.asarray(lfilter(impulse, [1.0], u - start)))
+
+
+def axis_from_arx(arx: AxisArx) -> StageAxis:
+    """The continuous axis with the two slowest poles, the gain and the mean lag of a difference equation.
+
+    Values beyond what a `StageAxis` may have, a dead time of less than nothing say, become the nearest that it may."""
+    found = (arx.gain[0], arx.natural_frequency[0], arx.damping[0], arx.dead_time[0], arx.level)
+    gain, frequency, damping, dead_time, offset = (float(value) for value in np.clip(found, LOW, HIGH))
+    return StageAxis(gain, frequency, damping, dead_time, offset)
 
 
 def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None) -> StageFit:
@@ -109,30 +124,43 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None) -> 
     Raises ValueError when there is nothing to fit: fewer than 60 samples, or a command that never moves."""
     if len(u) < 60 or np.ptp(u) < 1e-3:
         raise ValueError(f"got {len(u)} samples with commands over {np.ptp(u) if len(u) else 0.0:.2g} rad")
-    starts = np.flatnonzero(breaks) if breaks is not None else np.array([], dtype=int)
-    edges = np.unique(np.concatenate([[0], starts, [len(u)]]))
+    number = np.zeros(len(u)) if breaks is None else np.cumsum(breaks).astype(np.float64)
+    edges = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(number))), len(u)]
     pieces = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= 30]
-    skip = round(0.5 / dt)  # samples until the unknown start has died away
 
-    def error(x: Array) -> Array:
+    def error(x: Array, settled: float) -> Array:
         axis = StageAxis(x[0], math.exp(x[1]), math.exp(x[2]), x[3], x[4])
-        return np.concatenate([(simulate_axis(axis, u[a:b], dt) - angle[a:b])[skip:] for a, b in pieces])
+        late = (min(round(settled / dt), max((b - a) // 3, round(SETTLE_S / dt))) for a, b in pieces)
+        simulated = ((simulate_axis(axis, u[a:b], dt) - angle[a:b])[n:] for (a, b), n in zip(pieces, late, strict=True))
+        return np.concatenate(list(simulated))
 
-    best = None
-    for dead in DEAD_TIMES[::4]:
-        start = np.array([1.0, math.log(20.0), math.log(0.9), dead, 0.0])
-        bounds = ([0.1, 0.0, -3.0, 0.0, -0.3], [10.0, 5.5, 2.0, 0.5, 0.3])
-        found = least_squares(error, start, bounds=bounds, x_scale=[0.1, 0.1, 0.1, 0.01, 0.01], method="trf")
-        if best is None or found.cost < best.cost:
-            best = found
-    assert best is not None
+    start = min(_starts(u, angle, dt, number), key=lambda axis: float(np.sum(error(_point(axis), SETTLE_S) ** 2)))
+    settled = max(SETTLE_S, -SETTLE_TIMES / max(pole.real for pole in start.poles()))
+    bounds = (_point(StageAxis(*LOW)), _point(StageAxis(*HIGH)))
+    best = least_squares(
+        error, _point(start), bounds=bounds, x_scale=[0.1, 0.1, 0.1, 0.01, 0.01], method="trf", args=(settled,)
+    )
     n = len(best.fun)
     variance = 2.0 * best.cost / max(n - 5, 1)
-    covariance = np.linalg.pinv(best.jac.T @ best.jac) * variance
-    sigma = np.sqrt(np.diag(covariance))
+    # not by pinv, which drops what the record says nothing about and so calls it certain
+    _, sizes, turn = np.linalg.svd(best.jac, full_matrices=False)
+    sigma = np.sqrt(variance) * np.linalg.norm(turn.T / np.maximum(sizes, 1e-12 * sizes[0]), axis=1)
     wn, zeta = math.exp(best.x[1]), math.exp(best.x[2])
     names = ("gain", "natural_frequency", "damping", "dead_time", "offset")
     scale = (1.0, wn, zeta, 1.0, 1.0)
     stderr = {name: float(s * k) for name, s, k in zip(names, sigma, scale, strict=True)}
     axis = StageAxis(float(best.x[0]), wn, zeta, float(best.x[3]), float(best.x[4]), stderr)
     return StageFit(axis, float(np.sqrt(variance)), n)
+
+
+def _starts(u: Array, angle: Array, dt: float, number: Array) -> list[StageAxis]:
+    """Where the fit may start from."""
+    starts = [StageAxis(*TEXTBOOK, dead) for dead in DEAD_TIMES]
+    with contextlib.suppress(ValueError):  # a record too short for it
+        starts.append(axis_from_arx(fit_arx_alone(u, angle, dt, number, orders=(2,))))
+    return starts
+
+
+def _point(axis: StageAxis) -> Array:
+    """What is searched over: gain, log of natural frequency, log of damping, dead time, offset."""
+    return np.array([axis.gain, math.log(axis.natural_frequency), math.log(axis.damping), axis.dead_time, axis.offset])

@@ -1,30 +1,30 @@
 """The MuJoCo model (MJCF) of a maze on its gimbal, generated from the map and the settings.
 
-The plate is a real two-hinge gimbal, pitch beta about y outside and roll gamma about x inside, R = Ry(beta)
-Rx(gamma), driven by position
-actuators. The floor is a box (a plane must not move). MuJoCo has no arcs: a wall is a row of boxes that touch at their
-edges, and each side of an opening is a box of its own, parallel to the opening's middle line, so that its width is
-exactly the map's.
-The ball's own friction is 0, because MuJoCo takes the larger of two: floor and walls set it. A table that is not
-level is a
-gravity that is not vertical.
+The plate is a real two-hinge gimbal, pitch beta about y outside and roll gamma about x inside, R = Ry(beta) Rx(gamma),
+driven by position actuators. The floor is a box (a plane must not move). MuJoCo has no arcs: a wall is a row of boxes
+that touch at their edges. Beside an opening the boxes are narrower and end where they would reach into it, and a flat
+cheek covers their ends, so that the opening is the map's from the wall's inner circle to its outer one, with nothing
+hollow beside it. The ball's own friction is 0, because MuJoCo takes the larger of two: floor and walls set it. A table
+that is not level is a gravity that is not vertical.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 
+from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening, Wall
 from mazeplan.rigs.settings import SimulatedSettings
 
 GRAVITY = 9.81  # m/s^2
 SUBSTEPS = 20  # per sample; at 30 Hz a time step of 1/600 s
 ARMATURE = 0.05  # kg m^2 per axis; with less the weight of the ball tilts the plate
-CHEEK = 5e-4  # m, half thickness of the box at the side of an opening
-PLUG_ON, PLUG_OFF = (
-    1,
-    2,
-)  # collision bits; the ball has 1. With no bit at all MuJoCo would leave a plug out of its search tree
+CHEEK = 1.5e-4  # m, half thickness of the box at the side of an opening; a thick one would stick out of the wall's arc
+SHOULDER = 2e-4  # m of arc per box beside an opening; what they leave open is hidden in a cheek
+# collision bits; the ball has 1. With no bit at all MuJoCo would leave a plug out of its search tree
+PLUG_ON, PLUG_OFF = 1, 2
 FLOOR = 0.005  # m, half thickness of the floor
 TORSIONAL = 2e-5  # m, friction against spinning on a spot
 SOLIMP = "0.95 0.99 0.0005 0.5 2"
@@ -80,39 +80,81 @@ def _box(x: float, y: float, angle: float, along: float, across: float, height: 
 def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
     """Boxes of one wall: rows between openings, and the sides of the openings."""
     friction = f'friction="{settings.wall_grip} {TORSIONAL} {TORSIONAL}"'
+    step = math.tau / settings.wall_segments
     openings = sorted(wall.openings, key=lambda o: o.angle % math.tau)
     if not openings:
-        return _row(wall, 0.0, math.tau, height, settings.wall_segments, friction)
+        return _row(wall, _even(0.0, math.tau, step), height, friction)
     geoms: list[str] = []
-    middle = 0.5 * (wall.inner_radius + wall.outer_radius)
-    for i, opening in enumerate(openings):
-        following = openings[(i + 1) % len(openings)]
-        start = opening.angle % math.tau + math.asin((0.5 * opening.width + CHEEK) / middle)
-        end = following.angle % math.tau - math.asin((0.5 * following.width + CHEEK) / middle)
-        if end <= start:
-            end += math.tau
-        geoms += _row(wall, start, end, height, settings.wall_segments, friction)
+    for opening, following in zip(openings, openings[1:] + openings[:1], strict=True):
+        apart = (following.angle - opening.angle) % math.tau or math.tau
+        geoms += _row(wall, _edges(wall, opening, following, apart, step), height, friction, (opening, following))
         geoms += _cheeks(wall, opening, height, friction)
     return geoms
 
 
-def _row(wall: Wall, start: float, end: float, height: float, segments: int, friction: str) -> list[str]:
-    """Boxes from angle start to end; their faces touch the wall's circles in the middle."""
-    n = max(1, math.ceil((end - start) / math.tau * segments))
-    width = (end - start) / n
-    half_along = 0.5 * (wall.outer_radius - wall.inner_radius)
-    half_across = wall.outer_radius * math.tan(0.5 * width)
-    middle = 0.5 * (wall.inner_radius + wall.outer_radius)
-    angles = [start + (i + 0.5) * width for i in range(n)]
-    return [
-        _box(middle * math.cos(a), middle * math.sin(a), a, half_along, half_across, height, friction) for a in angles
-    ]
+def _even(start: float, end: float, step: float) -> list[float]:
+    """Angles from start to end, evenly and at most a step apart; none when end is not past start."""
+    n = math.ceil((end - start) / step)
+    return [start + (end - start) * i / n for i in range(n + 1)]
+
+
+def _edges(wall: Wall, opening: Opening, following: Opening, apart: float, step: float) -> list[float]:
+    """Angles of the edges of the boxes from one opening to the following, `apart` rad further on.
+
+    Beside an opening, from where its side meets the outer circle to where boxes of a full step would reach past the
+    inner circle without reaching into it, the boxes are SHOULDER wide."""
+    shoulder = SHOULDER / wall.outer_radius
+    halves = [0.5 * o.width + CHEEK for o in (opening, following)]
+    outer = [math.asin(half / wall.outer_radius) for half in halves]
+    inner = [_clear_from(wall, half, step) for half in halves]
+    if inner[0] + inner[1] >= apart:  # openings so close that no full box fits between them
+        edges = _even(outer[0], apart - outer[1], shoulder)
+    else:
+        edges = _even(outer[0], inner[0], shoulder)[:-1] + _even(inner[0], apart - inner[1], step)
+        edges += _even(apart - inner[1], apart - outer[1], shoulder)[1:]
+    return [opening.angle + edge for edge in edges]
+
+
+def _clear_from(wall: Wall, half: float, step: float) -> float:
+    """Angle, seen from an opening's middle line, at which a row of boxes of this step may begin: its first box, whole
+    from inner to outer circle, then stays `half` away from that line."""
+    across = wall.outer_radius * math.tan(0.5 * step)  # the box's side is parallel to its own middle line
+    corner = math.hypot(wall.inner_radius, across)
+    return math.asin(min(1.0, half / corner)) + math.atan2(across, wall.inner_radius) - 0.5 * step
+
+
+def _row(
+    wall: Wall, edges: Sequence[float], height: float, friction: str, between: Sequence[Opening] = ()
+) -> list[str]:
+    """Boxes from edge to edge (angles, rad) whose faces touch the wall's circles in the middle, cut off on the inside
+    where they would reach into an opening."""
+    boxes = []
+    for start, end in pairwise(edges):
+        angle, half_across = 0.5 * (start + end), wall.outer_radius * math.tan(0.5 * (end - start))
+        near = max([wall.inner_radius, *(_cut(opening, angle, half_across) for opening in between)])
+        if near < wall.outer_radius:
+            along, half_along = 0.5 * (wall.outer_radius + near), 0.5 * (wall.outer_radius - near)
+            c, s = math.cos(angle), math.sin(angle)
+            boxes.append(_box(along * c, along * s, angle, half_along, half_across, height, friction))
+    return boxes
+
+
+def _cut(opening: Opening, angle: float, half_across: float) -> float:
+    """Radius, m, from which outwards a box at this angle is inside the cheek's middle; 0 far from the opening."""
+    turn = abs(difference(angle, opening.angle))
+    if turn >= 0.5 * math.pi:
+        return 0.0
+    return (0.5 * opening.width + CHEEK + half_across * math.cos(turn)) / math.sin(turn)
 
 
 def _cheeks(wall: Wall, opening: Opening, height: float, friction: str) -> list[str]:
-    """The two flat sides of an opening, parallel to its middle line, exactly its width apart."""
+    """The two flat sides of an opening, parallel to its middle line, exactly its width apart.
+
+    They end where their back would come out of the wall's outer circle: the edge is rounded by less than their
+    thickness."""
     half = 0.5 * opening.width
-    near, far = (math.sqrt(radius**2 - half**2) for radius in (wall.inner_radius, wall.outer_radius))
+    near = math.sqrt(wall.inner_radius**2 - half**2)
+    far = math.sqrt(wall.outer_radius**2 - (half + 2.0 * CHEEK) ** 2)
     c, s = math.cos(opening.angle), math.sin(opening.angle)
     along, boxes = 0.5 * (near + far), []
     for side in (-1.0, 1.0):

@@ -10,6 +10,7 @@ from typing import Any
 
 from mazeplan.errors import SettingsError
 from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.interface import Rig
 
@@ -60,8 +61,13 @@ def rig_model_hint(spec: str) -> str | None:
         raise SettingsError(
             f"got {shown(hint)}, expected a model's name or folder", file=path, line=tree.line(("model",)), key="model"
         )
-    beside = path.parent / hint
-    return str(beside) if beside.exists() else hint
+    return _beside(path, hint)
+
+
+def _beside(path: Path, name: str) -> str:
+    """A file or folder named in a rig's file: taken from that file's own folder if it is there."""
+    found = path.parent / name
+    return str(found) if found.exists() else name
 
 
 def make_rig(spec: str, maze: Maze) -> Rig:
@@ -76,7 +82,8 @@ def make_rig(spec: str, maze: Maze) -> Rig:
         return _from_class(kind, maze, data, file=path, line=tree.line(("class",)))
     from mazeplan.rigs.simulated import SimulatedRig
 
-    return SimulatedRig(maze, settings_from(data, file=path, tree=tree))
+    settings = settings_from(data, file=path, tree=tree)
+    return SimulatedRig(maze if settings.map is None else load_map(_beside(path, settings.map)), settings)
 
 
 def _from_class(spec: str, maze: Maze, settings: dict[str, Any], **where: Any) -> Rig:

@@ -40,6 +40,7 @@ class SimulatedSettings(Section):
     """All that can be set on the simulated rig. The defaults are an ideal machine; every key may be edited."""
 
     model: str | None = Field(default=None, description="model of ball and stage to navigate with: a name or folder")
+    map: str | None = Field(default=None, description="map of the machine itself, where the planner has another")
     rate_hz: float = Field(default=30.0, ge=5.0, le=200.0, description="samples and commands per second")
     # camera
     camera_noise_mm: float = Field(default=0.0, ge=0.0, le=20.0, description="1 sigma per axis")

@@ -11,7 +11,8 @@ from scipy.signal import TransferFunction
 from scipy.signal import step as unit_step
 
 from mazeplan.data.excitation import multisine
-from mazeplan.models.stage import StageAxis, fit_axis, simulate_axis, step_response
+from mazeplan.models.arx import fit_arx_alone
+from mazeplan.models.stage import StageAxis, axis_from_arx, fit_axis, simulate_axis, step_response
 
 DT = 1.0 / 30.0
 
@@ -93,6 +94,55 @@ def test_fit_finds_the_axis_through_noise(name):
         assert fit.axis.stderr[parameter] < close, parameter
     assert fit.rms == pytest.approx(NOISE, rel=0.05)
     assert fit.samples == len(u) - 15  # the first half second is left out
+
+
+HARD = {
+    "slow and late": StageAxis(1.0, 4.0, 0.7, 0.15, 0.002),
+    "slow, late, overdamped": StageAxis(1.3, 4.0, 2.0, 0.15, 0.003),
+    "ringing and late": StageAxis(0.5, 8.0, 0.2, 0.2, 0.0),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_hard_axes_start_from_the_difference_equation(name):
+    true, rng = HARD[name], np.random.default_rng(1)
+    u = multisine(rng, 100.0, 30.0, 0.087)[:, 0]
+    angle = simulate_axis(true, u, DT) + NOISE * rng.standard_normal(len(u))
+    textbook, start = (
+        float(np.std(simulate_axis(axis, u, DT) - angle))
+        for axis in (
+            StageAxis(1.0, 20.0, 0.9, 0.1),
+            axis_from_arx(fit_arx_alone(u, angle, DT, orders=(2,))),
+        )
+    )
+    assert start < 1.2 * NOISE < 0.2 * textbook
+    fit = fit_axis(u, angle, DT)
+    assert fit.rms == pytest.approx(NOISE, rel=0.05)
+    for parameter in CLOSE:
+        error = abs(getattr(fit.axis, parameter) - getattr(true, parameter))
+        assert error < 4.0 * fit.axis.stderr[parameter], parameter
+
+
+def test_a_slow_axis_that_starts_elsewhere_is_waited_for():
+    """Level at first, where the command is not: that takes longer to die away than half a second."""
+    true = StageAxis(1.0, 4.0, 1.5, 0.1)
+    u = multisine(np.random.default_rng(3), 60.0, 30.0, 0.087)[:, 0]
+    u[:2] = 0.0  # simulated from level ...
+    angle = simulate_axis(true, u, DT)
+    fit = fit_axis(u[5:], angle[5:], DT)  # ... and logged from a moment when it moves
+    assert fit.samples < len(u) - 5 - 30
+    assert fit.axis.natural_frequency == pytest.approx(4.0, abs=0.02)
+    assert fit.axis.dead_time == pytest.approx(0.1, abs=2e-3)
+
+
+def test_what_the_record_does_not_tell_has_a_large_standard_error():
+    """A pole at 224 rad/s behind one of 16 rad/s and a dead time, commands of 1.5 Hz."""
+    rng = np.random.default_rng(1)
+    u = multisine(rng, 60.0, 30.0, 0.087)[:, 0]
+    angle = simulate_axis(StageAxis(0.8, 60.0, 2.0, 0.2), u, DT) + NOISE * rng.standard_normal(len(u))
+    axis = fit_axis(u, angle, DT).axis
+    assert axis.stderr["natural_frequency"] > 5.0
+    assert axis.stderr["gain"] < 0.01
 
 
 def test_standard_errors_are_the_scatter_of_repeated_fits():

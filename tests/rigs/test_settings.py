@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import sys
 import textwrap
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mazeplan.errors import SettingsError
@@ -15,6 +17,7 @@ from mazeplan.rigs.settings import SimulatedSettings, settings_from
 from mazeplan.rigs.simulated import SimulatedRig
 
 MAZE = load_map("cme")
+MAPS = Path(__file__).resolve().parents[2] / "maps"
 
 
 def test_packaged_rigs_are_as_documented():
@@ -127,3 +130,15 @@ def test_every_setting_says_what_it_is():
     for name, info in SimulatedSettings.model_fields.items():
         if name not in ("servo_damping", "faults"):
             assert info.description, name
+
+
+def test_a_rig_may_have_a_map_of_its_own(tmp_path):
+    """The machine is what it is, whatever the planner believes: its walls are those of its own map."""
+    (tmp_path / "table.yaml").write_text((MAPS / "lopsided.yaml").read_text())
+    (tmp_path / "rig.yaml").write_text("map: table.yaml\n")
+    rig, lopsided = make_rig(str(tmp_path / "rig.yaml"), MAZE), load_map("lopsided")
+    assert lopsided.ring(1).track_radius != pytest.approx(MAZE.ring(1).track_radius, abs=1e-3)
+    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    seen = rig.observe()
+    assert math.hypot(seen.x, seen.y) == pytest.approx(lopsided.ring(1).track_radius, abs=2e-3)
+    rig.close()

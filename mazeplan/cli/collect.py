@@ -1,0 +1,76 @@
+"""`collect`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mazeplan.cli.output import say
+from mazeplan.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.collect import Collected
+
+
+def collect(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Run log (MCAP) to write.")],
+    rig: Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")] = "toy",
+    seconds: Annotated[float, typer.Option("--seconds", help="Duration in s of rig time.")] = 300.0,
+    map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
+    ring: Annotated[str, typer.Option("--ring", help="Ring to start in.")] = "ring1",
+    rings: Annotated[
+        bool,
+        typer.Option(
+            "--rings", help="All rings in turn: the ball is driven to the next one; sines alone starve the inner ones."
+        ),
+    ] = False,
+    place: Annotated[
+        bool, typer.Option("--place", help="With --rings: place the ball in each ring, every 20 s, by hand.")
+    ] = False,
+    model: Annotated[
+        str | None, typer.Option("--model", help="Model to drive with: packaged or folder; default: the rig's own.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of commands, places and simulated noise.")] = 0,
+) -> None:
+    """Excite a rig with 50 random sines per axis and log what it does."""
+    from mazeplan.cli.arguments import parse_ring, positive
+    from mazeplan.cli.navigate import note_missing_model
+    from mazeplan.cli.progress import campaign_progress
+    from mazeplan.collect import Collection, run_collection, run_tour
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.registry import make_rig, rig_label
+
+    if place and not rings:
+        raise InputError("needs --rings: without it the ball is placed once anyway", key="--place")
+    if model is not None and (place or not rings):
+        raise InputError("needs --rings without --place: only then the ball is driven", key="--model")
+    maze = load_map(map_)
+    first = parse_ring(ring, maze)
+    others = [r.number for r in maze.rings if r.number != first] if rings else []
+    plan = Collection(positive("--seconds", seconds), (first, *others), seed)
+    if not rings or place:
+        machine = make_rig(rig, maze)
+        with campaign_progress(math.ceil(seconds), label="seconds") as advance:
+            rows = run_collection(machine, maze, plan, output, rig_name=rig_label(rig), progress=advance)
+        say(f"wrote {rows} samples to {output}")
+        return
+
+    from mazeplan.choices import resolve_model
+    from mazeplan.run import Setup
+
+    note_missing_model(rig, model, maze)
+    setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
+    with campaign_progress(math.ceil(seconds), label="seconds") as advance:
+        done = run_tour(make_rig(rig, maze), setup, plan, output, progress=advance)
+    report(done)
+    say(f"wrote {done.rows} samples to {output}")
+
+
+def report(done: Collected) -> None:
+    """Where the ball was and how it got there, on stderr."""
+    say("time       " + ", ".join(f"ring {ring} {time:.0f} s" for ring, time in done.ring_s.items()))
+    say(f"drives     {done.drives}, of which {done.failed} did not arrive; {done.changes} changes of ring")
+    say("openings   " + ", ".join(f"{name} {count}" for name, count in done.passed.items()))

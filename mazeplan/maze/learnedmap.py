@@ -1,0 +1,292 @@
+"""A map learned from where the ball was: rings from `bands`, openings from `transitions`, the rest from a prior map.
+
+What a log cannot tell (ball, tilt limit, height of the walls, thickness of the rim) is the prior's, and so is what
+this log happens not to tell (the width of an opening that the ball hardly touched); the learned map says which.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from mazeplan.maze.bands import MODEL_ERROR, Bands, Edges, fit_bands
+from mazeplan.maze.geometry import Maze, Opening, Ring
+from mazeplan.maze.mapfile import check_text, default_name, dump_map
+from mazeplan.maze.transitions import MIN_COUNT, LearnedOpening, Track, find_openings, find_passages
+from mazeplan.maze.yamltree import shown
+
+TOUCHES = 20  # samples that lean on a wall for its place to count as measured
+PLACES_MM, PLACES_DEG = 2, 2  # decimals in the file: below what a camera resolves
+
+
+@dataclass(frozen=True)
+class LearnedRing:
+    """Clear floor between two radii, m, with 1 sigma (None: that wall was not touched, see `note`), and the samples
+    that leaned on the inner and outer wall. inner_radius 0: the disc."""
+
+    number: int
+    inner_radius: float
+    outer_radius: float
+    inner_stderr: float | None
+    outer_stderr: float | None
+    inner_touches: int
+    outer_touches: int
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class LearnedMap:
+    """What was learned: the maze (None if it is none yet, see `problems`), and where each figure is from.
+
+    widths: the width written for each opening, m, and its source; centre: of the circles in the camera's picture,
+    m, which rings and openings are measured from; noise: 1 sigma of the camera per axis, m; samples with the ball.
+    """
+
+    maze: Maze | None
+    rings: tuple[LearnedRing, ...]
+    openings: tuple[LearnedOpening, ...]
+    widths: tuple[tuple[float, str], ...]
+    borrowed: tuple[Opening, ...]
+    centre: tuple[float, float]
+    noise: float
+    samples: int
+    passages: int
+    skipped: int
+    prior: str
+    warnings: tuple[str, ...]
+    problems: tuple[str, ...]
+
+
+def learn_map(
+    track: Track, prior: Maze, *, prior_name: str, borrow: bool = False, min_count: int = MIN_COUNT,
+    name: str = "learned",
+) -> LearnedMap:  # fmt: skip
+    """Rings and openings from a track; `prior` for what it does not tell, which `prior_name` calls.
+
+    borrow: take the prior's openings for walls that the ball never passed. Raises TableError when the track does not
+    show two rings.
+    """
+    radius = prior.ball.radius
+    bands, notes = _completed(fit_bands(track.x, track.y, radius), prior)
+    rings = tuple(_ring(i, bands, radius, notes) for i in range(len(bands.edges)))
+    passages = find_passages(track, bands)
+    likely = [_likely_width(prior, wall, len(rings)) for wall in range(1, len(rings))]
+    openings = find_openings(passages, track, bands, radius, likely, min_count=min_count)
+    widths = tuple(_width(opening, openings, likely[opening.outer - 1], prior_name) for opening in openings)
+    passed = {opening.outer for opening in openings if not opening.problem}
+    borrowed = tuple(o for o in prior.openings if o.outer not in passed and o.inner <= len(rings))
+    borrowed = borrowed if borrow and len(prior.rings) == len(rings) else ()
+    maze = Maze(
+        name,
+        prior.ball,
+        tuple(Ring(ring.number, _rounded(ring.inner_radius), _rounded(ring.outer_radius)) for ring in rings),
+        _openings(openings, widths, borrowed),
+        prior.tilt_limit,
+        prior.wall_height,
+        prior.rim_thickness,
+    )
+    check = check_text(dump_map(maze))
+    problems = _never_passed(maze, openings) or tuple(error.problem for error in check.errors)
+    return LearnedMap(
+        None if problems else maze, rings, openings, widths, borrowed, bands.centre, bands.noise, len(track.t),
+        len(passages.wall), passages.skipped, prior_name, _warnings(rings, bands, prior, prior_name, borrow), problems,
+    )  # fmt: skip
+
+
+def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
+    """The learned map as YAML that `load_map` reads, with counts and uncertainties as comments. Needs a maze."""
+    if learned.maze is None:
+        raise ValueError(f"no map was learned: {'; '.join(learned.problems)}")
+    rings = iter(_ring_comment(ring) for ring in learned.rings)
+    known = {
+        (o.outer, _degrees(o.angle)): _opening_comment(o, source)
+        for o, (_, source) in zip(learned.openings, learned.widths, strict=True)
+        if not o.problem
+    }
+    comments = iter(
+        known.get((o.outer, round(math.degrees(o.angle), PLACES_DEG)), f"never passed; from {learned.prior}")
+        for o in learned.maze.openings
+    )
+    lines = _preamble(learned, sources)
+    for line in dump_map(learned.maze).splitlines():
+        if line.startswith("  - {inner_radius_mm"):
+            line += f" # {next(rings)}"
+        elif line.startswith("  - {rings"):
+            line += f" # {next(comments)}"
+        lines.append(line)
+    lines += [
+        f"  # left out: rings [{o.outer}, {o.outer + 1}], angle_deg {_degrees(o.angle)}: {o.problem}"
+        for o in learned.openings
+        if o.problem
+    ]
+    return "\n".join(lines) + "\n"
+
+
+# Rings.
+
+
+def _completed(bands: Bands, prior: Maze) -> tuple[Bands, dict[int, list[str]]]:
+    """Bands whose untouched edges are set by the wall beyond them, where that was touched; notes by index."""
+    edges = list(bands.edges)
+    notes: dict[int, list[str]] = {}
+    reach = 2.0 * prior.ball.radius
+    touched = [(e.low_touches >= TOUCHES, e.high_touches >= TOUCHES) for e in edges]
+    walls = [
+        outer.low - inner.high - reach
+        for outer, inner, a, b in zip(edges, edges[1:], touched, touched[1:], strict=False)
+        if a[0] and b[1]
+    ]
+    thickness = float(np.median(walls or [w.outer_radius - w.inner_radius for w in prior.walls[1:]]))
+    from_where = "other walls" if walls else "the prior map"
+    for i, (low, high) in enumerate(touched):
+        disc = edges[i].low == 0.0
+        if not low and not disc:
+            beyond = i + 1 < len(edges) and touched[i + 1][1]
+            place = min(edges[i + 1].high + reach + thickness, edges[i].high) if beyond else edges[i].low
+            edges[i] = replace(edges[i], low=place)
+            notes.setdefault(i, []).append(_untouched("inner", beyond, from_where))
+        if not high:
+            beyond = i > 0 and touched[i - 1][0]
+            place = max(edges[i - 1].low - reach - thickness, edges[i].low) if beyond else edges[i].high
+            edges[i] = replace(edges[i], high=place)
+            notes.setdefault(i, []).append(_untouched("outer", beyond, from_where))
+    _widen(edges, bands.noise, prior, notes)
+    return replace(bands, edges=tuple(edges)), notes
+
+
+def _untouched(which: str, beyond: bool, from_where: str) -> str:
+    how = f"from the wall's other side and the thickness of {from_where}" if beyond else "as far as the ball was seen"
+    return f"{which} wall hardly touched: {how}"
+
+
+def _widen(edges: list[Edges], noise: float, prior: Maze, notes: dict[int, list[str]]) -> None:
+    """Give bands in which only one wall shows the play of a ball in the other rings."""
+    play = [e.high - e.low for e in edges if e.low > 0.0 and e.high - e.low > 2.0 * noise]
+    nominal = [r.outer_radius - r.inner_radius - 2.0 * prior.ball.radius for r in prior.rings if not r.is_disc]
+    usual = float(np.median(play or nominal))
+    for i, e in enumerate(edges):
+        if e.low > 0.0 and e.high - e.low <= 2.0 * noise:
+            middle = 0.5 * (e.low + e.high)
+            edges[i] = replace(e, low=middle - 0.5 * usual, high=middle + 0.5 * usual, low_touches=0, high_touches=0)
+            notes[i] = ["only one wall shows: its width is that of other rings"]
+
+
+def _ring(i: int, bands: Bands, ball_radius: float, notes: dict[int, list[str]]) -> LearnedRing:
+    edges = bands.edges[i]
+    disc = edges.low == 0.0
+    low, high = (
+        math.hypot(bands.noise / math.sqrt(touches), MODEL_ERROR) if touches >= TOUCHES else None
+        for touches in (edges.low_touches, edges.high_touches)
+    )
+    return LearnedRing(
+        i + 1, 0.0 if disc else edges.low - ball_radius, edges.high + ball_radius, 0.0 if disc else low, high,
+        round(edges.low_touches), round(edges.high_touches), "; ".join(notes.get(i, [])),
+    )  # fmt: skip
+
+
+# Openings.
+
+
+def _likely_width(prior: Maze, wall: int, rings: int) -> float:
+    """Width of an opening of this wall as the prior has it, m: of the same wall if it has as many rings."""
+    same = [o.width for o in prior.openings_between(wall, wall + 1)] if len(prior.rings) == rings else []
+    return float(np.median(same or [o.width for o in prior.openings]))
+
+
+def _width(opening: LearnedOpening, all_: Sequence[LearnedOpening], likely: float, prior: str) -> tuple[float, str]:
+    """Width to write, m, and where it is from."""
+    if opening.width is not None:
+        return opening.width, "its sides"
+    measured = [o.width for o in all_ if o.outer == opening.outer and o.width is not None and not o.problem]
+    if measured:
+        return sum(measured) / len(measured), "other openings of the wall"
+    return likely, prior
+
+
+def _openings(
+    openings: Sequence[LearnedOpening], widths: Sequence[tuple[float, str]], borrowed: Sequence[Opening]
+) -> tuple[Opening, ...]:
+    found = list(borrowed)
+    for o, (width, _) in zip(openings, widths, strict=True):
+        if not o.problem:
+            angle = _degrees(o.angle)
+            label = default_name(o.outer, o.outer + 1, angle)
+            found.append(Opening(label, o.outer, o.outer + 1, math.radians(angle), _rounded(width)))
+    return tuple(sorted(found, key=lambda o: (o.outer, o.angle % (2.0 * math.pi))))
+
+
+def _never_passed(maze: Maze, openings: Sequence[LearnedOpening]) -> tuple[str, ...]:
+    problems = []
+    for outer in range(1, len(maze.rings)):
+        if not maze.openings_between(outer, outer + 1):
+            lone = [o for o in openings if o.outer == outer]
+            seen = f"{len(lone)} were passed, too seldom (see min-count)" if lone else "none was passed"
+            problems.append(f"no opening between ring {outer} and {outer + 1}: {seen}")
+    return tuple(problems)
+
+
+def _warnings(
+    rings: Sequence[LearnedRing], bands: Bands, prior: Maze, prior_name: str, borrow: bool
+) -> tuple[str, ...]:
+    found = [f"ring {ring.number}: {ring.note}" for ring in rings if ring.note]
+    if borrow and len(prior.rings) != len(rings):
+        found.append(f"the ball was seen in {len(rings)} rings; {prior_name} has {len(prior.rings)}")
+    usual = float(np.median([w.outer_radius - w.inner_radius for w in prior.walls[1:]]))
+    for outer, inner in pairwise(rings):
+        thickness = outer.inner_radius - inner.outer_radius
+        if thickness > usual + 2.0 * prior.ball.radius:
+            found.append(
+                f"the wall between ring {outer.number} and {inner.number} would be {1e3 * thickness:.0f} mm thick: "
+                "was there a ring in which the ball never was?"
+            )
+    return tuple(found)
+
+
+# Words and numbers.
+
+
+def _rounded(length: float) -> float:
+    return round(1e3 * length, PLACES_MM) / 1e3
+
+
+def _degrees(angle: float) -> float:
+    return round(math.degrees(angle), PLACES_DEG) % 360.0
+
+
+def _mm(length: float | None) -> str:
+    return "?" if length is None else f"{1e3 * length:.2f}"
+
+
+def _ring_comment(ring: LearnedRing) -> str:
+    sigmas = (
+        f"± {_mm(ring.outer_stderr)}"
+        if ring.inner_radius == 0.0
+        else (f"± {_mm(ring.inner_stderr)}, ± {_mm(ring.outer_stderr)}")
+    )
+    leaning = f"{ring.inner_touches} + {ring.outer_touches} samples at the walls"
+    return f"ring {ring.number}: {sigmas} mm, {leaning}{'; ' * bool(ring.note)}{ring.note}"
+
+
+def _opening_comment(o: LearnedOpening, source: str) -> str:
+    (x1, y1), (x2, y2) = ((1e3 * x, 1e3 * y) for x, y in (o.outer_centroid, o.inner_centroid))
+    width = f"width ± {_mm(o.width_stderr)} mm" if o.width is not None else f"width from {source}"
+    return (
+        f"± {math.degrees(o.angle_stderr):.2f} deg, {width}; {o.inward} inwards, {o.outward} outwards, "
+        f"between ({x1:.1f}, {y1:.1f}) and ({x2:.1f}, {y2:.1f}) mm"
+    )
+
+
+def _preamble(learned: LearnedMap, sources: Sequence[str]) -> list[str]:
+    files = ", ".join(name if name.isprintable() else shown(name) for name in sources)
+    x, y = (1e3 * value for value in learned.centre)
+    return [
+        f"# Learned from where the ball was{': ' * bool(files)}{files}",
+        f"# {learned.samples} samples, {learned.passages} changes of ring ({learned.skipped} could not be placed).",
+        f"# The circles' centre was at x {x:.2f}, y {y:.2f} mm in the camera's picture; all below is measured from it.",
+        f"# Noise of the camera {_mm(learned.noise)} mm per axis. After ±: 1 sigma.",
+        f"# No log tells ball, tilt limit, wall height and rim: they are from {learned.prior}.",
+    ]

@@ -1,0 +1,259 @@
+"""Openings learned from transitions: where the ball changed rings, it must have come through a gap in the wall.
+
+A passage is a stretch between two rings that were each held for two samples, in one uninterrupted segment; noise
+at a boundary and a ball that turns back in the opening are none. Its place is where the straight line from the last
+point before to the first point after the change crosses the middle radius of the wall. Passages of a wall are
+clustered by arc length (DBSCAN, M. Ester et al., KDD 1996); each cluster is an opening.
+
+Everything is measured about the centre of the circles that the rings show, not the camera's origin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazeplan.errors import TableError
+from mazeplan.maths.angles import difference
+from mazeplan.maze.bands import Bands, Edges, fit_edges, sharpness
+from mazeplan.records import Array
+
+Index = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+MAX_SPEED = 1.0  # m/s; a ball that rolls down half the outermost ring at 5 degrees of tilt reaches .6
+MAX_GAP = 4  # sample intervals without the ball within which a change can still be placed
+MIN_COUNT = 2  # passages that make an opening
+LEAST_IN_THROAT = 40  # samples inside an opening from which its sides can be told ...
+LEAST_AT_SIDE = 5  # ... if this many leaned on each side ...
+SHARP = 5.0  # ... and two sides explain them better than one bell curve by this log likelihood
+SIDE_ERROR = 2e-4  # m, of a side, besides its noise: few samples lean on it; seen in simulated logs of known maps
+
+
+@dataclass(frozen=True)
+class Track:
+    """Where the ball was: t s, x and y m (finite: samples without the ball are left out), segment, each (N,).
+
+    Jumps between segments mean nothing.
+    """
+
+    t: Array
+    x: Array
+    y: Array
+    segment: Array
+
+
+@dataclass(frozen=True)
+class Passages:
+    """All changes of ring, arrays of N: outer ring of the wall, whether inwards, angle rad, and the points (N, 2) m
+    on its outer and its inner side; `skipped`: changes that could not be placed (ball not seen, a jump)."""
+
+    wall: Index
+    inward: Flags
+    angle: Array
+    outside: Array
+    inside: Array
+    skipped: int
+
+
+@dataclass(frozen=True)
+class LearnedOpening:
+    """A cluster of passages of the wall between ring `outer` and the next one.
+
+    angle: rad in [0, 2 pi), with 1 sigma; width: m, with 1 sigma, or None where nothing was measured; inward, outward:
+    passages in either direction; outer_centroid, inner_centroid: mean of the last points before and first points
+    after the change on either side, m; direction: of the line from the outer to the inner one, rad (a straight
+    opening: angle + pi); problem: why it is not taken for an opening, or "".
+    """
+
+    outer: int
+    angle: float
+    angle_stderr: float
+    width: float | None
+    width_stderr: float | None
+    inward: int
+    outward: int
+    outer_centroid: tuple[float, float]
+    inner_centroid: tuple[float, float]
+    problem: str = ""
+
+    @property
+    def count(self) -> int:
+        """All passages."""
+        return self.inward + self.outward
+
+    @property
+    def sign(self) -> int:
+        """Sign of the change of radius: -1 only inwards, +1 only outwards, 0 both ways."""
+        return 0 if self.inward and self.outward else -1 if self.inward else 1
+
+    @property
+    def direction(self) -> float:
+        """Direction from the outer to the inner centroid, rad in [0, 2 pi)."""
+        dx, dy = np.subtract(self.inner_centroid, self.outer_centroid)
+        return math.atan2(dy, dx) % (2.0 * math.pi)
+
+
+def find_passages(track: Track, bands: Bands) -> Passages:
+    """All changes between neighbouring rings, from places of the ball and the rings' bands."""
+    t, segment = track.t, track.segment
+    place = np.stack([track.x - bands.centre[0], track.y - bands.centre[1]], axis=1)
+    r = np.hypot(place[:, 0], place[:, 1])
+    held = _held(rings_of(r, bands), segment)
+    steps = np.diff(t)[np.diff(segment) == 0.0]
+    interval = float(np.median(steps)) if len(steps) else math.inf
+    at = np.flatnonzero(held)
+    change = (held[at[1:]] != held[at[:-1]]) & (segment[at[1:]] == segment[at[:-1]])
+    rows, skipped = [], 0
+    for first, last in zip(at[:-1][change], at[1:][change], strict=True):
+        a, b = int(held[first]), int(held[last])
+        middle = middle_radius(bands, min(a, b))
+        side = r[first:last] > middle if b > a else r[first:last] <= middle
+        before = first + int(np.max(np.flatnonzero(side), initial=0))
+        gap, way = t[before + 1] - t[before], math.dist(place[before], place[before + 1])
+        if abs(a - b) != 1 or gap > (MAX_GAP + 0.5) * interval or way > MAX_SPEED * gap + 6.0 * bands.noise:
+            skipped += 1
+            continue
+        share = (r[before] - middle) / (r[before] - r[before + 1])
+        x, y = place[before] + share * (place[before + 1] - place[before])
+        ends = (place[before], place[before + 1]) if b > a else (place[before + 1], place[before])
+        rows.append((min(a, b), b > a, math.atan2(y, x), *ends))
+    if not rows:
+        return Passages(np.zeros(0, int), np.zeros(0, bool), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), skipped)
+    wall, inward, angle, outside, inside = (np.array(column) for column in zip(*rows, strict=True))
+    return Passages(wall, inward, angle, outside, inside, skipped)
+
+
+def middle_radius(bands: Bands, outer: int) -> float:
+    """Middle of the wall inside ring `outer`, m."""
+    return 0.5 * (bands.edges[outer - 1].low + bands.edges[outer].high)
+
+
+def rings_of(r: Array, bands: Bands) -> Index:
+    """The ring of each radius (N,) m: its number, or 0 where the ball was within a wall or outside all rings."""
+    ring = np.zeros(len(r), dtype=np.intp)
+    for number, edges in enumerate(bands.edges, start=1):
+        room = [abs(edges.low - e.high) for e in bands.edges[number:][:1]]
+        room += [abs(e.low - edges.high) for e in bands.edges[: number - 1][-1:]]
+        slack = min(3.0 * bands.noise, 0.25 * min(room))
+        ring[(r > edges.low - slack) & (r < edges.high + slack)] = number
+    return ring
+
+
+def _held(ring: Index, segment: Array) -> Index:
+    """`ring` where it was the same for two samples in a row, 0 elsewhere: a single one may be a wrong position."""
+    same = (ring[1:] == ring[:-1]) & (segment[1:] == segment[:-1]) & (ring[1:] > 0)
+    run = np.concatenate([[False], same]) | np.concatenate([same, [False]])
+    return np.where(run, ring, 0)
+
+
+def find_openings(
+    passages: Passages, track: Track, bands: Bands, ball_radius: float, widths: Sequence[float], *,
+    min_count: int = MIN_COUNT,
+) -> tuple[LearnedOpening, ...]:  # fmt: skip
+    """Openings by wall and angle, those that are not taken for one too (with their `problem`).
+
+    widths: m for every wall, what is likely where it cannot be measured. Raises TableError for min_count < 1.
+    """
+    if min_count < 1:
+        raise TableError(f"min_count: got {min_count}, expected at least 1")
+    found: list[LearnedOpening] = []
+    for wall in range(1, len(bands.edges)):
+        here = np.flatnonzero(passages.wall == wall)
+        if not len(here):
+            continue
+        radius = middle_radius(bands, wall)
+        label = cluster(passages.angle[here], radius, ball_radius)
+        groups = [here[label == number] for number in np.unique(label)]
+        spread = _spread(passages.angle, groups, radius, widths[wall - 1] / 2.0 - ball_radius, bands.noise)
+        openings = [_opening(passages, rows, track, bands, wall, ball_radius, spread) for rows in groups]
+        openings = _judged(openings, radius, widths[wall - 1], min_count)
+        found += sorted(openings, key=lambda opening: opening.angle)
+    return tuple(found)
+
+
+def _judged(openings: list[LearnedOpening], radius: float, width: float, min_count: int) -> list[LearnedOpening]:
+    """The openings of one wall with their problems: too few passages, or no room beside a better known one."""
+    accepted: list[LearnedOpening] = []
+    judged: list[LearnedOpening] = []
+    for opening in sorted(openings, key=lambda opening: -opening.count):
+        near = [o for o in accepted if radius * abs(difference(o.angle, opening.angle)) < max(width, o.width or 0.0)]
+        problem = ""
+        if opening.count < min_count:
+            problem = f"{opening.count} passage{'s' * (opening.count != 1)}, fewer than {min_count}"
+        elif near:
+            problem = f"overlaps the opening at {math.degrees(near[0].angle):.1f} deg"
+        else:
+            accepted.append(opening)
+        judged.append(replace(opening, problem=problem))
+    return judged
+
+
+def cluster(angle: Array, radius: float, ball_radius: float) -> Index:
+    """Number of the opening, from 0, for passages of one wall at angles (N,) rad and `radius` m.
+
+    Two openings do not share their sides, so the centre of a ball that passes one and that of a ball that passes the
+    other are at least its diameter apart; within one opening there is less play than that. Passages nearer than half
+    of it, the ball's radius, along the wall belong together.
+    """
+    from sklearn.cluster import DBSCAN
+
+    apart = np.abs((angle[:, None] - angle[None, :] + math.pi) % (2.0 * math.pi) - math.pi)
+    return DBSCAN(eps=ball_radius, min_samples=1, metric="precomputed").fit(radius * apart).labels_
+
+
+def circular_mean(angle: Array) -> float:
+    """Mean direction, rad in [0, 2 pi)."""
+    return math.atan2(np.sin(angle).sum(), np.cos(angle).sum()) % (2.0 * math.pi)
+
+
+def _turns(angle: Array, reference: float) -> Array:
+    """Shortest signed turns from `reference`, rad."""
+    return (angle - reference + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def _spread(angle: Array, groups: list[Index], radius: float, play: float, noise: float) -> float:
+    """1 sigma of one passage along the wall, m: from all openings of the wall, or what play and noise let expect."""
+    free = sum(len(rows) - 1 for rows in groups)
+    expected = play**2 / 3.0 + noise**2
+    squares = sum(float(np.sum((radius * _turns(angle[rows], circular_mean(angle[rows]))) ** 2)) for rows in groups)
+    return math.sqrt((squares + 3.0 * expected) / (free + 3.0))  # the expectation counts as three passages
+
+
+def _opening(
+    passages: Passages, rows: Index, track: Track, bands: Bands, outer: int, ball_radius: float, spread: float
+) -> LearnedOpening:
+    """One cluster of passages (their rows) as an opening."""
+    angle, radius = circular_mean(passages.angle[rows]), middle_radius(bands, outer)
+    stderr, width, width_stderr = spread / math.sqrt(len(rows)), None, None
+    if sides := _sides(track, bands, outer, angle, ball_radius):
+        # the middle between both sides does not depend on which of them the ball leaned on more often
+        errors = [bands.noise**2 / touches + SIDE_ERROR**2 for touches in (sides.low_touches, sides.high_touches)]
+        angle = (angle + 0.5 * (sides.low + sides.high) / radius) % (2.0 * math.pi)
+        stderr, width_stderr = 0.5 * math.sqrt(sum(errors)), math.sqrt(sum(errors))
+        width = sides.high - sides.low + 2.0 * ball_radius
+    inward = int(np.count_nonzero(passages.inward[rows]))
+    ends = [tuple(np.mean(points[rows], axis=0).tolist()) for points in (passages.outside, passages.inside)]
+    return LearnedOpening(
+        outer, angle, stderr / radius, width, width_stderr, inward, len(rows) - inward, ends[0], ends[1]
+    )
+
+
+def _sides(track: Track, bands: Bands, outer: int, angle: float, ball_radius: float) -> Edges | None:
+    """Where the ball's centre touches the two sides of an opening, m along the wall from `angle`; None where too few
+    samples tell. Between the wall's faces the parallel sides bound the centre just as walls do in a ring."""
+    x, y = track.x - bands.centre[0], track.y - bands.centre[1]
+    along, across = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
+    inner, outer_face = bands.edges[outer].high + ball_radius, bands.edges[outer - 1].low - ball_radius
+    throat = across[(along > inner) & (along < outer_face) & (np.abs(across) < ball_radius)]
+    if len(throat) < LEAST_IN_THROAT:
+        return None
+    low, high = np.quantile(throat, [0.1, 0.9])
+    sides = fit_edges(throat, float(low), float(high), bands.noise)
+    enough = min(sides.low_touches, sides.high_touches) >= LEAST_AT_SIDE
+    enough = enough and sides.high - sides.low > 2.0 * bands.noise
+    return sides if enough and sharpness(throat, sides, bands.noise) > SHARP else None

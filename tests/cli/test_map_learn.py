@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mazeplan.cli.map import app
+from mazeplan.data.runlog import RunLogWriter
+from mazeplan.errors import InputError, TableError
+from mazeplan.maze.mapfile import check_map, dump_map, load_map
+from mazeplan.records import Command, Observation
+
+TRUTH = load_map("lopsided")
+BALL = TRUTH.ball.radius
+NOISE = 5e-4  # m
+DT = 1.0 / 30.0
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["learn", *(str(word) for word in words)])
+
+
+def places(openings=TRUTH.openings, times=4, seed=0):
+    """x, y (N,) m of a ball that rides the walls of each ring and goes through each opening inwards and outwards."""
+    rng = np.random.default_rng(seed)
+    bands = [(max(r.inner_radius + BALL * (not r.is_disc), 0.0), r.outer_radius - BALL) for r in TRUTH.rings]
+    r, theta = [], []
+
+    def ride(ring, start, end, n=60):
+        low, high = bands[ring - 1]
+        lean = rng.permutation(np.repeat([low or high, high, math.nan], n // 3))
+        r.extend(np.where(np.isfinite(lean), lean, rng.uniform(low, high, len(lean))).tolist())
+        theta.extend(np.linspace(start, end + 2 * math.pi, len(lean)).tolist())
+
+    def cross(opening, inwards):
+        radii = np.linspace(bands[opening.outer - 1][0], bands[opening.inner - 1][1], 6)
+        r.extend((radii if inwards else radii[::-1]).tolist())
+        theta.extend([opening.angle + rng.uniform(-8e-4, 8e-4) / float(radii.mean())] * 6)
+
+    for _ in range(times):
+        for outer in (1, 2):
+            for opening in (o for o in openings if o.outer == outer):
+                ride(outer, 0.0, opening.angle)
+                cross(opening, True)
+                ride(outer + 1, opening.angle, opening.angle)
+                cross(opening, False)
+            way = next(o for o in TRUTH.openings if o.outer == outer)
+            ride(outer, 0.0, way.angle)
+            if outer == 1:
+                cross(way, True)
+        ride(2, way.angle, TRUTH.openings[0].angle)
+        cross(TRUTH.openings[0], False)
+    xy = np.array(r) * np.array([np.cos(theta), np.sin(theta)])
+    return xy + rng.normal(0.0, NOISE, xy.shape)
+
+
+def write_csv(path, x, y, scale=1.0, columns=("t", "x", "y", "beta", "gamma")):
+    with path.open("w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(columns)
+        for k, (a, b) in enumerate(zip(x, y, strict=True)):
+            rows.writerow([k * DT, a * scale, b * scale, 0.0, 0.0][: len(columns)])
+    return path
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    return write_csv(tmp_path_factory.mktemp("logs") / "run.csv", *places())
+
+
+def test_a_table_becomes_a_map_with_the_openings_that_there_are(table, tmp_path):
+    output = tmp_path / "map.yaml"
+    done = run(table, "-o", output)
+    assert done.exit_code == 0, done.exception
+    maze = load_map(output)
+    assert [(o.outer, o.inner) for o in maze.openings] == [(o.outer, o.inner) for o in TRUTH.openings]
+    for found, true in zip(maze.openings, TRUTH.openings, strict=True):
+        assert found.angle == pytest.approx(true.angle, abs=math.radians(2.0))
+    for found, true in zip(maze.rings, TRUTH.rings, strict=True):
+        assert found.outer_radius == pytest.approx(true.outer_radius, abs=3e-4)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 1 + 3 + 1 + 5 + 1  # two tables with their headings, and the camera
+    assert sum(line.startswith("1-2  ") for line in lines) == 3
+    assert done.stderr == f"wrote {output}\n"
+
+
+def test_json_is_one_document_with_what_the_table_says(table, tmp_path):
+    output = tmp_path / "map.yaml"
+    got = json.loads(run(table, "-o", output, "--json").stdout)
+    assert (got["map"], got["prior"], got["problems"], got["skipped"]) == (str(output), "the packaged map cme", [], 0)
+    assert [o["rings"] for o in got["openings"]] == [[1, 2]] * 3 + [[2, 3]] * 2
+    assert sum(o["count"] for o in got["openings"]) == got["passages"]
+    for opening in got["openings"]:
+        assert opening["count"] == opening["inward"] + opening["outward"] >= 8
+        assert math.hypot(*opening["outer_centroid_mm"]) > math.hypot(*opening["inner_centroid_mm"])
+        assert opening["width_from"] == "the packaged map cme"
+        assert (opening["sign"], opening["written"], opening["problem"]) == (0, True, "")
+    assert got["camera"]["noise_mm"] == pytest.approx(1e3 * NOISE, abs=0.1)
+
+
+def test_a_run_log_names_its_own_map_for_what_it_does_not_tell(tmp_path):
+    path, (x, y) = tmp_path / "run.mcap", places()
+    heavy = dump_map(TRUTH).replace("mass_g: 8.4", "mass_g: 9.5")
+    with RunLogWriter(path, {"rig": "toy", "seed": 3, "map": heavy}) as writer:
+        for k, (a, b) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
+            lost = k % 200 == 199
+            o = Observation(k * DT, None if lost else a, None if lost else b, 0.0, 0.0)
+            writer.sample(o, Command(0.0, 0.0), segment=0)
+    output = tmp_path / "map.yaml"
+    got = json.loads(run(path, "-o", output, "--json").stdout)
+    assert got["prior"] == "the log's map lopsided"
+    assert got["samples"] == sum(k % 200 != 199 for k in range(len(x)))
+    assert load_map(output).ball.mass == pytest.approx(0.0095)
+    run(path, "-o", output, "--map", "cme")
+    assert load_map(output).ball.mass == pytest.approx(0.0084)
+
+
+def test_several_logs_are_one_and_the_end_of_one_is_no_passage(table, tmp_path):
+    output = tmp_path / "map.yaml"
+    once = json.loads(run(table, "-o", output, "--json").stdout)
+    twice = json.loads(run(table, table, "-o", output, "--json").stdout)
+    assert twice["passages"] == 2 * once["passages"]
+    assert "run.csv, run.csv" in output.read_text()
+
+
+def test_min_count(table, tmp_path):
+    output = tmp_path / "map.yaml"
+    few = run(table, "-o", output, "--min-count", "1000")
+    assert few.exit_code == 1
+    assert not output.exists()
+    assert "no opening between ring 1 and 2: 3 were passed, too seldom (see min-count)" in few.stderr
+    assert few.stdout.count("left out: ") == 5
+    got = json.loads(run(table, "-o", output, "--min-count", "1000", "--json").stdout)
+    assert got["map"] is None
+    assert len(got["problems"]) == 2
+    assert run(table, "--min-count", "0").exit_code == 2
+
+
+def test_a_wall_without_passages_is_taken_from_the_map_that_was_named(tmp_path):
+    x, y = places()
+    output = tmp_path / "map.yaml"
+    alone = np.hypot(x, y) < 0.0198  # the disc is seen, but not how the ball came there
+    wall = (np.hypot(x, y) < 0.036) & ~alone
+    table = write_csv(tmp_path / "run.csv", np.where(wall, math.nan, x), np.where(wall, math.nan, y))
+    done = run(table, "-o", output, "--map", "lopsided", "--min-count", "9")
+    assert done.exit_code == 0
+    assert done.stdout.count("never passed, from map lopsided") == 2
+    assert not check_map(output).errors
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"scale": 1000.0}, r"run.csv:[0-9]+: x: got .* are these millimetres\?"),
+        ({"columns": ("t", "theta", "y", "beta", "gamma")}, "run.csv: needs x and y, or theta and r"),
+        ({"columns": ("t", "x", "y", "beta")}, "run.csv: column gamma is missing"),
+    ],
+)
+def test_tables_that_cannot_be_used(change, message, tmp_path):
+    x, y = places(times=1)
+    error = run(write_csv(tmp_path / "run.csv", x, y, **change)).exception
+    assert isinstance(error, TableError)
+    assert "\n" not in str(error)
+    with pytest.raises(TableError, match=message):
+        raise error
+
+
+def test_other_bad_input_is_one_line(table, tmp_path):
+    short = write_csv(tmp_path / "short.csv", [0.06] * 50, [0.0] * 50)
+    for words, message in (
+        ((short,), "short.csv: the ball was seen in 50 samples, expected at least 200"),
+        ((tmp_path / "none.mcap",), "none.mcap: no such file"),
+        ((table, "--map", "nope"), "not a packaged map"),
+        ((table, "-o", tmp_path / "none" / "map.yaml"), "map.yaml: cannot be written"),
+    ):
+        error = run(*words).exception
+        assert isinstance(error, InputError)
+        assert message in str(error)
+        assert "\n" not in str(error)

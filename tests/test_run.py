@@ -1,0 +1,72 @@
+"""A run ticked by hand: commands given from outside, another goal, and the slew limit of the tree's commands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from planar_rig import PlanarRig
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel
+from mazeplan.records import Command
+from mazeplan.run import Job, NullDisplay, Run, Setup
+
+MAZE = load_map("cme")
+SETUP = Setup(MAZE, RigModel.nominal(MAZE), rig_name="planar")
+
+
+def placed(goal=5, start=1, theta=0.3, **more):
+    rig = PlanarRig(MAZE)
+    run = Run(rig, SETUP, Job(start, goal, theta), None, NullDisplay(), **more)
+    rig.reset(ring=start, theta=theta, rng=None)
+    return rig, run
+
+
+def until_done(rig, run, limit=10.0):
+    while True:
+        status = run.tick(rig.observe())
+        if status != "RUNNING" or rig.t > limit:
+            return status
+
+
+def test_a_given_command_goes_out_and_the_tree_rests():
+    rig, run = placed()
+    for k in range(20):
+        assert run.tick(rig.observe(), Command(0.01 * (k % 3), -0.02), "somebody") == "RUNNING"
+        assert run.context.commanded_by == "somebody"
+    assert rig.commands == [(0.01 * (k % 3), -0.02) for k in range(20)]
+    assert [c[1:] for c in run._estimator._commands][-3:] == rig.commands[-3:]  # the estimator knows of them
+    assert run.context.opening is None
+    assert run._tree.active_path() == []
+    assert until_done(rig, run) == "SUCCESS"  # and takes over from where the ball is
+    assert rig.ring == 5
+
+
+def test_another_goal_is_reached_from_where_the_ball_is():
+    rig, run = placed(goal=2)
+    assert until_done(rig, run) == "SUCCESS"
+    assert rig.ring == 2
+    t = rig.t
+    avoided = tuple(opening.name for opening in MAZE.openings_between(2, 3))[:3]
+    run.aim(3, avoided)
+    assert run.context.now == t
+    assert until_done(rig, run) == "SUCCESS"
+    assert rig.ring == 3
+    assert run.context.opening is not None
+    assert run.context.opening.name == "2-3@270"
+    assert [passage.ring for passage in run.result(True, "", None).rings] == [1, 2, 3]
+    assert rig.t > t
+
+
+def test_the_tree_commands_no_faster_than_the_slew_limit():
+    slew = math.radians(30.0)
+    rig, run = placed(goal=4, slew=slew)
+    assert until_done(rig, run) == "SUCCESS"
+    steps = np.abs(np.diff([(0.0, 0.0), *rig.commands], axis=0))
+    assert steps.max() <= slew / 30.0 + 1e-12
+    assert np.mean(np.isclose(steps, slew / 30.0)) > 0.05  # it does limit
+    assert [c[1:] for c in run._estimator._commands][-3:] == rig.commands[-3:]
+    free, fast = placed(goal=4)
+    until_done(free, fast)
+    assert np.abs(np.diff(free.commands, axis=0)).max() > 2.0 * slew / 30.0
