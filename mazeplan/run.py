@@ -155,7 +155,10 @@ def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, 
     """A planner for each channel."""
     return {
         ring.number: RingPlanner(
-            RingParameters.from_model(model, ring.number, ring.track_radius), maze.tilt_limit, cost=cost
+            RingParameters.from_model(model, ring.number, ring.track_radius),
+            maze.tilt_limit,
+            cost=cost,
+            process=model.processes.get(ring.number),
         )
         for ring in maze.rings
         if not ring.is_disc
@@ -216,7 +219,6 @@ class Run:
         self._estimator.warm_up()
         for planner in self._planners.values():
             planner.warm_up()
-            break  # one compilation serves all rings
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.

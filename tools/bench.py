@@ -2,8 +2,7 @@
 [--quick] [-o FILE]
 
 Every section is a command that anyone can repeat. All navigation figures are obtained in simulation, in physics
-(MuJoCo) that the
-planner does not share. Seeds are in the commands (default 0).
+(MuJoCo) that the planner does not share. Seeds are in the commands (default 0).
 """
 
 from __future__ import annotations
@@ -18,9 +17,12 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from bench_models import measured_section, toy_section, training_section
+
 from mazeplan.behavior.registry import REGISTRY
 
 ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch", "gpytorch")
 PAPER = "7 of 10, mean 7.71 s, best 6.2 s, worst 10.13 s (published, on hardware)"
 
 
@@ -142,10 +144,17 @@ def main() -> None:
         "",
         f"- date: {datetime.now(UTC):%Y-%m-%d}{' (quick)' if options.quick else ''}",
         f"- machine: {cpu()}, Python {platform.python_version()}, {platform.system()}",
-        f"- versions: {', '.join(f'{p} {version(p)}' for p in ('mazeplan', 'numpy', 'numba', 'mujoco'))}",
+        f"- versions: {', '.join(f'{p} {version(p)}' for p in PACKAGES)}",
         "",
     ]
-    sections = [navigation_section(options.quick), tick_section(), start_section()]
+    sections = [
+        navigation_section(options.quick),
+        tick_section(),
+        start_section(),
+        measured_section(mazeplan),
+        toy_section(mazeplan, options.quick),
+        training_section(),
+    ]
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])
     options.output.write_text(text.rstrip() + "\n")
     print(f"wrote {options.output}")

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mazeplan.cli.output import print_json
+from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError, TableError
 
 if TYPE_CHECKING:
     from mazeplan.models.identification import Fit
+    from mazeplan.models.modelfile import RigModel
+    from mazeplan.models.rig_learning import RingLearning
 
 KINDS = ("p", "pi", "np", "sp")
 
@@ -19,42 +21,70 @@ KINDS = ("p", "pi", "np", "sp")
 def learn(
     logs: Annotated[list[Path], typer.Argument(help="Run logs (MCAP) or tables (CSV).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the model.")],
-    kind: Annotated[str, typer.Option("--kind", help="p: nominal ball, stage fitted; pi: ball fitted too.")] = "pi",
+    kind: Annotated[
+        str,
+        typer.Option(
+            "--kind",
+            help="p: nominal ball, stage fitted; pi: ball fitted too; sp: a Gaussian process for what that leaves; "
+            "np: a Gaussian process alone.",
+        ),
+    ] = "sp",
+    device: Annotated[str, typer.Option("--device", help="cpu or cuda, for training np and sp.")] = "cpu",
+    most: Annotated[int, typer.Option("--most", min=300, help="Training rows of a process and ring.")] = 4000,
+    smoothing: Annotated[str, typer.Option("--smoothing", help="Of np and sp: rts or savgol.")] = "rts",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the training's starts.")] = 0,
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to logs of it."""
     from dataclasses import replace
 
+    from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import join, read_table
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.models.fitting import FitOptions
+    from mazeplan.models.gp_training import TrainingOptions, require_torch
     from mazeplan.models.identification import fit_rig
     from mazeplan.models.modelfile import RigModel, model_document, save_model
+    from mazeplan.models.rig_learning import learn_processes
 
     if kind not in KINDS:
         raise InputError(f"--kind: got {kind!r}, expected one of {', '.join(KINDS)}")
+    if smoothing not in ("rts", "savgol"):
+        raise InputError(f"--smoothing: got {smoothing!r}, expected rts or savgol")
     if kind in ("np", "sp"):
-        raise InputError(f"--kind: {kind} (Gaussian process) is not available in this version, expected p or pi")
+        require_torch()
+    chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
+    options = FitOptions(most=most, training=TrainingOptions(device=device, starts=2), seed=seed)
     maze = load_map(map_)
     tables = [read_table(log) for log in logs]
+    table = join(tables)
     try:
-        fit = fit_rig(join(tables), maze, tuple(table.source for table in tables))
+        fit = fit_rig(table, maze, tuple(table.source for table in tables))
     except ValueError as problem:
         raise TableError(str(problem), file=", ".join(str(log) for log in logs)) from None
     model = fit.model
     if kind == "p":
         scores = {name: value for name, value in model.scores.items() if name == "stage_arx"}
         model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores=scores)
+    learned: dict[int, RingLearning] = {}
+    if kind in ("np", "sp"):
+        model, learned = learn_processes(table, maze, model, kind, options, smoothing=chosen, progress=say)
     path = save_model(model, output)
     if as_json:
         print_json({"model": str(path), **model_document(model), "windows": fit.windows})
-    else:
-        report(fit, path)
+        return
+    report(fit, model)
+    for ring, x in learned.items():
+        print(
+            f"ring {ring} process: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by effects alone, "
+            f"{x.after:.3f} with it"
+        )
+    print(f"wrote {path}")
 
 
-def report(fit: Fit, path: Path) -> None:
+def report(fit: Fit, model: RigModel) -> None:
     """What was found, with standard errors."""
-    model = fit.model
     for name, axis, found in (("beta", model.stage.beta, fit.stage[0]), ("gamma", model.stage.gamma, fit.stage[1])):
         e = axis.stderr
         poles = ", ".join(f"{pole.real:.1f}{pole.imag:+.1f}j" for pole in axis.poles())
@@ -79,6 +109,6 @@ def report(fit: Fit, path: Path) -> None:
                     parts.append(
                         f"{effect.name} {name} {value:.4f} ± {error:.4f} {unit if unit != '1' else ''}".rstrip()
                     )
-        note = f" ({fit.windows[ring]} windows)" if ring in fit.windows else " (no data of its own)"
+        note = " (no data of its own)" if ring not in model.processes else ""
+        note = f" ({fit.windows[ring]} windows)" if ring in fit.windows else note
         print(f"ring {ring}{note}  " + "; ".join(parts))
-    print(f"wrote {path}")

@@ -34,7 +34,8 @@ from mazeplan.control.cost import CostParameters
 from mazeplan.errors import SettingsError
 from mazeplan.maths.angles import nearest
 from mazeplan.maths.compiled import address_of
-from mazeplan.models import ring_dynamics
+from mazeplan.models import learned_dynamics, ring_dynamics
+from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.ring_dynamics import RingParameters
 from mazeplan.records import Array, Plan, StopReason
 
@@ -240,11 +241,17 @@ class RingPlanner:
         options: IlqgOptions | None = None,
         cost: CostParameters | None = None,
         *,
+        process: GaussianProcess | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; clock: s, for deadlines."""
+        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: what it learned beyond
+        its parameters; clock: s, for deadlines."""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
-        dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
+        if process is None:
+            dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
+        else:
+            packed = learned_dynamics.pack(parameters, process)
+            dynamics = Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6)
         limit = np.full(2, tilt_limit)
         self._planner = Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, clock=clock)
 

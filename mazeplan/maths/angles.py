@@ -1,20 +1,26 @@
-"""Angles in rad: wrapping and differences."""
+"""Angles in rad: wrapping and differences, of numbers or arrays."""
 
 from __future__ import annotations
 
 import math
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Angle = TypeVar("Angle", float, NDArray[np.float64])
 
 
-def wrap(angle: float) -> float:
+def wrap(angle: Angle) -> Angle:
     """The same angle in [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def difference(a: float, b: float) -> float:
+def difference(a: Angle, b: Angle) -> Angle:
     """Shortest signed turn from b to a, in [-pi, pi)."""
     return wrap(a - b)
 
 
-def nearest(angle: float, reference: float) -> float:
+def nearest(angle: Angle, reference: Angle) -> Angle:
     """`angle` plus the whole turns that bring it within half a turn of `reference`."""
     return reference + wrap(angle - reference)

@@ -100,6 +100,10 @@ class Maze:
         """All openings that join two rings, closed ones too."""
         return tuple(o for o in self.openings if {o.outer, o.inner} == {a, b})
 
+    def openings_of(self, ring: int) -> tuple[Opening, ...]:
+        """All openings in the walls of a ring, closed ones too."""
+        return tuple(o for o in self.openings if ring in (o.outer, o.inner))
+
     @property
     def walls(self) -> tuple[Wall, ...]:
         """Walls from the rim inwards."""

@@ -6,10 +6,12 @@
     camera_delay_s: {value: 0.0667, stderr: 0.0004}
     stage: {beta: {gain: {value: 1.0, stderr: 0.001}, ...}, gamma: {...}}
     rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
+    processes: {1: {file: ring1.npz, sha256: ..., rows: 4000, kernel: rbf, amplitude: ..., lengthscales: ...}, ...}
     data: [{file: ..., sha256: ...}, ...]
     scores: {...}
 
-A plain number may stand for {value: number}. Nothing is executed on loading.
+A plain number may stand for {value: number}. Kinds np and sp have processes, whose arrays lie beside the file
+(`processfile`). Nothing is executed on loading.
 """
 
 from __future__ import annotations
@@ -29,6 +31,8 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import Effect, RollingInertia, ViscousFriction, make_effect
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.processfile import read_process, write_process
 from mazeplan.models.stage import StageAxis, StageModel
 
 FORMAT = 1
@@ -44,7 +48,8 @@ class RigModel:
     """Everything that estimation and planning know of a rig.
 
     stage: both axes; camera_delay: s that the ball's position is behind the tilt sensor; balls: ring number -> model;
-    kind: p or pi; rate_hz; data, scores: what it came from and how well it did, as written in the file."""
+    kind: p, pi, np or sp; processes: ring number -> what a Gaussian process adds to the effects (sp), or has
+    in their place (np); rate_hz; data, scores: what it came from and how well it did, as written in the file."""
 
     stage: StageModel
     balls: dict[int, BallModel]
@@ -54,6 +59,7 @@ class RigModel:
     rate_hz: float = 30.0
     data: tuple[dict[str, Any], ...] = ()
     scores: dict[str, Any] = field(default_factory=dict)
+    processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
 
     def ball(self, ring: int) -> BallModel:
         """The ball model of a ring; of the nearest ring that has one, when this one has none."""
@@ -132,7 +138,7 @@ class _Reader:
 
     def model(self) -> RigModel:
         """The whole file."""
-        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "rings", "data", "scores")
+        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "rings", "processes", "data", "scores")
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
         if root["format"] != FORMAT:
             newer = isinstance(root["format"], int) and root["format"] > FORMAT
@@ -164,12 +170,30 @@ class _Reader:
             rate_hz=rate,
             data=tuple(self.section(entry, ("data", i), None) for i, entry in enumerate(data)),
             scores=self.section(scores, ("scores",), None),
+            processes=self.processes(root.get("processes"), kind),
         )
 
-    def ring_number(self, name: str) -> int:
+    def processes(self, node: Any, kind: str) -> dict[int, GaussianProcess]:
+        """The processes of a model of kind np or sp; their arrays are read and checked against what the file says."""
+        learned, empty = kind in ("np", "sp"), node is None or node == {}
+        if empty or not learned:
+            if empty == learned:
+                problem = f"kind {kind} {'needs' if learned else 'has no'} processes"
+                raise self.fail(problem, "kind" if empty else "processes")
+            return {}
+        out = {}
+        for name, entry in self.section(node, ("processes",), None).items():
+            self.section(entry, ("processes", name), None, ("file", "sha256"))
+            try:
+                out[self.ring_number(name, "processes")] = read_process(self._path.parent, entry)
+            except ValueError as problem:
+                raise self.fail(str(problem), "processes", name) from None
+        return out
+
+    def ring_number(self, name: str, section: str = "rings") -> int:
         """The number of a ring from its key."""
         if not re.fullmatch("[1-9][0-9]{0,3}", name):
-            raise self.fail(f"got {shown(name)}, expected a ring number from 1", "rings", name)
+            raise self.fail(f"got {shown(name)}, expected a ring number from 1", section, name)
         return int(name)
 
     def axis(self, node: Any, name: str) -> StageAxis:
@@ -208,8 +232,8 @@ def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
     return {**entry, "unit": unit}
 
 
-def model_document(model: RigModel) -> dict[str, Any]:
-    """What `save_model` writes."""
+def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
+    """What `save_model` writes; processes: what is said of the arrays beside it."""
     stage = {
         name: {k: _entry(getattr(axis, k), axis.stderr.get(k), unit) for k, unit in AXIS_UNITS.items()}
         for name, axis in (("beta", model.stage.beta), ("gamma", model.stage.gamma))
@@ -231,6 +255,7 @@ def model_document(model: RigModel) -> dict[str, Any]:
         "camera_delay_s": _entry(model.camera_delay, model.camera_delay_stderr, "s"),
         "stage": stage,
         "rings": rings,
+        **({"processes": processes} if processes else {}),
         "data": [dict(entry) for entry in model.data],
         "scores": dict(model.scores),
     }
@@ -251,9 +276,12 @@ _Dumper.add_representer(dict, _mapping)
 def save_model(model: RigModel, folder: str | Path) -> Path:
     """Write the folder (made if need be) and return the path of its model.yaml. Raises ModelError."""
     path = Path(folder) / "model.yaml"
-    text = yaml.dump(model_document(model), Dumper=_Dumper, sort_keys=False, width=120)
+    if model.kind in ("np", "sp") and not model.processes:
+        raise ModelError(f"kind {model.kind} needs processes", file=path, key="kind")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        beside = {ring: write_process(path.parent, ring, process) for ring, process in sorted(model.processes.items())}
+        text = yaml.dump(model_document(model, beside), Dumper=_Dumper, sort_keys=False, width=120)
         path.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None

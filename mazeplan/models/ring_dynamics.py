@@ -6,11 +6,12 @@ Point mass at radius r in the plate frame, R = Ry(beta) Rx(gamma); rolling and f
     theta_dd =  beta_dd sin(gamma) + 2 beta_d gamma_d cos(gamma) sin(theta)^2
               + (gamma_d^2 - beta_d^2 cos(gamma)^2) sin(theta) cos(theta)
               - k (g/r) [sin(beta') sin(theta) + sin(gamma') cos(beta') cos(theta)]
-              - c theta_d - d tanh(theta_d / w)
+              - c theta_d - d tanh(theta_d / w) + e
     beta_dd  =  wn^2 (gain u + offset - beta) - 2 zeta wn beta_d        (gamma likewise)
 
 beta' = beta + beta_0 and gamma' = gamma + gamma_0 are the tilts against gravity: the table itself is off level by
-(beta_0, gamma_0). tanh stands for the sign in dry friction: good for planning, not for identification.
+(beta_0, gamma_0). e is held over a step: what a learned model adds (`learned_dynamics`), else 0. tanh stands for the
+sign in dry friction: good for planning, not for identification.
 
 The stage is linear with a held input, so it is exact (zero-order hold, any damping); theta goes by the classical
 Runge-Kutta scheme of order 4 in SUBSTEPS steps on the exact tilt. Against an adaptive integrator one step of 1/30 s
@@ -39,7 +40,7 @@ GRAVITY = 9.81  # m/s^2
 SUBSTEPS = 2
 ROLLING_BETWEEN_FLOOR_AND_WALL = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a solid sphere that turns on floor and wall at once
 
-_DRIVE, _VISCOUS, _DRY, _WIDTH, _BETA_0, _GAMMA_0, _STEP, _SUBSTEPS, _AXES = range(9)
+_DRIVE, _VISCOUS, _DRY, _WIDTH, _BETA_0, _GAMMA_0, _STEP, _SUBSTEPS, EXTRA, BY_ANGLE, BY_RATE, _AXES = range(12)
 _GAIN, _OFFSET, _STIFFNESS, _DAMPING, _TABLE = range(5)
 _NODE = 4  # the entries of a 2x2 transition matrix in the table
 
@@ -76,7 +77,8 @@ class RingParameters:
 
     radius: m, where the ball's centre travels; rolling_factor: times the gravity part; viscous: 1/s; dry: rad/s^2;
     dry_width: rad/s over which dry friction changes sign; offset_beta, offset_gamma: tilt of the table, rad;
-    beta, gamma: the stage; dt: s; gravity: m/s^2. Raises ModelError for values out of range.
+    beta, gamma: the stage; dt: s; gravity: m/s^2; physics: False leaves only what the turning plate does, for models
+    that learned all the rest. Raises ModelError for values out of range.
     """
 
     radius: float
@@ -90,6 +92,7 @@ class RingParameters:
     gamma: AxisParameters = AxisParameters()
     dt: float = 1.0 / 30.0
     gravity: float = GRAVITY
+    physics: bool = True
 
     def __post_init__(self) -> None:
         for name in ("radius", "rolling_factor", "dry_width", "dt", "gravity"):
@@ -117,20 +120,25 @@ class RingParameters:
             offset_gamma=ball.parameter("tilt_offset", "gamma", 0.0),
             beta=axes[0],
             gamma=axes[1],
+            physics=not (model.kind == "np" and ring in model.processes),
         )
 
     def pack(self) -> Array:
         """The vector that the compiled functions read: ball, integration, then per axis its numbers and its table of
         transition matrices at 0, 1/2, 1, 3/2 ... SUBSTEPS integration steps."""
+        on = 1.0 if self.physics else 0.0
         ball = [
-            self.rolling_factor * self.gravity / self.radius,
-            self.viscous,
-            self.dry,
+            on * self.rolling_factor * self.gravity / self.radius,
+            on * self.viscous,
+            on * self.dry,
             self.dry_width,
             self.offset_beta,
             self.offset_gamma,
             self.dt / SUBSTEPS,
             SUBSTEPS,
+            0.0,  # EXTRA
+            0.0,  # BY_ANGLE, BY_RATE: scratch space of `linearise`
+            0.0,
         ]
         axes = [number for axis in (self.beta, self.gamma) for number in _pack_axis(axis, self.dt)]
         return np.array(ball + axes, dtype=float)
@@ -200,7 +208,8 @@ def _acceleration(p, plate, theta, theta_d):
     turning = beta_dd * sin_c + 2.0 * beta_d * gamma_d * cos_c * sin * sin
     centripetal = (gamma_d * gamma_d - beta_d * beta_d * cos_c * cos_c) * sin * cos
     gravity = -p[_DRIVE] * (sin_bg * sin + sin_cg * cos_bg * cos)
-    return turning + centripetal + gravity - p[_VISCOUS] * theta_d - p[_DRY] * math.tanh(theta_d / p[_WIDTH])
+    friction = p[_VISCOUS] * theta_d + p[_DRY] * math.tanh(theta_d / p[_WIDTH])
+    return turning + centripetal + gravity - friction + p[EXTRA]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -265,9 +274,11 @@ def _tilt_tangent(p, axis, node, column):
 @njit(cache=True, error_model="numpy")
 def _forced(p, f, node, column):
     """Change of theta_dd at a node through the tilt, by column: 0, 1 theta and its rate (none), 2-4 beta's start angle,
-    start rate, command, 5-7 gamma's."""
+    start rate, command, 5-7 gamma's, 8 the part held over the step."""
     if column < 2:
         return 0.0
+    if column == 8:
+        return 1.0
     b, c = _axes(p)
     if column < 5:
         a, r, rr = _tilt_tangent(p, b, node, column - 2)
@@ -291,12 +302,14 @@ def _advance_tangent(p, h, node, f1, f2, f3, f4, column, d, dd):
 
 @njit(cache=True, error_model="numpy")
 def linearise(s, u, p, A, B):
-    """Derivatives of `step` by s and u, into A (6, 6) and B (6, 2): the chain rule through the integration scheme."""
+    """Derivatives of `step` by s and u, into A (6, 6) and B (6, 2): the chain rule through the integration scheme.
+
+    Those of angle and rate by p[EXTRA] are left in p[BY_ANGLE] and p[BY_RATE]."""
     h, n = p[_STEP], int(p[_SUBSTEPS])
     A[:] = 0.0
     B[:] = 0.0
     A[0, 0] = A[1, 1] = 1.0
-    theta, theta_d = s[0], s[1]
+    theta, theta_d, by_angle, by_rate = s[0], s[1], 0.0, 0.0
     last = _node(p, s, u, 0)
     for i in range(n):
         first, middle, last = last, _node(p, s, u, 2 * i + 1), _node(p, s, u, 2 * i + 2)
@@ -319,9 +332,11 @@ def linearise(s, u, p, A, B):
             else:
                 k = j if j < 4 else j - 1
                 A[0, k], A[1, k] = _advance_tangent(p, h, 2 * i, f1, f2, f3, f4, j, A[0, k], A[1, k])
+        by_angle, by_rate = _advance_tangent(p, h, 2 * i, f1, f2, f3, f4, 8, by_angle, by_rate)
         a4 = _acceleration(p, last, t4, d4)
         theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
         theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+    p[BY_ANGLE], p[BY_RATE] = by_angle, by_rate
     _stage_tangents(p, 2 * n, A, B)
 
 

@@ -33,7 +33,7 @@ def test_collect_and_learn_from_the_command_line(monkeypatch, capsys, tmp_path):
     )
     assert code == 0
     assert "wrote 1800 samples" in err
-    code, out, _ = call(monkeypatch, capsys, "learn", str(log), "-o", str(model), "--json")
+    code, out, _ = call(monkeypatch, capsys, "learn", str(log), "-o", str(model), "--kind", "pi", "--json")
     assert code == 0
     document = json.loads(out)
     assert document["kind"] == "pi"
@@ -70,7 +70,7 @@ def test_rings_drives_and_place_places(monkeypatch, capsys, tmp_path):
     ("arguments", "said"),
     [
         (["learn", "none.mcap", "-o", "m"], "no such file"),
-        (["learn", "none.mcap", "-o", "m", "--kind", "sp"], "not available"),
+        (["learn", "none.mcap", "-o", "m", "--kind", "sp"], "no such file"),
         (["learn", "none.mcap", "-o", "m", "--kind", "magic"], "expected one of p, pi"),
         (["collect", "-o", "x.mcap", "--seconds", "-1"], "--seconds"),
         (["collect", "-o", "x.mcap", "--ring", "ring7"], "ring1 to ring5"),

@@ -1,0 +1,167 @@
+"""`compare`: kinds of ball models on the same data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.cli.output import print_json, say
+from mazeplan.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.compare import RingScores
+    from mazeplan.maze.geometry import Maze
+
+RATES = ("auto", "smoothed", "delayed", "filtered")
+KERNELS = ("auto", "rbf", "exponential")
+SMOOTHINGS = ("savgol", "rts")
+PICTURES = (".png", ".svg", ".pdf")
+
+
+def compare(
+    logs: Annotated[list[Path], typer.Argument(help="Run logs (MCAP) or tables (CSV).")],
+    test: Annotated[
+        list[Path] | None,
+        typer.Option("--test", help="Log or table to test on (repeatable); else every fourth block of 5 s."),
+    ] = None,
+    map_: Annotated[
+        str | None, typer.Option("--map", help="Packaged map or YAML file; default: that of the first log, else cme.")
+    ] = None,
+    ring: Annotated[
+        int | None, typer.Option("--ring", min=1, help="Ring of all rows, where the table does not tell.")
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option("--radius", help="Its track radius in m, instead of the map's.")
+    ] = None,
+    delay: Annotated[
+        float | None, typer.Option("--delay", help="Seconds that the camera is behind the tilt sensor; default: found.")
+    ] = None,
+    rates: Annotated[
+        str,
+        typer.Option(
+            "--rates", help=f"How the rate of theta is taken: {', '.join(RATES)}; filtered: late, as published."
+        ),
+    ] = "auto",
+    smoothing: Annotated[
+        str, typer.Option("--smoothing", help=f"Where the table brings no derivatives: {', '.join(SMOOTHINGS)}.")
+    ] = "rts",
+    kernel: Annotated[str, typer.Option("--kernel", help=f"Of the processes: {', '.join(KERNELS)}.")] = "auto",
+    most: Annotated[int, typer.Option("--most", min=50, help="Training rows of a process.")] = 5000,
+    device: Annotated[str, typer.Option("--device", help="cpu or cuda, for training.")] = "cpu",
+    curve: Annotated[
+        Path | None, typer.Option("--curve", help="Draw learning curves into this PNG, SVG or PDF.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of starts, forests and intervals.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
+) -> None:
+    """nRMSE of theta_dd and roll-out errors of rf, p, pi, np, sp (and npd), ring by ring."""
+    from mazeplan.cli.arguments import positive
+    from mazeplan.compare import CompareOptions
+    from mazeplan.compare import compare as run
+    from mazeplan.data.smoothing import Smoothing
+    from mazeplan.data.table import read_table
+    from mazeplan.models.fitting import FitOptions
+    from mazeplan.models.gp_training import TrainingOptions, require_torch
+    from mazeplan.models.samples import SampleOptions
+
+    for option, value, allowed in (
+        ("--rates", rates, RATES),
+        ("--kernel", kernel, KERNELS),
+        ("--smoothing", smoothing, SMOOTHINGS),
+    ):
+        if value not in allowed:
+            raise InputError(f"{option}: got {value!r}, expected one of {', '.join(allowed)}")
+    if curve is not None and not (curve.suffix in PICTURES and curve.absolute().parent.is_dir()):  # not minutes later
+        raise InputError(f"--curve: got {str(curve)!r}, expected {', '.join(PICTURES)} in a folder that exists")
+    require_torch()
+    maze, known = _maze(map_, logs[0])
+    options = CompareOptions(
+        smoothing=Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing(),
+        delay=delay,
+        samples=SampleOptions(ring=ring, radius=None if radius is None else positive("--radius", radius)),
+        rates=rates,
+        fit=FitOptions(most=most, training=TrainingOptions(family=kernel, device=device, starts=2), seed=seed),
+        curve=curve is not None,
+        seed=seed,
+    )
+    tables, held = ([read_table(log) for log in group] for group in (logs, test or []))
+    scores = run(tables, held, maze, options, openings_known=known, progress=say)
+    if curve is not None:
+        _draw(scores, curve)
+    if as_json:
+        print_json({f"ring{score.ring}": score.document() for score in scores})
+        return
+    report(scores)
+
+
+def _maze(name: str | None, log: Path) -> tuple[Maze, bool]:
+    """The map, and whether its openings are those of the data: a table does not tell, a log or a person does."""
+    from mazeplan.data.runlog import read_log
+    from mazeplan.maze.mapfile import check_text, load_map
+
+    if name is not None:
+        return load_map(name), True
+    if log.suffix == ".mcap" and log.is_file():
+        text = read_log(log).header.get("map")
+        maze = check_text(text, file=log).maze if isinstance(text, str) else None
+        if maze is not None:
+            return maze, True
+    return load_map("cme"), False
+
+
+def report(scores: list[RingScores]) -> None:
+    """The tables, as text."""
+    kinds = list(scores[0].nrmse_test)
+    print(f"{'nRMSE of theta_dd':24s}" + "".join(f"{kind:>16s}" for kind in kinds))
+    for s in scores:
+        cells = "".join(f"{s.nrmse_train[kind]:8.3f}/{s.nrmse_test[kind]:.3f}  " for kind in kinds)
+        print(f"ring {s.ring} train/test          {cells}")
+        low = "".join(f"   [{a:.3f}, {b:.3f}]" for a, b in (s.interval["nrmse_test"][kind] for kind in kinds))
+        print(f"   95 % of the test      {low}")
+    print("\nmean absolute error of theta after 20 / 40 samples, rad")
+    for s in scores:
+        cells = "".join(f"  {kind} {e['20']:.3f}/{e['40']:.3f}" for kind, e in s.rollout.items())
+        print(f"ring {s.ring}  {len(s.windows)} windows, {s.windows.chosen}: {cells}")
+    notes = {name for s in scores for name, sign in zip(("beta", "gamma"), s.signs, strict=True) if sign < 0}
+    for name in sorted(notes):
+        print(f"note: {name} is counted the other way round in these data (gravity pulls uphill); it was turned round")
+    s = scores[0]
+    print(f"rates: {s.rates}; ball {1e3 * s.delay:.0f} ms behind the tilt")
+    print(f"training rows: {', '.join(str(x.n_train) for x in scores)}")
+
+
+def _draw(scores: list[RingScores], path: Path) -> None:
+    """Learning curves: test nRMSE over training rows, a panel a ring."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.2 * len(scores), 3.2), layout="constrained")
+    styles: dict[str, Any] = {
+        "pi": ("o", "#0072b2"),
+        "rf": ("s", "#999999"),
+        "np": ("^", "#d55e00"),
+        "sp": ("D", "#009e73"),
+    }
+    for i, s in enumerate(scores):
+        axes = figure.add_subplot(1, len(scores), i + 1)
+        for kind, points in s.curve.items():
+            marker, colour = styles[kind]
+            n, y = zip(*points, (s.n_train, s.nrmse_test[kind]), strict=True)
+            axes.plot(n, y, marker=marker, color=colour, label=kind, lw=1.2, ms=4)
+        axes.set_xscale("log")
+        rows = sorted({n for points in s.curve.values() for n, _ in points} | {s.n_train})
+        axes.set_xticks(rows, [str(n) for n in rows])
+        axes.minorticks_off()
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(f"ring {s.ring}", fontsize=10)
+        axes.set_xlabel("training rows")
+        axes.grid(alpha=0.3)
+        if i == 0:
+            axes.set_ylabel("test nRMSE of theta_dd")
+            axes.legend(frameon=False)
+    try:
+        figure.savefig(path, dpi=150)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be drawn: {problem}", file=path) from None
+    say(f"wrote {path}")

@@ -1,0 +1,331 @@
+"""Compare kinds of ball models on measured data: the tables of the paper, for any logs.
+
+For every ring: nRMSE of theta_dd on training and test rows, and the mean absolute error of theta after 20 and 40
+samples of rolling out from causal estimates, with 95 % intervals by block bootstrap. Models are trained on training
+rows only; settings are chosen on them too: how the rate of theta is taken (`samples`), and the family of the kernel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.data.filtering import causal_estimates
+from mazeplan.data.smoothing import Noise, Smoothing, noise_of
+from mazeplan.data.split import Split, block_bootstrap, block_split, uniform_downsample
+from mazeplan.data.table import Table
+from mazeplan.errors import InputError, TableError
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.discrete import fit_discrete, roll_out_discrete
+from mazeplan.models.features import paper_features
+from mazeplan.models.fitting import FitOptions, fit_kind
+from mazeplan.models.learned import AccelerationModel
+from mazeplan.models.linear import fit_linear
+from mazeplan.models.rollout import CHECKED, Rollout, Windows, choose_windows, roll_out, roll_out_delayed
+from mazeplan.models.samples import RingSamples, SampleOptions, joined, orientation, oriented, ring_samples
+from mazeplan.records import Array, IntArray
+
+PREDICTED = ("rf", "p", "pi", "np", "sp")
+ROLLED = ("pi", "np", "npd", "sp")
+BLOCK_S = 5.0  # s; every fourth block is test, and smoothing and the delayed rate reach 7 samples across a border
+SPLIT: dict[str, Any] = {"block_s": BLOCK_S, "test_share": 0.25, "guard": 8}
+LONGEST_LAG = 5.0  # samples
+FEWEST = 50  # training rows; a ring with less is left out
+CLEAN = 0.1  # noise of a difference of angles over the spread of rates up to which rates are taken delayed
+CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning curves
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """smoothing of positions where the table brings no derivatives; delay: s that the ball is behind the tilt (None:
+    found, see `best_lag`); samples: what else a table does not tell; rates: or "auto", by the noise of the angle; fit;
+    curve: learning curves too; seed: of everything that is drawn."""
+
+    smoothing: Smoothing = field(default_factory=lambda: Smoothing("rts", model="snap"))
+    delay: float | None = None
+    samples: SampleOptions = field(default_factory=SampleOptions)
+    rates: str = "auto"
+    fit: FitOptions = field(default_factory=FitOptions)
+    curve: bool = False
+    kinds: tuple[str, ...] = PREDICTED
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class RingData:
+    """One ring: samples of training and of test records (the same where a record is split), which rows are whose, and
+    causal estimates of theta and its rate (N,) in the test record."""
+
+    train: RingSamples
+    test: RingSamples
+    train_rows: IntArray
+    test_mask: np.ndarray
+    block: IntArray
+    theta: Array
+    theta_dot: Array
+
+    @property
+    def test_rows(self) -> IntArray:
+        """Rows scored."""
+        return np.flatnonzero(self.test_mask & self.test.good)
+
+
+@dataclass(frozen=True)
+class RingScores:
+    """What a ring came to; `document` is the JSON of it."""
+
+    ring: int
+    n_train: int
+    n_test: int
+    rates: str
+    delay: float
+    signs: tuple[int, int]
+    windows: Windows
+    nrmse_train: dict[str, float]
+    nrmse_test: dict[str, float]
+    rollout: dict[str, dict[str, float]]
+    interval: dict[str, dict[str, tuple[float, float]]]
+    curve: dict[str, list[tuple[int, float]]]
+
+    def document(self) -> dict[str, Any]:
+        """Plain and rounded."""
+
+        def rounded(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {key: rounded(part) for key, part in value.items()}
+            if isinstance(value, list | tuple):
+                return [rounded(part) for part in value]
+            return round(value, 4) if isinstance(value, float) and math.isfinite(value) else value
+
+        return {
+            "n_train": self.n_train, "n_test": self.n_test, "rates": self.rates, "delay_s": round(self.delay, 4),
+            "signs": {"beta": self.signs[0], "gamma": self.signs[1]},
+            "windows": len(self.windows), "windows_chosen": self.windows.chosen,
+            "nrmse_train": rounded(self.nrmse_train), "nrmse_test": rounded(self.nrmse_test),
+            "rollout": rounded(self.rollout), "interval95": rounded(self.interval),
+            **({"curve": rounded(self.curve)} if self.curve else {}),
+        }  # fmt: skip
+
+
+def compare(
+    logs: Sequence[Table],
+    tests: Sequence[Table],
+    maze: Maze,
+    options: CompareOptions | None = None,
+    *,
+    openings_known: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> list[RingScores]:
+    """Scores of every ring that the logs (and test logs, where there are any) have enough samples of.
+
+    Raises InputError when there is no such ring."""
+    options, tell = options or CompareOptions(), progress or (lambda text: None)
+    delay = options.delay if options.delay is not None else best_lag(logs, maze, options)
+    options = replace(options, samples=replace(options.samples, delay=delay))
+    rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
+    chosen = replace(options.samples, rates=rates)
+    options = replace(options, fit=_for_rates(options.fit, rates))
+    train, test = (_by_ring(tables, maze, options, chosen) for tables in (logs, tests))
+    signs = orientation(train)
+    scores, short = [], ""
+    for ring in sorted(train):
+        if tests and ring not in test:
+            continue
+        samples = oriented(train[ring], signs)
+        try:
+            data = _prepare(samples, oriented(test[ring], signs) if tests else None, options)
+        except TableError as problem:  # the ball has only passed through
+            short = f"; ring {ring}: {problem}"
+            tell(f"ring {ring} is left out: {problem}")
+            continue
+        angles = np.array([o.angle for o in maze.openings_of(ring)]) if openings_known else None
+        scores.append(_score(ring, data, options, rates, signs, angles, lambda text, r=ring: tell(f"ring {r}: {text}")))
+    if not scores:
+        raise InputError(f"no ring has samples both to train and to test on{short}")
+    return scores
+
+
+def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> float:
+    """By how much (s) the ball is behind the tilt: where the linear model leaves least of theta_dd in training rows.
+
+    0 for tables that bring their own derivatives: those signals have been brought together by whoever made them."""
+    if any("theta_ddot" in table for table in logs) and not options.samples.recompute:
+        return 0.0
+    dt, lags = logs[0].dt, np.arange(0.0, LONGEST_LAG + 0.25, 0.5)
+    left = []
+    for lag in lags:
+        samples = replace(options.samples, delay=float(lag * dt), rates="smoothed")
+        rest = 0.0
+        for part in _by_ring(logs, maze, replace(options, smoothing=Smoothing()), samples).values():
+            try:
+                rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLIT).train & part.good)
+            except TableError:  # the ball has only passed through
+                continue
+            if len(rows) > FEWEST:
+                k, target = part.at(rows), part.theta_ddot[rows]
+                error = fit_linear(paper_features(k), target).mean(paper_features(k)) - target
+                rest += float(np.sum((np.clip(error, *np.quantile(error, [0.02, 0.98])) * k.radius) ** 2))
+        left.append(rest)
+    if not any(left):
+        return 0.0
+    i = int(np.clip(np.argmin(left), 1, len(lags) - 2))
+    below, here, above = left[i - 1 : i + 2]
+    bend = below - 2.0 * here + above
+    shift = 0.5 * (below - above) / bend if bend > 0.0 else 0.0
+    return float(max(0.0, lags[i] + 0.5 * np.clip(shift, -1.0, 1.0)) * dt)
+
+
+def _for_rates(fit: FitOptions, rates: str) -> FitOptions:
+    """Inputs, and the family of the kernel where it is left open.
+
+    Forces at the edges of openings are rough: on measured data the exponential kernel predicted other blocks better,
+    though the likelihood of the training rows often prefers the smooth one. Smoothed rates hide the edges."""
+    local = rates == "delayed"
+    family = fit.training.family
+    if family == "auto":
+        family = "exponential" if local else "rbf"
+    return replace(fit, inputs="local" if local else "state", training=replace(fit.training, family=family))
+
+
+def _rates(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> str:
+    """Delayed rates where the angle is measured cleanly enough to be differenced, else smoothed ones."""
+    worst = 0.0
+    for samples in _by_ring(logs, maze, options, replace(options.samples, rates="smoothed")).values():
+        rough = np.diff(samples.measured, n=3)[np.diff(samples.segment, n=1)[2:] == 0]
+        noise = 1.4826 * float(np.median(np.abs(rough))) / math.sqrt(20.0)  # white noise times 1, 3, 3, 1
+        if not samples.good.any():
+            continue
+        spread = max(float(np.std(samples.k.theta_dot[samples.good])), 1e-9)  # a ball at rest has none
+        worst = max(worst, math.sqrt(2.0) * noise / samples.dt / spread)
+    return "delayed" if worst < CLEAN else "smoothed"
+
+
+def _by_ring(
+    tables: Sequence[Table], maze: Maze, options: CompareOptions, samples: SampleOptions
+) -> dict[int, RingSamples]:
+    """Samples of all tables, ring by ring, one behind the other."""
+    found: dict[int, list[RingSamples]] = {}
+    for table in tables:
+        for ring, part in ring_samples(table, maze, options.smoothing, samples).items():
+            found.setdefault(ring, []).append(part)
+    return {ring: joined(parts) for ring, parts in found.items()}
+
+
+def _prepare(train: RingSamples, test: RingSamples | None, options: CompareOptions) -> RingData:
+    """Rows to train and to test on. Raises TableError when there are too few."""
+    other = test if test is not None else train
+    if test is None:
+        split = block_split(train.segment, train.dt, **SPLIT)
+    else:
+        block = np.arange(len(test)) // max(1, round(BLOCK_S / test.dt))
+        split = Split(np.ones(len(train), bool), np.ones(len(test), bool), block)
+    rows = np.flatnonzero(split.train & train.good)
+    held = int(np.sum(split.test & other.good))
+    if len(rows) < FEWEST or not held:
+        raise TableError(f"got {len(rows)} rows to train and {held} to test on, expected at least {FEWEST} and 1")
+    noise = _noise(train)
+    theta, theta_dot = causal_estimates(other.measured, other.dt, noise, other.segment)
+    return RingData(train, other, rows, split.test, split.block, theta, theta_dot)
+
+
+def _noise(samples: RingSamples) -> Noise:
+    return noise_of(samples.measured, samples.dt, Smoothing("rts"), segment=samples.segment)
+
+
+def _score(
+    ring: int,
+    data: RingData,
+    options: CompareOptions,
+    rates: str,
+    signs: tuple[int, int],
+    openings: Array | None,
+    tell: Callable[[str], None],
+) -> RingScores:
+    """Fit each kind and score it."""
+    rng = np.random.default_rng([options.seed, ring])
+    windows = choose_windows(data.test, data.test_mask, openings)
+    train_rows = data.train_rows[uniform_downsample(len(data.train_rows), options.fit.most)]
+    nrmse_train, nrmse_test, models = {}, {}, {}
+    interval: dict[str, dict[str, tuple[float, float]]] = {"nrmse_test": {}, "20": {}, "40": {}}
+    for kind in options.kinds:
+        tell(kind)
+        models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=lambda t, k=kind: tell(f"{k}, {t}"))
+        model = models[kind].model
+        nrmse_train[kind] = nrmse(*_pairs(model, data.train, train_rows))
+        truth, predicted = _pairs(model, data.test, data.test_rows)
+        nrmse_test[kind] = nrmse(truth, predicted)
+        pairs = np.stack([truth, predicted], axis=1)
+        blocks = data.block[data.test_rows]
+        interval["nrmse_test"][kind] = block_bootstrap(pairs, blocks, lambda p: nrmse(p[:, 0], p[:, 1]), rng)
+    rollout: dict[str, dict[str, float]] = {}
+    for kind in ROLLED:
+        fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
+        done = _roll(kind, fitted.model if fitted else None, data, windows, rates, train_rows, options)
+        if done is not None:
+            rollout[kind] = {str(n): done.after(n) for n in CHECKED}
+            for n in CHECKED:
+                blocks = data.block[windows.start]
+                interval[str(n)][kind] = block_bootstrap(done.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
+    curve = _curve(data, train_rows, options, tell) if options.curve else {}
+    return RingScores(
+        ring,
+        len(train_rows),
+        len(data.test_rows),
+        rates,
+        options.samples.delay,
+        signs,
+        windows,
+        nrmse_train,
+        nrmse_test,
+        rollout,
+        interval,
+        curve,
+    )
+
+
+def _roll(
+    kind: str,
+    model: AccelerationModel | None,
+    data: RingData,
+    windows: Windows,
+    rates: str,
+    rows: IntArray,
+    options: CompareOptions,
+) -> Rollout | None:
+    """The roll-out of a kind; None where there are no windows or the kind was not asked for."""
+    if model is None or not len(windows):
+        return None
+    theta, rate = data.theta[windows.start], data.theta_dot[windows.start]
+    if rates == "filtered":  # as in the paper: the late rate is taken for the rate
+        rate = data.test.k.theta_dot[windows.start]
+    if kind == "npd":
+        return roll_out_discrete(fit_discrete(data.train, rows, options.fit), data.test, windows.start, theta, rate)
+    return (roll_out_delayed if rates == "delayed" else roll_out)(model.mean, data.test, windows.start, theta, rate)
+
+
+def _pairs(model: AccelerationModel, samples: RingSamples, rows: IntArray) -> tuple[Array, Array]:
+    return samples.theta_ddot[rows], model.mean(samples.at(rows))
+
+
+def nrmse(truth: Array, predicted: Array) -> float:
+    """Root mean square error over the standard deviation of the truth; NaN when there is nothing to compare."""
+    spread = float(np.std(truth)) if len(truth) else 0.0
+    return float(np.sqrt(np.mean((truth - predicted) ** 2)) / spread) if spread > 0.0 else math.nan
+
+
+def _curve(
+    data: RingData, rows: IntArray, options: CompareOptions, tell: Callable[[str], None]
+) -> dict[str, list[tuple[int, float]]]:
+    """Test nRMSE by number of training rows, which are the first of the record: more rows mean a longer record."""
+    curve: dict[str, list[tuple[int, float]]] = {kind: [] for kind in options.kinds if kind != "p"}
+    for share in CURVE[:-1]:
+        some = rows[: max(50, round(share * len(rows)))]
+        for kind in curve:
+            tell(f"learning curve, {kind} on {len(some)} rows")
+            model = fit_kind(kind, data.train, some, options.fit).model
+            curve[kind].append((len(some), nrmse(*_pairs(model, data.test, data.test_rows))))
+    return curve

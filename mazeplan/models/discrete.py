@@ -1,0 +1,66 @@
+"""npd, the counter-example: the same process on the discrete map x_k -> x_{k+1}, which knows no equation of motion.
+
+One process each for sin and cos of the next angle and for the next rate. What has to be learned is nearly the identity,
+and its error adds up with each step; learning the acceleration instead leaves the integration to arithmetic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mazeplan.data.split import uniform_downsample
+from mazeplan.maths.angles import nearest
+from mazeplan.models.effects import RingKinematics
+from mazeplan.models.features import inputs
+from mazeplan.models.fitting import FitOptions
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.gp_training import train
+from mazeplan.models.rollout import STEPS, Rollout
+from mazeplan.models.samples import RingSamples, pick
+from mazeplan.records import Array, IntArray
+
+
+@dataclass(frozen=True)
+class DiscreteMap:
+    """Processes for sin theta, cos theta, theta_dot one sample later."""
+
+    sine: GaussianProcess
+    cosine: GaussianProcess
+    rate: GaussianProcess
+
+    def next(self, k: RingKinematics) -> tuple[Array, Array]:
+        """Angle (near the one before) and rate (N,) one sample later."""
+        x = inputs(k)
+        angle = np.arctan2(self.sine.mean(x), self.cosine.mean(x))
+        return nearest(angle, k.theta), self.rate.mean(x)
+
+
+def fit_discrete(samples: RingSamples, rows: IntArray, options: FitOptions) -> DiscreteMap:
+    """The map, from pairs of neighbouring training rows."""
+    following = np.zeros(len(samples), dtype=bool)
+    following[:-1] = samples.good[1:] & (samples.segment[1:] == samples.segment[:-1])
+    rows = rows[following[rows]]
+    rows = rows[uniform_downsample(len(rows), options.most)]
+    x, none = inputs(samples.at(rows)), np.zeros((len(rows), 0))
+    theta = samples.k.theta[rows + 1]
+    training = replace(options.training, family="rbf", starts=1, seed=options.seed)
+
+    def process(target: Array) -> GaussianProcess:
+        return GaussianProcess.condition(train(x, none, target, training).hyper, x, none, target)
+
+    return DiscreteMap(process(np.sin(theta)), process(np.cos(theta)), process(samples.k.theta_dot[rows + 1]))
+
+
+def roll_out_discrete(
+    model: DiscreteMap, samples: RingSamples, start: IntArray, theta: Array, theta_dot: Array
+) -> Rollout:
+    """Roll the map out from (theta, theta_dot) (W,) at rows `start` along the measured tilt."""
+    angle, rate = np.empty((len(start), STEPS + 1)), theta_dot
+    angle[:, 0] = theta
+    for i in range(STEPS):
+        k = replace(pick(samples.k, start + i), theta=angle[:, i], theta_dot=rate)
+        angle[:, i + 1], rate = model.next(k)
+    rows = start[:, None] + np.arange(STEPS + 1)
+    return Rollout(angle, np.abs(angle - samples.k.theta[rows]))

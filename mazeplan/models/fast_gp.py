@@ -1,0 +1,221 @@
+"""The mean of a trained Gaussian process and its derivatives, compiled for control: exact, but culled by theta.
+
+Rows are sorted by angle into `BINS` bins. For every bin that a query may fall into, the bins whose rows could matter
+are known beforehand: for the others the part of the kernel in sin and cos of theta alone is so small that all rows
+left out together change the mean by less than `TOLERANCE`. A process that is rough in theta is fast in this way, where
+low-rank approximations of it fail.
+
+Everything sits in one float64 vector, so that the solver can pass it on. Rows are stored by column and in blocks, and
+exp is a polynomial on arrays, so that the compiler can use vector instructions.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numba import njit
+
+from mazeplan.errors import ModelError
+from mazeplan.models.gaussian_process import GaussianProcess, Term, kernel, prior_variance
+from mazeplan.records import Array, IntArray
+
+TOLERANCE = 2e-7  # rad/s^2, bound on what culling changes; the derivatives' bound is as small in their own units
+BINS = 180  # of 2 degrees
+RANGES = 8  # most ranges of rows for one bin; nearest ones are joined when there are more
+D = 9
+_COUNT, _AMPLITUDE, _SCALES, _TABLE = 0, 1, 2, 2 + D
+HEAD = _TABLE + BINS * (1 + 2 * RANGES)
+BLOCK = 128
+SCRATCH = (D + 4) * BLOCK
+LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 0.6931471803691238, 1.9082149292705877e-10  # fdlibm's split of ln 2
+
+
+def pack(gp: GaussianProcess) -> Array:
+    """The vector that the compiled functions read: head, rows by column (inputs over length scales, then alpha), and
+    scratch space. Raises ModelError for another kernel than rbf."""
+    h = gp.hyper
+    if h.family != "rbf":
+        raise ModelError(f"got a kernel {h.family}, expected rbf: planning needs derivatives", key="family")
+    term = h.only
+    bins = _bin_of(np.arctan2(gp.inputs[:, 3], gp.inputs[:, 4]))
+    order = np.argsort(bins, kind="stable")
+    rows, alpha, n = gp.inputs[order] / term.lengthscales, gp.alpha[order], len(gp)
+    starts = np.searchsorted(bins[order], np.arange(BINS + 1)).astype(np.int64)
+    weights = np.add.reduceat(np.append(np.abs(alpha), 0.0), np.minimum(starts[:-1], n)) * (np.diff(starts) > 0)
+    head = np.zeros(HEAD)
+    head[_COUNT], head[_AMPLITUDE], head[_SCALES:_TABLE] = n, term.amplitude**2, term.lengthscales
+    reach = _reach(term, weights)
+    for i in range(BINS):
+        ranges = _joined(reach[i], starts)
+        at = _TABLE + i * (1 + 2 * RANGES)
+        head[at] = len(ranges)
+        head[at + 1 : at + 1 + 2 * len(ranges)] = np.array(ranges, dtype=float).ravel()
+    return np.concatenate([head, rows.T.ravel(), alpha, np.zeros(SCRATCH)])
+
+
+def _bin_of(angle: Array) -> IntArray:
+    return np.minimum(((angle + math.pi) * (BINS / (2.0 * math.pi))).astype(np.int64), BINS - 1)
+
+
+def _reach(h: Term, weights: Array) -> np.ndarray:
+    """Which bins of rows (columns) matter for which bin of queries, (BINS, BINS) bool."""
+    edge, fine = 2.0 * math.pi / BINS, np.linspace(0.0, 1.0, 5)
+    at = -math.pi + edge * (np.arange(BINS)[:, None] + fine)  # (BINS, 5): points across each bin
+    points = np.stack([np.sin(at) / h.lengthscales[3], np.cos(at) / h.lengthscales[4]], axis=-1)
+    # within a quarter of a bin of one of the points, on either side: so much nearer two rows may be
+    slack = 2.0 * edge / 8.0 / min(h.lengthscales[3], h.lengthscales[4])
+    flat = points.reshape(-1, 2)
+    distance = np.sqrt(np.maximum(((flat[:, None] - flat[None]) ** 2).sum(-1), 0.0))
+    nearest = np.maximum(distance.reshape(BINS, 5, BINS, 5).min(axis=(1, 3)) - slack, 0.0)
+    most = h.amplitude**2 * np.exp(-0.5 * nearest**2) * np.maximum(nearest, 1.0) * weights[None]
+    order = np.argsort(most, axis=1)
+    tail = np.cumsum(np.take_along_axis(most, order, axis=1), axis=1)
+    needed = np.zeros((BINS, BINS), dtype=bool)
+    np.put_along_axis(needed, order, tail > TOLERANCE, axis=1)
+    return needed
+
+
+def _joined(needed: np.ndarray, starts: IntArray) -> list[tuple[int, int]]:
+    """Ranges of rows for the bins needed, the closest joined until there are at most RANGES."""
+    ranges: list[tuple[int, int]] = []
+    for i in np.flatnonzero(needed).tolist():
+        first, last = int(starts[i]), int(starts[i + 1])
+        if first == last:
+            continue
+        if ranges and ranges[-1][1] == first:
+            ranges[-1] = (ranges[-1][0], last)
+        else:
+            ranges.append((first, last))
+    while len(ranges) > RANGES:
+        gaps = [b[0] - a[1] for a, b in pairwise(ranges)]
+        i = int(np.argmin(gaps))
+        ranges[i : i + 2] = [(ranges[i][0], ranges[i + 1][1])]
+    return ranges
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _exp(x, n, powers):
+    """exp of x[:n] in place, for x in [-700, 0]; powers: (2, BLOCK) scratch. Within 4e-14 relative of the true one."""
+    whole = powers.view(np.int64)
+    for j in range(n):
+        k = math.floor(x[j] * LOG2E + 0.5)
+        r = (x[j] - k * LN2_HIGH) - k * LN2_LOW
+        q = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r * (
+            1.0 / 720.0 + r * (1.0 / 5040.0 + r * (1.0 / 40320.0 + r * (1.0 / 362880.0 + r * (1.0 / 3628800.0 + r * (
+            1.0 / 39916800.0)))))))))))  # fmt: skip
+        whole[j] = (np.int64(k) + 1023) << 52
+        x[j] = q
+    for j in range(n):
+        x[j] *= powers[j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _block(p, base, rows, lo, hi, z, gradient, scratch, wanted):
+    """Sum over the rows lo:hi of alpha k, and of alpha k times row inputs into gradient (D,) where it is wanted."""
+    n, size = hi - lo, rows
+    e, powers = scratch[:BLOCK], scratch[BLOCK : 2 * BLOCK]
+    e[:n] = 0.0
+    for d in range(D):
+        column, zd = p[base + d * size + lo : base + d * size + hi], z[d]
+        for j in range(n):
+            difference = column[j] - zd
+            e[j] -= difference * difference
+    for j in range(n):
+        e[j] = max(0.5 * e[j], -700.0)
+    _exp(e, n, powers)
+    alpha, total = p[base + D * size + lo : base + D * size + hi], 0.0
+    for j in range(n):
+        e[j] *= alpha[j]
+        total += e[j]
+    if not wanted:
+        return total
+    for d in range(D):
+        column, part = p[base + d * size + lo : base + d * size + hi], 0.0
+        for j in range(n):
+            part += e[j] * column[j]
+        gradient[d] += part
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _sum(p, at, s, z, gradient, scratch, wanted):
+    """Sum of alpha c over rows that matter at the state s; scaled inputs into z (D,), sums of rows into gradient."""
+    if not math.isfinite(s[0] + s[1] + s[2] + s[3] + s[4] + s[5]):  # has no bin; and sums below assume numbers
+        gradient[:D] = math.nan
+        return math.nan
+    rows = int(p[at + _COUNT])
+    st, ct = math.sin(s[0]), math.cos(s[0])
+    z[0], z[1], z[2], z[3], z[4] = s[1], s[3], s[5], st, ct
+    z[5], z[6], z[7], z[8] = math.sin(s[2]), math.cos(s[2]), math.sin(s[4]), math.cos(s[4])
+    for d in range(D):
+        z[d] /= p[at + _SCALES + d]
+        gradient[d] = 0.0
+    here = min(int((math.atan2(st, ct) + math.pi) * (BINS / (2.0 * math.pi))), BINS - 1)
+    table, total = at + _TABLE + here * (1 + 2 * RANGES), 0.0
+    for r in range(int(p[table])):
+        lo, end = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
+        while lo < end:
+            hi = min(lo + BLOCK, end)
+            total += _block(p, at + HEAD, rows, lo, hi, z, gradient, scratch, wanted)
+            lo = hi
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _scratch(p, at):
+    """Space behind the rows: for blocks, for scaled inputs, for sums."""
+    begin = at + HEAD + int(p[at + _COUNT]) * (D + 1)
+    scratch = p[begin : begin + SCRATCH]
+    return scratch, scratch[2 * BLOCK : 2 * BLOCK + D], scratch[3 * BLOCK : 3 * BLOCK + D]
+
+
+@njit(cache=True, error_model="numpy")
+def mean(p, at, s):
+    """Mean of g at the state s (6,), whose process is packed in p from `at` on."""
+    scratch, z, gradient = _scratch(p, at)
+    return p[at + _AMPLITUDE] * _sum(p, at, s, z, gradient, scratch, False)
+
+
+@njit(cache=True, error_model="numpy")
+def mean_and_gradient(p, at, s, by_state):
+    """The same, and its derivatives by s into by_state (6,)."""
+    scratch, z, gradient = _scratch(p, at)
+    total = _sum(p, at, s, z, gradient, scratch, True)
+    a2 = p[at + _AMPLITUDE]
+    for d in range(D):
+        gradient[d] = a2 * (gradient[d] - total * z[d]) / p[at + _SCALES + d]
+    by_state[0] = gradient[3] * math.cos(s[0]) - gradient[4] * math.sin(s[0])
+    by_state[1], by_state[3], by_state[5] = gradient[0], gradient[1], gradient[2]
+    by_state[2] = gradient[5] * math.cos(s[2]) - gradient[6] * math.sin(s[2])
+    by_state[4] = gradient[7] * math.cos(s[4]) - gradient[8] * math.sin(s[4])
+    return a2 * total
+
+
+@njit(cache=True, error_model="numpy")
+def _many(p, states, out, by_state):
+    for i in range(len(states)):
+        out[i] = mean_and_gradient(p, 0, states[i], by_state[i])
+
+
+def evaluate(packed: Array, states: Array) -> tuple[Array, Array]:
+    """Mean (N,) and its derivatives (N, 6) at states (N, 6): theta, theta_dot, beta, beta_dot, gamma, gamma_dot."""
+    out, by_state = np.empty(len(states)), np.empty((len(states), 6))
+    _many(packed, np.ascontiguousarray(states, dtype=float), out, by_state)
+    return out, by_state
+
+
+def nearest_variance(gp: GaussianProcess, inputs: Array, features: Array | None = None, rows: int = 32) -> Array:
+    """Variance of f (N,) given only the `rows` training rows nearest in kernel value: never smaller than given all."""
+    h, S = gp.hyper, gp.hyper.weight_sigma**2
+    wide = np.zeros((len(inputs), len(S))) if features is None else features
+    out = np.empty(len(inputs))
+    for i, (x, phi) in enumerate(zip(inputs, wide, strict=True)):
+        near = kernel(x[None], gp.inputs, h)[0]
+        picked = np.argpartition(near, -min(rows, len(near)))[-rows:]
+        some, given = gp.inputs[picked], gp.features[picked]
+        C = kernel(some, some, h) + (given * S) @ given.T + h.noise**2 * np.eye(len(picked))
+        cross = near[picked] + given @ (S * phi)
+        out[i] = prior_variance(x[None], h)[0] + phi @ (S * phi) - cross @ np.linalg.solve(C, cross)
+    return np.maximum(out, 0.0)

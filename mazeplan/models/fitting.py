@@ -1,0 +1,95 @@
+"""Fit any kind of ball model to the samples of a ring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mazeplan.data.split import uniform_downsample
+from mazeplan.errors import InputError
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_terms
+from mazeplan.models.features import FEATURES, INPUT_SETS, LOCAL_TERMS, STATE_TERMS, inputs
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.gp_training import Training, TrainingOptions, train
+from mazeplan.models.learned import AccelerationModel, ForestBall, GaussianBall, LinearBall, PhysicsBall
+from mazeplan.models.linear import fit_linear
+from mazeplan.models.samples import RingSamples
+from mazeplan.records import Array, IntArray
+
+KINDS = ("rf", "p", "pi", "np", "sp")
+MOST = 5000  # training rows of a process
+TREES = 100
+LEAF = 5  # samples in a leaf of the forest: fewer and it learns the noise
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """most: training rows of a process, spread evenly; inputs: state (what a planner can use), or local (what predicts
+    best); training: of its hyperparameters; seed: of forest and starts."""
+
+    most: int = MOST
+    inputs: str = "state"
+    training: TrainingOptions = field(default_factory=TrainingOptions)
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model, and for processes how its hyperparameters were found."""
+
+    model: AccelerationModel
+    training: Training | None = None
+
+
+def fit_kind(
+    kind: str,
+    samples: RingSamples,
+    rows: IntArray,
+    options: FitOptions | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Fitted:
+    """The model of a kind for the training rows (indices into the samples). Raises InputError for an unknown kind."""
+    options = options or FitOptions()
+    k, target = samples.at(rows), samples.theta_ddot[rows]
+    if kind == "p":
+        return Fitted(PhysicsBall(BallModel((RollingInertia(1.0),))))
+    if kind == "pi":
+        return Fitted(LinearBall(fit_linear(FEATURES["paper"](k), target)))
+    if kind == "rf":
+        return Fitted(ForestBall(fit_forest(inputs(k), target, options.seed)))
+    if kind in ("np", "sp"):
+        features = "" if kind == "np" else "effects" if options.inputs == "state" else "wall"
+        process, training = fit_process(k, target - kinematic_terms(k), features, options, progress)
+        return Fitted(GaussianBall(process, features, options.inputs), training)
+    raise InputError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
+
+
+def fit_forest(x: Array, target: Array, seed: int) -> object:
+    """scikit-learn's random forest."""
+    from sklearn.ensemble import RandomForestRegressor
+
+    forest = RandomForestRegressor(TREES, min_samples_leaf=LEAF, max_features=0.5, random_state=seed, n_jobs=1)
+    return forest.fit(x, target)
+
+
+def fit_process(
+    k: RingKinematics,
+    target: Array,
+    features: str,
+    options: FitOptions,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[GaussianProcess, Training]:
+    """A process for targets (N,) in states k, trained and conditioned on at most `options.most` rows of them."""
+    picked = uniform_downsample(len(target), options.most)
+    x, terms = INPUT_SETS[options.inputs](k)[picked], LOCAL_TERMS if options.inputs == "local" else STATE_TERMS
+    phi = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0))
+    training = train(
+        x, phi, target[picked], replace(options.training, seed=options.seed, terms=terms), progress=progress
+    )
+    if progress is not None:
+        progress(f"conditioning on {len(picked)} rows")
+    return GaussianProcess.condition(training.hyper, x, phi, target[picked]), training

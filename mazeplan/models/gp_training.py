@@ -1,0 +1,276 @@
+"""Hyperparameters of the Gaussian process by marginal likelihood, with GPyTorch: exact, by Cholesky, seeded.
+
+GPyTorch turns to conjugate gradients, Lanczos and stochastic log determinants above 800 rows without a word; all of
+that is switched off here. Inputs and features are scaled by their standard deviation and root mean square, the target
+by its own; priors on log length scales keep those that the data do not tell from running away. A few starts are made on
+`first` rows, the best is refined on `rows`; both are drawn evenly from the record. Then everything is conditioned on
+all rows given (`gaussian_process`). torch is imported here only.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.data.split import uniform_downsample
+from mazeplan.errors import InputError, SettingsError
+from mazeplan.models.features import STATE_TERMS
+from mazeplan.models.gaussian_process import FAMILIES, Hyperparameters, Term
+from mazeplan.records import Array
+
+if TYPE_CHECKING:
+    import torch
+
+NOISE_FLOOR = (
+    0.15  # of the target's spread: impacts leave more than that unexplained; without it a rough kernel interpolates
+)
+LOG_SCALE, LOG_WIDTH = 0.7, 1.5  # mean and deviation of the prior on log length scales, in deviations of the input
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """first, rows: rows for the starts and for the refinement; starts; iterations of each; device: cpu or cuda; seed;
+    family: of the kernel, rbf, exponential, or auto: the likelier of the two; terms: columns and flip of each term.
+    Raises SettingsError."""
+
+    first: int = 600
+    rows: int = 1500
+    starts: int = 3
+    iterations: int = 30
+    refinement: int = 15
+    device: str = "cpu"
+    seed: int = 0
+    family: str = "rbf"
+    terms: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = STATE_TERMS
+
+    def __post_init__(self) -> None:
+        for name in ("first", "rows", "starts", "iterations", "refinement"):
+            if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
+                raise SettingsError(f"got {getattr(self, name)!r}, expected a whole number >= 1", key=name)
+        if self.device not in ("cpu", "cuda"):
+            raise SettingsError(f"got {self.device!r}, expected cpu or cuda", key="device")
+        if self.family not in (*FAMILIES, "auto"):
+            raise SettingsError(f"got {self.family!r}, expected one of {', '.join(FAMILIES)}, auto", key="family")
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Those tried."""
+        return FAMILIES if self.family == "auto" else (self.family,)
+
+
+@dataclass(frozen=True)
+class Training:
+    """What training found: hyperparameters, log posterior per row (of the scaled values) of each start, and of the
+    refinement."""
+
+    hyper: Hyperparameters
+    starts: tuple[float, ...]
+    refined: float
+    rows: int
+
+
+def require_torch() -> None:
+    """Raises InputError, with what to install, where torch or gpytorch is missing."""
+    try:
+        with warnings.catch_warnings():  # what gpytorch imports still decorates a function so; we cannot mend it
+            warnings.filterwarnings("ignore", "`torch.jit.script` is deprecated", DeprecationWarning)
+            import gpytorch  # noqa: F401
+            import torch  # noqa: F401
+    except ImportError as problem:
+        advice = "Gaussian-process models need torch and gpytorch: pip install 'mazeplan[learn]'"
+        raise InputError(f"{advice} ({problem})") from None
+
+
+@contextmanager
+def exactly() -> Iterator[None]:
+    """Within it GPyTorch computes exactly, by Cholesky, whatever the size."""
+    from gpytorch import settings
+
+    with ExitStack() as stack:
+        stack.enter_context(settings.fast_computations(False, False, False))
+        stack.enter_context(settings.max_cholesky_size(10**9))
+        yield
+
+
+def train(
+    inputs: Array,
+    features: Array,
+    y: Array,
+    options: TrainingOptions | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Training:
+    """Hyperparameters for inputs (N, D), features (N, M), M may be 0, and values y (N,).
+
+    progress is told in words what is being done. Raises InputError without torch, or without the device asked for."""
+    require_torch()
+    import torch
+
+    options, tell = options or TrainingOptions(), progress or (lambda text: None)
+    bad = ~np.isfinite(np.column_stack([inputs, features, y])).all(axis=1)
+    if bad.any():
+        raise InputError(f"sample {int(np.argmax(bad))}: got a value that is not a finite number")
+    if options.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device: got cuda, but torch sees no such device; expected cpu")
+    scale = _Scale.of(inputs, features, y, options)
+    rng = np.random.default_rng(options.seed)
+    few, many = (uniform_downsample(len(y), n) for n in (options.first, options.rows))
+    found: list[tuple[float, Any]] = []
+    with exactly():
+        for family in options.families:
+            for start in range(options.starts):
+                tell(f"{family}, start {start + 1} of {options.starts}, {len(few)} rows")
+                model = _model(scale.take(inputs, features, y, few), options, family)
+                _scatter(model, rng, start)
+                found.append((_maximise(model, options.iterations), model))
+        best = max(found, key=lambda pair: pair[0])[1]
+        tell(f"{best.family}, refinement on {len(many)} rows")
+        model = _model(scale.take(inputs, features, y, many), options, best.family)
+        model.load_state_dict(best.state_dict())
+        refined = _maximise(model, options.refinement)
+    if not math.isfinite(refined):
+        raise InputError("the likelihood of these samples has no finite maximum: are they all alike?")
+    return Training(scale.hyperparameters(model, options), tuple(value for value, _ in found), refined, len(many))
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """Units in which the optimiser sees inputs (with their middle), features and target."""
+
+    middle: Array
+    spread: Array
+    features: Array
+    y: float
+
+    @classmethod
+    def of(cls, inputs: Array, features: Array, y: Array, options: TrainingOptions) -> _Scale:
+        def safe(values: Array) -> Array:
+            return np.where(values > 1e-12, values, 1.0)
+
+        spread, rms = safe(np.std(inputs, axis=0)), safe(np.sqrt(np.mean(features**2, axis=0)))
+        middle = np.mean(inputs, axis=0)
+        for columns, flip in options.terms:  # what is turned round is turned round about zero
+            middle[[c for c, sign in zip(columns, flip, strict=False) if sign < 0.0]] = 0.0
+        return cls(middle, spread, rms, float(safe(np.sqrt(np.mean(y**2)))))
+
+    def take(self, inputs: Array, features: Array, y: Array, rows: Any) -> tuple[Array, Array, int]:
+        """(inputs and features side by side, target) of some rows, scaled, and the number of inputs."""
+        wide = np.hstack([(inputs[rows] - self.middle) / self.spread, features[rows] / self.features])
+        return wide, y[rows] / self.y, inputs.shape[1]
+
+    def hyperparameters(self, model: Any, options: TrainingOptions) -> Hyperparameters:
+        """Back to the units of the data."""
+
+        def plain(tensor: torch.Tensor) -> Array:
+            return tensor.detach().cpu().numpy().astype(float).ravel()
+
+        weights = np.zeros(0)
+        if model.linear is not None:
+            weights = np.sqrt(plain(model.linear.variance)) * self.y / self.features
+        terms = tuple(
+            Term(
+                columns,
+                plain(part.base_kernel.lengthscale) * self.spread[list(columns)],
+                float(np.sqrt(plain(part.outputscale)[0])) * self.y,
+                flip,
+            )
+            for part, (columns, flip) in zip(model.parts, options.terms, strict=True)
+        )
+        return Hyperparameters(terms, float(np.sqrt(plain(model.likelihood.noise)[0])) * self.y, weights, model.family)
+
+
+def _part(columns: tuple[int, ...], flip: tuple[float, ...], family: str) -> Any:
+    """A scaled kernel with a length scale per column, made odd where there is a flip."""
+    import torch
+    from gpytorch import kernels, priors
+
+    class Odd(kernels.ScaleKernel):
+        """outputscale (c(x, x') - c(x, F x'))."""
+
+        def forward(self, x1: Any, x2: Any, diag: bool = False, **parameters: Any) -> Any:  # pyright: ignore
+            turned = x2.clone()
+            turned[..., list(columns)] = turned[..., list(columns)] * torch.tensor(
+                flip, dtype=x2.dtype, device=x2.device
+            )
+            even = self.base_kernel.forward(x1[..., list(columns)], x2[..., list(columns)], diag=diag)
+            other = self.base_kernel.forward(x1[..., list(columns)], turned[..., list(columns)], diag=diag)
+            return self.outputscale * (even - other)
+
+    prior = priors.LogNormalPrior(LOG_SCALE, LOG_WIDTH)
+    ard: dict[str, Any] = {"ard_num_dims": len(columns), "lengthscale_prior": prior}
+    ard |= {} if flip else {"active_dims": columns}
+    base = kernels.MaternKernel(nu=0.5, **ard) if family == "exponential" else kernels.RBFKernel(**ard)
+    return Odd(base) if flip else kernels.ScaleKernel(base)
+
+
+def _model(data: tuple[Array, Array, int], options: TrainingOptions, family: str) -> Any:
+    """GPyTorch's exact model: the terms of the kernel, plus a linear kernel on the features behind the inputs."""
+    import gpytorch
+    import torch
+    from gpytorch import kernels
+
+    wide, y = (torch.tensor(part, dtype=torch.float64, device=options.device) for part in data[:2])
+    d, m = data[2], wide.shape[1] - data[2]
+
+    class Exact(gpytorch.models.ExactGP):
+        def __init__(self) -> None:
+            noise = gpytorch.constraints.GreaterThan(NOISE_FLOOR**2)
+            super().__init__(wide, y, gpytorch.likelihoods.GaussianLikelihood(noise_constraint=noise))
+            self.family = family
+            self.parts = torch.nn.ModuleList([_part(columns, flip, family) for columns, flip in options.terms])
+            self.linear = None
+            if m:
+                self.linear = kernels.LinearKernel(ard_num_dims=m, active_dims=tuple(range(d, d + m)))
+
+        def forward(self, x: torch.Tensor) -> Any:
+            covariance: Any = self.parts[0](x)
+            for part in self.parts[1:]:
+                covariance = covariance + part(x)
+            if self.linear is not None:
+                covariance = covariance + self.linear(x)
+            zero = torch.zeros(x.shape[0], dtype=x.dtype, device=x.device)
+            return gpytorch.distributions.MultivariateNormal(zero, covariance)
+
+    return Exact().to(device=options.device, dtype=torch.float64)
+
+
+def _scatter(model: Any, rng: np.random.Generator, start: int) -> None:
+    """Where a start begins: a sensible place, or one drawn around it."""
+    import torch
+
+    wide = start > 0
+    for part in model.parts:
+        n = part.base_kernel.lengthscale.shape[-1]
+        part.base_kernel.lengthscale = torch.tensor(np.exp(0.7 + 0.8 * wide * rng.standard_normal(n)))
+        part.outputscale = float(0.3 * np.exp(0.7 * wide * rng.standard_normal()))
+    model.likelihood.noise = float(0.1 * np.exp(0.7 * wide * rng.standard_normal()))
+    if model.linear is not None:
+        model.linear.variance = torch.full_like(model.linear.variance, 0.3)
+
+
+def _maximise(model: Any, iterations: int) -> float:
+    """Climb by L-BFGS; the log posterior per row reached."""
+    import gpytorch
+    import torch
+
+    model.train()
+    objective: Any = gpytorch.mlls.ExactMarginalLogLikelihood(model.likelihood, model)
+    optimiser = torch.optim.LBFGS(model.parameters(), max_iter=iterations, line_search_fn="strong_wolfe")
+    reached = -math.inf
+
+    def closure() -> Any:
+        nonlocal reached
+        optimiser.zero_grad()
+        loss = -objective(model(*model.train_inputs), model.train_targets)
+        loss.backward()
+        reached = max(reached, -float(loss.detach()))
+        return loss
+
+    optimiser.step(closure)
+    return reached

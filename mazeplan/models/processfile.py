@@ -1,0 +1,135 @@
+"""Arrays of a Gaussian process beside a model file: ringN.npz, read without pickle and checked before use.
+
+model.yaml tells what is in it for people to read: rows, kernel, amplitude, noise, length scales with units. The arrays
+belong to exactly those hyperparameters, so a file whose numbers were changed by hand is refused rather than believed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazeplan.errors import ModelError
+from mazeplan.models.features import INPUTS
+from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
+
+UNITS = {"theta_dot": "rad/s", "beta_dot": "rad/s", "gamma_dot": "rad/s"}  # sin and cos: 1
+MOST_ROWS = 20_000
+MOST_BYTES = 64 << 20
+MOST_NAME = 100  # bytes of the name of a kernel: a message must fit a line
+DIGITS = 6  # of the hyperparameters in the YAML
+NAMES = ("inputs", "alpha", "lengthscales", "amplitude", "noise", "family")
+
+
+def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str, Any]:
+    """Write ringN.npz into the folder; what model.yaml says of it. Inputs are kept in single precision: the file is
+    half as large, and alpha is what belongs to them as they are read back (see `rounded`)."""
+    h, only, path = process.hyper, process.hyper.only, folder / f"ring{ring}.npz"
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        inputs=process.inputs.astype(np.float32),
+        alpha=process.alpha,
+        lengthscales=np.asarray(only.lengthscales, dtype=np.float64),
+        amplitude=np.array(only.amplitude),
+        noise=np.array(h.noise),
+        family=np.array(h.family),
+    )
+    path.write_bytes(stream.getvalue())
+    return {"file": path.name, "sha256": hashlib.sha256(stream.getvalue()).hexdigest(), **_told(process)}
+
+
+def rounded(inputs: np.ndarray) -> np.ndarray:
+    """Inputs as they will be read back: condition on these, and nothing is lost in the file."""
+    return inputs.astype(np.float32).astype(np.float64)
+
+
+def _told(process: GaussianProcess) -> dict[str, Any]:
+    h, only = process.hyper, process.hyper.only
+
+    def short(value: float) -> float:
+        return float(f"{value:.{DIGITS}g}")
+
+    return {
+        "rows": len(process),
+        "kernel": h.family,
+        "amplitude": {"value": short(only.amplitude), "unit": "rad/s^2"},
+        "noise": {"value": short(h.noise), "unit": "rad/s^2"},
+        "lengthscales": {
+            name: {"value": short(float(scale)), "unit": UNITS.get(name, "1")}
+            for name, scale in zip(INPUTS, only.lengthscales, strict=True)
+        },
+    }
+
+
+def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
+    """The process that an entry of model.yaml tells of. Raises ValueError with what is wrong."""
+    name = str(entry["file"])
+    path = folder / name
+    if Path(name).name != name or path.suffix != ".npz":
+        raise ValueError(f"file: got {name!r}, expected the name of an .npz file beside model.yaml")
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise ValueError(f"{name} is larger than {MOST_BYTES} bytes")
+        content = path.read_bytes()
+    except OSError as problem:
+        raise ValueError(f"{name} cannot be read: {problem.strerror}") from None
+    if hashlib.sha256(content).hexdigest() != entry["sha256"]:
+        raise ValueError(f"{name} is not the file that this model was saved with (its sha256 differs)")
+    process = _process(content, name)
+    told, here = _told(process), {key: value for key, value in entry.items() if key not in ("file", "sha256")}
+    for key, value in here.items():
+        if not _same(value, told.get(key)):
+            raise ValueError(f"{key}: changed by hand; the arrays of a process belong to its own, learn it anew")
+    return process
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Equal but for the rounding of numbers."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        return math.isclose(a, b, rel_tol=10.0 ** (1 - DIGITS))
+    return a == b
+
+
+def _process(content: bytes, name: str) -> GaussianProcess:
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
+                raise ValueError(f"it unpacks to more than {MOST_BYTES} bytes")
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            missing = [key for key in NAMES if key not in arrays.files]
+            if missing:
+                raise ValueError(f"it lacks {', '.join(missing)}")
+            held = {key: arrays[key] for key in NAMES}
+    except Exception as problem:  # zipfile, zlib and numpy raise a dozen kinds for a damaged or malicious file
+        raise ValueError(f"{name} is no such file of arrays: {' '.join(str(problem).split())}") from None
+    inputs, alpha = held["inputs"], held["alpha"]
+    rows = len(alpha) if alpha.ndim == 1 else 0
+    good = inputs.shape == (rows, len(INPUTS)) and 0 < rows <= MOST_ROWS
+    good &= inputs.dtype == np.float32 and alpha.dtype == np.float64
+    if not good or not (np.isfinite(inputs).all() and np.isfinite(alpha).all()):
+        raise ValueError(f"{name}: got inputs {inputs.shape}, alpha {alpha.shape}, expected (N, 9) and (N,), finite")
+    shapes = {"lengthscales": (len(INPUTS),), "amplitude": (), "noise": ()}
+    numbers = all(held[key].shape == shape and held[key].dtype == np.float64 for key, shape in shapes.items())
+    if not numbers or held["family"].dtype.kind != "U" or held["family"].nbytes > MOST_NAME:
+        raise ValueError(f"{name}: the hyperparameters are not those of a process")
+    try:
+        hyper = Hyperparameters.plain(
+            held["lengthscales"],
+            float(held["amplitude"]),
+            float(held["noise"]),
+            family=str(held["family"]),
+        )
+    except ModelError as problem:
+        raise ValueError(f"{name}: {problem}") from None
+    none = np.zeros((0, 0))
+    return GaussianProcess(hyper, inputs.astype(np.float64), np.zeros((rows, 0)), alpha, np.zeros(0), none, none)

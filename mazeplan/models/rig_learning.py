@@ -1,0 +1,151 @@
+"""Gaussian processes for a rig: what the effects of a fitted model leave over, ring by ring.
+
+The model comes from `identification` (kind pi): stage, camera delay, effects. For sp the linear part of the process
+corrects the effects, which keep their names and units, and the rest stays with the process; for np the process stands
+in for the effects. Rates and accelerations are smoothed (what a state is, for the planner); the tilt is as late as
+the camera is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mazeplan.data.smoothing import Smoothing
+from mazeplan.data.split import block_split, uniform_downsample
+from mazeplan.data.table import Table
+from mazeplan.errors import TableError
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import (
+    DryFriction,
+    RingKinematics,
+    RollingInertia,
+    TiltOffset,
+    ViscousFriction,
+    gravity_part,
+    kinematic_terms,
+)
+from mazeplan.models.features import DRY_WIDTH, effect_features, inputs
+from mazeplan.models.fitting import FitOptions
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.gp_training import Training, train
+from mazeplan.models.modelfile import RigModel
+from mazeplan.models.processfile import rounded
+from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
+from mazeplan.records import Array
+
+FEWEST = 300  # samples; a ring with less has no process
+SMOOTHING = Smoothing("rts", model="snap")
+
+
+@dataclass(frozen=True)
+class RingLearning:
+    """How a ring was learned: training rows, nRMSE of theta_dd on test blocks by effects alone and with the process."""
+
+    rows: int
+    before: float
+    after: float
+    training: Training
+
+
+def learn_processes(
+    table: Table,
+    maze: Maze,
+    model: RigModel,
+    kind: str,
+    options: FitOptions | None = None,
+    *,
+    smoothing: Smoothing = SMOOTHING,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[RigModel, dict[int, RingLearning]]:
+    """The model with processes of kind sp or np for all rings of which there are enough samples, and their scores.
+    Raises TableError when there is no such ring."""
+    options, tell = options or FitOptions(), progress or (lambda text: None)
+    found = ring_samples(table, maze, smoothing, SampleOptions(delay=model.camera_delay, recompute=True))
+    balls, processes, learned = dict(model.balls), {}, {}
+    for ring, samples in sorted(found.items()):
+        if int(samples.good.sum()) < FEWEST:
+            continue
+
+        def report(text: str, ring: int = ring) -> None:
+            tell(f"ring {ring}: {text}")
+
+        balls[ring], processes[ring], learned[ring] = _learn_ring(samples, model.ball(ring), kind, options, report)
+    if not processes:
+        problem = f"in no ring are there {FEWEST} samples, which kind {kind} needs; record more, or learn kind pi"
+        raise TableError(problem, file=table.source.get("file"))
+    scores = {
+        **model.scores,
+        "smoothing": {"method": smoothing.method, "model": smoothing.model},
+        "nrmse_test_effects": {f"ring{ring}": round(x.before, 4) for ring, x in learned.items()},
+        f"nrmse_test_{kind}": {f"ring{ring}": round(x.after, 4) for ring, x in learned.items()},
+    }
+    return replace(model, kind=kind, balls=balls, processes=processes, scores=scores), learned
+
+
+def _learn_ring(
+    samples: RingSamples, ball: BallModel, kind: str, options: FitOptions, tell: Callable[[str], None]
+) -> tuple[BallModel, GaussianProcess, RingLearning]:
+    """Hyperparameters and scores from a split of the record, the process itself from all of it."""
+    split = block_split(samples.segment, samples.dt, block_s=5.0, test_share=0.25, guard=8)
+    rows = np.flatnonzero(split.train & samples.good)
+    rows = rows[uniform_downsample(len(rows), options.most)]
+    k, target = samples.at(rows), samples.theta_ddot[rows]
+    base = planned(ball, k) if kind == "sp" else kinematic_terms(k)
+    features = effect_features(k) if kind == "sp" else np.zeros((len(rows), 0))
+    training = train(inputs(k), features, target - base, replace(options.training, seed=options.seed), progress=tell)
+    corrected, process = _condition(k, target, ball, kind, training)
+    held = np.flatnonzero(split.test & samples.good)
+    kt, truth, spread = samples.at(held), samples.theta_ddot[held], float(np.std(samples.theta_ddot[held]))
+    predicted = (planned(corrected, kt) if kind == "sp" else kinematic_terms(kt)) + process.mean(inputs(kt))
+    scores = [float(np.sqrt(np.mean((truth - p) ** 2))) / spread for p in (ball.acceleration(kt), predicted)]
+    tell("conditioning on the whole record")
+    every = np.flatnonzero(samples.good)
+    every = every[uniform_downsample(len(every), options.most)]
+    corrected, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, training)
+    return corrected, process, RingLearning(len(every), scores[0], scores[1], training)
+
+
+def _condition(
+    k: RingKinematics, target: Array, ball: BallModel, kind: str, training: Training
+) -> tuple[BallModel, GaussianProcess]:
+    """Effects corrected by the linear part, and the process of what they leave, on inputs as the file holds them."""
+    h, x = training.hyper, rounded(inputs(k))
+    alone = replace(h, weight_sigma=np.zeros(0))
+    none = np.zeros((len(x), 0))
+    if kind == "np":
+        return ball, GaussianProcess.condition(alone, x, none, target - kinematic_terms(k))
+    whole = GaussianProcess.condition(h, x, effect_features(k), target - planned(ball, k))
+    corrected = _corrected(ball, whole.weights, np.sqrt(np.diag(whole.covariance)))
+    return corrected, GaussianProcess.condition(alone, x, none, target - planned(corrected, k))
+
+
+def planned(ball: BallModel, k: RingKinematics) -> Array:
+    """theta_dd (N,) of the effects as the planner has them: dry friction with tanh for the sign."""
+    offset = [ball.parameter("tilt_offset", axis, 0.0) for axis in ("beta", "gamma")]
+    gravity = ball.parameter("rolling_inertia", "factor", 1.0) * gravity_part(k, *offset)
+    viscous = ball.parameter("viscous_friction", "coefficient", 0.0) * k.theta_dot
+    dry = ball.parameter("dry_friction", "coefficient", 0.0) * np.tanh(k.theta_dot / DRY_WIDTH)
+    return kinematic_terms(k) + gravity - viscous - dry
+
+
+def _corrected(ball: BallModel, weights: Array, sigma: Array) -> BallModel:
+    """The ball with its effects changed by the weights of their features, each within what is physically possible."""
+    factor = float(np.clip(ball.parameter("rolling_inertia", "factor", 1.0) + weights[0], 0.05, 1.5))
+    viscous = max(0.0, ball.parameter("viscous_friction", "coefficient", 0.0) + float(weights[1]))
+    dry = max(0.0, ball.parameter("dry_friction", "coefficient", 0.0) + float(weights[2]))
+    offset = [
+        ball.parameter("tilt_offset", axis, 0.0) + float(w) / factor
+        for axis, w in (("beta", weights[3]), ("gamma", weights[4]))
+    ]
+    stderr = {
+        "rolling_inertia": {"factor": float(sigma[0])},
+        "viscous_friction": {"coefficient": float(sigma[1])},
+        "dry_friction": {"coefficient": float(sigma[2])},
+        "tilt_offset": {"beta": float(sigma[3]) / factor, "gamma": float(sigma[4]) / factor},
+    }
+    effects = (RollingInertia(factor), ViscousFriction(viscous), DryFriction(dry), TiltOffset(*offset))
+    return BallModel(effects, stderr)

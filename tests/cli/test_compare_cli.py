@@ -1,0 +1,187 @@
+"""`compare` from the command line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+from ring_record import ring_table, write_csv
+
+from mazeplan.cli import main
+from mazeplan.data.table import Table
+
+QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed")
+KINDS = {"rf", "p", "pi", "np", "sp"}
+
+
+def call(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["mazeplan", *map(str, arguments)])
+    try:
+        main()
+        code = 0
+    except SystemExit as stop:
+        code = stop.code or 0
+    got = capsys.readouterr()
+    return code, got.out, got.err
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """One thread, short training, and few draws of a bootstrap."""
+    import mazeplan.compare as module
+    from mazeplan.models import gp_training
+
+    torch = pytest.importorskip("torch")
+    torch.set_num_threads(1)
+    short = partial(gp_training.TrainingOptions, iterations=10)
+    monkeypatch.setattr(gp_training, "TrainingOptions", short)
+    whole = module.block_bootstrap
+    monkeypatch.setattr(module, "block_bootstrap", lambda *a: whole(*a, draws=100))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Tables: both.csv of two rings; one.csv of ring 2; flipped.csv the same with beta the other way round; bare.csv
+    without a ring; rubbish.csv with a theta that has nothing to do with the tilt."""
+    home = tmp_path_factory.mktemp("tables")
+    both = ring_table((2, 3), 30.0)
+    one = Table({name: column[:900] for name, column in both.columns.items()})
+    steps = 0.05 * np.random.default_rng(0).standard_normal(900)
+    for name, table in (
+        ("both", both),
+        ("one", one),
+        ("flipped", Table({**one.columns, "beta": -one["beta"]})),
+        ("bare", Table({name: one[name] for name in ("t", "theta", "beta", "gamma")})),
+        ("rubbish", Table({**one.columns, "theta": 0.5 * np.cumsum(steps)})),
+    ):
+        write_csv(table, home / f"{name}.csv")
+    return home
+
+
+def test_json_is_the_document_of_the_contract(monkeypatch, capsys, folder):
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "both.csv", *QUICK, "--json")
+    assert code == 0
+    document = json.loads(out)
+    assert list(document) == ["ring2", "ring3"]
+    for ring in document.values():
+        assert {"n_train", "n_test", "nrmse_train", "nrmse_test", "rollout"} <= set(ring)
+        assert ring["n_train"] == 60
+        assert ring["n_test"] > 100
+        for which in ("nrmse_train", "nrmse_test"):
+            assert set(ring[which]) == KINDS
+            assert all(0.0 < x < 3.0 for x in ring[which].values())
+        assert set(ring["rollout"]) == {"pi", "np", "npd", "sp"}
+        for errors in ring["rollout"].values():
+            assert set(errors) == {"20", "40"}
+        assert ring["signs"] == {"beta": 1, "gamma": 1}
+        assert ring["rates"] == "smoothed"
+    assert "ring 2: sp" in err  # what is being done is told beside it
+
+
+def test_for_people_the_tables(monkeypatch, capsys, folder):
+    code, out, _ = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK)
+    assert code == 0
+    lines = out.splitlines()
+    assert lines[0].split() == ["nRMSE", "of", "theta_dd", "rf", "p", "pi", "np", "sp"]
+    assert lines[1].startswith("ring 2 train/test")
+    assert lines[1].count("/") == 1 + len(KINDS)
+    assert "95 % of the test" in lines[2]
+    assert any(line.startswith("ring 2  ") and "windows" in line and "npd" in line for line in lines)
+    assert "rates: smoothed" in out
+    assert any(line.endswith("60") and "training rows" in line for line in lines)
+    assert "note:" not in out
+
+
+def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):
+    _, out, _ = call(monkeypatch, capsys, "compare", folder / "flipped.csv", *QUICK)
+    assert out.count("note: beta is counted the other way round") == 1
+    assert "note: gamma" not in out
+    _, out, _ = call(monkeypatch, capsys, "compare", folder / "flipped.csv", *QUICK, "--json")
+    assert json.loads(out)["ring2"]["signs"] == {"beta": -1, "gamma": 1}
+
+
+def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
+    found = []
+    for test in ("one", "rubbish"):
+        arguments = ("compare", folder / "one.csv", "--test", folder / f"{test}.csv", *QUICK, "--json")
+        code, out, _ = call(monkeypatch, capsys, *arguments)
+        assert code == 0
+        found.append(json.loads(out)["ring2"])
+    good, bad = found
+    assert good["n_test"] > 850
+    assert good["nrmse_train"] == bad["nrmse_train"]
+    for kind in ("np", "sp"):
+        assert good["nrmse_test"][kind] < 0.5
+        assert bad["nrmse_test"][kind] > 0.9
+
+
+def test_learning_curves_are_drawn(monkeypatch, capsys, folder, tmp_path):
+    picture = tmp_path / "curve.png"
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK, "--curve", picture, "--json")
+    assert code == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert f"wrote {picture}" in err
+    curve = json.loads(out)["ring2"]["curve"]
+    assert set(curve) == KINDS - {"p"}
+    assert all(n == 50 for n, _ in curve["sp"])  # fewer are never tried
+
+
+def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK)
+    assert (code, out) == (2, "")
+    assert "bare.csv: cannot tell the ring of a row: expected a column ring, or r (or x, y), or --ring N" in err
+    code, _, err = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, "--ring", "8")
+    assert code == 2
+    assert "ring 8 is not in the map: its radius is needed" in err
+    found = []
+    for more in (("--ring", "2"), ("--ring", "8", "--radius", "0.068915")):
+        code, out, _ = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, *more, "--json")
+        assert code == 0
+        [ring] = json.loads(out).values()
+        found.append(ring["nrmse_test"]["p"])
+    assert found[0] == pytest.approx(found[1], abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["one.csv", "--rates", "late"], "--rates: got 'late', expected one of auto, smoothed, delayed, filtered"),
+        (["one.csv", "--kernel", "matern"], "--kernel: got 'matern', expected one of auto, rbf, exponential"),
+        (["one.csv", "--smoothing", "none"], "--smoothing: got 'none', expected one of savgol, rts"),
+        (["one.csv", "--device", "tpu"], "got 'tpu', expected cpu or cuda"),
+        (["one.csv", "--delay", "nan"], "delay: got nan, expected a finite number"),
+        (["one.csv", "--delay=-1"], "delay: got -1, expected a finite number"),
+        (["one.csv", "--delay", "1000"], "got 0 rows to train"),
+        (["one.csv", "--radius", "0"], "--radius: got 0, expected"),
+        (["one.csv", "--ring", "0"], "--ring"),
+        (["one.csv", "--ring", "5"], "ring 5 is a disc"),
+        (["one.csv", "--most", "3"], "--most"),
+        (["one.csv", "--seed=-1"], "--seed"),
+        (["one.csv", "--map", "none.yaml"], "none.yaml"),
+        (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected .png, .svg, .pdf"),
+        (["one.csv", "--curve", "nowhere/a.png"], "--curve: got 'nowhere/a.png'"),
+        (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
+        (["none.csv"], "none.csv: no such file"),
+        (["none.mcap"], "none.mcap: no such file"),
+        ([], "'logs'"),
+    ],
+)
+def test_bad_input_is_one_line_and_two(monkeypatch, capsys, folder, arguments, said):
+    monkeypatch.chdir(folder)
+    code, out, err = call(monkeypatch, capsys, "compare", *arguments)
+    assert code == 2
+    assert out == ""
+    lines = [line for line in err.strip().splitlines() if not line.startswith("ring ")]  # but for what is being done
+    assert len(lines) == 1
+    assert said in lines[0]
+
+
+def test_without_torch_it_says_what_to_install(monkeypatch, capsys, folder):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv")
+    assert (code, out) == (2, "")
+    assert "pip install 'mazeplan[learn]'" in err
+    assert len(err.strip().splitlines()) == 1

@@ -1,0 +1,190 @@
+"""Planning along a ring whose model has learned something: the plan is right for the ball that does so."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ilqg_problems import LIMIT, ring_planner
+
+from mazeplan.control.ilqg import IlqgOptions, RingPlanner
+from mazeplan.errors import ModelError
+from mazeplan.models import learned_dynamics, ring_dynamics
+from mazeplan.models.effects import RingKinematics
+from mazeplan.models.features import inputs
+from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
+from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.records import StopReason
+
+P = RingParameters(0.0689)
+STEEP = P.rolling_factor * 9.81 / P.radius  # rad/s^2 per rad of tilt along the ring
+WIDE = np.full(9, 20.0)  # length scales of what is nearly constant
+SCALES = np.array([3.0, 1.0, 1.0, 0.5, 0.5, 0.2, 0.05, 0.2, 0.05])
+
+
+def seen(states):
+    zero = np.zeros(len(states))
+    theta, theta_dot, beta, beta_dot, gamma, gamma_dot = states.T
+    return inputs(RingKinematics(P.radius, theta, theta_dot, beta, beta_dot, zero, gamma, gamma_dot, zero))
+
+
+def process(function, scales, n=250, amplitude=2.0):
+    """A process that has learned function(states), rad/s^2, from states on the way of a plan."""
+    rng = np.random.default_rng(0)
+    states = np.array([math.pi, 3.0, 0.09, 0.6, 0.09, 0.6]) * rng.uniform(-1, 1, (n, 6))
+    hyper = Hyperparameters.plain(scales, amplitude, 0.02)
+    return GaussianProcess.condition(hyper, seen(states), np.zeros((n, 0)), function(states))
+
+
+PUSH = 1.0  # rad/s^2
+PUSHED = process(lambda s: np.full(len(s), PUSH), WIDE, 60, 5.0)
+WAVY = process(lambda s: 1.5 * np.sin(3.0 * s[:, 0]) - 0.2 * s[:, 1], SCALES)
+ZERO = replace(WAVY, alpha=1e-12 * WAVY.alpha)
+
+
+def played(plan, gp, parameters=P, *, moved: float | np.ndarray = 0.0, feedback=False):
+    """States (T + 1, 6) of a ball with another model, or moved at first, under the commands of a plan."""
+    s, out = plan.states[0] + moved, np.empty(6)
+    path = [s]
+    packed = parameters.pack() if gp is None else learned_dynamics.pack(parameters, gp)
+    step = ring_dynamics.step if gp is None else learned_dynamics.step
+    for k, u in enumerate(plan.controls):
+        if feedback:
+            u = np.clip(u + plan.gains[k] @ (s - plan.states[k]), -LIMIT, LIMIT)
+        step(s, u, packed, out)
+        s = out.copy()
+        path.append(s)
+    return np.array(path)
+
+
+def along(theta, beta, gamma):
+    """What gravity does along the ring, rad/s^2."""
+    return -STEEP * (np.sin(beta) * np.sin(theta) + np.sin(gamma) * np.cos(beta) * np.cos(theta))
+
+
+@pytest.mark.parametrize("goal", [math.pi / 4, -math.pi / 4, 2.0])
+@pytest.mark.parametrize("gp", [PUSHED, WAVY], ids=["push", "wavy"])
+def test_it_reaches_the_goal_on_its_own_dynamics(gp, goal):
+    plan = ring_planner(process=gp).plan(np.zeros(6), goal)
+    assert plan.reason is StopReason.CONVERGED
+    assert (np.abs(plan.controls) <= LIMIT).all()
+    assert np.abs(plan.states[-5:, 0] - goal).max() < 0.03
+    assert np.abs(plan.states[-1, 1]) < 0.1
+    np.testing.assert_allclose(played(plan, gp), plan.states, atol=1e-12)
+
+
+def test_a_plan_without_what_was_learned_misses():
+    """On the ball that does what was learned, the plan that knows is better; so the process is worth its time."""
+    for gp in (PUSHED, WAVY):
+        without = played(ring_planner().plan(np.zeros(6), 1.0), gp)
+        knowing = played(ring_planner(process=gp).plan(np.zeros(6), 1.0), gp)
+        assert abs(knowing[-1, 0] - 1.0) < 0.02
+        assert abs(without[-1, 0] - 1.0) > 5.0 * abs(knowing[-1, 0] - 1.0)
+
+
+def test_a_process_of_almost_nothing_changes_nothing():
+    plain, learned, rng = ring_planner(), ring_planner(process=ZERO), np.random.default_rng(1)
+    for _ in range(10):
+        s0 = rng.normal(size=6) * [1.0, 1.0, 0.03, 0.2, 0.03, 0.2]
+        goal, lean = s0[0] + rng.uniform(-2, 2), rng.uniform(-0.03, 0.03)
+        a, b = plain.plan(s0, goal, lean=lean), learned.plan(s0, goal, lean=lean)
+        assert b.cost == pytest.approx(a.cost, rel=1e-8)
+        assert b.iterations == a.iterations
+        np.testing.assert_allclose(b.controls, a.controls, atol=1e-6)
+        np.testing.assert_allclose(b.gains, a.gains, atol=1e-3)
+
+
+@pytest.mark.parametrize("goal", [0.0, math.pi / 2, 2.5])
+def test_a_constant_push_is_held_by_the_plate(goal):
+    """A ball to stay where it is: gravity along the ring must take back the push."""
+    state = np.array([goal, 0, 0, 0, 0, 0])
+    assert float(PUSHED.mean(seen(state[None]))[0]) == pytest.approx(PUSH, abs=0.01)
+    plan = ring_planner(process=PUSHED).plan(state, goal)
+    held = plan.states[15:36]
+    assert np.abs(held[:, 0] - goal).max() < 0.01
+    assert along(held[:, 0], held[:, 2], held[:, 4]) == pytest.approx(-PUSH, abs=0.25)
+    alone = ring_planner().plan(state, goal)
+    assert np.abs(along(alone.states[:, 0], alone.states[:, 2], alone.states[:, 4])).max() < 1e-3
+    assert abs(played(alone, PUSHED)[-1, 0] - goal) > 0.3  # pushed away, did the plan not know
+
+
+def test_a_push_costs_the_way_against_it():
+    planner = ring_planner(process=PUSHED)
+    with_it, against = planner.plan(np.zeros(6), 1.0), planner.plan(np.zeros(6), -1.0)
+    assert against.cost > with_it.cost
+
+
+def test_without_physics_the_process_is_all_there_is():
+    """kind np: the process that has learned gravity and friction plans as the effects do."""
+    p = replace(P, viscous=0.3)
+
+    def effects(s):
+        return along(s[:, 0], s[:, 2], s[:, 4]) - 0.3 * s[:, 1]
+
+    gp = process(effects, np.array([8.0, 8.0, 8.0, 1.5, 1.5, 0.4, 0.4, 0.4, 0.4]), 500, 8.0)
+    plan = RingPlanner(replace(p, physics=False), LIMIT, process=gp).plan(np.zeros(6), math.pi / 4)
+    effects_alone = RingPlanner(p, LIMIT).plan(np.zeros(6), math.pi / 4)
+    assert abs(plan.states[-1, 0] - math.pi / 4) < 0.02
+    assert plan.cost == pytest.approx(effects_alone.cost, rel=0.05)  # gravity held over a step is a little late
+    assert abs(played(plan, None, p)[-1, 0] - math.pi / 4) < 0.1
+    blind = RingPlanner(replace(p, physics=False), LIMIT).plan(np.zeros(6), math.pi / 4)
+    assert abs(blind.states[-1, 0]) < 0.1  # without either nothing can move the ball
+
+
+def test_gains_hold_the_ball_on_the_learned_model():
+    plan = ring_planner(process=WAVY).plan(np.zeros(6), 1.0)
+    moved = np.array([0.05, -0.2, 0.0, 0.0, 0.0, 0.0])
+    missed, led = (abs(played(plan, WAVY, moved=moved, feedback=feedback)[-1, 0] - 1.0) for feedback in (False, True))
+    assert led < 0.02
+    assert missed > 3.0 * led
+
+
+def test_a_warm_start_one_turn_away_is_as_good():
+    planner = ring_planner(process=WAVY)
+    plan = planner.plan(np.array([3.0, 0, 0, 0, 0, 0]), 3.6)
+    s = plan.states[5].copy()
+    here = planner.plan(s, 3.6, warm=plan, t0=5 / 30)
+    assert here.iterations < planner.plan(s, 3.6).iterations
+    s[0] -= 2.0 * math.pi
+    there = planner.plan(s, 3.6 - 2.0 * math.pi, warm=plan, t0=5 / 30)
+    assert there.cost == pytest.approx(here.cost, rel=1e-8)
+    np.testing.assert_allclose(there.controls, here.controls, atol=1e-5)
+
+
+def test_planners_do_not_share_what_they_learned():
+    plain, pushed, wavy = ring_planner(), ring_planner(process=PUSHED), ring_planner(process=WAVY)
+    costs = [planner.plan(np.zeros(6), 1.0).cost for planner in (plain, pushed, wavy)]
+    again = [planner.plan(np.zeros(6), 1.0).cost for planner in (wavy, pushed, plain)]
+    assert again == costs[::-1]
+    assert len({round(cost, 3) for cost in costs}) == 3
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+@pytest.mark.parametrize("column", range(6))
+def test_a_state_that_is_no_number_is_told_as_a_reason(column, bad):
+    state = np.zeros(6)
+    state[column] = bad
+    plan = ring_planner(process=WAVY).plan(state, 1.0)
+    assert plan.reason is StopReason.NOT_FINITE
+    assert (plan.controls == 0.0).all()
+
+
+def test_a_rough_process_is_refused():
+    rough = replace(WAVY, hyper=replace(WAVY.hyper, family="exponential"))
+    with pytest.raises(ModelError, match="family: got a kernel exponential, expected rbf"):
+        ring_planner(process=rough)
+
+
+def test_a_large_process_is_planned_with_in_time():
+    """1000 rows, rough in theta: a solve within a second even on a slow machine (2 to 20 ms are usual)."""
+    scales = np.array([3.0, 1.0, 1.0, 0.1, 0.1, 0.2, 0.05, 0.2, 0.05])
+    planner = ring_planner(process=process(lambda s: np.sin(5.0 * s[:, 0]), scales, 1000), options=IlqgOptions())
+    planner.warm_up()
+    began = time.perf_counter()
+    plan = planner.plan(np.zeros(6), math.pi / 4)
+    assert time.perf_counter() - began < 1.0
+    assert plan.ok
+    assert abs(plan.states[-1, 0] - math.pi / 4) < 0.05

@@ -1,0 +1,293 @@
+"""Each kind of ball model: fitted to samples whose equation is known, and its derivatives by differences."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from finite_differences import jacobian
+
+from mazeplan.errors import InputError
+from mazeplan.models.effects import RingKinematics, gravity_part, kinematic_terms
+from mazeplan.models.features import (
+    EFFECTS,
+    FEATURES,
+    INPUT_SETS,
+    LOCAL_TERMS,
+    PAPER,
+    STATE,
+    STATE_TERMS,
+    WALL,
+    effect_features,
+    inputs,
+    local_inputs,
+)
+from mazeplan.models.fitting import KINDS, FitOptions, fit_forest, fit_kind, fit_process
+from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
+from mazeplan.models.gp_training import TrainingOptions, require_torch
+from mazeplan.models.learned import ForestBall, GaussianBall, LinearBall, PhysicsBall
+from mazeplan.models.linear import fit_linear
+from mazeplan.models.samples import MatchedKinematics, RingSamples
+
+RADIUS = 0.0892
+ROLLING, VISCOUS, DRY, NOISE = 0.58, 0.4, 0.5, 0.5
+QUICK = FitOptions(training=TrainingOptions(first=60, rows=100, starts=1, iterations=6, refinement=4))
+GAUSSIAN = [("np", "state"), ("np", "local"), ("sp", "state"), ("sp", "local")]
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    require_torch()
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def states(n, seed=0, past=True):
+    rng = np.random.default_rng(seed)
+    place = [rng.uniform(-np.pi, np.pi, n), rng.normal(0.0, 3.0, n)]
+    tilts = [rng.uniform(-0.09, 0.09, n), rng.normal(0.0, 0.5, n), rng.normal(0.0, 5.0, n)]
+    tilts += [rng.uniform(-0.09, 0.09, n), rng.normal(0.0, 0.5, n), rng.normal(0.0, 5.0, n)]
+    if not past:
+        return RingKinematics(RADIUS, *place, *tilts)
+    before = {"beta_past": rng.uniform(-0.09, 0.09, n), "gamma_past": rng.uniform(-0.09, 0.09, n)}
+    return MatchedKinematics(RADIUS, *place, *tilts, **before)
+
+
+def truth(k, ripple=0.0, dry=DRY, waves=4):
+    """A rolling ball with friction, and a force of the place that no feature has, rad/s^2, so often round the ring."""
+    friction = VISCOUS * k.theta_dot + dry * np.tanh(k.theta_dot / 0.1)
+    return kinematic_terms(k) + ROLLING * gravity_part(k) - friction + ripple * np.sin(waves * k.theta)
+
+
+def samples(n=150, seed=0, ripple=0.0, past=True, dry=DRY, waves=4, noise=NOISE):
+    k = states(n, seed, past)
+    target = truth(k, ripple, dry, waves) + np.random.default_rng(seed + 1).normal(0.0, noise, n)
+    rows = np.arange(n)
+    return RingSamples(1, 1 / 30, k, target, k.theta, np.zeros(n, dtype=np.int64), rows, np.ones(n, dtype=bool))
+
+
+def one(k, i):
+    return replace(k, **{f.name: getattr(k, f.name)[i : i + 1] for f in fields(k) if f.name != "radius"})
+
+
+def differences(model, k):
+    """Derivatives (N, 6) of the mean by differences, everything but the state held."""
+    out = []
+    for i in range(len(k.theta)):
+        place = one(k, i)
+
+        def mean(x, place=place):
+            return model.mean(replace(place, **dict(zip(STATE, x[:, None], strict=True))))[0]
+
+        out.append(jacobian(mean, np.array([getattr(place, name)[0] for name in STATE]), 1e-4))
+    return np.array(out)
+
+
+def fitted(kind, part=None, options=QUICK):
+    part = part or samples(ripple=1.0)
+    return fit_kind(kind, part, np.arange(len(part)), options)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize(("kind", "seen"), [("p", "state"), ("pi", "state"), *GAUSSIAN])
+@pytest.mark.parametrize("past", [False, True])
+def test_derivatives_by_differences(kind, seen, past):
+    model = fitted(kind, samples(60, ripple=1.0, past=past), replace(QUICK, inputs=seen)).model
+    at = states(12, 9, past)
+    found = model.jacobian(at)
+    assert found.shape == (12, 6)
+    assert np.abs(found).max() > 1.0
+    np.testing.assert_allclose(found, differences(model, at), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(("kind", "seen"), GAUSSIAN)
+def test_derivatives_of_a_rough_process(kind, seen):
+    options = replace(QUICK, inputs=seen, training=replace(QUICK.training, family="exponential"))
+    model = fitted(kind, samples(60, ripple=1.0), options).model
+    assert isinstance(model, GaussianBall)
+    assert model.process.hyper.family == "exponential"
+    at = states(8, 9)
+    np.testing.assert_allclose(model.jacobian(at), differences(model, at), rtol=1e-4, atol=1e-4)
+
+
+def test_p_is_the_equation_of_a_sliding_point():
+    model, k = fitted("p").model, states(30, 3)
+    assert isinstance(model, PhysicsBall)
+    np.testing.assert_allclose(model.mean(k), kinematic_terms(k) + gravity_part(k), rtol=1e-12)
+    np.testing.assert_array_equal(model.variance(k), np.zeros(30))
+
+
+def test_pi_finds_the_weights():
+    part = samples(800, dry=0.0)
+    model = fitted("pi", part).model
+    assert isinstance(model, LinearBall)
+    pull = ROLLING * 9.81 / RADIUS
+    known = np.array([1.0, 1.0, 1.0, 1.0, pull, pull, VISCOUS])
+    names, off = list(PAPER), np.abs(model.fit.weights - known) / model.fit.stderr
+    for name in ("gravity_beta", "gravity_gamma", "viscous", "turning"):
+        assert off[names.index(name)] < 4.0, name
+    assert model.fit.noise == pytest.approx(NOISE, rel=0.1)
+    assert model.fit.weights[4] == pytest.approx(pull, rel=0.02)
+    k = states(40, 5)
+    assert rms(model.mean(k) - truth(k, dry=0.0)) < 0.1
+    phi = FEATURES["paper"](k)
+    np.testing.assert_allclose(model.variance(k), np.diag(phi @ model.fit.covariance @ phi.T), rtol=1e-9)
+    assert (np.abs(model.mean(k) - truth(k, dry=0.0)) < 4.5 * np.sqrt(model.variance(k))).all()
+
+
+def test_rf_learns_in_steps_the_same_each_time():
+    part, at = samples(400), states(100, 5)
+    model = fitted("rf", part).model
+    assert isinstance(model, ForestBall)
+    assert rms(model.mean(part.k) - part.theta_ddot) < 0.6 * np.std(part.theta_ddot)
+    assert rms(model.mean(at) - truth(at)) < 0.8 * np.std(truth(at))
+    np.testing.assert_array_equal(model.jacobian(at), np.zeros((100, 6)))
+    assert not np.array_equal(fitted("rf", part, replace(QUICK, seed=1)).model.mean(at), model.mean(at))
+    np.testing.assert_array_equal(fitted("rf", part).model.mean(at), model.mean(at))
+
+
+def test_the_forest_tells_how_far_its_trees_differ():
+    part = samples(100)
+    model = ForestBall(fit_forest(inputs(part.k), part.theta_ddot, 0))
+    trees = [tree.predict(inputs(part.k)) for tree in model.forest.estimators_]
+    np.testing.assert_allclose(model.mean(part.k), np.mean(trees, axis=0), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(model.variance(part.k), np.var(trees, axis=0), rtol=1e-10)
+    assert (model.variance(part.k) > 0.0).all()
+
+
+@pytest.mark.parametrize(("kind", "seen"), GAUSSIAN)
+def test_processes_learn_what_the_turning_plate_leaves(kind, seen):
+    world = {"ripple": 1.5, "dry": 0.0, "waves": 2 if seen == "state" else 4}
+    part, at = samples(250, **world), states(100, 5)
+    training = TrainingOptions(first=250, rows=250, starts=1, iterations=12, refinement=6)
+    found = fit_kind(kind, part, np.arange(250), FitOptions(inputs=seen, training=training))
+    model = found.model
+    assert isinstance(model, GaussianBall)
+    assert found.training is not None
+    assert model.inputs == seen
+    assert model.features == ("" if kind == "np" else "effects" if seen == "state" else "wall")
+    right = truth(at, **world)
+    error, linear = model.mean(at) - right, fit_kind("pi", part, np.arange(250)).model.mean(at) - right
+    assert rms(error) < 0.5 * rms(linear)
+    assert 0.2 < rms(error / np.sqrt(model.variance(at))) < 2.0, "as sure as it should be"
+    x, phi = INPUT_SETS[seen](part.k), FEATURES[model.features](part.k) if model.features else np.zeros((250, 0))
+    rest = GaussianProcess.condition(found.training.hyper, x, phi, part.theta_ddot - kinematic_terms(part.k))
+    np.testing.assert_allclose(model.process.alpha, rest.alpha, rtol=1e-6, atol=1e-8)
+    none = replace(model.process, alpha=0.0 * model.process.alpha, weights=0.0 * model.process.weights)
+    np.testing.assert_allclose(replace(model, process=none).mean(at), kinematic_terms(at), rtol=1e-12)
+
+
+def test_sp_finds_the_physics_and_its_process_only_the_rest():
+    part = samples(300, ripple=0.5)
+    training = TrainingOptions(first=200, rows=300, starts=1, iterations=12, refinement=6)
+    model = fit_kind("sp", part, np.arange(300), FitOptions(training=training)).model
+    assert isinstance(model, GaussianBall)
+    process = model.process
+    deviation = dict(zip(EFFECTS, np.sqrt(np.diag(process.covariance)), strict=True))
+    weights = dict(zip(EFFECTS, process.weights, strict=True))
+    known = {
+        "rolling_inertia.factor": ROLLING,
+        "viscous_friction.coefficient": VISCOUS,
+        "dry_friction.coefficient": DRY,
+    }
+    for name in EFFECTS:
+        assert abs(weights[name] - known.get(name, 0.0)) < 3.0 * deviation[name] + 1e-9, name
+    assert deviation["rolling_inertia.factor"] < 0.1
+    k = states(50, 5)
+    weighted = effect_features(k) @ process.weights
+    np.testing.assert_allclose(
+        model.mean(k) - weighted, kinematic_terms(k) + process.mean(inputs(k)), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_only_the_rows_given_are_learned_from():
+    part, rows = samples(120), np.arange(0, 120, 2)
+    spoilt = part.theta_ddot.copy()
+    spoilt[1::2] = np.nan
+    other = replace(part, theta_ddot=spoilt)
+    for kind in KINDS:
+        a, b = (fit_kind(kind, each, rows, QUICK).model for each in (part, other))
+        np.testing.assert_array_equal(a.mean(part.k), b.mean(part.k), err_msg=kind)
+    assert np.isfinite(fit_kind("sp", other, rows, QUICK).model.mean(part.k)).all()
+
+
+def test_processes_keep_at_most_so_many_rows_spread_evenly():
+    part = samples(120)
+    said = []
+    found = fit_kind("np", part, np.arange(120), replace(QUICK, most=40), progress=said.append)
+    assert isinstance(found.model, GaussianBall)
+    np.testing.assert_array_equal(found.model.process.inputs, inputs(part.k)[1::3])
+    assert said[-1] == "conditioning on 40 rows"
+    assert len(said) == 3
+    assert fit_kind("p", part, np.arange(120)).training is None
+
+
+def test_the_seed_is_that_of_the_starts():
+    part = samples(60)
+    two = replace(QUICK, training=replace(QUICK.training, starts=2))
+    first, again, other = (fit_kind("np", part, np.arange(60), replace(two, seed=s)).training for s in (1, 1, 2))
+    assert first is not None
+    assert again is not None
+    assert other is not None
+    assert first.starts == again.starts != other.starts
+
+
+@pytest.mark.parametrize(
+    ("seen", "features", "terms", "width"),
+    [
+        ("state", "effects", STATE_TERMS, len(EFFECTS)),
+        ("local", "wall", LOCAL_TERMS, len(WALL)),
+        ("local", "", LOCAL_TERMS, 0),
+    ],
+)
+def test_the_kernel_goes_with_the_inputs(seen, features, terms, width):
+    k = states(50)
+    process, training = fit_process(k, truth(k), features, replace(QUICK, inputs=seen))
+    assert [(term.columns, term.flip) for term in training.hyper.terms] == list(terms)
+    assert len(process.weights) == width
+
+
+def test_a_symmetric_maze_needs_only_the_odd_term():
+    """The odd term alone, of a ball in a maze whose quarters are alike, goes on working in quarters never seen."""
+    k = states(200, past=False)
+    there = np.abs(k.theta) < np.pi / 4
+    k = replace(k, theta=np.where(there, k.theta, (k.theta + np.pi / 4) % (np.pi / 2) - np.pi / 4))
+    columns, flip = LOCAL_TERMS[1]
+    x = local_inputs(k)
+    lengths = 3.0 * np.std(x[:, list(columns)], axis=0)
+    hyper = Hyperparameters((Term(columns, lengths, 5.0, flip),), 0.1, np.zeros(0))
+    process = GaussianProcess.condition(hyper, x, np.zeros((200, 0)), 2.0 * np.sin(4.0 * k.theta) - 0.4 * k.theta_dot)
+    ball, at = GaussianBall(process, "", "local"), states(100, 5, past=False)
+    expected = 2.0 * np.sin(4.0 * at.theta) - 0.4 * at.theta_dot
+    assert (np.abs(at.theta) > np.pi / 2).sum() > 20
+    assert rms(ball.mean(at) - kinematic_terms(at) - expected) < 0.35 * np.std(expected)
+
+
+def test_several_starts_find_what_one_takes_for_noise():
+    part, at = samples(250, ripple=1.5, noise=0.2), states(100, 5)
+    training = TrainingOptions(first=250, rows=250, starts=3, iterations=8, refinement=8)
+    found = fit_kind("sp", part, np.arange(250), FitOptions(training=training))
+    assert found.training is not None
+    assert np.ptp(found.training.starts) > 0.1, "they end at different heights: the first climbs to the lower one"
+    assert rms(found.model.mean(at) - truth(at, 1.5)) < 0.2
+
+
+def test_an_unknown_kind_is_named():
+    with pytest.raises(InputError, match=r"^got kind 'xx', expected one of rf, p, pi, np, sp$"):
+        fitted("xx")
+
+
+def test_weights_of_the_linear_model_can_be_those_of_other_features():
+    k = states(200, 4)
+    fit = fit_linear(effect_features(k), truth(k) - kinematic_terms(k))
+    model = LinearBall(fit, "effects")
+    np.testing.assert_allclose(model.mean(k), truth(k) - kinematic_terms(k), atol=1e-6)
+    np.testing.assert_allclose(model.jacobian(one(k, 0)), differences(model, one(k, 0)), rtol=1e-5, atol=1e-5)

@@ -1,0 +1,398 @@
+"""Arrays beside a model file: the round trip, and everything that may be wrong with them, told in one line."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import pickle
+import re
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mazeplan.errors import ModelError
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import RollingInertia
+from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
+from mazeplan.models.modelfile import RigModel, load_model, save_model
+from mazeplan.models.processfile import MOST_BYTES, MOST_ROWS, NAMES, rounded
+from mazeplan.models.stage import StageModel
+
+
+def process(n=50, seed=0):
+    rng = np.random.default_rng(seed)
+    x = rounded(rng.standard_normal((n, 9)))
+    hyper = Hyperparameters.plain(np.exp(0.5 * rng.standard_normal(9)), 1.7320508, 0.31415926)
+    return GaussianProcess.condition(hyper, x, np.zeros((n, 0)), np.sin(x[:, 0]) + x[:, 3])
+
+
+BALLS = {1: BallModel((RollingInertia(0.58),)), 2: BallModel((RollingInertia(0.6),))}
+MODEL = RigModel(StageModel(), BALLS, kind="sp", processes={1: process(), 2: process(80, 1)})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    save_model(MODEL, tmp_path / "m")
+    return tmp_path / "m"
+
+
+def refused(folder, key, *said, line_of=None):
+    """Loading fails with one line that names file, line and key."""
+    with pytest.raises(ModelError) as error:
+        load_model(folder)
+    text, path = str(error.value), folder / "model.yaml"
+    found = re.fullmatch(rf"{re.escape(str(path))}:(\d+): {re.escape(key)}: .+", text)
+    assert found, text
+    line = path.read_text().splitlines()[int(found[1]) - 1]
+    assert (line_of or key.split(".")[-1]) in line, (line, text)
+    for part in said:
+        assert part in text
+    return text
+
+
+def put(folder, content, ring=1):
+    """Other arrays for a ring, and model.yaml told so: what someone does who wants to get past the checksum."""
+    path, model = folder / f"ring{ring}.npz", folder / "model.yaml"
+    before = hashlib.sha256(path.read_bytes()).hexdigest()
+    path.write_bytes(content)
+    assert before in model.read_text()
+    model.write_text(model.read_text().replace(before, hashlib.sha256(content).hexdigest()))
+
+
+def arrays(folder, ring=1):
+    with np.load(folder / f"ring{ring}.npz", allow_pickle=False) as held:
+        return {name: held[name] for name in held.files}
+
+
+def saved(**held):
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **held)
+    return stream.getvalue()
+
+
+def edit(folder, old, new):
+    path = folder / "model.yaml"
+    text, changed = path.read_text(), re.sub(old, new, path.read_text(), count=1)
+    assert changed != text
+    path.write_text(changed)
+
+
+# --- round trip ---
+
+
+def test_a_model_with_processes_comes_back_as_it_was(folder):
+    again = load_model(folder)
+    assert again == MODEL
+    assert sorted(again.processes) == [1, 2]
+    x = np.random.default_rng(5).standard_normal((200, 9))
+    for ring, gp in MODEL.processes.items():
+        back = again.processes[ring]
+        np.testing.assert_allclose(back.mean(x), gp.mean(x), rtol=0.0, atol=1e-9)
+        np.testing.assert_array_equal(back.inputs, gp.inputs)
+        np.testing.assert_array_equal(back.alpha, gp.alpha)
+        np.testing.assert_array_equal(back.hyper.only.lengthscales, gp.hyper.only.lengthscales)
+        assert (back.hyper.only.amplitude, back.hyper.noise) == (gp.hyper.only.amplitude, gp.hyper.noise)
+        assert np.abs(gp.mean(x)).max() > 0.5
+        with pytest.raises(ModelError, match="mean alone"):
+            back.variance(x)
+
+
+def test_saving_again_what_was_loaded_changes_nothing(folder, tmp_path):
+    save_model(load_model(folder), tmp_path / "again")
+    x = np.random.default_rng(6).standard_normal((50, 9))
+    for ring, gp in load_model(tmp_path / "again").processes.items():
+        np.testing.assert_array_equal(gp.mean(x), load_model(folder).processes[ring].mean(x))
+
+
+def test_the_file_tells_people_what_is_in_the_arrays(folder):
+    text = (folder / "model.yaml").read_text()
+    assert "rows: 50" in text
+    assert "rows: 80" in text
+    assert "kernel: rbf" in text
+    assert "amplitude: {value: 1.73205, unit: rad/s^2}" in text
+    assert "noise: {value: 0.314159, unit: rad/s^2}" in text
+    assert re.search(r"theta_dot: \{value: [0-9.]+, unit: rad/s\}", text)
+    assert re.search(r"sin_theta: \{value: [0-9.]+, unit: '1'\}", text)
+
+
+def test_what_is_told_may_be_left_out_but_not_changed(folder):
+    edit(folder, r"    rows: 50\n", "")
+    assert len(load_model(folder).processes[1]) == 50
+
+
+@pytest.mark.parametrize("kind", ["p", "pi"])
+def test_a_model_without_processes_has_no_such_key(tmp_path, kind):
+    text = save_model(replace(MODEL, kind=kind, processes={}), tmp_path).read_text()
+    assert "processes" not in text
+    assert load_model(tmp_path).processes == {}
+
+
+def test_only_a_plain_kernel_can_be_written(tmp_path):
+    gp = process()
+    odd = Term((0, 1), np.ones(2), 1.0, (-1.0, 1.0))
+    with pytest.raises(ModelError, match="plain kernel"):
+        save_model(replace(MODEL, processes={1: replace(gp, hyper=replace(gp.hyper, terms=(odd,)))}), tmp_path)
+
+
+# --- changed by hand ---
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        (r"rows: 50", "rows: 51", "rows"),
+        (r"kernel: rbf", "kernel: exponential", "kernel"),
+        (r"amplitude: \{value: 1.73205", "amplitude: {value: 1.74", "amplitude"),
+        (r"amplitude: \{value: 1.73205", "amplitude: {value: .nan", "amplitude"),
+        (r"amplitude: \{value: 1.73205, unit: rad/s\^2\}", "amplitude: 2", "amplitude"),
+        (r"noise: \{value: 0.314159, unit: rad/s\^2\}", "noise: {value: 0.314159, unit: m}", "noise"),
+        (r"theta_dot: \{value: [0-9.]+", "theta_dot: {value: 9.0", "lengthscales"),
+        (r"theta_dot: \{", "theta_dott: {", "lengthscales"),
+        (r"lengthscales:", "lengthscale:", "lengthscale"),
+        (r"    kernel: rbf\n", "    kernel: rbf\n    extra: 3\n", "extra"),
+    ],
+)
+def test_hyperparameters_changed_by_hand_are_refused(folder, old, new, key):
+    edit(folder, old, new)
+    with pytest.raises(ModelError) as error:
+        load_model(folder)
+    assert re.match(rf"{re.escape(str(folder / 'model.yaml'))}:\d+: processes\.1(\.{key})?: ", str(error.value))
+    assert key in str(error.value)
+    assert "changed by hand" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_newer_format_is_refused_with_the_reason(folder):
+    edit(folder, "format: 1", "format: 2")
+    refused(folder, "format", "got 2, expected 1; it was written by a newer version of mazeplan")
+
+
+@pytest.mark.parametrize("kind", ["np", "sp"])
+def test_kinds_that_need_processes(tmp_path, kind):
+    save_model(replace(MODEL, kind="pi", processes={}), tmp_path)
+    edit(tmp_path, "kind: pi", f"kind: {kind}")
+    refused(tmp_path, "kind", f"kind {kind} needs processes")
+    edit(tmp_path, "data:", "processes: {}\ndata:")
+    refused(tmp_path, "kind", f"kind {kind} needs processes")
+
+
+@pytest.mark.parametrize("kind", ["p", "pi"])
+def test_kinds_that_have_none(folder, kind):
+    edit(folder, "kind: sp", f"kind: {kind}")
+    refused(folder, "processes", f"kind {kind} has no processes")
+
+
+@pytest.mark.parametrize(
+    ("entry", "key", "said"),
+    [
+        ("5", "processes", "got 5, expected a mapping"),
+        ("{1: 5}", "processes.1", "got 5, expected a mapping"),
+        ("{1: {file: ring1.npz}}", "processes.1", "sha256 is missing"),
+        ("{1: {sha256: ab}}", "processes.1", "file is missing"),
+        ("{1: {file: [a], sha256: ab}}", "processes.1", "expected the name of an .npz file beside model.yaml"),
+        ("{1: {file: ring9.npz, sha256: ab}}", "processes.1", "ring9.npz cannot be read: No such file"),
+        ("{1: {file: ring1.npz, sha256: ab}}", "processes.1", "its sha256 differs"),
+        ("{1: {file: ring1.npz, sha256: 5}}", "processes.1", "its sha256 differs"),
+        ("{1: {file: ring2.npz, sha256: SHA}}", "processes.1", "its sha256 differs"),
+    ],
+)
+def test_entries_that_lead_nowhere(folder, entry, key, said):
+    path = folder / "model.yaml"
+    text = path.read_text()
+    entry = entry.replace("SHA", hashlib.sha256((folder / "ring1.npz").read_bytes()).hexdigest())
+    begin, end = text.index("processes:"), text.index("data:")
+    path.write_text(text[:begin] + f"processes: {entry}\n" + text[end:])
+    refused(folder, key, said, line_of="processes")
+
+
+@pytest.mark.parametrize("name", ["../x.npz", "/etc/passwd", "sub/x.npz", "ring1.txt", "..", ".npz", "a/../ring1.npz"])
+def test_files_elsewhere_are_not_read(folder, name):
+    (folder.parent / "x.npz").write_bytes((folder / "ring1.npz").read_bytes())
+    (folder / "sub").mkdir()
+    (folder / "sub" / "x.npz").write_bytes((folder / "ring1.npz").read_bytes())
+    edit(folder, "file: ring1.npz", f"file: {name}")
+    refused(folder, "processes.1", f"file: got '{name}', expected the name of an .npz file", line_of="1:")
+
+
+def test_a_ring_that_is_none(folder):
+    edit(folder, "processes:\n  1:", "processes:\n  one:")
+    refused(folder, "processes.one", "got 'one', expected a ring number")
+
+
+# --- arrays that are not what they should be ---
+
+
+def test_a_missing_file(folder):
+    (folder / "ring2.npz").unlink()
+    refused(folder, "processes.2", "ring2.npz cannot be read: No such file", line_of="2:")
+
+
+def test_a_folder_in_place_of_the_file(folder):
+    (folder / "ring1.npz").unlink()
+    (folder / "ring1.npz").mkdir()
+    refused(folder, "processes.1", "cannot be read", line_of="1:")
+
+
+@pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
+def test_one_byte_altered(folder, place):
+    path = folder / "ring1.npz"
+    content = bytearray(path.read_bytes())
+    content[int(place * len(content))] ^= 1
+    path.write_bytes(content)
+    refused(folder, "processes.1", "its sha256 differs", line_of="1:")
+
+
+@pytest.mark.parametrize("left", [0, 1, 3, 30, 200, -1, -30, -300])
+def test_truncated(folder, left):
+    put(folder, (folder / "ring1.npz").read_bytes()[:left])
+    refused(folder, "processes.1", "ring1.npz", line_of="1:")
+
+
+def test_damaged_anywhere_it_is_refused_or_still_whole(folder):
+    """With a checksum to match: whatever byte is changed, the answer is a process or one line."""
+    content, rng = (folder / "ring1.npz").read_bytes(), np.random.default_rng(0)
+    for _ in range(150):
+        damaged = bytearray(content)
+        for at in rng.integers(0, len(content), 3):
+            damaged[at] = rng.integers(256)
+        put(folder, bytes(damaged))
+        said = f"{folder / 'model.yaml'}:"
+        try:
+            load_model(folder)
+        except ModelError as problem:
+            said = str(problem)
+        assert said.startswith(f"{folder / 'model.yaml'}:")
+        assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"inputs": np.zeros((50, 8), np.float32)}, "expected (N, 9) and (N,)"),
+        ({"inputs": np.zeros((49, 9), np.float32)}, "got inputs (49, 9), alpha (50,)"),
+        ({"inputs": np.zeros(450, np.float32)}, "got inputs (450,)"),
+        ({"inputs": np.zeros((0, 9), np.float32), "alpha": np.zeros(0)}, "got inputs (0, 9)"),
+        ({"inputs": np.full((50, 9), np.nan, np.float32)}, "finite"),
+        ({"inputs": np.full((50, 9), np.inf, np.float32)}, "finite"),
+        ({"inputs": np.full((50, 9), "a")}, "ring1.npz"),
+        ({"inputs": np.full((50, 9), 1j)}, "ring1.npz"),
+        ({"inputs": np.zeros((50, 9), dtype="datetime64[s]")}, "ring1.npz"),
+        ({"inputs": np.zeros((50, 9), dtype=[("a", "f4"), ("b", "f4")])}, "ring1.npz"),
+        ({"alpha": np.full(50, np.nan)}, "finite"),
+        ({"alpha": np.zeros((50, 1))}, "alpha (50, 1)"),
+        ({"alpha": np.float64(1.0)}, "alpha ()"),
+        ({"alpha": np.zeros(50, np.int64)}, "alpha"),
+        ({"alpha": np.full(50, "a")}, "alpha"),
+        ({"inputs": np.zeros((MOST_ROWS + 1, 9), np.float32), "alpha": np.zeros(MOST_ROWS + 1)}, "expected (N, 9)"),
+        ({"lengthscales": np.ones(8)}, "hyperparameters"),
+        ({"lengthscales": np.zeros(9)}, "lengthscales: got a number that is not finite and positive"),
+        ({"lengthscales": np.full(9, np.nan)}, "lengthscales"),
+        ({"lengthscales": np.full(9, "a")}, "ring1.npz"),
+        ({"lengthscales": np.full(9, 1j)}, "ring1.npz"),
+        ({"amplitude": np.array(-1.0)}, "amplitude: got a number"),
+        ({"amplitude": np.ones(3)}, "ring1.npz"),
+        ({"amplitude": np.ones(1)}, "ring1.npz"),
+        ({"amplitude": np.array(1j)}, "ring1.npz"),
+        ({"amplitude": np.array("a\nb")}, "ring1.npz"),
+        ({"noise": np.array(0.0)}, "noise: got a number"),
+        ({"noise": np.array(np.inf)}, "noise"),
+        ({"family": np.array("magic\nkernel")}, "family: got"),
+        ({"family": np.array(["rbf", "rbf"])}, "ring1.npz"),
+        ({"family": np.array(5)}, "hyperparameters"),
+    ],
+)
+def test_other_arrays_than_expected(folder, change, said):
+    put(folder, saved(**{**arrays(folder), **change}))
+    refused(folder, "processes.1", said, line_of="1:")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_array_that_is_missing(folder, name):
+    held = arrays(folder)
+    del held[name]
+    put(folder, saved(**held))
+    refused(folder, "processes.1", f"ring1.npz is no such file of arrays: it lacks {name}", line_of="1:")
+
+
+def test_an_array_on_its_own_is_no_archive(folder):
+    stream = io.BytesIO()
+    np.save(stream, np.zeros(3))
+    put(folder, stream.getvalue())
+    refused(folder, "processes.1", "ring1.npz is no such file of arrays", line_of="1:")
+
+
+# --- nothing is executed, nothing is unpacked without limit ---
+
+
+class Trap:
+    """Leaves a mark on disk when it is unpickled."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return Path.touch, (self.mark,)
+
+
+@pytest.mark.parametrize("name", ["inputs", "alpha", "family"])
+def test_a_pickle_among_the_arrays_is_not_executed(folder, tmp_path, name):
+    trap = np.array([Trap(tmp_path / "mark")], dtype=object)
+    stream = io.BytesIO()
+    np.savez(stream, **{**arrays(folder), name: trap})  # pyright: ignore[reportArgumentType]
+    put(folder, stream.getvalue())
+    refused(folder, "processes.1", line_of="1:")
+    assert not (tmp_path / "mark").exists()
+    with np.load(folder / "ring1.npz", allow_pickle=True) as held:
+        held[name]
+    assert (tmp_path / "mark").exists()  # the trap works
+
+
+def test_a_pickle_in_place_of_the_archive_is_not_executed(folder, tmp_path):
+    put(folder, pickle.dumps(Trap(tmp_path / "mark")))
+    refused(folder, "processes.1", line_of="1:")
+    assert not (tmp_path / "mark").exists()
+    pickle.loads((folder / "ring1.npz").read_bytes())
+    assert (tmp_path / "mark").exists()
+
+
+def zipped(members):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def test_a_small_file_that_unpacks_to_a_large_one_is_refused(folder):
+    content = zipped({"inputs.npy": bytes(MOST_BYTES // 2 + 1), "alpha.npy": bytes(MOST_BYTES // 2 + 1)})
+    assert len(content) < 200_000
+    put(folder, content)
+    refused(
+        folder,
+        "processes.1",
+        f"ring1.npz is no such file of arrays: it unpacks to more than {MOST_BYTES} bytes",
+        line_of="1:",
+    )
+
+
+def header(shape, dtype="<f8"):
+    """An .npy file that only promises its data."""
+    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode() + bytes(80)
+
+
+@pytest.mark.parametrize(
+    "shape", ["(1000000000000000,)", "(3000000000, 9)", "(-1, 9)", "(10000000000000000000000,)", "()", "(2, 9"]
+)
+def test_an_array_that_claims_to_be_huge_is_not_made(folder, shape):
+    members = {f"{name}.npy": header("()") for name in NAMES} | {"inputs.npy": header(shape)}
+    put(folder, zipped(members))
+    refused(folder, "processes.1", "ring1.npz", line_of="1:")
+
+
+def test_a_file_too_large_is_not_read(folder, monkeypatch):
+    monkeypatch.setattr("mazeplan.models.processfile.MOST_BYTES", 1000)
+    refused(folder, "processes.1", "ring1.npz is larger than 1000 bytes", line_of="1:")
