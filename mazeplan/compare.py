@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.data.filtering import causal_estimates
-from mazeplan.data.smoothing import Noise, Smoothing, noise_of
+from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.split import Split, block_bootstrap, block_split, uniform_downsample
 from mazeplan.data.table import Table
 from mazeplan.errors import InputError, TableError
@@ -27,12 +26,14 @@ from mazeplan.models.learned import AccelerationModel
 from mazeplan.models.linear import fit_linear
 from mazeplan.models.rollout import CHECKED, Rollout, Windows, choose_windows, roll_out, roll_out_delayed
 from mazeplan.models.samples import RingSamples, SampleOptions, joined, orientation, oriented, ring_samples
+from mazeplan.models.start import angle_noise, causal_start
 from mazeplan.records import Array, IntArray
 
 PREDICTED = ("rf", "p", "pi", "np", "sp")
 ROLLED = ("pi", "np", "npd", "sp")
 BLOCK_S = 5.0  # s; every fourth block is test, and smoothing and the delayed rate reach 7 samples across a border
 SPLIT: dict[str, Any] = {"block_s": BLOCK_S, "test_share": 0.25, "guard": 8}
+MISFIT = 0.5  # of the spread of theta_dd: what the filter that finds a roll-out's start expects of any model
 LONGEST_LAG = 5.0  # samples
 FEWEST = 50  # training rows; a ring with less is left out
 CLEAN = 0.1  # noise of a difference of angles over the spread of rates up to which rates are taken delayed
@@ -45,7 +46,7 @@ class CompareOptions:
     found, see `best_lag`); samples: what else a table does not tell; rates: or "auto", by the noise of the angle; fit;
     curve: learning curves too; seed: of everything that is drawn."""
 
-    smoothing: Smoothing = field(default_factory=lambda: Smoothing("rts", model="snap"))
+    smoothing: Smoothing = field(default_factory=lambda: Smoothing(window=9))
     delay: float | None = None
     samples: SampleOptions = field(default_factory=SampleOptions)
     rates: str = "auto"
@@ -57,16 +58,13 @@ class CompareOptions:
 
 @dataclass(frozen=True)
 class RingData:
-    """One ring: samples of training and of test records (the same where a record is split), which rows are whose, and
-    causal estimates of theta and its rate (N,) in the test record."""
+    """One ring: samples of training and test records (the same where a record is split), and which rows are whose."""
 
     train: RingSamples
     test: RingSamples
     train_rows: IntArray
     test_mask: np.ndarray
     block: IntArray
-    theta: Array
-    theta_dot: Array
 
     @property
     def test_rows(self) -> IntArray:
@@ -128,7 +126,7 @@ def compare(
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
     chosen = replace(options.samples, rates=rates)
-    options = replace(options, fit=_for_rates(options.fit, rates))
+    options = replace(options, fit=_best_predictor(options.fit))
     train, test = (_by_ring(tables, maze, options, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores, short = [], ""
@@ -179,28 +177,23 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
     return float(max(0.0, lags[i] + 0.5 * np.clip(shift, -1.0, 1.0)) * dt)
 
 
-def _for_rates(fit: FitOptions, rates: str) -> FitOptions:
+def _best_predictor(fit: FitOptions) -> FitOptions:
     """Inputs, and the family of the kernel where it is left open.
 
     Forces at the edges of openings are rough: on measured data the exponential kernel predicted other blocks better,
-    though the likelihood of the training rows often prefers the smooth one. Smoothed rates hide the edges."""
-    local = rates == "delayed"
-    family = fit.training.family
-    if family == "auto":
-        family = "exponential" if local else "rbf"
-    return replace(fit, inputs="local" if local else "state", training=replace(fit.training, family=family))
+    though the likelihood of the training rows often prefers the smooth one."""
+    family = "exponential" if fit.training.family == "auto" else fit.training.family
+    return replace(fit, inputs="local", training=replace(fit.training, family=family))
 
 
 def _rates(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> str:
     """Delayed rates where the angle is measured cleanly enough to be differenced, else smoothed ones."""
     worst = 0.0
     for samples in _by_ring(logs, maze, options, replace(options.samples, rates="smoothed")).values():
-        rough = np.diff(samples.measured, n=3)[np.diff(samples.segment, n=1)[2:] == 0]
-        noise = 1.4826 * float(np.median(np.abs(rough))) / math.sqrt(20.0)  # white noise times 1, 3, 3, 1
         if not samples.good.any():
             continue
         spread = max(float(np.std(samples.k.theta_dot[samples.good])), 1e-9)  # a ball at rest has none
-        worst = max(worst, math.sqrt(2.0) * noise / samples.dt / spread)
+        worst = max(worst, math.sqrt(2.0) * angle_noise(samples) / samples.dt / spread)
     return "delayed" if worst < CLEAN else "smoothed"
 
 
@@ -227,13 +220,17 @@ def _prepare(train: RingSamples, test: RingSamples | None, options: CompareOptio
     held = int(np.sum(split.test & other.good))
     if len(rows) < FEWEST or not held:
         raise TableError(f"got {len(rows)} rows to train and {held} to test on, expected at least {FEWEST} and 1")
-    noise = _noise(train)
-    theta, theta_dot = causal_estimates(other.measured, other.dt, noise, other.segment)
-    return RingData(train, other, rows, split.test, split.block, theta, theta_dot)
+    return RingData(train, other, rows, split.test, split.block)
 
 
-def _noise(samples: RingSamples) -> Noise:
-    return noise_of(samples.measured, samples.dt, Smoothing("rts"), segment=samples.segment)
+def _starts(
+    model: AccelerationModel, data: RingData, windows: Windows, rates: str, misfit: float
+) -> tuple[Array, Array]:
+    """Angle and rate (W,) at the start of each window, by a filter with the model that is then rolled out."""
+    theta, rate = causal_start(model.mean, data.test, windows.start, angle_noise(data.train), misfit)
+    if rates == "filtered":  # as in the paper: the late rate is taken for the rate
+        rate = data.test.k.theta_dot[windows.start]
+    return theta, rate
 
 
 def _score(
@@ -261,10 +258,11 @@ def _score(
         pairs = np.stack([truth, predicted], axis=1)
         blocks = data.block[data.test_rows]
         interval["nrmse_test"][kind] = block_bootstrap(pairs, blocks, lambda p: nrmse(p[:, 0], p[:, 1]), rng)
+    misfit = MISFIT * float(np.std(data.train.theta_ddot[train_rows]))
     rollout: dict[str, dict[str, float]] = {}
     for kind in ROLLED:
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
-        done = _roll(kind, fitted.model if fitted else None, data, windows, rates, train_rows, options)
+        done = _roll(kind, fitted.model if fitted else None, data, windows, misfit, rates, train_rows, options)
         if done is not None:
             rollout[kind] = {str(n): done.after(n) for n in CHECKED}
             for n in CHECKED:
@@ -292,6 +290,7 @@ def _roll(
     model: AccelerationModel | None,
     data: RingData,
     windows: Windows,
+    misfit: float,
     rates: str,
     rows: IntArray,
     options: CompareOptions,
@@ -299,9 +298,7 @@ def _roll(
     """The roll-out of a kind; None where there are no windows or the kind was not asked for."""
     if model is None or not len(windows):
         return None
-    theta, rate = data.theta[windows.start], data.theta_dot[windows.start]
-    if rates == "filtered":  # as in the paper: the late rate is taken for the rate
-        rate = data.test.k.theta_dot[windows.start]
+    theta, rate = _starts(model, data, windows, rates, misfit)
     if kind == "npd":
         return roll_out_discrete(fit_discrete(data.train, rows, options.fit), data.test, windows.start, theta, rate)
     return (roll_out_delayed if rates == "delayed" else roll_out)(model.mean, data.test, windows.start, theta, rate)

@@ -46,7 +46,7 @@ def compare(
     ] = "auto",
     smoothing: Annotated[
         str, typer.Option("--smoothing", help=f"Where the table brings no derivatives: {', '.join(SMOOTHINGS)}.")
-    ] = "rts",
+    ] = "savgol",
     kernel: Annotated[str, typer.Option("--kernel", help=f"Of the processes: {', '.join(KERNELS)}.")] = "auto",
     most: Annotated[int, typer.Option("--most", min=50, help="Training rows of a process.")] = 5000,
     device: Annotated[str, typer.Option("--device", help="cpu or cuda, for training.")] = "cpu",
@@ -78,7 +78,7 @@ def compare(
     require_torch()
     maze, known = _maze(map_, logs[0])
     options = CompareOptions(
-        smoothing=Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing(),
+        smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
         delay=delay,
         samples=SampleOptions(ring=ring, radius=None if radius is None else positive("--radius", radius)),
         rates=rates,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -12,7 +13,7 @@ from mazeplan.errors import InputError
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_terms
 from mazeplan.models.features import FEATURES, INPUT_SETS, LOCAL_TERMS, STATE_TERMS, inputs
-from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, TrainingOptions, train
 from mazeplan.models.learned import AccelerationModel, ForestBall, GaussianBall, LinearBall, PhysicsBall
 from mazeplan.models.linear import fit_linear
@@ -22,6 +23,8 @@ from mazeplan.records import Array, IntArray
 KINDS = ("rf", "p", "pi", "np", "sp")
 MOST = 5000  # training rows of a process
 TREES = 100
+FEW = 1000  # rows of the process that is asked what it leaves over
+LONGEST, SHORT = 30, 0.1  # rows, and share of the power below which neighbours have nothing in common
 LEAF = 5  # samples in a leaf of the forest: fewer and it learns the noise
 
 
@@ -92,4 +95,24 @@ def fit_process(
     )
     if progress is not None:
         progress(f"conditioning on {len(picked)} rows")
-    return GaussianProcess.condition(training.hyper, x, phi, target[picked]), training
+    hyper = honest_noise(training, x, phi, target[picked])
+    return GaussianProcess.condition(hyper, x, phi, target[picked]), training
+
+
+def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyperparameters:
+    """Hyperparameters whose noise counts what neighbouring rows have in common.
+
+    What a process leaves over in one row it leaves over in the next ones too: smoothing spreads noise and impacts over
+    rows. Taken as independent they would be believed as often as they are repeated. The autocorrelation of what is left
+    in rows that had no part in it says how often: the noise variance is multiplied by as much."""
+    own = uniform_downsample(len(target), min(FEW, len(target) // 3))
+    process = GaussianProcess.condition(training.hyper, x[own], phi[own], target[own])
+    left = target - process.mean(x, phi)
+    left[own] = np.nan
+    power, repeats = float(np.nanmean(left**2)), 1.0
+    for lag in range(1, LONGEST):
+        share = float(np.nanmean(left[lag:] * left[:-lag])) / power
+        if not share > SHORT:
+            break
+        repeats += 2.0 * share
+    return replace(training.hyper, noise=training.hyper.noise * math.sqrt(repeats))

@@ -40,7 +40,7 @@ class TrainingOptions:
     Raises SettingsError."""
 
     first: int = 600
-    rows: int = 1500
+    rows: int = 1000
     starts: int = 3
     iterations: int = 30
     refinement: int = 15

@@ -29,8 +29,8 @@ from mazeplan.models.effects import (
     kinematic_terms,
 )
 from mazeplan.models.features import DRY_WIDTH, effect_features, inputs
-from mazeplan.models.fitting import FitOptions
-from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.fitting import FitOptions, honest_noise
+from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, train
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.processfile import rounded
@@ -97,7 +97,8 @@ def _learn_ring(
     base = planned(ball, k) if kind == "sp" else kinematic_terms(k)
     features = effect_features(k) if kind == "sp" else np.zeros((len(rows), 0))
     training = train(inputs(k), features, target - base, replace(options.training, seed=options.seed), progress=tell)
-    corrected, process = _condition(k, target, ball, kind, training)
+    hyper = honest_noise(training, inputs(k), features, target - base)
+    corrected, process = _condition(k, target, ball, kind, hyper)
     held = np.flatnonzero(split.test & samples.good)
     kt, truth, spread = samples.at(held), samples.theta_ddot[held], float(np.std(samples.theta_ddot[held]))
     predicted = (planned(corrected, kt) if kind == "sp" else kinematic_terms(kt)) + process.mean(inputs(kt))
@@ -105,15 +106,15 @@ def _learn_ring(
     tell("conditioning on the whole record")
     every = np.flatnonzero(samples.good)
     every = every[uniform_downsample(len(every), options.most)]
-    corrected, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, training)
+    corrected, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, hyper)
     return corrected, process, RingLearning(len(every), scores[0], scores[1], training)
 
 
 def _condition(
-    k: RingKinematics, target: Array, ball: BallModel, kind: str, training: Training
+    k: RingKinematics, target: Array, ball: BallModel, kind: str, h: Hyperparameters
 ) -> tuple[BallModel, GaussianProcess]:
     """Effects corrected by the linear part, and the process of what they leave, on inputs as the file holds them."""
-    h, x = training.hyper, rounded(inputs(k))
+    x = rounded(inputs(k))
     alone = replace(h, weight_sigma=np.zeros(0))
     none = np.zeros((len(x), 0))
     if kind == "np":

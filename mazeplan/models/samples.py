@@ -66,7 +66,8 @@ class RingSamples:
 
 @dataclass(frozen=True)
 class MatchedKinematics(RingKinematics):
-    """States whose tilt is averaged as the target is, and what the tilt was before: means over PAST, rad."""
+    """States with what the tilt was before, means over PAST, rad; with delayed rates the tilt itself is averaged as the
+    target is."""
 
     beta_past: Array
     gamma_past: Array
@@ -186,8 +187,8 @@ def _signals(table: Table, smoothing: Smoothing, options: SampleOptions) -> dict
             columns[1] = filtered(table[axis], segment, table.dt)
         if options.delay:
             columns = [_late(column, t, segment, options.delay) for column in columns]
+        out[f"{axis}_past"] = _averaged(columns[0], segment, PAST, np.full(len(PAST), 1.0 / len(PAST)))
         if options.rates == "delayed":
-            out[f"{axis}_past"] = _averaged(columns[0], segment, PAST, np.full(len(PAST), 1.0 / len(PAST)))
             weights = acceleration_kernel(smoothing.window, smoothing.order)
             around = np.arange(len(weights)) - len(weights) // 2
             columns = [_averaged(column, segment, around, weights) for column in columns]
@@ -235,8 +236,7 @@ def _collect(
     if options.rates != "smoothed":
         rate = (delayed if options.rates == "delayed" else filtered)(measured, run, dt)
     state = {name: signals[name][rows] for name in signals}
-    kind = MatchedKinematics if options.rates == "delayed" else RingKinematics
-    k = kind(radius=radius, theta=theta, theta_dot=rate, **state)
+    k = MatchedKinematics(radius=radius, theta=theta, theta_dot=rate, **state)
     good = np.isfinite(target)
     for name in columns_of(k):
         good &= np.isfinite(getattr(k, name))

@@ -193,7 +193,9 @@ def test_what_is_not_there(tmp_path):
 def test_packaged_models_are_of_their_rigs():
     assert model_names() == ("ideal", "toy")
     toy, ideal = load_model("toy"), load_model("ideal")
-    assert toy.kind == "pi"
+    assert toy.kind == "sp"
+    assert set(toy.processes) == {1, 2, 3, 4}
+    assert all(len(process) == 1000 for process in toy.processes.values())
     assert toy.camera_delay == pytest.approx(2 / 30, abs=6e-3)
     assert ideal.camera_delay == pytest.approx(0.0, abs=2e-3)
     offset = toy.ball(1)

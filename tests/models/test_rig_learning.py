@@ -27,7 +27,7 @@ from mazeplan.models.effects import (
 from mazeplan.models.features import DRY_WIDTH, inputs
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.gaussian_process import Hyperparameters
-from mazeplan.models.gp_training import Training, TrainingOptions
+from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.modelfile import RigModel, load_model, save_model
 from mazeplan.models.rig_learning import FEWEST, _condition, learn_processes, planned
 from mazeplan.models.ring_dynamics import RingParameters
@@ -239,7 +239,7 @@ def test_process_and_what_it_is_added_to_give_the_target(kind):
     target = planned(BALL, k) + 0.5 * np.sin(theta) if kind == "sp" else kinematic_terms(k) + np.sin(theta) - speed
     weights = np.array([0.1, 0.1, 0.1, 0.01, 0.01])
     hyper = Hyperparameters.plain(np.array([2, 2, 2, 1, 1, 0.3, 0.3, 0.3, 0.3]), 2.0, 0.01, weights)
-    corrected, process = _condition(k, target, BALL, kind, Training(hyper, (), 0.0, 80))
+    corrected, process = _condition(k, target, BALL, kind, hyper)
     base = planned(corrected, k) if kind == "sp" else kinematic_terms(k)
     np.testing.assert_allclose(base + process.mean(inputs(k)), target, atol=0.02)
     assert np.std(kinematic_terms(k)) > 0.5
