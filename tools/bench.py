@@ -1,5 +1,5 @@
 """Measures what the README and the changelog may claim, and writes BENCHMARKS.md. Usage: python tools/bench.py
-[--quick] [-o FILE]
+[--quick] [--parallel] [-o FILE]
 
 Every section is a command that anyone can repeat. All navigation figures are obtained in simulation, in physics
 (MuJoCo) that the planner does not share. Seeds are in the commands (default 0).
@@ -13,6 +13,7 @@ import platform
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -135,6 +136,7 @@ def start_section() -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few runs, to try the script itself")
+    parser.add_argument("--parallel", action="store_true", help="models beside the rest; timings suffer")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "BENCHMARKS.md")
     options = parser.parse_args()
     head = [
@@ -147,14 +149,14 @@ def main() -> None:
         f"- versions: {', '.join(f'{p} {version(p)}' for p in PACKAGES)}",
         "",
     ]
-    sections = [
-        navigation_section(options.quick),
-        tick_section(),
-        start_section(),
-        measured_section(mazeplan),
-        toy_section(mazeplan, options.quick),
-        training_section(),
-    ]
+    with ThreadPoolExecutor(1) as beside:
+        models = beside.submit(lambda: [measured_section(mazeplan), toy_section(mazeplan, options.quick)])
+        if not options.parallel:
+            wait([models])
+        sections = [navigation_section(options.quick), tick_section(), start_section(), training_section()]
+        sections += models.result()
+    if options.parallel:
+        head.insert(-1, "- the models' tables were made at the same time on another core: timings are on the slow side")
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])
     options.output.write_text(text.rstrip() + "\n")
     print(f"wrote {options.output}")

@@ -97,8 +97,6 @@ def measured_section(mazeplan: Mazeplan) -> list[str]:
         "",
         *compare_rows(got),
     ]
-    late = mazeplan("compare", *names, "--rates", "filtered")
-    rows += ["", "With the late rates of the published figures (`--rates filtered`):", "", *compare_rows(late)]
     return rows
 
 
