@@ -187,6 +187,7 @@ class Leaf(Ported, Behaviour):
 
     def step(self) -> Status:
         """Called at each tick: RUNNING, SUCCESS or FAILURE, at once."""
+        # a leaf without a step is a mistake in the program: nothing sensible could be done at run time
         raise NotImplementedError(f"{type(self).__name__} has no step")
 
     def halt(self) -> None:

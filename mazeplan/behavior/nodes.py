@@ -75,6 +75,7 @@ class Node(Ported, Behaviour):
 
     def run(self) -> Status:
         """One tick of the node."""
+        # a node without a run is a mistake in the program, as a leaf without a step is
         raise NotImplementedError(f"{type(self).__name__} has no run")
 
     def tick_child(self, index: int) -> Status:

@@ -80,6 +80,7 @@ def require_torch() -> None:
     try:
         with warnings.catch_warnings():  # what gpytorch imports still decorates a function so; we cannot mend it
             warnings.filterwarnings("ignore", "`torch.jit.script` is deprecated", DeprecationWarning)
+            # imported only to see whether that works: a broken installation must be told, too
             import gpytorch  # noqa: F401
             import torch  # noqa: F401
     except ImportError as problem:
