@@ -127,7 +127,7 @@ def compare(
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
     chosen = replace(options.samples, rates=rates)
     options = replace(options, fit=_best_predictor(options.fit))
-    train, test = (_by_ring(tables, maze, options, chosen) for tables in (logs, tests))
+    train, test = (by_ring(tables, maze, options, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores, short = [], ""
     for ring in sorted(train):
@@ -135,7 +135,7 @@ def compare(
             continue
         samples = oriented(train[ring], signs)
         try:
-            data = _prepare(samples, oriented(test[ring], signs) if tests else None, options)
+            data = prepare(samples, oriented(test[ring], signs) if tests else None, options)
         except TableError as problem:  # the ball has only passed through
             short = f"; ring {ring}: {problem}"
             tell(f"ring {ring} is left out: {problem}")
@@ -158,7 +158,7 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
     for lag in lags:
         samples = replace(options.samples, delay=float(lag * dt), rates="smoothed")
         rest = 0.0
-        for part in _by_ring(logs, maze, replace(options, smoothing=Smoothing()), samples).values():
+        for part in by_ring(logs, maze, replace(options, smoothing=Smoothing()), samples).values():
             try:
                 rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLIT).train & part.good)
             except TableError:  # the ball has only passed through
@@ -189,7 +189,7 @@ def _best_predictor(fit: FitOptions) -> FitOptions:
 def _rates(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> str:
     """Delayed rates where the angle is measured cleanly enough to be differenced, else smoothed ones."""
     worst = 0.0
-    for samples in _by_ring(logs, maze, options, replace(options.samples, rates="smoothed")).values():
+    for samples in by_ring(logs, maze, options, replace(options.samples, rates="smoothed")).values():
         if not samples.good.any():
             continue
         spread = max(float(np.std(samples.k.theta_dot[samples.good])), 1e-9)  # a ball at rest has none
@@ -197,7 +197,7 @@ def _rates(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> str:
     return "delayed" if worst < CLEAN else "smoothed"
 
 
-def _by_ring(
+def by_ring(
     tables: Sequence[Table], maze: Maze, options: CompareOptions, samples: SampleOptions
 ) -> dict[int, RingSamples]:
     """Samples of all tables, ring by ring, one behind the other."""
@@ -208,7 +208,7 @@ def _by_ring(
     return {ring: joined(parts) for ring, parts in found.items()}
 
 
-def _prepare(train: RingSamples, test: RingSamples | None, options: CompareOptions) -> RingData:
+def prepare(train: RingSamples, test: RingSamples | None, options: CompareOptions) -> RingData:
     """Rows to train and to test on. Raises TableError when there are too few."""
     other = test if test is not None else train
     if test is None:

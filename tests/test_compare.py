@@ -134,7 +134,7 @@ def test_the_same_comes_out_again(table):
 @pytest.mark.parametrize("rates", ["smoothed", "delayed", "filtered"])
 def test_no_row_is_trained_and_tested_on_and_the_guard_is_kept(table, rates):
     for samples in ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(rates=rates)).values():
-        data = module._prepare(samples, None, QUICK)
+        data = module.prepare(samples, None, QUICK)
         assert data.test is data.train
         assert len(data.train_rows) >= 700
         assert len(data.test_rows) >= 200
@@ -157,7 +157,7 @@ def test_what_is_fitted_sees_no_test_row(table, monkeypatch):
     monkeypatch.setattr(module, "fit_kind", spy)
     compare([table], [], MAZE, replace(ONE, samples=SampleOptions(ring=2), rates="smoothed"))
     samples = ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(ring=2))[2]
-    held = module._prepare(samples, None, QUICK).test_rows
+    held = module.prepare(samples, None, QUICK).test_rows
     assert len(seen) == len(ONE.kinds)
     for rows in seen:
         assert not set(rows.tolist()) & set(held.tolist())

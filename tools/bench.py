@@ -19,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench_models import measured_section, toy_section, training_section
+from bench_predictability import predictability_section
 
 from mazeplan.behavior.registry import REGISTRY
 
@@ -150,7 +151,13 @@ def main() -> None:
         "",
     ]
     with ThreadPoolExecutor(1) as beside:
-        models = beside.submit(lambda: [measured_section(mazeplan), toy_section(mazeplan, options.quick)])
+        models = beside.submit(
+            lambda: [
+                measured_section(mazeplan),
+                toy_section(mazeplan, options.quick),
+                predictability_section(options.quick),
+            ]
+        )
         if not options.parallel:
             wait([models])
         sections = [navigation_section(options.quick), tick_section(), start_section(), training_section()]

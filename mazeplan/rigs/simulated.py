@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -27,6 +28,19 @@ from mazeplan.rigs.settings import SimulatedSettings, settings_from
 
 CHUNKS = 5  # per sample; 1/150 s at 30 Hz
 TOLERANCE = 1e-9  # rad, of the tilt limit
+_WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """MuJoCo's state, and of the servos what they are told, where their drive is, what their gears pass on, and the
+    commands under way."""
+
+    state: Array
+    target: Array
+    ctrl: Array
+    played: Array
+    queue: tuple[tuple[float, Array], ...]
 
 
 class SimulatedRig:
@@ -144,12 +158,48 @@ class SimulatedRig:
 
     def truth(self) -> Array:
         """x, y, z (m), x_dot, y_dot (m/s) of the ball in the plate frame, beta, gamma (rad): shape (7,)."""
+        position, velocity, _ = self.ball()
+        data = self._machine()
+        return np.array([*position, velocity[0], velocity[1], float(data.qpos[0]), float(data.qpos[1])])
+
+    def ball(self) -> tuple[Array, Array, Array]:
+        """Position (m), velocity (m/s) and spin (rad/s) of the ball in the plate frame, (3,) each."""
+        data, (plate, omega) = self._machine(), self._plate()
+        position = plate.T @ data.qpos[2:5]
+        velocity = plate.T @ data.qvel[2:5] - np.cross(omega, position)
+        spin = plate.T @ (_rotation(data.qpos[5:9]) @ data.qvel[5:8]) - omega
+        return position, velocity, spin
+
+    def set_ball(self, position: Array, velocity: Array, spin: Array) -> None:
+        """Put the ball there, (3,) each in the plate frame; all else goes on as it was."""
+        data, (plate, omega) = self._machine(), self._plate()
+        data.qpos[2:5] = plate @ position
+        data.qvel[2:5] = plate @ (velocity + np.cross(omega, position))
+        data.qvel[5:8] = _rotation(data.qpos[5:9]).T @ (plate @ (spin + omega))
+
+    def _plate(self) -> tuple[Array, Array]:
+        """Rotation (3, 3) from the plate frame to the room, and the plate's angular velocity (3,) in its own frame:
+        gamma_dot about x, beta_dot about the y axis outside."""
         data = self._machine()
         b, c = float(data.qpos[0]), float(data.qpos[1])
         cb, sb, cc, sc = math.cos(b), math.sin(b), math.cos(c), math.sin(c)
         plate = np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
-        position = plate.T @ data.qpos[2:5]
-        # angular velocity of the plate in its own frame: gamma_dot about x, beta_dot about the y axis outside
-        omega = np.array([data.qvel[1], cc * data.qvel[0], -sc * data.qvel[0]])
-        velocity = plate.T @ data.qvel[2:5] - np.cross(omega, position)
-        return np.array([*position, velocity[0], velocity[1], b, c])
+        return plate, np.array([data.qvel[1], cc * data.qvel[0], -sc * data.qvel[0]])
+
+    def snapshot(self) -> Snapshot:
+        """The machine as it is, to come back to; what the camera has seen and will draw is not in it."""
+        state = np.empty(mujoco.mj_stateSize(self._model, _WHOLE))
+        mujoco.mj_getState(self._model, self._machine(), state, _WHOLE)
+        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue))
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Back to a snapshot of this very rig. Faults that were injected in between stay."""
+        mujoco.mj_setState(self._model, self._machine(), snapshot.state, _WHOLE)
+        self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
+        self._queue = deque(snapshot.queue)
+
+
+def _rotation(quaternion: Array) -> Array:
+    out = np.empty(9)
+    mujoco.mju_quat2Mat(out, quaternion)
+    return out.reshape(3, 3)
