@@ -22,6 +22,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.run import TIME_LIMIT, Job, Setup, run_job, spread
+from mazeplan.settings import load_settings
 
 FIXED_STARTS = 16
 
@@ -39,6 +40,7 @@ class Campaign:
     goal: int | str = 5
     seed: int = 0
     time_limit: float = TIME_LIMIT
+    settings: str | None = None
 
 
 def start_angle(index: int) -> float | None:
@@ -59,7 +61,8 @@ def run_one(campaign: Campaign, index: int) -> NavigationResult:
     )
     rig = make_rig(campaign.rig, maze)
     try:
-        return run_job(rig, Setup(maze, model, campaign.behavior, rig_label(campaign.rig)), job)
+        how = load_settings(campaign.settings)
+        return run_job(rig, Setup(maze, model, campaign.behavior, rig_label(campaign.rig), settings=how), job)
     finally:
         rig.close()
 

@@ -15,6 +15,7 @@ from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.run import TIME_LIMIT, Display, Job, Setup, run_job
+from mazeplan.settings import Settings, load_settings
 
 
 def navigate(
@@ -25,6 +26,7 @@ def navigate(
     rig: str | Rig = "toy",
     model: str | Path | RigModel | None = None,
     behavior: str = "navigate",
+    settings: str | Path | Settings | None = None,
     start_angle_deg: float | None = None,
     closed: Sequence[str] = (),
     seed: int = 0,
@@ -37,7 +39,7 @@ def navigate(
     start, goal: ring numbers (or "ring1"); rig: a packaged name, a YAML file, "module:Class", or a rig; model:
     packaged name or
     folder (None: the rig's own, else a packaged one of its name, else nominal physics); seed: of start angle and
-    simulated noise.
+    simulated noise. settings: YAML file of costs, gains and windows, or Settings (None: the packaged ones);
     closed: names of openings not to be used. Raises InputError for anything the user gave that cannot be used,
     RigError when the machine fails.
     """
@@ -59,7 +61,8 @@ def navigate(
         time_limit,
         tuple(closed),
     )
-    setup = Setup(maze, chosen, behavior, label, "" if isinstance(model, RigModel | None) else str(model))
+    how = settings if isinstance(settings, Settings) else load_settings(settings)
+    setup = Setup(maze, chosen, behavior, label, "" if isinstance(model, RigModel | None) else str(model), how)
     try:
         return run_job(machine, setup, job, log=log, display=display)
     finally:

@@ -119,6 +119,18 @@ class StopReason(StrEnum):
     NOT_FINITE = "not_finite"
 
 
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """What a plan says of its own quality. gradient: largest derivative of the cost by a control inside its limits, per
+    rad, 0 at an optimum; wrong_sign: the same by a control held at a limit that ought to leave it, 0 at an optimum;
+    expected, got: fall of the cost in the last step that was taken."""
+
+    gradient: float
+    wrong_sign: float
+    expected: float
+    got: float
+
+
 @dataclass(frozen=True)
 class Plan:
     """A planned trajectory with its feedback.
@@ -128,6 +140,7 @@ class Plan:
     gains:    (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
     cost:     total cost reached; reason: why the solver stopped; iterations: how many it took; ms: how long
     t0, dt:   rig time of states[0] and step, s
+    certificate: how near to an optimum it is; None where the solver met no finite cost
     """
 
     states: Array
@@ -139,6 +152,7 @@ class Plan:
     ms: float
     t0: float = 0.0
     dt: float = 1.0 / 30.0
+    certificate: Certificate | None = None
 
     @property
     def ok(self) -> bool:

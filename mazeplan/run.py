@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mazeplan.behavior.context import LeafOptions, RunContext
+from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
@@ -28,7 +28,7 @@ from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunLogWriter
 from mazeplan.errors import RigError
-from mazeplan.estimation.estimator import Estimator, EstimatorOptions
+from mazeplan.estimation.estimator import Estimator
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map
@@ -44,6 +44,7 @@ from mazeplan.records import (
     RingPassage,
 )
 from mazeplan.rigs.interface import Rig
+from mazeplan.settings import Settings, load_settings
 
 TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
 
@@ -101,8 +102,7 @@ class Setup:
     behavior: str = "navigate"
     rig_name: str = ""
     model_name: str = ""
-    leaves: LeafOptions = field(default_factory=LeafOptions)
-    estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
+    settings: Settings = field(default_factory=load_settings)
 
 
 def run_job(
@@ -185,8 +185,8 @@ class Run:
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
-        self._estimator = Estimator(setup.maze, setup.model, setup.estimator, rig.rate_hz)
-        self._planners = planners_of(setup.maze, setup.model, setup.leaves.cost)
+        self._estimator = Estimator(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
+        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
@@ -208,7 +208,7 @@ class Run:
             planners=self._planners,
             ahead=self._estimator.ahead,
             on_event=self._on_event,
-            options=setup.leaves,
+            options=setup.settings.leaves,
         )
         tree = load_tree(setup.behavior, REGISTRY, context)
         tree.blackboard.set("goal", goal)
@@ -316,14 +316,18 @@ class Run:
         if ring == self._ring:
             return
         if self._ring is not None:
-            opening = self.context.opening
-            joins = opening is not None and {self._ring, ring} == {opening.outer, opening.inner}
-            name = opening.name if joins and opening is not None else None
+            name = self._passed(self._ring, ring)
             self._passages.append(RingPassage(self._ring, t - self._ring_since, name))
             self._display.passed(self._ring, name or "another opening", t)
         self._ring, self._ring_since = ring, t
         self._display.ring_entered(ring, t)
         self._on_event("ring", {"ring": ring})
+
+    def _passed(self, before: int, ring: int) -> str | None:
+        """Name of the opening by which the ball changed its ring: the nearest that joins the two, if any does."""
+        joining = [o for o in self._setup.maze.openings if {o.outer, o.inner} == {before, ring}]
+        nearest = min(joining, key=lambda o: abs(self.context.turn_to(o)), default=None)
+        return None if nearest is None else nearest.name
 
     def _on_event(self, kind: str, detail: dict[str, Any]) -> None:
         t = self.context.now

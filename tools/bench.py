@@ -21,7 +21,7 @@ from pathlib import Path
 from bench_models import measured_section, toy_section, training_section
 from bench_predictability import predictability_section
 
-from mazeplan.behavior.registry import REGISTRY
+from mazeplan.settings import load_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch", "gpytorch")
@@ -109,7 +109,7 @@ def tick_section() -> list[str]:
     rows += ["| what | p50 ms | p99 ms (worst run) | max ms |", "|---|---|---|---|"]
     for key, label in (("tick_ms", "tick: estimate, tree, plan, command"), ("planner_ms", "plan")):
         rows.append(f"| {label} | {got[key]['p50']:.2f} | {got[key]['p99']:.2f} | {got[key]['max']:.2f} |")
-    deadline = REGISTRY["Track"].ports["deadline_ms"].default
+    deadline = load_settings().leaves.travel.deadline_ms
     late = sum(run["planner_ms"]["max"] > deadline + 1.0 for run in got["results"])
     rows.append(
         f"| runs with a plan over its deadline of {deadline:g} ms by 1 ms or more | {late} of {got['runs']} | | |"

@@ -9,7 +9,7 @@ One context per run. A leaf reads `state`, gives at most one command a tick thro
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mazeplan.control.cost import CostParameters
@@ -18,22 +18,47 @@ from mazeplan.control.ilqg import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions
 from mazeplan.maths.angles import difference
+from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.records import Command, Failure, FailureKind, Plan, State
 
 
 @dataclass(frozen=True)
+class TravelOptions:
+    """lean_deg: tilt towards the next ring on the way to an opening; speed_m_s: along the ring, on arrival;
+    deadline_ms: that a plan may take. Raises SettingsError."""
+
+    lean_deg: float = 4.0
+    speed_m_s: float = 0.05
+    deadline_ms: float = 15.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@dataclass(frozen=True)
+class SettleOptions:
+    """damping: 1/s, braking in the goal ring. Raises SettingsError."""
+
+    damping: float = 6.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+ENTERING = 0.35  # s that a ball may take from the middle of a wall's opening into the next ring
+
+
+@dataclass(frozen=True)
 class LeafOptions:
-    """Settings of the leaves; gains and windows sit with their algorithms.
+    """Settings of the leaves; gains and windows sit with their algorithms. A port given in a tree goes before them."""
 
-    cost: of a move along a ring. Its price on tilt rates keeps the plate from being thrown about just before an
-    opening,
-    where the servo's lag would carry the ball past; without it the 16 standard runs take 0.2 s longer."""
-
-    tracking: TrackingOptions = field(default_factory=TrackingOptions)
+    cost: CostParameters = field(default_factory=CostParameters)
+    travel: TravelOptions = field(default_factory=TravelOptions)
     gate: GateOptions = field(default_factory=GateOptions)
-    cost: CostParameters = field(default_factory=lambda: CostParameters(rate=0.1, control=0.02))
+    tracking: TrackingOptions = field(default_factory=TrackingOptions)
+    settle: SettleOptions = field(default_factory=SettleOptions)
 
 
 class TwoCommandsError(AssertionError):
@@ -64,6 +89,7 @@ class RunContext:
     failures: list[Failure] = field(default_factory=list)
     replans: int = 0
     planner_ms: list[float] = field(default_factory=list)
+    _entering: tuple[int, int, float] | None = None
 
     def clock(self) -> float:
         """Rig time of this tick, s."""
@@ -71,8 +97,23 @@ class RunContext:
 
     def begin(self, now: float, state: State, measured: State) -> None:
         """Start a tick."""
-        self.now, self.state, self.measured = now, state, measured
+        self.now = now
+        self.state, self.measured = self._entered(state), measured
         self.command, self.commanded_by = None, ""
+
+    def enter(self, target: int) -> None:
+        """For ENTERING s from now on take the ball for one in ring `target`, which it is falling into."""
+        self._entering = (self.here.ring, target, self.now + ENTERING)
+
+    def _entered(self, state: State) -> State:
+        if self._entering is None:
+            return state
+        source, target, until = self._entering
+        if self.now > until:
+            self._entering = None
+        elif state.ring == source:  # not there yet, or the prediction wavers between the two
+            return replace(state, ring=target)
+        return state
 
     @property
     def here(self) -> State:

@@ -7,14 +7,16 @@ Each looks at the state at which its command will act, gives at most one command
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 from py_trees.common import Status
 
-from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.context import RunContext, TravelOptions
 from mazeplan.behavior.leaf import REQUIRED, Leaf, Port
 from mazeplan.control.gate import aligned, gate_command
 from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan
+from mazeplan.errors import SettingsError
 from mazeplan.maths.angles import nearest
 from mazeplan.maze.geometry import Opening
 from mazeplan.records import Command, Failure, FailureKind, Plan, State
@@ -106,14 +108,19 @@ class ChooseOpening(MazeLeaf):
         return Status.SUCCESS
 
 
+TRAVEL = {
+    "lean_deg": Port(float, None, "tilt towards the next ring on the way, deg; default: of the settings"),
+    "speed": Port(float, None, "speed on arrival along the ring, m/s; default: of the settings"),
+    "deadline_ms": Port(float, None, "time the planner may take; default: of the settings"),
+}
+
+
 class PlanInRing(MazeLeaf):
     """Plan the ball's way along its ring to the opening with iLQG, the plate leaning towards the opening's side."""
 
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
-        "lean_deg": Port(float, 4.0, "tilt towards the next ring while travelling, deg"),
-        "speed": Port(float, 0.05, "speed on arrival along the ring, m/s"),
-        "deadline_ms": Port(float, 15.0, "time the planner may take"),
+        **TRAVEL,
         "plan": Port(str, None, "the plan, for Track", "out"),
     }
 
@@ -124,16 +131,26 @@ class PlanInRing(MazeLeaf):
         if run.maze.ring(here.ring).is_disc:  # a disc has no way along: aligning does it all
             self.set("plan", None)
             return Status.SUCCESS
-        plan = make_plan(run, opening, self.get("lean_deg"), self.get("speed"), self.get("deadline_ms"), warm=None)
+        plan = make_plan(run, opening, travel_options(self), warm=None)
         self.set("plan", plan)
         if not plan.ok:
             return self.fail_as(FailureKind.PLAN_FAILED, f"the solver stopped: {plan.reason}")
         return Status.SUCCESS
 
 
-def make_plan(
-    run: RunContext, opening: Opening, lean_deg: float, speed: float, deadline_ms: float, warm: Plan | None
-) -> Plan:
+def travel_options(leaf: MazeLeaf) -> TravelOptions:
+    """Those of the run, with what the ports of a leaf say instead."""
+    ports = {"lean_deg": "lean_deg", "speed_m_s": "speed", "deadline_ms": "deadline_ms"}
+    given = {name: leaf.get(port) for name, port in ports.items()}
+    try:
+        return replace(
+            leaf.context.options.travel, **{name: value for name, value in given.items() if value is not None}
+        )
+    except SettingsError as problem:
+        raise leaf.wrong(str(problem)) from None
+
+
+def make_plan(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
     """A plan from here to the opening, in the ring where the ball is; counted and reported.
 
     The arrival speed points the way the ball turns; the lean points to the ring behind the opening."""
@@ -143,15 +160,15 @@ def make_plan(
         turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
         turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
     inwards = opening.leads_to(here.ring) == opening.inner
-    arrival = math.copysign(speed / run.maze.track_radius(here.ring), turn)
+    arrival = math.copysign(travel.speed_m_s / run.maze.track_radius(here.ring), turn)
     plan = run.planners[here.ring].plan(
         here.planner_vector(),
         here.theta + turn,
-        lean=math.radians(-lean_deg if inwards else lean_deg),
+        lean=math.radians(-travel.lean_deg if inwards else travel.lean_deg),
         goal_theta_dot=arrival,
         warm=warm,
         t0=here.t,
-        deadline_ms=deadline_ms,
+        deadline_ms=travel.deadline_ms,
     )
     run.plan, run.goal_theta = plan, opening.angle
     run.planner_ms.append(plan.ms)
@@ -166,9 +183,7 @@ class Track(MazeLeaf):
         "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
         "plan": Port(str, REQUIRED, "the plan to follow"),
         "law": Port(str, "gains", "gains: the plan's own time-varying ones; pd: PD on the planned trajectory"),
-        "lean_deg": Port(float, 4.0, "tilt towards the next ring in new plans, deg"),
-        "speed": Port(float, 0.05, "speed on arrival in new plans, m/s"),
-        "deadline_ms": Port(float, 15.0, "time the planner may take"),
+        **TRAVEL,
         "timeout_s": Port(float, 4.0, "after that the opening counts as missed"),
     }
 
@@ -198,7 +213,7 @@ class Track(MazeLeaf):
         self._ticks += 1
         if finished(plan, run.here.t) or self._ticks % options.replan_every == 0 or off_plan(plan, run.here, options):
             warm = None if finished(plan, run.here.t) else plan
-            new = make_plan(run, opening, self.get("lean_deg"), self.get("speed"), self.get("deadline_ms"), warm)
+            new = make_plan(run, opening, travel_options(self), warm)
             if new.ok:  # a plan that failed is not followed; the old one still stands
                 self.set("plan", new)
                 return new
@@ -238,11 +253,11 @@ class Align(MazeLeaf):
             return self.fail_as(FailureKind.MISSED_OPENING, f"not aligned with {opening.name}")
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing beside {opening.name}")
-        push = math.radians(self.get("lean_deg"))
+        push = self.get("lean_deg")
         ahead = run.ahead(run.options.gate.lead_s)
         run.steer(
             self.name,
-            gate_command(ahead, opening, opening.leads_to(self._ring), run.plate, run.options.gate, push=push),
+            gate_command(ahead, opening, opening.leads_to(self._ring), run.plate, run.options.gate, push_deg=push),
         )
         return Status.RUNNING
 
@@ -269,6 +284,8 @@ class PassOpening(MazeLeaf):
         if run.now - self._began > self.get("timeout_s"):
             run.graph.record(opening.name, success=False)
             return self.fail_as(FailureKind.MISSED_OPENING, f"{opening.name} did not take the ball")
+        if run.ahead(run.options.gate.entry_s).ring == target:
+            run.enter(target)
         ahead = run.ahead(run.options.gate.lead_s)
         run.steer(self.name, gate_command(ahead, opening, target, run.plate, run.options.gate))
         return Status.RUNNING
@@ -296,7 +313,7 @@ class Settle(MazeLeaf):
     ports: ClassVar[dict[str, Port]] = {
         "ring": Port(int, REQUIRED, "the goal ring"),
         "hold_s": Port(float, 0.2, "time that the ball's centre must be measured inside the ring, s"),
-        "damping": Port(float, 6.0, "braking, 1/s"),
+        "damping": Port(float, None, "braking, 1/s; default: of the settings"),
         "timeout_s": Port(float, 3.0, "after that, back to planning"),
     }
 
@@ -331,7 +348,8 @@ class Settle(MazeLeaf):
         """Brake; in a channel, also lean to the side that has no opening near the ball."""
         run = self.context
         ahead = run.ahead(run.options.gate.lead_s)
-        damping = self.get("damping")
+        given = self.get("damping")
+        damping = run.options.settle.damping if given is None else given
         ring = run.maze.ring(goal)
         r = max(ahead.r, 1e-6)
         middle = 0.0 if ring.is_disc else ring.track_radius

@@ -17,6 +17,7 @@ Map = Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")]
 RigName = Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")]
 Model = Annotated[str | None, typer.Option("--model", help="Packaged model or folder; default: the rig's own.")]
 Behavior = Annotated[str, typer.Option("--behavior", help="Packaged behaviour tree or XML file.")]
+HowFile = Annotated[str | None, typer.Option("--settings", help="YAML file of costs, gains and windows.")]
 From = Annotated[str, typer.Option("--from", help="Ring to start in, such as ring1.")]
 To = Annotated[str, typer.Option("--to", help="Ring to reach, such as ring5; default: the centre.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of start angle and simulated noise.")]
@@ -31,6 +32,7 @@ def navigate(
     rig: RigName = "toy",
     model: Model = None,
     behavior: Behavior = "navigate",
+    settings: HowFile = None,
     start_angle: Annotated[
         float | None, typer.Option("--start-angle", help="Start angle in deg; default: by seed.")
     ] = None,
@@ -56,6 +58,7 @@ def navigate(
             rig=rig,
             model=model,
             behavior=behavior,
+            settings=settings,
             start_angle_deg=start_angle,
             closed=close or (),
             seed=seed,
@@ -75,6 +78,7 @@ def evaluate(
     map_: Map = "cme",
     model: Model = None,
     behavior: Behavior = "navigate",
+    settings: HowFile = None,
     start: From = "ring1",
     goal: To = "centre",
     seed: Seed = 0,
@@ -92,7 +96,8 @@ def evaluate(
     maze = load_map(map_)
     note_missing_model(rig, model, maze)
     to = len(maze.rings) if goal == "centre" else goal
-    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, positive("--time-limit", time_limit))
+    limit = positive("--time-limit", time_limit)
+    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, limit, settings)
     with campaign_progress(runs) as advance:
         outcomes = run(campaign, workers=workers, progress=advance)
     document = summary(outcomes)

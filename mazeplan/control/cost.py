@@ -28,12 +28,12 @@ fast. theta - theta* is the plain difference: the caller brings theta* to the ri
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from mazeplan.errors import SettingsError
+from mazeplan.maths.fields import check_numbers
 from mazeplan.records import Array
 
 _THETA, _SPEED, _ARRIVAL, _LEAN, _RATE, _CONTROL, _SCALE, _A_THETA, _A_SPEED, _A_LEAN = range(10)
@@ -68,13 +68,8 @@ class CostParameters:
     quadratic: bool = False
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not 0.0 <= value < math.inf:
-                raise SettingsError(f"got {value}, expected a number >= 0", key=field.name)
-        for name in ("control", "control_scale", "width_theta", "width_speed", "width_lean", "arrival_zone"):
-            if getattr(self, name) == 0.0:
-                raise SettingsError("got 0, expected a number > 0", key=name)
+        widths = ("width_theta", "width_speed", "width_lean", "arrival_zone")
+        check_numbers(self, positive=("control", "control_scale", *widths))
 
     def pack(self, goal_theta: float, goal_theta_dot: float = 0.0, lean: float = 0.0) -> Array:
         """The vector that the compiled functions read: the fields above, then the wishes (rad, rad/s, rad)."""

@@ -15,21 +15,27 @@ import math
 from dataclasses import dataclass
 
 from mazeplan.control.tilt import GRAVITY, Plate
+from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Opening
 from mazeplan.records import Command, State
 
 
 @dataclass(frozen=True)
 class GateOptions:
-    """kp 1/s^2 and kd 1/s: PD across the opening; push: rad of tilt towards the other ring; window_m and window_speed
-    (m/s): inside both the ball is aligned and may be pushed; lead_s: servo lag to look ahead."""
+    """kp 1/s^2 and kd 1/s: PD across the opening; push_deg: tilt towards the other ring; window_mm and
+    window_speed_m_s: inside both the ball is aligned and may be pushed; lead_s: servo lag to look ahead; entry_s:
+    before the ball is in the next ring by so much the next move begins. Raises SettingsError."""
 
     kp: float = 90.0
     kd: float = 16.0
-    push: float = math.radians(5.0)
-    window_m: float = 12.0e-3
-    window_speed: float = 0.10
+    push_deg: float = 5.0
+    window_mm: float = 12.0
+    window_speed_m_s: float = 0.10
     lead_s: float = 0.08
+    entry_s: float = 0.12
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,17 +64,19 @@ def aligned(state: State, opening: Opening, options: GateOptions) -> bool:
     """Whether the ball is in front of the opening, slow enough to be pushed."""
     frame = gate_frame(state, opening)
     return (
-        frame.along > 0.0 and abs(frame.across) <= options.window_m and abs(frame.across_speed) <= options.window_speed
+        frame.along > 0.0
+        and abs(frame.across) <= 1e-3 * options.window_mm
+        and abs(frame.across_speed) <= options.window_speed_m_s
     )
 
 
 def gate_command(
-    state: State, opening: Opening, towards: int, plate: Plate, options: GateOptions, *, push: float | None = None
+    state: State, opening: Opening, towards: int, plate: Plate, options: GateOptions, *, push_deg: float | None = None
 ) -> Command:
     """The command that holds the ball across the opening and pushes it towards ring `towards`."""
     frame = gate_frame(state, opening)
     c, s = math.cos(opening.angle), math.sin(opening.angle)
     hold = -(options.kp * frame.across + options.kd * frame.across_speed)
-    strength = GRAVITY * (options.push if push is None else push)
+    strength = GRAVITY * math.radians(options.push_deg if push_deg is None else push_deg)
     sign = -1.0 if towards == opening.inner else 1.0
     return plate.command_along((-s * hold, c * hold), (sign * strength * c, sign * strength * s))

@@ -37,7 +37,7 @@ from mazeplan.maths.compiled import address_of
 from mazeplan.models import learned_dynamics, ring_dynamics
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.ring_dynamics import RingParameters
-from mazeplan.records import Array, Plan, StopReason
+from mazeplan.records import Array, Certificate, Plan, StopReason
 
 
 @dataclass(frozen=True)
@@ -180,9 +180,13 @@ class Planner:
         if reason is StopReason.NOT_FINITE:
             w.K[:] = 0.0
             w.controls[:] = np.clip(0.0, w.low, w.high)
+        else:
+            core.certify(w)
         ms = 1e3 * (self._clock() - began)
+        free, wrong, expected, got = w.numbers[[core.FREE, core.WRONG, core.EXPECTED, core.GOT]].tolist()
+        seal = None if reason is StopReason.NOT_FINITE else Certificate(free, wrong, expected, got)
         cost = float(w.numbers[core.COST])
-        return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt)
+        return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt, seal)
 
     def _improve(
         self, q: Array, code: int, end: float, trace: Callable[[int, float], None] | None

@@ -32,8 +32,8 @@ _running, _running_derivatives = caller(RUNNING), caller(RUNNING_DERIVATIVES)
 _final, _final_derivatives = caller(FINAL), caller(FINAL_DERIVATIVES)
 
 GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
-COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST = range(7)
-NUMBERS = 7
+COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG = range(11)
+NUMBERS = 11
 
 
 class Functions(NamedTuple):
@@ -153,6 +153,7 @@ def begin(w, f, p, q, reference, mu):
     w.states[:] = w.new_states
     w.controls[:] = w.new_controls
     w.numbers[COST], w.numbers[MU], w.numbers[FACTOR], w.numbers[STALE] = cost, mu, 1.0, 1.0
+    w.numbers[EXPECTED] = w.numbers[GOT] = 0.0
     return GO_ON if math.isfinite(cost) else NOT_FINITE
 
 
@@ -316,6 +317,37 @@ def iterate(w, f, p, q, rules):
             w.states[:] = w.new_states
             w.controls[:] = w.new_controls
             n[COST], n[STALE] = cost, 1.0
+            n[EXPECTED], n[GOT] = expected, reduction
             _softer(w, rules)
             return CONVERGED if reduction < small and n[MU] <= rules.mu_min else GO_ON
     return GO_ON if _harder(w, rules) else NO_DESCENT
+
+
+@njit(cache=True, error_model="numpy")
+def certify(w):
+    """First-order conditions of the trajectory, by the adjoint, from the derivatives as they stand.
+
+    Into numbers[FREE] the largest gradient of the cost by a control that is free, into numbers[WRONG] that by one held
+    at a limit though the cost falls inwards."""
+    T, n = w.controls.shape[0], w.V.shape[0]
+    free = wrong = 0.0
+    w.V[:] = w.lx[T]
+    for t in range(T - 1, -1, -1):
+        for i in range(2):
+            slope = w.lu[t, i]
+            for j in range(n):
+                slope += w.B[t, j, i] * w.V[j]
+            inwards = 0.0
+            if w.controls[t, i] <= w.low[i]:
+                inwards = -slope
+            elif w.controls[t, i] >= w.high[i]:
+                inwards = slope
+            else:
+                free = max(free, abs(slope))
+            wrong = max(wrong, inwards)
+        for j in range(n):
+            w.Qx[j] = w.lx[t, j]
+            for m in range(n):
+                w.Qx[j] += w.A[t, m, j] * w.V[m]
+        w.V[:] = w.Qx
+    w.numbers[FREE], w.numbers[WRONG] = free, wrong

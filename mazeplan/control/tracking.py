@@ -15,6 +15,7 @@ import numpy as np
 
 from mazeplan.control.tilt import Plate
 from mazeplan.maths.angles import nearest
+from mazeplan.maths.fields import check_numbers
 from mazeplan.records import Array, Command, Plan, State
 
 
@@ -22,13 +23,16 @@ from mazeplan.records import Array, Command, Plan, State
 class TrackingOptions:
     """kp: 1/s^2 and kd: 1/s of the PD tracker, as angular acceleration; replan_theta: rad and replan_speed: rad/s of
     deviation from the plan beyond which a new one is worth making; replan_every: ticks after which one is made
-    anyway."""
+    anyway. Raises SettingsError."""
 
     kp: float = 60.0
     kd: float = 12.0
     replan_theta: float = 0.05
     replan_speed: float = 0.6
     replan_every: int = 1
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("replan_every",))
 
 
 def plan_step(plan: Plan, t: float) -> int:

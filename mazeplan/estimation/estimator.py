@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mazeplan.estimation.plate import AxisFilter, PlateNoise
+from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
@@ -51,6 +52,9 @@ class EstimatorOptions:
     lost_after: float = 0.5
     ring_margin: float = 1.0e-3
     plate: PlateNoise = field(default_factory=PlateNoise)
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("camera_sigma", "acceleration_sigma", "outlier_sigmas"))
 
 
 class Estimator:
@@ -115,7 +119,7 @@ class Estimator:
         z, t = self._acting_z.copy(), self._acts_at
         _, u_beta, u_gamma = self._commands[-1]
         predict(z, t, t + seconds, np.array([t]), np.array([[u_beta, u_gamma]]), *self._planar.arrays())
-        return _as_state(t + seconds, z, self._ring, True, False)
+        return _as_state(t + seconds, z, self._hysteresis(self._ring, math.hypot(z[0], z[1])), True, False)
 
     # -- plate ----------------------------------------------------------------------------------------------------
 

@@ -5,8 +5,12 @@ are known beforehand: for the others the part of the kernel in sin and cos of th
 left out together change the mean by less than `TOLERANCE`. A process that is rough in theta is fast in this way, where
 low-rank approximations of it fail.
 
-Everything sits in one float64 vector, so that the solver can pass it on. Rows are stored by column and in blocks, and
-exp is a polynomial on arrays, so that the compiler can use vector instructions.
+Everything sits in one float64 vector, so that the solver can pass it on. Rows are stored by column, centred and over
+length scales, with -|x|^2 / 2 beside them, so that one multiplication a column is all that a row costs:
+
+    -|x - z|^2 / 2 = -|x|^2 / 2 + x z - |z|^2 / 2
+
+and exp is a polynomial without a call, so that the compiler can use vector instructions on one loop over the rows.
 """
 
 from __future__ import annotations
@@ -15,7 +19,9 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
 from mazeplan.errors import ModelError
 from mazeplan.models.gaussian_process import GaussianProcess, Term, kernel, prior_variance
@@ -25,16 +31,16 @@ TOLERANCE = 2e-7  # rad/s^2, bound on what culling changes; the derivatives' bou
 BINS = 180  # of 2 degrees
 RANGES = 8  # most ranges of rows for one bin; nearest ones are joined when there are more
 D = 9
-_COUNT, _AMPLITUDE, _SCALES, _TABLE = 0, 1, 2, 2 + D
+_COUNT, _AMPLITUDE, _SCALES, _CENTRE, _TABLE = 0, 1, 2, 2 + D, 2 + 2 * D
 HEAD = _TABLE + BINS * (1 + 2 * RANGES)
-BLOCK = 128
-SCRATCH = (D + 4) * BLOCK
+COLUMNS = D + 2  # of a row: inputs, alpha, -|x|^2 / 2
+SCRATCH = 2 * D
 LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 0.6931471803691238, 1.9082149292705877e-10  # fdlibm's split of ln 2
 
 
 def pack(gp: GaussianProcess) -> Array:
-    """The vector that the compiled functions read: head, rows by column (inputs over length scales, then alpha), and
-    scratch space. Raises ModelError for another kernel than rbf."""
+    """The vector that the compiled functions read: head, rows by column, and scratch space. Raises ModelError for
+    another kernel than rbf."""
     h = gp.hyper
     if h.family != "rbf":
         raise ModelError(f"got a kernel {h.family}, expected rbf: planning needs derivatives", key="family")
@@ -45,14 +51,16 @@ def pack(gp: GaussianProcess) -> Array:
     starts = np.searchsorted(bins[order], np.arange(BINS + 1)).astype(np.int64)
     weights = np.add.reduceat(np.append(np.abs(alpha), 0.0), np.minimum(starts[:-1], n)) * (np.diff(starts) > 0)
     head = np.zeros(HEAD)
-    head[_COUNT], head[_AMPLITUDE], head[_SCALES:_TABLE] = n, term.amplitude**2, term.lengthscales
+    head[_COUNT], head[_AMPLITUDE], head[_SCALES:_CENTRE] = n, term.amplitude**2, term.lengthscales
+    head[_CENTRE:_TABLE] = centre = rows.mean(axis=0)
+    rows = rows - centre  # or the squares would lose digits
     reach = _reach(term, weights)
     for i in range(BINS):
         ranges = _joined(reach[i], starts)
         at = _TABLE + i * (1 + 2 * RANGES)
         head[at] = len(ranges)
         head[at + 1 : at + 1 + 2 * len(ranges)] = np.array(ranges, dtype=float).ravel()
-    return np.concatenate([head, rows.T.ravel(), alpha, np.zeros(SCRATCH)])
+    return np.concatenate([head, rows.T.ravel(), alpha, -0.5 * np.sum(rows**2, axis=1), np.zeros(SCRATCH)])
 
 
 def _bin_of(angle: Array) -> IntArray:
@@ -95,52 +103,67 @@ def _joined(needed: np.ndarray, starts: IntArray) -> list[tuple[int, int]]:
     return ranges
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _exp(x, n, powers):
-    """exp of x[:n] in place, for x in [-700, 0]; powers: (2, BLOCK) scratch. Within 4e-14 relative of the true one."""
-    whole = powers.view(np.int64)
-    for j in range(n):
-        k = math.floor(x[j] * LOG2E + 0.5)
-        r = (x[j] - k * LN2_HIGH) - k * LN2_LOW
-        q = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r * (
-            1.0 / 720.0 + r * (1.0 / 5040.0 + r * (1.0 / 40320.0 + r * (1.0 / 362880.0 + r * (1.0 / 3628800.0 + r * (
-            1.0 / 39916800.0)))))))))))  # fmt: skip
-        whole[j] = (np.int64(k) + 1023) << 52
-        x[j] = q
-    for j in range(n):
-        x[j] *= powers[j]
+@intrinsic
+def _double_of_bits(context, bits):
+    """The float64 with these 64 bits."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], ir.DoubleType())
+
+    return types.float64(types.int64), generate
+
+
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
+def _exp(x):
+    """exp of x in [-700, 0], within 4e-14 relative; math.exp would keep the loop around it from being vectorised."""
+    k = math.floor(x * LOG2E + 0.5)
+    r = (x - k * LN2_HIGH) - k * LN2_LOW
+    q = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r * (
+        1.0 / 720.0 + r * (1.0 / 5040.0 + r * (1.0 / 40320.0 + r * (1.0 / 362880.0 + r * (1.0 / 3628800.0 + r * (
+        1.0 / 39916800.0)))))))))))  # fmt: skip
+    return q * _double_of_bits((np.int64(k) + 1023) << 52)  # pyright: ignore[reportCallIssue]  (Numba hands the context)
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def _block(p, base, rows, lo, hi, z, gradient, scratch, wanted):
-    """Sum over the rows lo:hi of alpha k, and of alpha k times row inputs into gradient (D,) where it is wanted."""
-    n, size = hi - lo, rows
-    e, powers = scratch[:BLOCK], scratch[BLOCK : 2 * BLOCK]
-    e[:n] = 0.0
-    for d in range(D):
-        column, zd = p[base + d * size + lo : base + d * size + hi], z[d]
-        for j in range(n):
-            difference = column[j] - zd
-            e[j] -= difference * difference
-    for j in range(n):
-        e[j] = max(0.5 * e[j], -700.0)
-    _exp(e, n, powers)
-    alpha, total = p[base + D * size + lo : base + D * size + hi], 0.0
-    for j in range(n):
-        e[j] *= alpha[j]
-        total += e[j]
+def _rows(p, base, size, lo, hi, z, gradient, wanted):
+    """Sum over the rows lo:hi of alpha k, and of alpha k times row inputs into gradient (D,) where it is wanted.
+
+    The nine inputs are written out: a loop over them inside would not be vectorised."""
+    x0, x1, x2 = p[base + lo : base + hi], p[base + size + lo : base + size + hi], p[base + 2 * size + lo :]
+    x3, x4, x5 = p[base + 3 * size + lo :], p[base + 4 * size + lo :], p[base + 5 * size + lo :]
+    x6, x7, x8 = p[base + 6 * size + lo :], p[base + 7 * size + lo :], p[base + 8 * size + lo :]
+    alpha, half = p[base + D * size + lo :], p[base + (D + 1) * size + lo :]
+    z0, z1, z2, z3, z4, z5, z6, z7, z8 = z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8]
+    c = -0.5 * (z0 * z0 + z1 * z1 + z2 * z2 + z3 * z3 + z4 * z4 + z5 * z5 + z6 * z6 + z7 * z7 + z8 * z8)
+    total = 0.0
     if not wanted:
+        for j in range(hi - lo):
+            e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
+            e += x5[j] * z5 + x6[j] * z6 + x7[j] * z7 + x8[j] * z8
+            total += alpha[j] * _exp(max(e, -700.0))
         return total
-    for d in range(D):
-        column, part = p[base + d * size + lo : base + d * size + hi], 0.0
-        for j in range(n):
-            part += e[j] * column[j]
-        gradient[d] += part
+    g0 = g1 = g2 = g3 = g4 = g5 = g6 = g7 = g8 = 0.0
+    for j in range(hi - lo):
+        e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
+        e += x5[j] * z5 + x6[j] * z6 + x7[j] * z7 + x8[j] * z8
+        v = alpha[j] * _exp(max(e, -700.0))
+        total += v
+        g0 += v * x0[j]
+        g1 += v * x1[j]
+        g2 += v * x2[j]
+        g3 += v * x3[j]
+        g4 += v * x4[j]
+        g5 += v * x5[j]
+        g6 += v * x6[j]
+        g7 += v * x7[j]
+        g8 += v * x8[j]
+    for d, g in enumerate((g0, g1, g2, g3, g4, g5, g6, g7, g8)):
+        gradient[d] += g
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def _sum(p, at, s, z, gradient, scratch, wanted):
+def _sum(p, at, s, z, gradient, wanted):
     """Sum of alpha c over rows that matter at the state s; scaled inputs into z (D,), sums of rows into gradient."""
     if not math.isfinite(s[0] + s[1] + s[2] + s[3] + s[4] + s[5]):  # has no bin; and sums below assume numbers
         gradient[:D] = math.nan
@@ -150,39 +173,35 @@ def _sum(p, at, s, z, gradient, scratch, wanted):
     z[0], z[1], z[2], z[3], z[4] = s[1], s[3], s[5], st, ct
     z[5], z[6], z[7], z[8] = math.sin(s[2]), math.cos(s[2]), math.sin(s[4]), math.cos(s[4])
     for d in range(D):
-        z[d] /= p[at + _SCALES + d]
+        z[d] = z[d] / p[at + _SCALES + d] - p[at + _CENTRE + d]
         gradient[d] = 0.0
     here = min(int((math.atan2(st, ct) + math.pi) * (BINS / (2.0 * math.pi))), BINS - 1)
     table, total = at + _TABLE + here * (1 + 2 * RANGES), 0.0
     for r in range(int(p[table])):
-        lo, end = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
-        while lo < end:
-            hi = min(lo + BLOCK, end)
-            total += _block(p, at + HEAD, rows, lo, hi, z, gradient, scratch, wanted)
-            lo = hi
+        lo, hi = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
+        total += _rows(p, at + HEAD, rows, lo, hi, z, gradient, wanted)
     return total
 
 
 @njit(cache=True, error_model="numpy")
 def _scratch(p, at):
-    """Space behind the rows: for blocks, for scaled inputs, for sums."""
-    begin = at + HEAD + int(p[at + _COUNT]) * (D + 1)
-    scratch = p[begin : begin + SCRATCH]
-    return scratch, scratch[2 * BLOCK : 2 * BLOCK + D], scratch[3 * BLOCK : 3 * BLOCK + D]
+    """Space behind the rows: for scaled inputs, and for sums."""
+    begin = at + HEAD + int(p[at + _COUNT]) * COLUMNS
+    return p[begin : begin + D], p[begin + D : begin + 2 * D]
 
 
 @njit(cache=True, error_model="numpy")
 def mean(p, at, s):
     """Mean of g at the state s (6,), whose process is packed in p from `at` on."""
-    scratch, z, gradient = _scratch(p, at)
-    return p[at + _AMPLITUDE] * _sum(p, at, s, z, gradient, scratch, False)
+    z, gradient = _scratch(p, at)
+    return p[at + _AMPLITUDE] * _sum(p, at, s, z, gradient, False)
 
 
 @njit(cache=True, error_model="numpy")
 def mean_and_gradient(p, at, s, by_state):
     """The same, and its derivatives by s into by_state (6,)."""
-    scratch, z, gradient = _scratch(p, at)
-    total = _sum(p, at, s, z, gradient, scratch, True)
+    z, gradient = _scratch(p, at)
+    total = _sum(p, at, s, z, gradient, True)
     a2 = p[at + _AMPLITUDE]
     for d in range(D):
         gradient[d] = a2 * (gradient[d] - total * z[d]) / p[at + _SCALES + d]

@@ -1,8 +1,9 @@
 """Discrete dynamics of a ring whose ball model has a learned part: the ring's own, plus a Gaussian process.
 
 The process is asked once a step, at the state in which the step begins, and what it says is held over the step, as the
-command is: at 30 Hz that is what the samples it was trained on can tell apart. Signatures are those of `ring_dynamics`;
-the parameters are those of `RingParameters.pack`, then the process (`fast_gp.pack`).
+command is: at 30 Hz that is what the samples it was trained on can tell apart. Numba keeps these functions on disk by
+the date of this file alone: who changes what they call must change this file, too. Signatures are those of
+`ring_dynamics`; the parameters are those of `RingParameters.pack`, then the process (`fast_gp.pack`).
 """
 
 from __future__ import annotations

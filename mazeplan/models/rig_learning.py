@@ -8,6 +8,7 @@ the camera is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -98,6 +99,8 @@ def _learn_ring(
     features = effect_features(k) if kind == "sp" else np.zeros((len(rows), 0))
     training = train(inputs(k), features, target - base, replace(options.training, seed=options.seed), progress=tell)
     hyper = honest_noise(training, inputs(k), features, target - base)
+    if kind == "sp":
+        hyper = replace(hyper, weight_sigma=_known(ball, hyper.weight_sigma))
     corrected, process = _condition(k, target, ball, kind, hyper)
     held = np.flatnonzero(split.test & samples.good)
     kt, truth, spread = samples.at(held), samples.theta_ddot[held], float(np.std(samples.theta_ddot[held]))
@@ -108,6 +111,26 @@ def _learn_ring(
     every = every[uniform_downsample(len(every), options.most)]
     corrected, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, hyper)
     return corrected, process, RingLearning(len(every), scores[0], scores[1], training)
+
+
+def _known(ball: BallModel, trained: Array) -> Array:
+    """Prior deviations (5,) of the corrections to effects: the standard errors with which they were identified, or what
+    the training found where those are not known.
+
+    Identification integrates the motion over stretches without impacts; smoothed accelerations, which a process is
+    trained on, have all impacts in them. Left free, friction would come out too large by half."""
+    factor = ball.parameter("rolling_inertia", "factor", 1.0)
+    sigma = [
+        ball.stderr.get(effect, {}).get(parameter, math.inf) * scale
+        for effect, parameter, scale in (
+            ("rolling_inertia", "factor", 1.0),
+            ("viscous_friction", "coefficient", 1.0),
+            ("dry_friction", "coefficient", 1.0),
+            ("tilt_offset", "beta", factor),
+            ("tilt_offset", "gamma", factor),
+        )
+    ]
+    return np.minimum(trained, sigma)
 
 
 def _condition(

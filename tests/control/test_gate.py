@@ -37,7 +37,7 @@ def test_frame_is_along_and_across_the_opening():
 @pytest.mark.parametrize(("towards", "sign"), [(2, -1.0), (1, 1.0)])
 def test_pushes_straight_through_towards_the_ring_asked_for(towards, sign):
     along, across = acceleration(gate_command(beside(0.0), OPENING, towards, PLATE, OPTIONS))
-    assert sign * along > 0.8 * GRAVITY * OPTIONS.push
+    assert sign * along > 0.8 * GRAVITY * math.radians(OPTIONS.push_deg)
     assert across == pytest.approx(0.0, abs=1e-12)
 
 
@@ -50,11 +50,11 @@ def test_holding_comes_before_pushing():
     far = gate_command(beside(0.02), OPENING, 2, PLATE, OPTIONS)
     along, across = acceleration(far)
     assert across < -0.9 * GRAVITY * PLATE.limit
-    assert abs(along) < 0.8 * GRAVITY * OPTIONS.push
+    assert abs(along) < 0.8 * GRAVITY * math.radians(OPTIONS.push_deg)
 
 
 def test_aligned_needs_place_and_speed_and_the_right_side():
-    assert aligned(beside(0.9 * OPTIONS.window_m), OPENING, OPTIONS)
-    assert not aligned(beside(1.1 * OPTIONS.window_m), OPENING, OPTIONS)
-    assert not aligned(beside(0.0, 1.1 * OPTIONS.window_speed), OPENING, OPTIONS)
+    assert aligned(beside(0.9 * 1e-3 * OPTIONS.window_mm), OPENING, OPTIONS)
+    assert not aligned(beside(1.1 * 1e-3 * OPTIONS.window_mm), OPENING, OPTIONS)
+    assert not aligned(beside(0.0, 1.1 * OPTIONS.window_speed_m_s), OPENING, OPTIONS)
     assert not aligned(beside(0.0, along=-0.089), OPENING, OPTIONS)

@@ -111,7 +111,7 @@ def test_passing_the_goal_at_speed_forgives_the_angle_behind_it_only():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"theta": -1.0}, "theta: got -1.0, expected a number >= 0"),
+        ({"theta": -1.0}, "theta: got -1, expected a number >= 0"),
         ({"lean": float("nan")}, "lean"),
         ({"width_theta": 0.0}, "width_theta: got 0, expected a number > 0"),
         ({"control": 0.0}, "control"),

@@ -200,11 +200,11 @@ def test_thousands_of_keys_openings_or_rings():
         CME.replace("rings:\n", "rings:\n" + "  - {inner_radius_mm: 1, outer_radius_mm: 2}\n" * 3000, 1),
     ]
     for text in many:
-        begin = time.perf_counter()
+        begin = time.process_time()
         result = check_text(text)
         assert result.maze is None
         assert 1 <= len(result.errors) <= 50
-        assert time.perf_counter() - begin < 1.0
+        assert time.process_time() - begin < 1.0
 
 
 @pytest.mark.parametrize(

@@ -178,7 +178,7 @@ def test_what_is_saved_is_plain_and_rounded(tmp_path):
 
 
 def test_what_is_not_there(tmp_path):
-    with pytest.raises(ModelError, match="ideal, toy"):
+    with pytest.raises(ModelError, match="ideal, rough, toy"):
         load_model(tmp_path / "nowhere")
     (tmp_path / "model.yaml").write_text("format: 1\nstage: {beta: {}, gamma: {}}\nrings: {}\n")
     with pytest.raises(ModelError, match="at least one ring"):
@@ -191,7 +191,7 @@ def test_what_is_not_there(tmp_path):
 
 
 def test_packaged_models_are_of_their_rigs():
-    assert model_names() == ("ideal", "toy")
+    assert model_names() == ("ideal", "rough", "toy")
     toy, ideal = load_model("toy"), load_model("ideal")
     assert toy.kind == "sp"
     assert set(toy.processes) == {1, 2, 3, 4}

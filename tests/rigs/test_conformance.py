@@ -23,7 +23,7 @@ def failed(rig, **more):
     return {result.name for result in check_rig(rig, MAZE, **more) if not result.passed}
 
 
-@pytest.mark.parametrize("name", ["ideal", "toy"])
+@pytest.mark.parametrize("name", ["ideal", "rough", "toy"])
 def test_packaged_rigs_conform(name):
     results = check_rig(make_rig(name, MAZE), MAZE)
     assert [result.detail for result in results if not result.passed] == []
@@ -139,5 +139,5 @@ def test_command_line(monkeypatch, capsys, tmp_path):
     assert code == 1
     assert "FAILED  tilt follows beta" in got.out
     code, got = command(monkeypatch, capsys, "list")
-    assert "ideal, toy" in got.out
+    assert "ideal, rough, toy" in got.out
     assert "camera_noise_mm" in got.out

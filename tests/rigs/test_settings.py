@@ -21,14 +21,17 @@ MAPS = Path(__file__).resolve().parents[2] / "maps"
 
 
 def test_packaged_rigs_are_as_documented():
-    assert rig_names() == ("ideal", "toy")
-    ideal, toy = (make_rig(name, MAZE).settings for name in rig_names())  # pyright: ignore
+    assert rig_names() == ("ideal", "rough", "toy")
+    ideal, rough, toy = (make_rig(name, MAZE).settings for name in rig_names())  # pyright: ignore
     for name in ("camera_noise_mm", "camera_delay_frames", "tilt_noise_deg", "table_x_deg", "ball_lost_probability"):
         assert getattr(ideal, name) == 0
     assert (toy.camera_noise_mm, toy.camera_delay_frames, toy.tilt_noise_deg) == (0.5, 2, 0.05)
     assert (toy.table_x_deg, toy.table_y_deg, toy.rolling_friction_m, toy.wall_grip) == (0.3, 0.15, 5e-5, 0.3)
     assert (toy.ball_lost_probability, toy.ball_lost_frames) == (0.005, 3)
     assert toy.wall_segments >= 192
+    assert (rough.camera_noise_mm, rough.camera_delay_frames, rough.rolling_friction_m) == (1.0, 3, 1e-4)
+    assert np.hypot(rough.table_x_deg, rough.table_y_deg) == pytest.approx(0.5)
+    assert rough.servo_frequency_rad_s == pytest.approx(0.7 * toy.servo_frequency_rad_s, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +95,7 @@ def test_labels_and_model_hints(tmp_path):
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        ("nowhere", "expected one of ideal, toy"),
+        ("nowhere", "expected one of ideal, rough, toy"),
         ("nowhere.yaml", "no such file"),
         ("no_such_module:Rig", "cannot be imported"),
         ("mazeplan.records:Nothing", "has no 'Nothing'"),

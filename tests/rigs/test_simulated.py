@@ -34,6 +34,21 @@ def drive(machine, seconds, u_beta=0.0, u_gamma=0.0):
     return seen, np.array(true)
 
 
+def thrown_at_the_wall(damping_ratio, speed=0.2):
+    """Highest radial speed on the way out, lowest on the way back, and the highest the ball ever was (m/s, m)."""
+    machine = rig(ring=5, contact_damping_ratio=damping_ratio, rolling_friction_m=0.0, wall_grip=0.0)
+    machine.observe()
+    velocity = speed * np.array([math.cos(0.3), math.sin(0.3), 0.0])
+    machine.set_ball(np.array([0.0, 0.0, RADIUS]), velocity, np.array([-velocity[1], velocity[0], 0.0]) / RADIUS)
+    radial, top = [], 0.0
+    for _ in range(12):
+        machine.observe()
+        x, y, z, vx, vy = machine.truth()[:5]
+        radial.append((x * vx + y * vy) / max(math.hypot(x, y), 1e-3))
+        top = max(top, z)
+    return max(radial), min(radial), top
+
+
 # -- physics ---------------------------------------------------------------------------------------------------------
 
 
@@ -125,6 +140,32 @@ def test_openings_are_as_wide_as_the_map_says(opening):
             x, y = machine.truth()[:2]
             data.qvel[2:4] -= np.array([c, s]) * (c * data.qvel[2] + s * data.qvel[3])  # stays in the opening
         assert side * (-s * x + c * y) == pytest.approx(0.5 * opening.width - RADIUS, abs=0.15e-3)
+
+
+def test_a_wall_gives_back_as_much_of_the_speed_as_is_set_and_never_more():
+    """A damping ratio of .22 is a restitution of about a half, of which rolling on against the floor takes part."""
+    back = {ratio: -thrown_at_the_wall(ratio)[1] / 0.2 for ratio in (1.0, 0.5, 0.22, 0.1)}
+    assert back[1.0] < 0.05
+    assert back[1.0] < back[0.5] < back[0.22] < back[0.1] < 0.8
+    assert 0.25 < back[0.22] < 0.55
+    for ratio in (0.02, 0.22):
+        out, _, top = thrown_at_the_wall(ratio, 0.3)
+        assert out < 0.31
+        assert top < RADIUS + 2e-3  # it stays on the floor
+
+
+def test_a_ball_that_bounces_stays_in_the_maze():
+    """With the damping ratio alone lowered every touch added energy, and the ball left through the roof."""
+    machine = rig(ring=3, seed=2, contact_damping_ratio=0.22, rolling_friction_m=1e-4)
+    rng = np.random.default_rng(4)
+    for i in range(900):
+        machine.observe()
+        if i % 15 == 0:
+            u = rng.uniform(-0.085, 0.085, 2)
+        machine.command(*u)
+        x, y, z = machine.truth()[:3]
+        assert math.hypot(x, y) < MAZE.walls[0].inner_radius
+        assert z < RADIUS + 5e-3
 
 
 def test_wall_grip_makes_rolling_along_a_wall_slower():

@@ -1,0 +1,66 @@
+"""The next move begins before the ball is in the next ring, where the prediction sees it coming."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from py_trees.common import Status
+from test_leaves import Bench, at
+
+from mazeplan.behavior.context import ENTERING
+from mazeplan.behavior.leaf import Key
+from mazeplan.records import FailureKind
+
+
+def falling(bench):
+    """A ball at the opening 1-2@45 that will be in ring 2 in a moment."""
+    bench.run.ahead = lambda seconds: replace(bench.run.here, ring=2) if seconds > 0.1 else bench.run.here
+    leaf = bench.leaf("PassOpening", opening="1-2@45")
+    return leaf, bench.tick(leaf, at(1, 45.0))
+
+
+def test_passing_ends_as_soon_as_the_ball_is_seen_coming():
+    bench = Bench()
+    leaf, status = falling(bench)
+    assert status is Status.RUNNING
+    assert bench.run.command is not None  # and is pushed meanwhile
+    assert bench.tick(leaf, at(1, 45.0, t=0.03)) is Status.SUCCESS
+    assert bench.run.here.ring == 2
+    confirm = bench.leaf("ConfirmRing", opening="1-2@45")
+    assert bench.tick(confirm, at(1, 45.0, t=0.03)) is Status.SUCCESS
+    plan = bench.leaf("PlanInRing", opening="2-3@90", plan=Key("plan"))
+    assert bench.tick(plan, at(1, 45.0, t=0.07)) is Status.SUCCESS  # planned in ring 2
+    assert bench.board.get("plan").states[-1, 0] > 1.2
+
+
+def test_without_seeing_it_coming_it_goes_on_pushing():
+    bench = Bench()
+    leaf = bench.leaf("PassOpening", opening="1-2@45")
+    assert bench.tick(leaf, at(1, 45.0)) is Status.RUNNING
+    assert bench.tick(leaf, at(1, 45.0, t=0.03)) is Status.RUNNING
+    assert bench.run.here.ring == 1
+
+
+def test_a_prediction_that_wavers_between_the_rings_is_no_failure():
+    bench = Bench()
+    falling(bench)
+    rings = []
+    for t, ring in ((0.03, 1), (0.07, 2), (0.1, 1), (0.13, 2)):
+        state = at(ring, 45.0, t=t)
+        bench.run.begin(t, state, state)
+        rings.append(bench.run.here.ring)
+    assert rings == [2, 2, 2, 2]
+
+
+def test_a_ball_that_does_not_come_is_said_to_have_fallen_back():
+    bench = Bench()
+    falling(bench)
+    track = bench.leaf("Track", opening="2-3@90", plan=Key("plan"))
+    bench.board.set("plan", None)
+    state = at(1, 45.0, t=0.03)
+    bench.run.begin(0.03, state, state)
+    track.start()
+    bench.run.begin(ENTERING + 0.05, state, state)
+    assert bench.run.here.ring == 1
+    assert track.step() is Status.FAILURE
+    assert bench.failure() is FailureKind.FELL_BACK

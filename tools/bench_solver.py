@@ -1,0 +1,318 @@
+"""The planner measured alone, on a learned model: time cold and warm, what culling changes, and against other solvers.
+
+Usage: python tools/bench_solver.py [MODEL] [--quick]. MODEL: folder of a learned model; the packaged one of the toy
+when it is left out. Problems are drawn with a seed: a quarter turn of pi/4 from anywhere on the
+ring, goal to either side. Used by tools/bench.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from bench_solver_others import SOLVERS, Answer, Problem, ipopt_from
+
+from mazeplan.control.cost import CostParameters
+from mazeplan.control.ilqg import RING_COST, Dynamics, IlqgOptions, Planner
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models import fast_gp, learned_dynamics, ring_dynamics
+from mazeplan.models.effects import RingKinematics
+from mazeplan.models.features import inputs
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.records import Array, Plan, StopReason
+
+RINGS, MEASURED = (1, 2, 3, 4), 1  # the ring on which solvers are compared
+HORIZON, WARM_STEPS, MOVE = 40, 8, math.pi / 4
+SPREAD = np.array([0.3, 0.01, 0.05, 0.01, 0.05])  # of start rates and tilts: rad/s, then rad, rad/s for either axis
+DISTURBANCE = np.array([0.002, 0.02, 0.0005, 0.005, 0.0005, 0.005])  # per warm step, as SPREAD with the angle first
+SAME_COMMANDS = math.radians(0.5)  # plans whose commands differ by less belong to the same minimum
+NEAR = 0.02  # how far random states near a row are off it, of the spread of all states
+OTHER_COST = 1e-2  # relative: so far apart is another local minimum for certain
+ASKED = {"cold": (3.0, 10.0), "warm": (0.5, 2.0)}  # ms, p50 and p99
+ASKED_MEAN, ASKED_COST, ASKED_FASTER = 1e-6, 1e-4, 10.0  # rad/s^2; relative; times BoxFDDP
+
+
+class Case(NamedTuple):
+    """A problem: planner state (6,) and the vector of its cost."""
+
+    s0: Array
+    q: Array
+
+
+@dataclass
+class Times:
+    """ms and iterations of every solve."""
+
+    ms: list[float] = field(default_factory=list)
+    iterations: list[int] = field(default_factory=list)
+    reasons: Counter[StopReason] = field(default_factory=Counter)
+
+    def add(self, plan: Plan) -> None:
+        self.ms.append(plan.ms)
+        self.iterations.append(plan.iterations)
+        self.reasons[plan.reason] += 1
+
+    def cells(self) -> list[str]:
+        """ms and iterations, p50 / p99 each."""
+        ms, n = np.percentile(self.ms, (50, 99)), np.percentile(self.iterations, (50, 99))
+        return [f"{ms[0]:.2f} / {ms[1]:.2f}", f"{n[0]:.0f} / {n[1]:.0f}"]
+
+
+def parameters_of(maze: Maze, model: RigModel, ring: int) -> RingParameters:
+    return RingParameters.from_model(model, ring, maze.ring(ring).track_radius)
+
+
+def planner_of(maze: Maze, model: RigModel, ring: int, *, culled: bool = True) -> Planner:
+    """As `RingPlanner` makes it, without a deadline; culled: False asks the process for all of its rows."""
+    parameters, process = parameters_of(maze, model, ring), model.processes.get(ring)
+    if process is None:
+        dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
+    else:
+        tolerance = fast_gp.TOLERANCE
+        fast_gp.TOLERANCE = tolerance if culled else -1.0  # below zero nothing is small enough to be left out
+        try:
+            packed = learned_dynamics.pack(parameters, process)
+        finally:
+            fast_gp.TOLERANCE = tolerance
+        dynamics = Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6)
+    limit = np.full(2, maze.tilt_limit)
+    return Planner(dynamics, RING_COST, -limit, limit, IlqgOptions(horizon=HORIZON), dt=parameters.dt)
+
+
+def cases(count: int, seed: int) -> list[Case]:
+    """Moves from anywhere, at rest but for a little."""
+    rng, cost = np.random.default_rng(seed), CostParameters()
+    out = []
+    for _ in range(count):
+        theta = rng.uniform(-math.pi, math.pi)
+        s0 = np.array([theta, *(SPREAD * rng.standard_normal(5))])
+        out.append(Case(s0, cost.pack(theta + MOVE * float(rng.choice((-1.0, 1.0))))))
+    return out
+
+
+def measure(planner: Planner, problems: list[Case], seed: int) -> tuple[Times, Times]:
+    """Cold solves, and after each the warm ones of the next steps: its first command applied, the state disturbed."""
+    rng, cold, warm = np.random.default_rng(seed), Times(), Times()
+    planner.warm_up(*problems[0])
+    p = np.array(planner.dynamics.parameters, dtype=float)
+    for s0, q in problems:
+        plan = planner.solve(s0, q)
+        cold.add(plan)
+        state = s0
+        for k in range(1, WARM_STEPS + 1):
+            reached = np.empty(6)
+            planner.dynamics.step(state, plan.controls[0], p, reached)
+            state = reached + DISTURBANCE * rng.standard_normal(6)
+            plan = planner.solve(state, q, plan, t0=k * planner.dt)
+            warm.add(plan)
+    return cold, warm
+
+
+def passes(planner: Planner, case: Case) -> tuple[float, float]:
+    """Least ms of one roll-out and of one linearisation of all steps: what an iteration takes at the very least."""
+    problem = Problem(planner, *case, float(planner.dynamics.n))
+    zeros = np.zeros((HORIZON, 2))
+    states = problem.roll_out(zeros)[1].copy()
+
+    def least(call: Callable[[], object]) -> float:
+        times = []
+        for _ in range(50):
+            began = time.perf_counter()
+            call()
+            times.append(time.perf_counter() - began)
+        return 1e3 * min(times)
+
+    return least(lambda: problem.roll_out(zeros)), least(lambda: problem.along(states, zeros))
+
+
+def ilqg_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
+    rows = [
+        "| ring | rows of the process | cold p50 / p99, ms | iterations | warm p50 / p99, ms | iterations "
+        "| roll-out, linearising, ms | cold ones that did not converge |",
+        "|---" * 8 + "|",
+    ]
+    runs = [(ring, True, count) for ring in RINGS]
+    if MEASURED in model.processes:
+        runs.insert(1, (MEASURED, False, max(1, count // 4)))
+    for ring, culled, n in runs:
+        planner, problems = planner_of(maze, model, ring, culled=culled), cases(n, ring)
+        cold, warm = measure(planner, problems, ring)
+        process = model.processes.get(ring)
+        name = f"ring{ring}" + ("" if culled else f", culling off, {n} problems")
+        lost = {str(reason): k for reason, k in cold.reasons.items() if reason is not StopReason.CONVERGED}
+        cells = [
+            name,
+            f"{len(process)}" if process is not None else "none",
+            *cold.cells(),
+            *warm.cells(),
+            ", ".join(f"{ms:.2f}" for ms in passes(planner, problems[0])),
+            ", ".join(f"{reason} {k}" for reason, k in lost.items()) or "none",
+        ]
+        rows.append(f"| {' | '.join(cells)} |")
+    return rows
+
+
+def culling_error(process: GaussianProcess, radius: float, limit: float, count: int, seed: int) -> float:
+    """Largest difference of the compiled, culled mean from the plain one over random states, rad/s^2.
+
+    Half of them from anywhere, half near rows of the process: where there are none, every mean is about zero."""
+    rng = np.random.default_rng(seed)
+    spread = np.array([math.pi, 8.0, limit, 0.8, limit, 0.8])  # rad, rad/s
+    x = process.inputs[rng.integers(len(process), size=count - count // 2)]
+    angles = [np.arctan2(x[:, i], x[:, i + 1]) for i in (3, 5, 7)]
+    rows = np.column_stack([angles[0], x[:, 0], angles[1], x[:, 1], angles[2], x[:, 2]])
+    near = rows + NEAR * spread * rng.standard_normal(rows.shape)
+    states = np.vstack([spread * rng.uniform(-1.0, 1.0, (count // 2, 6)), near])
+    theta, theta_dot, beta, beta_dot, gamma, gamma_dot = states.T
+    none = np.zeros(len(states))
+    k = RingKinematics(radius, theta, theta_dot, beta, beta_dot, none, gamma, gamma_dot, none)
+    got, _ = fast_gp.evaluate(fast_gp.pack(process), states)
+    return float(np.max(np.abs(got - process.mean(inputs(k)))))
+
+
+def culling_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
+    if not model.processes:
+        return ["This model has no process, so that there is nothing to cull."]
+    errors = []
+    for ring, process in sorted(model.processes.items()):
+        place = maze.ring(ring)
+        errors.append(f"ring{ring} {culling_error(process, place.track_radius, maze.tilt_limit, count, ring):.1e}")
+    return [
+        f"Largest difference of the culled, compiled mean from the plain one over {count} random states, rad/s^2: "
+        + ", ".join(errors)
+        + f" (asked: {ASKED_MEAN:.0e})."
+    ]
+
+
+@dataclass
+class Score:
+    """One solver on all problems."""
+
+    ms: list[float] = field(default_factory=list)
+    inside: list[float] = field(default_factory=list)
+    off: list[float] = field(default_factory=list)  # (its cost - iLQG's) / iLQG's
+    same: list[bool] = field(default_factory=list)  # whether it found the minimum of iLQG
+    converged: list[bool] = field(default_factory=list)
+
+    def add(self, problem: Problem, answer: Answer, plan: Plan, seconds: float) -> None:
+        self.ms.append(1e3 * seconds)
+        self.inside.append(1e3 * problem.inside_s)
+        self.off.append(problem.roll_out(answer.controls)[0] / plan.cost - 1.0)
+        self.same.append(float(np.max(np.abs(answer.controls - plan.controls))) < SAME_COMMANDS)
+        self.converged.append(answer.converged)
+
+    def row(self, name: str) -> str:
+        off, n = np.array(self.off), len(self.off)
+        same = np.abs(off[np.array(self.same)])
+        cells = [
+            name,
+            f"{np.median(self.ms):.0f}",
+            f"{np.median(np.divide(self.inside, self.ms)):.0%}",
+            f"{sum(self.converged)}/{n}",
+            f"{np.median(off):+.1e}",
+            f"{off[np.argmax(np.abs(off))]:+.1e}",
+            f"{np.sum(off > OTHER_COST)} / {np.sum(off < -OTHER_COST)}",
+            f"{len(same)}/{n}" + (f", {same.max():.0e}" if len(same) else ""),
+        ]
+        return f"| {' | '.join(cells)} |"
+
+
+def other_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
+    """The table against the other solvers, and what follows from it."""
+    planner, problems = planner_of(maze, model, MEASURED), cases(count, 100)
+    planner.warm_up(*problems[0])
+    plans = [sorted((planner.solve(*case) for _ in range(3)), key=lambda plan: plan.ms)[1] for case in problems]
+    rows = [
+        "| solver | median ms | in dynamics and cost | says it converged | cost to iLQG's: median | worst "
+        f"| {OTHER_COST:.0%} dearer / cheaper | same minimum, and worst difference there |",
+        "|---" * 8 + "|",
+        f"| iLQG | {np.median([plan.ms for plan in plans]):.0f} | - "
+        f"| {sum(plan.reason is StopReason.CONVERGED for plan in plans)}/{count} | - | - | - | - |",
+    ]
+    missing, medians = [], {}
+    for name, solve in SOLVERS.items():
+        try:
+            score = score_of(lambda problem, _, solve=solve: solve(problem), planner, problems, plans, maze.tilt_limit)
+        except ImportError as problem:
+            missing.append(f"{name} ({problem.name} is not installed)")
+            continue
+        rows.append(score.row(name))
+        medians[name] = float(np.median(np.divide(score.ms, [plan.ms for plan in plans])))
+    with suppress(ImportError):
+        near = score_of(
+            lambda problem, plan: ipopt_from(problem, plan.controls), planner, problems, plans, maze.tilt_limit
+        )
+        rows.append(near.row("IPOPT begun at iLQG's plan"))
+    rows += ["", f"Asked: cost within {ASKED_COST:.0e} of IPOPT's where both found the same minimum."]
+    if "BoxFDDP" in medians:
+        rows.append(f"BoxFDDP takes {medians['BoxFDDP']:.1f} times as long as iLQG (median; asked: {ASKED_FASTER:g}).")
+    return [*rows, *(f"Left out: {one}." for one in missing)]
+
+
+def score_of(
+    solve: Callable[[Problem, Plan], Answer], planner: Planner, problems: list[Case], plans: list[Plan], limit: float
+) -> Score:
+    """One solver on all problems; what it must load is loaded before. Raises ImportError where it is missing."""
+    solve(Problem(planner, *problems[0], limit), plans[0])
+    score = Score()
+    for case, plan in zip(problems, plans, strict=True):
+        problem = Problem(planner, *case, limit)
+        began = time.perf_counter()
+        answer = solve(problem, plan)
+        score.add(problem, answer, plan, time.perf_counter() - began)
+    return score
+
+
+def solver_section(model: Path | None, quick: bool) -> list[str]:
+    """Everything, as lines of Markdown."""
+    maze, name = load_map("cme"), "toy" if model is None else str(model)
+    learned, count, few = load_model(name), 10 if quick else 100, 3 if quick else 10
+    asked = "; ".join(f"{kind} p50 {p50:g}, p99 {p99:g}" for kind, (p50, p99) in ASKED.items())
+    return [
+        "## The solver alone",
+        "",
+        f"`python tools/bench_solver.py {'' if model is None else 'MODEL'}`: {count} moves of pi/4 a ring, from drawn "
+        "angles at small rates and tilts,",
+        f"{HORIZON} steps of 1/30 s, commands to {math.degrees(maze.tilt_limit):g} deg, one thread, no deadline. Warm: "
+        f"after each cold solve {WARM_STEPS} times its first command",
+        "is applied, the state reached disturbed, the plan shifted and improved from there. Iterations p50 / p99.",
+        "",
+        f"Asked, ms: {asked}.",
+        "",
+        *ilqg_rows(maze, learned, count),
+        "",
+        *culling_rows(maze, learned, 300 if quick else 3000),
+        "",
+        "### Against other solvers",
+        "",
+        f"{few} of these problems on ring {MEASURED}, cold, on the same compiled dynamics and cost. All start from "
+        "level commands.",
+        "The second derivatives of IPOPT are true ones, those of BoxFDDP as iLQG's (Gauss-Newton); SLSQP and L-BFGS-B",
+        "shoot with exact gradients. In dynamics and cost: share of the time, the rest is the solver and Python around",
+        f"it. Same minimum: all commands within {math.degrees(SAME_COMMANDS):g} deg of iLQG's.",
+        "",
+        *other_rows(maze, learned, few),
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("model", type=Path, nargs="?", help="folder of a learned model")
+    parser.add_argument("--quick", action="store_true", help="few problems, to try the script itself")
+    options = parser.parse_args()
+    print("\n".join(solver_section(options.model, options.quick)))
+
+
+if __name__ == "__main__":
+    main()
