@@ -28,7 +28,7 @@ from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunLogWriter
 from mazeplan.errors import RigError
-from mazeplan.estimation.estimator import Estimator
+from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map
@@ -185,7 +185,7 @@ class Run:
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
-        self._estimator = Estimator(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
+        self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
         self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []

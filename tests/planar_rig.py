@@ -7,15 +7,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from mazeplan.maze.geometry import Maze
+from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.planar import PlanarModel, predict
 from mazeplan.records import Observation
 
 DT = 1.0 / 30.0
+
+
+def known(maze):
+    """The model of a rig that has been identified: textbook values, no dry friction, surely no delay of the camera."""
+    model = RigModel.nominal(maze)
+    balls = {n: BallModel(tuple(e for e in b.effects if e.name != "dry_friction")) for n, b in model.balls.items()}
+    return replace(model, balls=balls, data=({"file": "identified.mcap"},))
 
 
 class PlanarRig:
@@ -25,7 +34,7 @@ class PlanarRig:
 
     def __init__(self, maze: Maze, settings=None, mishap: Callable[[PlanarRig], None] | None = None) -> None:
         self.maze, self.mishap = maze, mishap
-        self.planar = PlanarModel.build(maze, RigModel.nominal(maze))
+        self.planar = PlanarModel.build(maze, known(maze))
         self.hidden = self.glued = False
         self.levelled = self.closed = 0
         self.commands: list[tuple[float, float]] = []

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from planar_rig import PlanarRig
+from planar_rig import PlanarRig, known
 
 from mazeplan.collect import (
     BLEND_S,
@@ -22,11 +22,10 @@ from mazeplan.collect import (
 from mazeplan.data.runlog import read_log
 from mazeplan.data.table import read_table
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
 from mazeplan.run import Setup
 
 MAZE = load_map("cme")
-SETUP = Setup(MAZE, RigModel.nominal(MAZE), rig_name="planar")
+SETUP = Setup(MAZE, known(MAZE), rig_name="planar")
 RINGS = (1, 2, 3, 4, 5)
 
 

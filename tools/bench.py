@@ -18,8 +18,11 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from bench_drive import drive_section
 from bench_models import measured_section, toy_section, training_section
+from bench_moves import moves_section
 from bench_predictability import predictability_section
+from bench_solver import solver_section
 
 from mazeplan.settings import load_settings
 
@@ -134,10 +137,26 @@ def start_section() -> list[str]:
     return rows
 
 
+def models_sections(quick: bool) -> list[list[str]]:
+    """What needs no quiet machine."""
+    return [measured_section(mazeplan), toy_section(mazeplan, quick), predictability_section(quick)]
+
+
+def timed_solver_section(quick: bool) -> list[str]:
+    """The solver on a model with 4000 rows a ring, learned from the log of `toy_section`."""
+    if quick:
+        return solver_section(None, True)
+    log, model = ROOT / "build" / "toy.mcap", ROOT / "build" / "toy4000"
+    command = ["learn", str(log), "-o", str(model), "--most", "4000"]
+    subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
+    section = solver_section(model, False)
+    return [line.replace(str(model), "build/toy4000") for line in section]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few runs, to try the script itself")
-    parser.add_argument("--parallel", action="store_true", help="models beside the rest; timings suffer")
+    parser.add_argument("--parallel", action="store_true", help="models beside navigation; what is timed runs alone")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "BENCHMARKS.md")
     options = parser.parse_args()
     head = [
@@ -151,19 +170,15 @@ def main() -> None:
         "",
     ]
     with ThreadPoolExecutor(1) as beside:
-        models = beside.submit(
-            lambda: [
-                measured_section(mazeplan),
-                toy_section(mazeplan, options.quick),
-                predictability_section(options.quick),
-            ]
-        )
+        models = beside.submit(models_sections, options.quick)
         if not options.parallel:
             wait([models])
-        sections = [navigation_section(options.quick), tick_section(), start_section(), training_section()]
-        sections += models.result()
+        sections = [section(options.quick) for section in (navigation_section, drive_section, moves_section)]
+        tables = models.result()
+    # what is timed runs alone
+    sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick), *tables]
     if options.parallel:
-        head.insert(-1, "- the models' tables were made at the same time on another core: timings are on the slow side")
+        head.insert(-1, "- models and navigation were measured at the same time, on two cores; what is timed, alone")
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])
     options.output.write_text(text.rstrip() + "\n")
     print(f"wrote {options.output}")

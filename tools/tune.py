@@ -27,6 +27,7 @@ from mazeplan.errors import SettingsError
 from mazeplan.settings import load_settings
 
 PENALTY = 10.0  # s
+MIX = ("ideal", "toy", "rough", "drawn", "ideal", "toy", "ideal", "drawn")
 GOOD = {"ideal": 2.6, "toy": 2.9, "rough": 3.6}  # s
 GOOD_DRAWN = 3.1  # s
 LOST = PENALTY / max(GOOD.values()) - 1e-9  # price from which on a run is lost
@@ -37,7 +38,7 @@ SEARCHED = {  # key: lowest, highest, whether its logarithm is searched
     "cost.width_lean": (0.005, 0.08, True),
     "cost.arrival_zone": (0.02, 0.3, True), "cost.past": (0.01, 1.0, True), "cost.final_theta": (0.5, 50.0, True),
     "travel.lean_deg": (1.0, 5.0, False), "travel.speed_m_s": (0.01, 0.15, True),
-    "gate.kp": (20.0, 300.0, True), "gate.kd": (4.0, 40.0, True), "gate.push_deg": (3.0, 7.0, False),
+    "gate.kp": (20.0, 300.0, True), "gate.kd": (11.0, 40.0, True), "gate.push_deg": (3.0, 7.0, False),
     "gate.window_mm": (4.0, 20.0, False), "gate.window_speed_m_s": (0.03, 0.25, True),
     "gate.lead_s": (0.02, 0.14, False),
     "gate.entry_s": (0.04, 0.2, False), "settle.damping": (1.0, 15.0, True),
@@ -101,11 +102,11 @@ def price(job: tuple[dict[str, float], list[tuple[Any, int]]]) -> list[float]:
 
 
 def schedule(seed: int, generation: int, runs: int) -> list[tuple[Any, int]]:
-    """Rigs and run seeds of a generation: a quarter each of ideal, toy, rough, and drawn ones."""
+    """Rigs and run seeds of a generation, in shares of MIX."""
     first = 1_000_000 * seed + 1000 * generation
     out: list[tuple[Any, int]] = []
     for i in range(runs):
-        which = ("toy", "rough", "drawn", "ideal")[i % 4]
+        which = MIX[i % len(MIX)]
         out.append((draw(first + i) if which == "drawn" else which, first + i))
     return out
 

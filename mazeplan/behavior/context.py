@@ -68,7 +68,8 @@ class TwoCommandsError(AssertionError):
 @dataclass
 class RunContext:
     """The shared side of one run. `clock` gives rig time; `on_event(kind, detail)` goes to log and display;
-    `ahead(seconds)` is the state that much later if the last command is held."""
+    `ahead(seconds)` is the state that much later if the last command is held; `refused`: the opening that did not take
+    a ball which was already taken for one in the next ring."""
 
     maze: Maze
     graph: RouteGraph
@@ -89,7 +90,9 @@ class RunContext:
     failures: list[Failure] = field(default_factory=list)
     replans: int = 0
     planner_ms: list[float] = field(default_factory=list)
+    refused: Opening | None = None
     _entering: tuple[int, int, float] | None = None
+    _falling: Opening | None = None
 
     def clock(self) -> float:
         """Rig time of this tick, s."""
@@ -103,14 +106,19 @@ class RunContext:
 
     def enter(self, target: int) -> None:
         """For ENTERING s from now on take the ball for one in ring `target`, which it is falling into."""
-        self._entering = (self.here.ring, target, self.now + ENTERING)
+        self._entering, self._falling = (self.here.ring, target, self.now + ENTERING), self.opening
 
     def _entered(self, state: State) -> State:
         if self._entering is None:
             return state
         source, target, until = self._entering
+        if state.ring == target:
+            self._falling = None
         if self.now > until:
             self._entering = None
+            if self._falling is not None:  # it never came
+                self.refused, self.opening, self._falling = self._falling, self._falling, None
+                self.graph.record(self.refused.name, success=False)
         elif state.ring == source:  # not there yet, or the prediction wavers between the two
             return replace(state, ring=target)
         return state

@@ -30,7 +30,7 @@ from mazeplan.errors import ModelError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import Effect, RollingInertia, ViscousFriction, make_effect
+from mazeplan.models.effects import DryFriction, Effect, RollingInertia, ViscousFriction, make_effect
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.processfile import read_process, write_process
 from mazeplan.models.stage import StageAxis, StageModel
@@ -41,6 +41,7 @@ PACKAGED = resources.PACKAGE / "models" / "packaged"
 AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
 WALL_ROLLING = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a sphere that rolls on floor and wall at once
 FREE_ROLLING = 5.0 / 7.0  # 1 / (1 + 2/5): on the floor alone
+NOMINAL_DRY = 0.05  # m/s^2; a steel ball that stays where it is up to 0.4 deg
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,15 @@ class RigModel:
     def nominal(cls, maze: Maze) -> RigModel:
         """Textbook values for a rig that has no model yet: a ball that rolls on floor and wall (in the disc: on the
         floor),
-        a little viscous friction, a servo that settles in 0.2 s, a camera without delay, a level table."""
+        a little viscous friction, steel on a printed floor for dry friction, a servo that settles in 0.2 s, a camera
+        whose delay is not known (`estimation.delay_bank` finds it out), a level table."""
         balls = {
             ring.number: BallModel(
-                (RollingInertia(FREE_ROLLING if ring.is_disc else WALL_ROLLING), ViscousFriction(0.3))
+                (
+                    RollingInertia(FREE_ROLLING if ring.is_disc else WALL_ROLLING),
+                    ViscousFriction(0.3),
+                    DryFriction(NOMINAL_DRY / max(ring.track_radius, 0.5 * ring.outer_radius)),
+                )
             )
             for ring in maze.rings
         }

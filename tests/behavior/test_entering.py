@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from py_trees.common import Status
-from test_leaves import Bench, at
+from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import ENTERING
 from mazeplan.behavior.leaf import Key
@@ -52,9 +53,15 @@ def test_a_prediction_that_wavers_between_the_rings_is_no_failure():
     assert rings == [2, 2, 2, 2]
 
 
-def test_a_ball_that_does_not_come_is_said_to_have_fallen_back():
+@pytest.mark.parametrize("came", [False, True])
+def test_a_ball_that_does_not_come_missed_the_opening_and_one_that_came_fell_back(came):
     bench = Bench()
+    bench.run.opening = MAZE.opening("1-2@45")
     falling(bench)
+    if came:
+        state = at(2, 45.0, t=0.02)
+        bench.run.begin(0.02, state, state)
+        bench.run.opening = MAZE.opening("2-3@90")  # chosen for the next leg meanwhile
     track = bench.leaf("Track", opening="2-3@90", plan=Key("plan"))
     bench.board.set("plan", None)
     state = at(1, 45.0, t=0.03)
@@ -63,4 +70,7 @@ def test_a_ball_that_does_not_come_is_said_to_have_fallen_back():
     bench.run.begin(ENTERING + 0.05, state, state)
     assert bench.run.here.ring == 1
     assert track.step() is Status.FAILURE
-    assert bench.failure() is FailureKind.FELL_BACK
+    assert bench.failure() is (FailureKind.FELL_BACK if came else FailureKind.MISSED_OPENING)
+    assert bench.run.graph.tries("1-2@45") == (0, 0 if came else 1)
+    assert bench.run.opening.name == ("2-3@90" if came else "1-2@45")  # which a recovery goes by
+    assert bench.run.refused is None

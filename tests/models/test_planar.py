@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from planar_rig import known
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.planar import FREE_ROLLING, GRAVITY, PlanarModel, contact, predict, predict_given_tilt, ring_index
 
 MAZE = load_map("cme")
-PLANAR = PlanarModel.build(MAZE, RigModel.nominal(MAZE))
+PLANAR = PlanarModel.build(MAZE, known(MAZE))
 RADIUS = MAZE.ball.radius
 
 

@@ -1,0 +1,73 @@
+"""A delay that nobody identified is found out while the ball rolls."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mazeplan.choices import resolve_model
+from mazeplan.estimation.delay_bank import FRAMES, DelayBank, estimator_for
+from mazeplan.estimation.estimator import Estimator
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel
+from mazeplan.records import Command
+from mazeplan.rigs.simulated import SimulatedRig
+
+MAZE = load_map("cme")
+NOMINAL = RigModel.nominal(MAZE)
+
+
+def driven(bank, seconds=3.0, **settings):
+    """Delays believed, one a sample, while the plate is swayed on a simulated rig."""
+    rig = SimulatedRig(MAZE, {"wall_grip": 0.3, "rolling_friction_m": 5e-5, **settings})
+    rig.reset(ring=1, theta=0.4, rng=np.random.default_rng(1))
+    believed = []
+    for i in range(round(30 * seconds)):
+        seen = rig.observe()
+        bank.update(seen)
+        u = Command(0.08 * math.sin(0.35 * i), 0.08 * math.cos(0.27 * i))
+        rig.command(u.u_beta, u.u_gamma)
+        bank.sent(u, seen.t)
+        believed.append(bank.camera_delay)
+    return np.array(believed)
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2, 3])
+def test_the_delay_is_found_and_kept(frames):
+    believed = driven(DelayBank(MAZE, NOMINAL), camera_delay_frames=frames, camera_noise_mm=0.5)
+    assert np.abs(believed[45:] * 30.0 - frames).max() <= 1.0
+    assert np.ptp(believed[60:]) <= 1.0 / 30.0 + 1e-9
+
+
+def test_while_the_ball_stands_nothing_is_concluded():
+    rig = SimulatedRig(MAZE, {"camera_delay_frames": 3, "camera_noise_mm": 1.0})
+    rig.reset(ring=2, theta=0.0, rng=np.random.default_rng(2))
+    bank = DelayBank(MAZE, NOMINAL)
+    for _ in range(60):
+        bank.update(rig.observe())
+        rig.command(0.0, 0.0)
+    assert bank.camera_delay == FRAMES[0]
+
+
+def test_it_speaks_as_the_estimator_it_believes():
+    bank, alone = DelayBank(MAZE, NOMINAL), Estimator(MAZE, NOMINAL)
+    rig = SimulatedRig(MAZE, {})
+    rig.reset(ring=1, theta=0.4, rng=np.random.default_rng(1))
+    for i in range(20):
+        seen = rig.observe()
+        assert bank.update(seen) == alone.update(seen)
+        assert bank.filtered == alone.filtered
+        assert bank.innovation == alone.innovation
+        u = Command(0.05 * math.sin(0.2 * i), 0.0)
+        for one in (rig.command, lambda a, b, s=seen: [e.sent(Command(a, b), s.t) for e in (bank, alone)]):
+            one(u.u_beta, u.u_gamma)
+        assert bank.ahead(0.1) == alone.ahead(0.1)
+    assert bank.dead_time == alone.dead_time
+
+
+def test_who_has_a_model_keeps_its_delay():
+    assert isinstance(estimator_for(MAZE, NOMINAL), DelayBank)
+    assert isinstance(estimator_for(MAZE, resolve_model("ideal", None, MAZE)), Estimator)
+    assert isinstance(estimator_for(MAZE, resolve_model("toy", None, MAZE)), Estimator)
