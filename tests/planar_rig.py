@@ -16,8 +16,13 @@ from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.planar import PlanarModel, predict
 from mazeplan.records import Observation
+from mazeplan.settings import load_settings
 
 DT = 1.0 / 30.0
+
+
+# no deadline in wall time: or what a run does would depend on how busy the machine is
+PATIENT = load_settings().with_values({"travel": {"deadline_ms": 1e6}})
 
 
 def known(maze):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from planar_rig import PlanarRig, known
+from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.collect import (
     BLEND_S,
@@ -25,7 +25,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.run import Setup
 
 MAZE = load_map("cme")
-SETUP = Setup(MAZE, known(MAZE), rig_name="planar")
+SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
 RINGS = (1, 2, 3, 4, 5)
 
 
@@ -121,7 +121,7 @@ def test_a_tour_drives_by_the_tree_and_excites_by_sines(tour):
             if end < t[-1]:
                 assert MAZE.ring_at(float(table["r"][rows][-1])) == wanted
         else:
-            assert set(leaf[rows]) == {EXCITE}
+            assert set(leaf[rows]) <= {EXCITE}  # of a last one there may be no row
             inside = np.array([MAZE.ring_at(r) == wanted for r in table["r"][rows]])
             away = np.count_nonzero(rows) - np.flatnonzero(inside).max(initial=0)
             assert away <= round((TourOptions().away_s + 0.2) * 30)

@@ -6,7 +6,7 @@ import json
 import math
 
 import pytest
-from planar_rig import PlanarRig, known
+from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.data.runlog import read_log
@@ -18,12 +18,12 @@ from mazeplan.records import FailureKind
 from mazeplan.run import Job, Setup, run_job
 
 MAZE = load_map("cme")
-SETUP = Setup(MAZE, known(MAZE), rig_name="planar")
+SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
 
 
 def go(start=1, goal=5, theta=0.3, mishap=None, limit=20.0, maze=MAZE, behavior="navigate", log=None, closed=()):
     rig = PlanarRig(maze, mishap=mishap)
-    setup = Setup(maze, known(maze), behavior, "planar")
+    setup = Setup(maze, known(maze), behavior, "planar", settings=PATIENT)
     return run_job(rig, setup, Job(start, goal, theta, 0, limit, closed), log=log), rig
 
 

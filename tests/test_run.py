@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from planar_rig import PlanarRig, known
+from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command
 from mazeplan.run import Job, NullDisplay, Run, Setup
 
 MAZE = load_map("cme")
-SETUP = Setup(MAZE, known(MAZE), rig_name="planar")
+SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
 
 
 def placed(goal=5, start=1, theta=0.3, **more):

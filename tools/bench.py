@@ -1,5 +1,5 @@
 """Measures what the README and the changelog may claim, and writes BENCHMARKS.md. Usage: python tools/bench.py
-[--quick] [--parallel] [-o FILE]
+[--quick] [--parallel] [--only NAME ...] [-o FILE]
 
 Every section is a command that anyone can repeat. All navigation figures are obtained in simulation, in physics
 (MuJoCo) that the planner does not share. Seeds are in the commands (default 0).
@@ -13,6 +13,7 @@ import platform
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -153,12 +154,43 @@ def timed_solver_section(quick: bool) -> list[str]:
     return [line.replace(str(model), "build/toy4000") for line in section]
 
 
+SECTIONS: dict[str, Callable[[bool], list[str]]] = {
+    "navigation": navigation_section, "drive": drive_section, "moves": moves_section,
+    "tick": lambda quick: tick_section(), "start": lambda quick: start_section(),
+    "training": lambda quick: training_section(), "solver": timed_solver_section,
+    "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
+    "predictability": predictability_section,
+}  # fmt: skip
+
+
+def renew(path: Path, section: list[str]) -> None:
+    """Put a section in the place of the one with its heading, and say in the head that it is newer than the rest."""
+    lines = path.read_text().splitlines()
+    begin = lines.index(section[0]) if section[0] in lines else len(lines)  # one that is new comes last
+    if begin == len(lines):
+        lines.append("")
+        begin += 1
+    end = next((i for i in range(begin + 1, len(lines)) if lines[i].startswith("## ")), len(lines))
+    lines[begin:end] = [*section, ""]
+    note = f"- measured again on {datetime.now(UTC):%Y-%m-%d}: {section[0].removeprefix('## ')}"
+    if note not in lines:
+        first = next(i for i, line in enumerate(lines) if line.startswith("- versions:"))
+        lines.insert(first + 1, note)
+    path.write_text("\n".join(lines).rstrip() + "\n")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few runs, to try the script itself")
     parser.add_argument("--parallel", action="store_true", help="models beside navigation; what is timed runs alone")
+    parser.add_argument("--only", choices=list(SECTIONS), nargs="+", help="measure these anew, keep the others")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "BENCHMARKS.md")
     options = parser.parse_args()
+    if options.only:
+        for name in options.only:
+            renew(options.output, SECTIONS[name](options.quick))
+        print(f"wrote {options.output}")
+        return
     head = [
         "# Benchmarks",
         "",
