@@ -112,7 +112,7 @@ def schedule(seed: int, generation: int, runs: int) -> list[tuple[Any, int]]:
 
 
 def main() -> None:
-    import cma
+    import cma  # pyright: ignore[reportMissingImports]  (of the extra `tune`)
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
