@@ -94,6 +94,7 @@ class Estimator:
         for k in range(3):
             twin.update(Observation(k * self._dt, radius, 0.0, 0.0, 0.0))
             twin.sent(LEVEL, k * self._dt)
+        twin.ahead(self._dt)  # the only use of `predict` where commands act at once
 
     def sent(self, command: Command, t: float) -> None:
         """Note a command given to the rig at time t."""
