@@ -151,6 +151,7 @@ def box_fddp(problem: Problem) -> Answer:
     """BoxFDDP of crocoddyl, models in Python around the compiled functions, from the roll-out of level commands."""
     import crocoddyl  # pyright: ignore[reportMissingImports]
 
+    # its base comes from a compiled module without types, and crocoddyl names the methods it calls (calc, calcDiff)
     class Step(crocoddyl.ActionModelAbstract):  # type: ignore[misc]
         def __init__(self, number: int) -> None:
             super().__init__(crocoddyl.StateVector(N), M, 0)
