@@ -22,6 +22,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.models.discrete import fit_discrete, roll_out_discrete
 from mazeplan.models.features import paper_features
 from mazeplan.models.fitting import FitOptions, fit_kind
+from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.learned import AccelerationModel
 from mazeplan.models.linear import fit_linear
 from mazeplan.models.rollout import CHECKED, Rollout, Windows, choose_windows, roll_out, roll_out_delayed
@@ -37,6 +38,9 @@ MISFIT = 0.5  # of the spread of theta_dd: what the filter that finds a roll-out
 LONGEST_LAG = 5.0  # samples
 FEWEST = 50  # training rows; a ring with less is left out
 CLEAN = 0.1  # noise of a difference of angles over the spread of rates up to which rates are taken delayed
+THOROUGH = TrainingOptions(  # the hyperparameters of a comparison: with fewer rows they depend on which rows those are
+    first=900, rows=2000, starts=2, refinement=40
+)
 CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning curves
 
 
@@ -50,7 +54,7 @@ class CompareOptions:
     delay: float | None = None
     samples: SampleOptions = field(default_factory=SampleOptions)
     rates: str = "auto"
-    fit: FitOptions = field(default_factory=FitOptions)
+    fit: FitOptions = field(default_factory=lambda: FitOptions(training=THOROUGH))
     curve: bool = False
     kinds: tuple[str, ...] = PREDICTED
     seed: int = 0

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,12 @@ import numpy as np
 
 from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_tour
-from mazeplan.compare import CompareOptions, RingData, by_ring, prepare
+from mazeplan.compare import THOROUGH, CompareOptions, RingData, by_ring, prepare
 from mazeplan.data.table import read_table
 from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.fitting import FitOptions, fit_kind
-from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.rollout import STEPS, Windows, choose_windows, roll_out
 from mazeplan.models.samples import SampleOptions
 from mazeplan.models.start import angle_noise, causal_start
@@ -151,7 +151,7 @@ def predictability_rows(seconds: int, log: Path) -> list[str]:
 
 def _errors(recorder: Recorder, ring: int, data: RingData, windows: Windows) -> list[float]:
     """Of sp, and of the simulator in each case."""
-    options = FitOptions(inputs="local", training=TrainingOptions(family="exponential"))
+    options = FitOptions(inputs="local", training=replace(THOROUGH, family="exponential"))
     model = fit_kind("sp", data.train, data.train_rows, options).model
     misfit = 0.5 * float(np.std(data.train.theta_ddot[data.train_rows]))
     theta, rate = causal_start(model.mean, data.test, windows.start, angle_noise(data.train), misfit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -58,12 +59,12 @@ def compare(
 ) -> None:
     """nRMSE of theta_dd and roll-out errors of rf, p, pi, np, sp (and npd), ring by ring."""
     from mazeplan.cli.arguments import positive
-    from mazeplan.compare import CompareOptions
+    from mazeplan.compare import THOROUGH, CompareOptions
     from mazeplan.compare import compare as run
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import read_table
     from mazeplan.models.fitting import FitOptions
-    from mazeplan.models.gp_training import TrainingOptions, require_torch
+    from mazeplan.models.gp_training import require_torch
     from mazeplan.models.samples import SampleOptions
 
     for option, value, allowed in (
@@ -82,7 +83,7 @@ def compare(
         delay=delay,
         samples=SampleOptions(ring=ring, radius=None if radius is None else positive("--radius", radius)),
         rates=rates,
-        fit=FitOptions(most=most, training=TrainingOptions(family=kernel, device=device, starts=2), seed=seed),
+        fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel, device=device), seed=seed),
         curve=curve is not None,
         seed=seed,
     )

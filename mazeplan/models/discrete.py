@@ -16,7 +16,7 @@ from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.gp_training import train
+from mazeplan.models.gp_training import TrainingOptions, train
 from mazeplan.models.rollout import STEPS, Rollout
 from mazeplan.models.samples import RingSamples, pick
 from mazeplan.records import Array, IntArray
@@ -45,7 +45,8 @@ def fit_discrete(samples: RingSamples, rows: IntArray, options: FitOptions) -> D
     rows = rows[uniform_downsample(len(rows), options.most)]
     x, none = inputs(samples.at(rows)), np.zeros((len(rows), 0))
     theta = samples.k.theta[rows + 1]
-    training = replace(options.training, family="rbf", starts=1, seed=options.seed)
+    usual = TrainingOptions()  # more would be lost on three maps that are nearly the identity
+    training = replace(usual, device=options.training.device, starts=1, seed=options.seed)
 
     def process(target: Array) -> GaussianProcess:
         return GaussianProcess.condition(train(x, none, target, training).hyper, x, none, target)

@@ -19,11 +19,10 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 from mazeplan.errors import ModelError
+from mazeplan.maths.exponential import exp_below
 from mazeplan.models.gaussian_process import GaussianProcess, Term, kernel, prior_variance
 from mazeplan.records import Array, IntArray
 
@@ -35,7 +34,6 @@ _COUNT, _AMPLITUDE, _SCALES, _CENTRE, _TABLE = 0, 1, 2, 2 + D, 2 + 2 * D
 HEAD = _TABLE + BINS * (1 + 2 * RANGES)
 COLUMNS = D + 2  # of a row: inputs, alpha, -|x|^2 / 2
 SCRATCH = 2 * D
-LOG2E, LN2_HIGH, LN2_LOW = 1.4426950408889634, 0.6931471803691238, 1.9082149292705877e-10  # fdlibm's split of ln 2
 
 
 def pack(gp: GaussianProcess) -> Array:
@@ -103,27 +101,6 @@ def _joined(needed: np.ndarray, starts: IntArray) -> list[tuple[int, int]]:
     return ranges
 
 
-@intrinsic
-def _double_of_bits(context, bits):
-    """The float64 with these 64 bits."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], ir.DoubleType())
-
-    return types.float64(types.int64), generate
-
-
-@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
-def _exp(x):
-    """exp of x in [-700, 0], within 4e-14 relative; math.exp would keep the loop around it from being vectorised."""
-    k = math.floor(x * LOG2E + 0.5)
-    r = (x - k * LN2_HIGH) - k * LN2_LOW
-    q = 1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0 + r * (1.0 / 24.0 + r * (1.0 / 120.0 + r * (
-        1.0 / 720.0 + r * (1.0 / 5040.0 + r * (1.0 / 40320.0 + r * (1.0 / 362880.0 + r * (1.0 / 3628800.0 + r * (
-        1.0 / 39916800.0)))))))))))  # fmt: skip
-    return q * _double_of_bits((np.int64(k) + 1023) << 52)  # pyright: ignore[reportCallIssue]  (Numba hands the context)
-
-
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _rows(p, base, size, lo, hi, z, gradient, wanted):
     """Sum over the rows lo:hi of alpha k, and of alpha k times row inputs into gradient (D,) where it is wanted.
@@ -140,13 +117,13 @@ def _rows(p, base, size, lo, hi, z, gradient, wanted):
         for j in range(hi - lo):
             e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
             e += x5[j] * z5 + x6[j] * z6 + x7[j] * z7 + x8[j] * z8
-            total += alpha[j] * _exp(max(e, -700.0))
+            total += alpha[j] * exp_below(max(e, -700.0))
         return total
     g0 = g1 = g2 = g3 = g4 = g5 = g6 = g7 = g8 = 0.0
     for j in range(hi - lo):
         e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
         e += x5[j] * z5 + x6[j] * z6 + x7[j] * z7 + x8[j] * z8
-        v = alpha[j] * _exp(max(e, -700.0))
+        v = alpha[j] * exp_below(max(e, -700.0))
         total += v
         g0 += v * x0[j]
         g1 += v * x1[j]

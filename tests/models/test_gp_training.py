@@ -109,6 +109,29 @@ def test_reports_the_posterior_of_what_it_gives_back(family, terms, sigma):
     assert found.refined == pytest.approx(posterior, abs=1e-4)
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("terms", [PLAIN, ODD], ids=["plain", "odd"])
+@pytest.mark.parametrize("sigma", [np.zeros(0), np.array([0.2, 30.0])], ids=["bare", "features"])
+def test_the_compiled_posterior_is_that_of_gpytorch(family, terms, sigma):
+    x, phi, y = draw(Hyperparameters.plain(np.array([1.5, 20.0]), 3.0, 0.5, sigma, family), 40)
+    options = replace(QUICK, terms=terms)
+    scale = gp_training._Scale.of(x, phi, y, options)
+    found = []
+    with exactly():
+        for route in (gp_training._torch_posterior, gp_training._compiled_posterior):
+            model = gp_training._model(scale.take(x, phi, y, slice(None)), options, family)
+            gp_training._scatter(model, np.random.default_rng(1), 1)
+            value = route(model.train())
+            value.backward()
+            found.append((value.item(), {name: p.grad.numpy().ravel() for name, p in model.named_parameters()}))
+    (theirs, by_theirs), (ours, by_ours) = found
+    assert ours == pytest.approx(theirs, abs=1e-6)  # its distances are kept off zero
+    assert len(by_ours) == 1 + 2 * len(terms) + bool(len(sigma))
+    for name, gradient in by_theirs.items():
+        np.testing.assert_allclose(by_ours[name], gradient, rtol=1e-4, atol=1e-6, err_msg=name)
+        assert np.abs(gradient).min() > 1e-6, name
+
+
 def test_weights_of_physics_come_back_with_their_units():
     rng = np.random.default_rng(4)
     n, known = 200, {"rolling": 0.58, "viscous": 0.35, "dry": 0.5, "beta": 0.004, "gamma": -0.006}
@@ -189,7 +212,9 @@ def many():
     return x, bare(810), np.sin(3.0 * x[:, 0]) + rng.normal(0.0, 0.2, 810)
 
 
-def test_never_approximates_whatever_the_size(no_approximation):
+@pytest.mark.parametrize("route", ["_compiled_posterior", "_torch_posterior"])
+def test_never_approximates_whatever_the_size(no_approximation, monkeypatch, route):
+    monkeypatch.setattr(gp_training, "_compiled_posterior", getattr(gp_training, route))
     found = train(*many(), BIG)
     assert found.rows == 810
     assert np.isfinite(found.refined)
@@ -199,6 +224,7 @@ def test_but_gpytorch_would(no_approximation, monkeypatch):
     from contextlib import nullcontext
 
     monkeypatch.setattr(gp_training, "exactly", nullcontext)
+    monkeypatch.setattr(gp_training, "_compiled_posterior", gp_training._torch_posterior)
     with pytest.raises(ApproximationError):
         train(*many(), BIG)
 
