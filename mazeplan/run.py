@@ -23,7 +23,7 @@ from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
-from mazeplan.control.ilqg import RingPlanner
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunLogWriter

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner, RingPlanner
+from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.models.ring_dynamics import RingParameters
 
 LIMIT = math.radians(5.0)
@@ -22,7 +23,8 @@ def linear_step(s, u, p, out):
 
 
 @njit
-def linear_linearise(s, u, p, A, B):
+def linear_linearise(s, u, p, out, A, B):
+    linear_step(s, u, p, out)
     n = s.shape[0]
     A[:] = p[: n * n].reshape(n, n)
     B[:] = p[n * n :].reshape(n, 2)
@@ -77,7 +79,19 @@ def cliff_step(s, u, p, out):
 
 
 @njit
-def nan_linearise(s, u, p, A, B):
+def nan_both(s, u, p, out, A, B):
+    out[:] = np.nan
+
+
+@njit
+def cliff_linearise(s, u, p, out, A, B):
+    linear_linearise(s, u, p, out, A, B)
+    cliff_step(s, u, p, out)
+
+
+@njit
+def nan_linearise(s, u, p, out, A, B):
+    linear_step(s, u, p, out)
     A[:] = np.nan
     B[:] = 1.0
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from mazeplan.choices import resolve_model
 from mazeplan.control.cost import CostParameters
-from mazeplan.control.ilqg import RingPlanner
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import GRAVITY, Plate
 from mazeplan.control.tracking import TrackingOptions, finished, follow_gains, follow_pd
 from mazeplan.estimation.estimator import Estimator, EstimatorOptions

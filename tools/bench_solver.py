@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from bench_solver_others import SOLVERS, Answer, Problem, ipopt_from
 
-from mazeplan.control.cost import CostParameters
-from mazeplan.control.ilqg import RING_COST, Dynamics, IlqgOptions, Planner
+from mazeplan.control.ilqg import IlqgOptions
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models import fast_gp, learned_dynamics, ring_dynamics
+from mazeplan.models import fast_gp
 from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess
@@ -44,10 +44,10 @@ ASKED_MEAN, ASKED_COST, ASKED_FASTER = 1e-6, 1e-4, 10.0  # rad/s^2; relative; ti
 
 
 class Case(NamedTuple):
-    """A problem: planner state (6,) and the vector of its cost."""
+    """A problem: planner state (6,), and the angle to go to, rad."""
 
     s0: Array
-    q: Array
+    goal: float
 
 
 @dataclass
@@ -73,55 +73,57 @@ def parameters_of(maze: Maze, model: RigModel, ring: int) -> RingParameters:
     return RingParameters.from_model(model, ring, maze.ring(ring).track_radius)
 
 
-def planner_of(maze: Maze, model: RigModel, ring: int, *, culled: bool = True) -> Planner:
-    """As `RingPlanner` makes it, without a deadline; culled: False asks the process for all of its rows."""
-    parameters, process = parameters_of(maze, model, ring), model.processes.get(ring)
-    if process is None:
-        dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
-    else:
-        tolerance = fast_gp.TOLERANCE
-        fast_gp.TOLERANCE = tolerance if culled else -1.0  # below zero nothing is small enough to be left out
-        try:
-            packed = learned_dynamics.pack(parameters, process)
-        finally:
-            fast_gp.TOLERANCE = tolerance
-        dynamics = Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6)
-    limit = np.full(2, maze.tilt_limit)
-    return Planner(dynamics, RING_COST, -limit, limit, IlqgOptions(horizon=HORIZON), dt=parameters.dt)
+def planner_of(maze: Maze, model: RigModel, ring: int, *, culled: bool = True) -> RingPlanner:
+    """Without a deadline; culled: False asks the process for all of its rows."""
+    tolerance = fast_gp.TOLERANCE
+    fast_gp.TOLERANCE = tolerance if culled else -1.0  # below zero nothing is small enough to be left out
+    try:
+        return RingPlanner(
+            parameters_of(maze, model, ring),
+            maze.tilt_limit,
+            IlqgOptions(horizon=HORIZON),
+            process=model.processes.get(ring),
+        )
+    finally:
+        fast_gp.TOLERANCE = tolerance
 
 
 def cases(count: int, seed: int) -> list[Case]:
     """Moves from anywhere, at rest but for a little."""
-    rng, cost = np.random.default_rng(seed), CostParameters()
-    out = []
+    rng, out = np.random.default_rng(seed), []
     for _ in range(count):
         theta = rng.uniform(-math.pi, math.pi)
         s0 = np.array([theta, *(SPREAD * rng.standard_normal(5))])
-        out.append(Case(s0, cost.pack(theta + MOVE * float(rng.choice((-1.0, 1.0))))))
+        out.append(Case(s0, theta + MOVE * float(rng.choice((-1.0, 1.0)))))
     return out
 
 
-def measure(planner: Planner, problems: list[Case], seed: int) -> tuple[Times, Times]:
+def measure(planner: RingPlanner, problems: list[Case], seed: int) -> tuple[Times, Times]:
     """Cold solves, and after each the warm ones of the next steps: its first command applied, the state disturbed."""
     rng, cold, warm = np.random.default_rng(seed), Times(), Times()
-    planner.warm_up(*problems[0])
+    planner.warm_up()
     p = np.array(planner.dynamics.parameters, dtype=float)
-    for s0, q in problems:
-        plan = planner.solve(s0, q)
+    for s0, goal in problems:
+        plan = planner.plan(s0, goal)
         cold.add(plan)
         state = s0
         for k in range(1, WARM_STEPS + 1):
             reached = np.empty(6)
             planner.dynamics.step(state, plan.controls[0], p, reached)
             state = reached + DISTURBANCE * rng.standard_normal(6)
-            plan = planner.solve(state, q, plan, t0=k * planner.dt)
+            plan = planner.plan(state, goal, warm=plan, t0=k * planner.parameters.dt)
             warm.add(plan)
     return cold, warm
 
 
-def passes(planner: Planner, case: Case) -> tuple[float, float]:
+def problem_of(planner: RingPlanner, case: Case) -> Problem:
+    """For other solvers."""
+    return Problem(planner.dynamics, HORIZON, case.s0, planner.cost.pack(case.goal), planner.tilt_limit)
+
+
+def passes(planner: RingPlanner, case: Case) -> tuple[float, float]:
     """Least ms of one roll-out and of one linearisation of all steps: what an iteration takes at the very least."""
-    problem = Problem(planner, *case, float(planner.dynamics.n))
+    problem = problem_of(planner, case)
     zeros = np.zeros((HORIZON, 2))
     states = problem.roll_out(zeros)[1].copy()
 
@@ -231,8 +233,8 @@ class Score:
 def other_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
     """The table against the other solvers, and what follows from it."""
     planner, problems = planner_of(maze, model, MEASURED), cases(count, 100)
-    planner.warm_up(*problems[0])
-    plans = [sorted((planner.solve(*case) for _ in range(3)), key=lambda plan: plan.ms)[1] for case in problems]
+    planner.warm_up()
+    plans = [sorted((planner.plan(*case) for _ in range(3)), key=lambda plan: plan.ms)[1] for case in problems]
     rows = [
         "| solver | median ms | in dynamics and cost | says it converged | cost to iLQG's: median | worst "
         f"| {OTHER_COST:.0%} dearer / cheaper | same minimum, and worst difference there |",
@@ -243,16 +245,14 @@ def other_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
     missing, medians = [], {}
     for name, solve in SOLVERS.items():
         try:
-            score = score_of(lambda problem, _, solve=solve: solve(problem), planner, problems, plans, maze.tilt_limit)
+            score = score_of(lambda problem, _, solve=solve: solve(problem), planner, problems, plans)
         except ImportError as problem:
             missing.append(f"{name} ({problem.name} is not installed)")
             continue
         rows.append(score.row(name))
         medians[name] = float(np.median(np.divide(score.ms, [plan.ms for plan in plans])))
     with suppress(ImportError):
-        near = score_of(
-            lambda problem, plan: ipopt_from(problem, plan.controls), planner, problems, plans, maze.tilt_limit
-        )
+        near = score_of(lambda problem, plan: ipopt_from(problem, plan.controls), planner, problems, plans)
         rows.append(near.row("IPOPT begun at iLQG's plan"))
     rows += ["", f"Asked: cost within {ASKED_COST:.0e} of IPOPT's where both found the same minimum."]
     if "BoxFDDP" in medians:
@@ -261,13 +261,13 @@ def other_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
 
 
 def score_of(
-    solve: Callable[[Problem, Plan], Answer], planner: Planner, problems: list[Case], plans: list[Plan], limit: float
+    solve: Callable[[Problem, Plan], Answer], planner: RingPlanner, problems: list[Case], plans: list[Plan]
 ) -> Score:
     """One solver on all problems; what it must load is loaded before. Raises ImportError where it is missing."""
-    solve(Problem(planner, *problems[0], limit), plans[0])
+    solve(problem_of(planner, problems[0]), plans[0])
     score = Score()
     for case, plan in zip(problems, plans, strict=True):
-        problem = Problem(planner, *case, limit)
+        problem = problem_of(planner, case)
         began = time.perf_counter()
         answer = solve(problem, plan)
         score.add(problem, answer, plan, time.perf_counter() - began)

@@ -18,7 +18,9 @@ import numpy as np
 from numba import njit
 
 from mazeplan.control import ilqg_core as core
-from mazeplan.control.ilqg import Cost, Dynamics, Planner
+from mazeplan.control import ilqg_workspace as workspace
+from mazeplan.control.ilqg import Cost, Dynamics
+from mazeplan.control.ring_planner import RING_COST
 from mazeplan.maths.compiled import address_of
 from mazeplan.records import Array, IntArray
 
@@ -57,40 +59,46 @@ def _adjoint(A, B, lx, lu, out):
 class Problem:
     """One problem: roll-out, cost and derivatives for solvers written in Python, and a stopwatch for all of them."""
 
-    def __init__(self, planner: Planner, s0: Array, q: Array, limit: float) -> None:
+    def __init__(self, dynamics: Dynamics, horizon: int, s0: Array, q: Array, limit: float) -> None:
         """s0: (6,) planner state; q: the cost's vector; limit: of the commands, rad."""
-        self.dynamics, self.costs, self.s0, self.q, self.limit = planner.dynamics, planner.cost, s0, q, limit
-        self.horizon, self.inside_s = planner.options.horizon, 0.0
-        self._p = np.array(planner.dynamics.parameters, dtype=float)
-        self._w = core.make_workspace(self.horizon, N, np.full(M, -limit), np.full(M, limit))
-        self._f = functions_of(planner.dynamics, planner.cost)
+        self.dynamics, self.costs, self.horizon = dynamics, RING_COST, horizon
+        self.s0, self.q, self.limit, self.inside_s = s0, q, limit, 0.0
+        self._p = np.array(dynamics.parameters, dtype=float)
+        self._w = workspace.make_workspace(self.horizon, N, np.full(M, -limit), np.full(M, limit))
+        self._f = functions_of(dynamics, RING_COST)
 
-    def roll_out(self, controls: Array) -> tuple[float, Array]:
+    def roll_out(self, controls: Array, *, derive: bool = False) -> tuple[float, Array]:
         """Cost (inf where it is not finite) and states (T+1, 6) of controls (T, 2), clipped to the limits."""
         began = time.perf_counter()
         w = self._w
         w.states[:] = self.s0
         w.K[:] = 0.0
         w.controls[:] = controls.reshape(-1, M)
-        core.begin(w, self._f, self._p, self.q, w.states, 0.0)
+        w.k[:] = 0.0
+        cost = core.roll_out(w, self._f, self._p, self.q, w.states, 0.0, derive)
         self.inside_s += time.perf_counter() - began
-        return float(w.numbers[core.COST]), w.states
+        return cost, w.new_states
 
     def gradient(self, controls: Array) -> tuple[float, Array]:
         """Cost and its gradient (2 T,) by controls (2 T,): one roll-out, one linearisation, the adjoint backwards."""
-        cost, _ = self.roll_out(controls)
+        cost, states = self.roll_out(controls, derive=True)
         began = time.perf_counter()
         out = np.empty((self.horizon, M))
+        w = self._w
+        w.states[:], w.A[:], w.B[:] = states, w.new_a, w.new_b
+        w.controls[:] = w.new_controls
+        w.numbers[workspace.STALE] = workspace.COST_STALE
         core.derivatives(self._w, self._f, self._p, self.q)
         _adjoint(self._w.A, self._w.B, self._w.lx, self._w.lu, out)
         self.inside_s += time.perf_counter() - began
         return cost, out.ravel()
 
-    def along(self, states: Array, controls: Array) -> core.Workspace:
+    def along(self, states: Array, controls: Array) -> workspace.Workspace:
         """Derivatives along states (T+1, 6) and controls (T, 2) that need not belong together."""
         began = time.perf_counter()
         self._w.states[:] = states
         self._w.controls[:] = controls
+        self._w.numbers[workspace.STALE] = workspace.ALL_STALE
         core.derivatives(self._w, self._f, self._p, self.q)
         self.inside_s += time.perf_counter() - began
         return self._w
@@ -106,19 +114,19 @@ class Problem:
     def linearise(self, s: Array, u: Array, A: Array, B: Array) -> None:
         """Derivatives of a step into A (6, 6) and B (6, 2)."""
         began = time.perf_counter()
-        self.dynamics.linearise(s, u, self._p, A, B)
+        self.dynamics.linearise(s, u, self._p, np.empty(6), A, B)
         self.inside_s += time.perf_counter() - began
 
 
-def functions_of(dynamics: Dynamics, cost: Cost) -> core.Functions:
+def functions_of(dynamics: Dynamics, cost: Cost) -> workspace.Functions:
     """Addresses of what the planner calls."""
-    return core.Functions(
-        address_of(dynamics.step, core.STEP),
-        address_of(dynamics.linearise, core.LINEARISE),
-        address_of(cost.running, core.RUNNING),
-        address_of(cost.running_derivatives, core.RUNNING_DERIVATIVES),
-        address_of(cost.final, core.FINAL),
-        address_of(cost.final_derivatives, core.FINAL_DERIVATIVES),
+    return workspace.Functions(
+        address_of(dynamics.step, workspace.STEP),
+        address_of(dynamics.linearise, workspace.LINEARISE),
+        address_of(cost.running, workspace.RUNNING),
+        address_of(cost.running_derivatives, workspace.RUNNING_DERIVATIVES),
+        address_of(cost.final, workspace.FINAL),
+        address_of(cost.final_derivatives, workspace.FINAL_DERIVATIVES),
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.gate import GateOptions
-from mazeplan.control.ilqg import RingPlanner
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions
 from mazeplan.maths.angles import difference

@@ -2,9 +2,10 @@
 
     minimise  sum_{k<T} l_k(s_k, u_k) + l_T(s_T)   subject to   s_{k+1} = f(s_k, u_k),  low <= u_k <= high
 
-Tassa, Mansard, Todorov, ICRA 2014, without the second derivatives of f. Each iteration linearises along the
-trajectory, solves a box-limited quadratic problem in each step backwards, and rolls the new policy out with steps
-alpha until the cost falls by enough of what was expected. The cost never rises. Why it stopped (`Plan.reason`):
+Tassa, Mansard, Todorov, ICRA 2014, with as much of the second derivatives of f as the last candidate has shown. Each
+iteration linearises along the trajectory, solves a box-limited quadratic problem in each step backwards, and rolls the
+new policy out with steps alpha until the cost falls by enough of what was expected. The cost never rises. Why it
+stopped (`Plan.reason`):
 
     1. CONVERGED     with no regularisation worth naming (at most mu_min), the largest correction of a control is below
                      control_tolerance, or the reduction expected or got is below tolerance * (1 + |cost|)
@@ -23,20 +24,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mazeplan.control import cost as ring_cost
 from mazeplan.control import ilqg_core as core
-from mazeplan.control.cost import CostParameters
+from mazeplan.control import ilqg_workspace as workspace
 from mazeplan.errors import SettingsError
-from mazeplan.maths.angles import nearest
 from mazeplan.maths.compiled import address_of
-from mazeplan.models import learned_dynamics, ring_dynamics
-from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.ring_dynamics import RingParameters
 from mazeplan.records import Array, Certificate, Plan, StopReason
 
 
@@ -50,7 +46,7 @@ class IlqgOptions:
 
     horizon: int = 40
     max_iterations: int = 100
-    tolerance: float = 1e-6
+    tolerance: float = 1e-5
     control_tolerance: float = 1e-7
     min_ratio: float = 1e-4
     mu: float = 0.0
@@ -77,9 +73,9 @@ class IlqgOptions:
 class Dynamics:
     """f and its derivatives, compiled by numba.njit at module level with cache=True (else every process compiles anew).
 
-    step(s, u, p, out) -> None; linearise(s, u, p, A, B) -> None; s, out (n,), u (2,), A (n, n), B (n, 2), all
-    written whole; parameters p: a float64 vector, which the solver only passes on (its tail may serve as scratch
-    space).
+    step(s, u, p, out) -> None; linearise(s, u, p, out, A, B) -> None: the step, and its derivatives. s, out (n,),
+    u (2,), A (n, n), B (n, 2), all written whole; parameters p: a float64 vector, which the solver only passes on (its
+    tail may serve as scratch space).
     """
 
     step: Any
@@ -103,9 +99,9 @@ class Cost:
 
 
 _REASONS = {
-    core.CONVERGED: StopReason.CONVERGED,
-    core.NO_DESCENT: StopReason.NO_DESCENT,
-    core.NOT_FINITE: StopReason.NOT_FINITE,
+    workspace.CONVERGED: StopReason.CONVERGED,
+    workspace.NO_DESCENT: StopReason.NO_DESCENT,
+    workspace.NOT_FINITE: StopReason.NOT_FINITE,
 }
 
 
@@ -130,17 +126,17 @@ class Planner:
         if low.shape != (2,) or high.shape != (2,) or not (np.isfinite(low).all() and (low <= high).all()):
             raise SettingsError(f"got limits {low} to {high}, expected two finite numbers each, low <= high")
         self._p = np.ascontiguousarray(dynamics.parameters, dtype=float)
-        self._w = core.make_workspace(self.options.horizon, dynamics.n, low, high)
-        self._f = core.Functions(
-            step=address_of(dynamics.step, core.STEP),
-            linearise=address_of(dynamics.linearise, core.LINEARISE),
-            running=address_of(cost.running, core.RUNNING),
-            running_derivatives=address_of(cost.running_derivatives, core.RUNNING_DERIVATIVES),
-            final=address_of(cost.final, core.FINAL),
-            final_derivatives=address_of(cost.final_derivatives, core.FINAL_DERIVATIVES),
+        self._w = workspace.make_workspace(self.options.horizon, dynamics.n, low, high)
+        self._f = workspace.Functions(
+            step=address_of(dynamics.step, workspace.STEP),
+            linearise=address_of(dynamics.linearise, workspace.LINEARISE),
+            running=address_of(cost.running, workspace.RUNNING),
+            running_derivatives=address_of(cost.running_derivatives, workspace.RUNNING_DERIVATIVES),
+            final=address_of(cost.final, workspace.FINAL),
+            final_derivatives=address_of(cost.final_derivatives, workspace.FINAL_DERIVATIVES),
         )
         o = self.options
-        self._rules = core.Rules(
+        self._rules = workspace.Rules(
             o.tolerance,
             o.control_tolerance,
             o.min_ratio,
@@ -170,10 +166,10 @@ class Planner:
         end = began + 1e-3 * (self.options.deadline_ms if deadline_ms is None else deadline_ms)
         w, f, q = self._w, self._f, np.ascontiguousarray(cost_parameters, dtype=float)
         w.states[:] = s0
-        code = core.NOT_FINITE
+        code = workspace.NOT_FINITE
         if warm is not None:
             code = core.begin(w, f, self._p, q, self._guess(warm, t0), self.options.mu)
-        if code != core.GO_ON:  # cold, or the guess leads nowhere: start again from level
+        if code != workspace.GO_ON:  # cold, or the guess leads nowhere: start again from level
             w.states[:] = s0
             code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
         reason, done = self._improve(q, code, end, trace)
@@ -183,9 +179,11 @@ class Planner:
         else:
             core.certify(w)
         ms = 1e3 * (self._clock() - began)
-        free, wrong, expected, got = w.numbers[[core.FREE, core.WRONG, core.EXPECTED, core.GOT]].tolist()
+        free, wrong, expected, got = w.numbers[
+            [workspace.FREE, workspace.WRONG, workspace.EXPECTED, workspace.GOT]
+        ].tolist()
         seal = None if reason is StopReason.NOT_FINITE else Certificate(free, wrong, expected, got)
-        cost = float(w.numbers[core.COST])
+        cost = float(w.numbers[workspace.COST])
         return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt, seal)
 
     def _improve(
@@ -195,19 +193,19 @@ class Planner:
         w, options = self._w, self.options
         done, longest, now = 0, 0.0, self._clock()
         reason = StopReason.MAX_ITERATIONS
-        while code == core.GO_ON and done < options.max_iterations:
+        while code == workspace.GO_ON and done < options.max_iterations:
             if trace is not None:
-                trace(done, float(w.numbers[core.COST]))
+                trace(done, float(w.numbers[workspace.COST]))
             if done and now + longest > end:
                 reason = StopReason.DEADLINE
                 break
             code = core.iterate(w, self._f, self._p, q, self._rules)
             done, before, now = done + 1, now, self._clock()
             longest = max(longest, now - before)
-        if w.numbers[core.STALE] > 0.0 and code != core.NOT_FINITE:  # the gains still belong to the trajectory before
-            code = max(code, core.policy(w, self._f, self._p, q, self._rules))
+        if code != workspace.NOT_FINITE:
+            code = max(code, core.finish(w, self._f, self._p, q, self._rules))
         if trace is not None:
-            trace(done, float(w.numbers[core.COST]))
+            trace(done, float(w.numbers[workspace.COST]))
         return _REASONS.get(code, reason), done
 
     def _guess(self, warm: Plan | Array | None, t0: float) -> Array:
@@ -230,74 +228,3 @@ class Planner:
     def warm_up(self, s0: Array, cost_parameters: Array) -> None:
         """Compile or load everything, so that no later solve waits for it."""
         self.solve(s0, cost_parameters)
-
-
-RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
-
-
-class RingPlanner:
-    """Plans along one ring."""
-
-    def __init__(
-        self,
-        parameters: RingParameters,
-        tilt_limit: float,
-        options: IlqgOptions | None = None,
-        cost: CostParameters | None = None,
-        *,
-        process: GaussianProcess | None = None,
-        clock: Callable[[], float] = time.perf_counter,
-    ) -> None:
-        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: what it learned beyond
-        its parameters; clock: s, for deadlines."""
-        self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
-        if process is None:
-            dynamics = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
-        else:
-            packed = learned_dynamics.pack(parameters, process)
-            dynamics = Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6)
-        limit = np.full(2, tilt_limit)
-        self._planner = Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, clock=clock)
-
-    @property
-    def options(self) -> IlqgOptions:
-        """Of the solver."""
-        return self._planner.options
-
-    def plan(
-        self,
-        state: Array,
-        goal_theta: float,
-        *,
-        lean: float = 0.0,
-        goal_theta_dot: float = 0.0,
-        warm: Plan | None = None,
-        t0: float = 0.0,
-        deadline_ms: float | None = None,
-    ) -> Plan:
-        """A plan from a planner state (6,) to an angle, which must be on the turn to be taken (theta is not wrapped).
-
-        lean: wished outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm:
-        the last plan, of any turn; t0: rig time of the state, s. Never raises for numbers: see `Plan.reason`.
-        """
-        if warm is not None:
-            warm = self._same_turn(warm, float(state[0]), t0)
-        wishes = self.cost.pack(goal_theta, goal_theta_dot, lean)
-        return self._planner.solve(state, wishes, warm, t0=t0, deadline_ms=deadline_ms)
-
-    def _same_turn(self, warm: Plan, theta: float, t0: float) -> Plan | None:
-        """The former plan moved by whole turns to where the ball is now; None if it cannot be used."""
-        if not warm.ok or not math.isfinite(theta):
-            return None
-        k = min(max(0, round((t0 - warm.t0) / warm.dt)), len(warm.controls))
-        planned = float(warm.states[k, 0])
-        turns = nearest(planned, theta) - planned
-        if abs(turns) < 1.0:
-            return warm
-        states = warm.states.copy()
-        states[:, 0] += turns
-        return replace(warm, states=states)
-
-    def warm_up(self) -> None:
-        """Compile or load everything before the rig moves."""
-        self.plan(np.zeros(6), 0.5)

@@ -2,8 +2,10 @@
 
 Everything works in place on one `Workspace`, so that an iteration allocates nothing, and calls dynamics and cost
 through their addresses (`mazeplan.maths.compiled`), so that one cached compilation serves every model. The method
-is control-limited DDP with Gauss-Newton dynamics: Tassa, Mansard, Todorov, "Control-limited differential dynamic
-programming", ICRA 2014.
+is control-limited DDP: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014. Of the
+second derivatives of the dynamics only what the last candidate has shown is used: along the way s it moved, A turned by
+D, so that V f_ss is about V D s / |s|^2 there (a secant), and counts where it is positive. Without it, a learned model
+that is rough makes most full steps fail.
 
 Compiled functions cannot raise for numbers: what happened is returned as one of the codes below.
 """
@@ -11,121 +13,51 @@ Compiled functions cannot raise for numbers: what happened is returned as one of
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-import numpy as np
-from numba import njit, types
+from numba import njit
 
+from mazeplan.control.ilqg_workspace import (
+    ALL_STALE,
+    CONVERGED,
+    COST,
+    COST_STALE,
+    CURVATURE,
+    EXPECTED,
+    FACTOR,
+    FINAL,
+    FINAL_DERIVATIVES,
+    FREE,
+    FRESH,
+    FULL_STEPS,
+    GO_ON,
+    GOT,
+    LARGEST,
+    LINEARISE,
+    MU,
+    NO_DESCENT,
+    NOT_FINITE,
+    RUNNING,
+    RUNNING_DERIVATIVES,
+    SECANT,
+    SLOPE,
+    STALE,
+    STEP,
+    WRONG,
+)
 from mazeplan.maths.boxqp import box_qp
-from mazeplan.maths.compiled import INTEGER, MATRIX, REAL, VECTOR, caller
-from mazeplan.records import Array
-
-STEP = types.void(VECTOR, VECTOR, VECTOR, VECTOR)  # s, u, p, out
-LINEARISE = types.void(VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)  # s, u, p, A, B
-RUNNING = REAL(INTEGER, VECTOR, VECTOR, VECTOR)  # k, s, u, p
-RUNNING_DERIVATIVES = types.void(INTEGER, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)
-FINAL = REAL(VECTOR, VECTOR)  # s, p
-FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_xx
+from mazeplan.maths.compiled import caller
 
 _step, _linearise = caller(STEP), caller(LINEARISE)
 _running, _running_derivatives = caller(RUNNING), caller(RUNNING_DERIVATIVES)
 _final, _final_derivatives = caller(FINAL), caller(FINAL_DERIVATIVES)
 
-GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
-COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG = range(11)
-NUMBERS = 11
-
-
-class Functions(NamedTuple):
-    """Addresses of the six compiled functions of one problem."""
-
-    step: int
-    linearise: int
-    running: int
-    running_derivatives: int
-    final: int
-    final_derivatives: int
-
-
-class Rules(NamedTuple):
-    """What an iteration needs of the options; see `IlqgOptions`."""
-
-    tolerance: float
-    control_tolerance: float
-    min_ratio: float
-    mu_min: float
-    mu_max: float
-    mu_factor: float
-    alphas: Array
-
-
-class Workspace(NamedTuple):
-    """All arrays of one solver. T steps, n states, 2 controls.
-
-    states (T+1, n), controls (T, 2): the trajectory; new_states, new_controls: a candidate; low, high (2,): limits;
-    A (T, n, n), B (T, n, 2), lx (T+1, n), lu (T, 2), lxx (T+1, n, n), luu (T, 2, 2): derivatives along the trajectory;
-    k (T, 2), K (T, 2, n): correction and feedback; V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n): of the
-    backward pass; numbers: cost, regularisation and so on, at the indices above.
-    """
-
-    states: Array
-    controls: Array
-    new_states: Array
-    new_controls: Array
-    low: Array
-    high: Array
-    A: Array
-    B: Array
-    lx: Array
-    lu: Array
-    lxx: Array
-    luu: Array
-    k: Array
-    K: Array
-    V: Array
-    VV: Array
-    VA: Array
-    VB: Array
-    Qx: Array
-    Qxx: Array
-    Qux: Array
-    numbers: Array
-
-
-def make_workspace(horizon: int, n: int, low: Array, high: Array) -> Workspace:
-    """Allocate for a horizon (steps), n states and the control limits (2,) each."""
-    T, z = horizon, np.zeros
-    return Workspace(
-        states=z((T + 1, n)),
-        controls=z((T, 2)),
-        new_states=z((T + 1, n)),
-        new_controls=z((T, 2)),
-        low=np.array(low, dtype=float),
-        high=np.array(high, dtype=float),
-        A=z((T, n, n)),
-        B=z((T, n, 2)),
-        lx=z((T + 1, n)),
-        lu=z((T, 2)),
-        lxx=z((T + 1, n, n)),
-        luu=z((T, 2, 2)),
-        k=z((T, 2)),
-        K=z((T, 2, n)),
-        V=z(n),
-        VV=z((n, n)),
-        VA=z((n, n)),
-        VB=z((n, 2)),
-        Qx=z(n),
-        Qxx=z((n, n)),
-        Qux=z((2, n)),
-        numbers=z(NUMBERS),
-    )
-
 
 @njit(cache=True, error_model="numpy")
-def roll_out(w, f, p, q, reference, alpha):
+def roll_out(w, f, p, q, reference, alpha, derive):
     """Cost of the candidate that the policy gives from states[0]; inf when it is not finite.
 
-    u = clip(controls + alpha k + K (s - reference)); p and q are the vectors of dynamics and cost.
+    u = clip(controls + alpha k + K (s - reference)); p and q are the vectors of dynamics and cost. With derive the
+    dynamics along it are linearised, too, into new_a and new_b.
     """
     T, n = w.K.shape[0], w.K.shape[2]
     total = 0.0
@@ -138,7 +70,10 @@ def roll_out(w, f, p, q, reference, alpha):
                 v += w.K[t, i, j] * (s[j] - reference[t, j])
             u[i] = min(max(v, w.low[i]), w.high[i])
         total += _running(f.running, (t, s, u, q))
-        _step(f.step, (s, u, p, w.new_states[t + 1]))
+        if derive:
+            _linearise(f.linearise, (s, u, p, w.new_states[t + 1], w.new_a[t], w.new_b[t]))
+        else:
+            _step(f.step, (s, u, p, w.new_states[t + 1]))
         if not math.isfinite(total):
             return math.inf
     total += _final(f.final, (w.new_states[T], q))
@@ -149,24 +84,64 @@ def roll_out(w, f, p, q, reference, alpha):
 def begin(w, f, p, q, reference, mu):
     """First roll-out, with the feedback K around the reference states (T+1, n); sets cost and regularisation."""
     w.k[:] = 0.0
-    cost = roll_out(w, f, p, q, reference, 0.0)
-    w.states[:] = w.new_states
-    w.controls[:] = w.new_controls
-    w.numbers[COST], w.numbers[MU], w.numbers[FACTOR], w.numbers[STALE] = cost, mu, 1.0, 1.0
-    w.numbers[EXPECTED] = w.numbers[GOT] = 0.0
+    cost = roll_out(w, f, p, q, reference, 0.0, True)
+    _take(w, True)
+    w.numbers[COST], w.numbers[MU], w.numbers[FACTOR] = cost, mu, 1.0
+    w.numbers[EXPECTED] = w.numbers[GOT] = w.numbers[SECANT] = 0.0
     return GO_ON if math.isfinite(cost) else NOT_FINITE
 
 
 @njit(cache=True, error_model="numpy")
+def _take(w, derived):
+    """The candidate becomes the trajectory."""
+    w.states[:] = w.new_states
+    w.controls[:] = w.new_controls
+    if derived:
+        w.A[:] = w.new_a
+        w.B[:] = w.new_b
+    w.numbers[STALE] = COST_STALE if derived else ALL_STALE
+
+
+@njit(cache=True, error_model="numpy")
 def derivatives(w, f, p, q):
-    """Derivatives of dynamics and cost along the trajectory."""
+    """Derivatives of cost, and where they are missing of dynamics, along the trajectory."""
     T = w.controls.shape[0]
     for t in range(T):
-        _linearise(f.linearise, (w.states[t], w.controls[t], p, w.A[t], w.B[t]))
+        if w.numbers[STALE] == ALL_STALE:
+            _linearise(f.linearise, (w.states[t], w.controls[t], p, w.Qx, w.A[t], w.B[t]))
         _running_derivatives(
             f.running_derivatives, (t, w.states[t], w.controls[t], q, w.lx[t], w.lu[t], w.lxx[t], w.luu[t])
         )
     _final_derivatives(f.final_derivatives, (w.states[T], q, w.lx[T], w.lxx[T]))
+    w.numbers[STALE] = FRESH
+
+
+@njit(cache=True, error_model="numpy")
+def _secant(w):
+    """What the candidate, which was linearised, tells of the curvature of the dynamics."""
+    for t in range(w.A.shape[0]):
+        for i in range(w.V.shape[0]):
+            w.moved[t, i] = w.new_states[t, i] - w.states[t, i]
+            for j in range(w.V.shape[0]):
+                w.turned[t, i, j] = w.new_a[t, i, j] - w.A[t, i, j]
+    w.numbers[SECANT] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _bend(w, t):
+    """Add to Qxx the curvature V f_xx along the last move, as far as it is positive."""
+    n = w.V.shape[0]
+    length = bend = 0.0
+    for j in range(n):
+        d = w.moved[t, j]
+        length += d * d
+        for i in range(n):
+            bend += w.V[i] * w.turned[t, i, j] * d
+    if bend > 0.0 and length > 1e-12:
+        bend /= length * length
+        for i in range(n):
+            for j in range(n):
+                w.Qxx[i, j] += bend * w.moved[t, i] * w.moved[t, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -204,6 +179,8 @@ def _expand(w, t):
                 w.Qxx[i, j] += a * w.VA[m, j]
             w.Qux[0, i] += B[m, 0] * w.VA[m, i]
             w.Qux[1, i] += B[m, 1] * w.VA[m, i]
+    if w.numbers[SECANT] > 0.0:
+        _bend(w, t)
     return g0, g1, h00, h01, h11
 
 
@@ -288,9 +265,8 @@ def _softer(w, rules):
 @njit(cache=True, error_model="numpy")
 def policy(w, f, p, q, rules):
     """Policy for the trajectory as it stands; raises the regularisation until it exists. Returns a code."""
-    if w.numbers[STALE] > 0.0:
+    if w.numbers[STALE] != FRESH:
         derivatives(w, f, p, q)
-        w.numbers[STALE] = 0.0
     code, slope, curvature, largest = backward(w, w.numbers[MU])
     while code == NO_DESCENT and _harder(w, rules):
         code, slope, curvature, largest = backward(w, w.numbers[MU])
@@ -299,26 +275,48 @@ def policy(w, f, p, q, rules):
 
 
 @njit(cache=True, error_model="numpy")
-def iterate(w, f, p, q, rules):
-    """One iteration: policy, then a line search; only a lower cost replaces the trajectory. Returns a code."""
-    code = policy(w, f, p, q, rules)
-    if code != GO_ON:
-        return code
+def finish(w, f, p, q, rules):
+    """Gains of the trajectory as it stands, whatever candidates there were on the way. Returns a code."""
+    w.numbers[SECANT] = 0.0
+    return policy(w, f, p, q, rules)
+
+
+@njit(cache=True, error_model="numpy")
+def _try(w, f, p, q, rules, alpha, derive):
+    """Roll a candidate out and take it if its cost is low enough. Returns its reduction, or NaN where it was not."""
     n = w.numbers
-    slope, curvature = n[SLOPE], n[CURVATURE]
+    expected = -alpha * (n[SLOPE] + alpha * n[CURVATURE])
+    reduction = n[COST] - roll_out(w, f, p, q, w.states, alpha, derive)
+    if derive and math.isfinite(reduction):
+        _secant(w)
+    if not (reduction > rules.min_ratio * expected and reduction > 0.0):
+        return math.nan
+    _take(w, derive)
+    n[COST] -= reduction
+    n[EXPECTED], n[GOT] = expected, reduction
+    _softer(w, rules)
+    return reduction
+
+
+@njit(cache=True, error_model="numpy")
+def iterate(w, f, p, q, rules):
+    """One iteration: policy, then a line search; only a lower cost replaces the trajectory. Returns a code.
+
+    The first candidates are linearised on the way: those taken need no second pass, and those refused tell how the
+    dynamics bend, with which the policy is made anew before the step is shortened."""
+    n = w.numbers
     small = rules.tolerance * (1.0 + abs(n[COST]))
-    if n[MU] <= rules.mu_min and (n[LARGEST] < rules.control_tolerance or -(slope + curvature) < small):
-        return CONVERGED
-    for alpha in rules.alphas:
-        cost = roll_out(w, f, p, q, w.states, alpha)
-        expected = -alpha * (slope + alpha * curvature)
-        reduction = n[COST] - cost
-        if reduction > rules.min_ratio * expected and reduction > 0.0:
-            w.states[:] = w.new_states
-            w.controls[:] = w.new_controls
-            n[COST], n[STALE] = cost, 1.0
-            n[EXPECTED], n[GOT] = expected, reduction
-            _softer(w, rules)
+    for i, alpha in enumerate(rules.alphas):
+        full = i < FULL_STEPS
+        if full:
+            code = policy(w, f, p, q, rules)
+            if code != GO_ON:
+                return code
+            expected = -(n[SLOPE] + n[CURVATURE])
+            if n[MU] <= rules.mu_min and (n[LARGEST] < rules.control_tolerance or expected < small):
+                return CONVERGED
+        reduction = _try(w, f, p, q, rules, rules.alphas[0] if full else alpha, full)
+        if math.isfinite(reduction):
             return CONVERGED if reduction < small and n[MU] <= rules.mu_min else GO_ON
     return GO_ON if _harder(w, rules) else NO_DESCENT
 

@@ -33,11 +33,11 @@ def step(s, u, p, out):
 
 
 @njit(cache=True, error_model="numpy")
-def linearise(s, u, p, A, B):
-    """Derivatives of `step` by s and u, into A (6, 6) and B (6, 2)."""
+def linearise(s, u, p, out, A, B):
+    """`step`, and its derivatives by s and u, into A (6, 6) and B (6, 2)."""
     by_state = np.empty(6)
     p[EXTRA] = mean_and_gradient(p, PHYSICS, s, by_state)
-    ring_dynamics.linearise(s, u, p, A, B)
+    ring_dynamics.linearise(s, u, p, out, A, B)
     for j in range(6):
         A[0, j] += p[BY_ANGLE] * by_state[j]
         A[1, j] += p[BY_RATE] * by_state[j]

@@ -301,8 +301,8 @@ def _advance_tangent(p, h, node, f1, f2, f3, f4, column, d, dd):
 
 
 @njit(cache=True, error_model="numpy")
-def linearise(s, u, p, A, B):
-    """Derivatives of `step` by s and u, into A (6, 6) and B (6, 2): the chain rule through the integration scheme.
+def linearise(s, u, p, out, A, B):
+    """`step`, and its derivatives by s and u, into A (6, 6) and B (6, 2): the chain rule through the scheme.
 
     Those of angle and rate by p[EXTRA] are left in p[BY_ANGLE] and p[BY_RATE]."""
     h, n = p[_STEP], int(p[_SUBSTEPS])
@@ -336,6 +336,9 @@ def linearise(s, u, p, A, B):
         a4 = _acceleration(p, last, t4, d4)
         theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
         theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+    out[0], out[1] = theta, theta_d
+    out[2], out[3], _ = _tilt(p, _axes(p)[0], 2 * n, s[2], s[3], u[0])
+    out[4], out[5], _ = _tilt(p, _axes(p)[1], 2 * n, s[4], s[5], u[1])
     p[BY_ANGLE], p[BY_RATE] = by_angle, by_rate
     _stage_tangents(p, 2 * n, A, B)
 

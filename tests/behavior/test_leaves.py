@@ -13,7 +13,7 @@ from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.context import RunContext, TwoCommandsError
 from mazeplan.behavior.leaf import Key
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.control.ilqg import RingPlanner
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map

@@ -8,7 +8,8 @@ import pytest
 from ilqg_problems import LIMIT, LinearProblem, T, ring_planner
 from numba.core.runtime import _nrt_python, rtsys
 
-from mazeplan.control.ilqg import IlqgOptions, RingPlanner
+from mazeplan.control.ilqg import IlqgOptions
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.errors import SettingsError
 from mazeplan.maths.lqr import riccati
 from mazeplan.models.ring_dynamics import RingParameters

@@ -8,7 +8,8 @@ import pytest
 from scipy.linalg import expm
 
 from mazeplan.control.cost import CostParameters
-from mazeplan.control.ilqg import IlqgOptions, RingPlanner
+from mazeplan.control.ilqg import IlqgOptions
+from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.models.ring_dynamics import SUBSTEPS, RingParameters
 from mazeplan.records import StopReason
 

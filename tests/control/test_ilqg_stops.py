@@ -8,9 +8,11 @@ from ilqg_problems import (
     QUADRATIC,
     LinearProblem,
     T,
+    cliff_linearise,
     cliff_step,
     concave_derivatives,
     lying_derivatives,
+    nan_both,
     nan_hessian,
     nan_linearise,
     nan_step,
@@ -80,7 +82,7 @@ def test_no_descent_is_told(derivatives):
 @pytest.mark.parametrize(
     "broken",
     [
-        {"step": nan_step},
+        {"step": nan_step, "linearise": nan_both},
         {"linearise": nan_linearise},
         {"cost": replace(QUADRATIC, running_derivatives=nan_hessian)},
     ],
@@ -106,7 +108,7 @@ def test_a_state_that_is_not_finite_gives_such_a_plan(state):
 
 def test_a_step_into_the_void_is_not_taken():
     problem = LinearProblem(3)
-    plan = problem.planner(1.0, step=cliff_step).solve(problem.s0, problem.q)
+    plan = problem.planner(1.0, step=cliff_step, linearise=cliff_linearise).solve(problem.s0, problem.q)
     assert plan.ok
     assert np.isfinite(plan.states).all()
     assert (plan.controls[:, 0] <= 0.5).all()

@@ -114,10 +114,10 @@ def test_derivatives_equal_finite_differences(p):
     apart = 0.0
     for _ in range(50):
         s, u = drawn(rng)
-        learned_dynamics.linearise(s, u, packed, A, B)
+        learned_dynamics.linearise(s, u, packed, np.empty(6), A, B)
         numeric = jacobian(lambda x: stepped(x[:6], x[6:], packed), np.concatenate([s, u]), 1e-4)
         np.testing.assert_allclose(np.hstack([A, B]), numeric, rtol=1e-5, atol=1e-7)
-        ring_dynamics.linearise(s, u, packed[: learned_dynamics.PHYSICS].copy(), plain_A, plain_B)
+        ring_dynamics.linearise(s, u, packed[: learned_dynamics.PHYSICS].copy(), np.empty(6), plain_A, plain_B)
         apart = max(apart, float(np.abs(A - plain_A).max()))
     assert apart > 0.1  # the process takes part in the derivatives
 
@@ -128,13 +128,13 @@ def test_what_one_step_holds_another_does_not_keep():
     (s, u), others = drawn(rng), [drawn(rng) for _ in range(5)]
     first = stepped(s, u, packed)
     A, B = np.empty((6, 6)), np.empty((6, 2))
-    learned_dynamics.linearise(s, u, packed, A, B)
+    learned_dynamics.linearise(s, u, packed, np.empty(6), A, B)
     for other in others:
         stepped(*other, packed)
-        learned_dynamics.linearise(*other, packed, np.empty((6, 6)), np.empty((6, 2)))
+        learned_dynamics.linearise(*other, packed, np.empty(6), np.empty((6, 6)), np.empty((6, 2)))
     assert (stepped(s, u, packed) == first).all()
     again, also = np.full((6, 6), np.nan), np.full((6, 2), np.nan)
-    learned_dynamics.linearise(s, u, packed, again, also)
+    learned_dynamics.linearise(s, u, packed, np.empty(6), again, also)
     np.testing.assert_array_equal(again, A)
     np.testing.assert_array_equal(also, B)
 
@@ -148,8 +148,8 @@ def test_a_process_of_nothing_is_the_ring_alone():
         plain = np.empty(6)
         ring_dynamics.step(s, u, FULL.pack(), plain)
         np.testing.assert_array_equal(stepped(s, u, packed), plain)
-        learned_dynamics.linearise(s, u, packed, A, B)
-        ring_dynamics.linearise(s, u, FULL.pack(), plain_A, plain_B)
+        learned_dynamics.linearise(s, u, packed, np.empty(6), A, B)
+        ring_dynamics.linearise(s, u, FULL.pack(), np.empty(6), plain_A, plain_B)
         np.testing.assert_array_equal(A, plain_A)
         np.testing.assert_array_equal(B, plain_B)
 
@@ -161,7 +161,7 @@ def test_a_held_push_moves_a_ball_on_a_level_plate_as_it_must():
     out = np.empty(6)
     ring_dynamics.step(np.zeros(6), np.zeros(2), p, out)
     assert out == pytest.approx([1.5 / 900.0, 0.1, 0, 0, 0, 0], abs=1e-15)
-    ring_dynamics.linearise(np.zeros(6), np.zeros(2), p, np.empty((6, 6)), np.empty((6, 2)))
+    ring_dynamics.linearise(np.zeros(6), np.zeros(2), p, np.empty(6), np.empty((6, 6)), np.empty((6, 2)))
     assert p[[ring_dynamics.BY_ANGLE, ring_dynamics.BY_RATE]] == pytest.approx([0.5 / 900.0, 1.0 / 30.0], rel=1e-12)
 
 
@@ -179,7 +179,7 @@ def test_derivatives_by_the_held_part_equal_finite_differences():
         e = rng.uniform(-3, 3, 1)
         numeric = jacobian(lambda e, s=s, u=u: moved(e, s, u), e, 1e-2)[:, 0]
         moved(e, s, u)
-        ring_dynamics.linearise(s, u, p, np.empty((6, 6)), np.empty((6, 2)))
+        ring_dynamics.linearise(s, u, p, np.empty(6), np.empty((6, 6)), np.empty((6, 2)))
         by_held = p[[ring_dynamics.BY_ANGLE, ring_dynamics.BY_RATE]]
         np.testing.assert_allclose(by_held, numeric[:2], rtol=1e-6)
         assert numeric[2:] == pytest.approx(0.0, abs=1e-12)

@@ -135,7 +135,7 @@ def test_derivatives_equal_finite_differences(p):
     A, B = np.full((6, 6), np.nan), np.full((6, 2), np.nan)
     for _ in range(100):
         x = np.concatenate([SPREAD * rng.uniform(-1, 1, 6), 0.09 * rng.uniform(-1, 1, 2)])
-        linearise(x[:6], x[6:], p.pack(), A, B)
+        linearise(x[:6], x[6:], p.pack(), np.empty(6), A, B)
         numeric = jacobian(lambda x: stepped(x[:6], x[6:], p), x, 1e-5)
         np.testing.assert_allclose(np.hstack([A, B]), numeric, rtol=1e-6, atol=2e-9)
 

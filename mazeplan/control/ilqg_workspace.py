@@ -1,0 +1,118 @@
+"""What the compiled inside of the planner works on: signatures of what it calls, codes, and its arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from mazeplan.maths.compiled import INTEGER, MATRIX, REAL, VECTOR
+from mazeplan.records import Array
+
+STEP = types.void(VECTOR, VECTOR, VECTOR, VECTOR)  # s, u, p, out
+LINEARISE = types.void(VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)  # s, u, p, out, A, B
+RUNNING = REAL(INTEGER, VECTOR, VECTOR, VECTOR)  # k, s, u, p
+RUNNING_DERIVATIVES = types.void(INTEGER, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)
+FINAL = REAL(VECTOR, VECTOR)  # s, p
+FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_xx
+
+GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
+COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG, SECANT = range(12)
+NUMBERS = 12
+FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # which derivatives are those of the trajectory: all, dynamics, none
+FULL_STEPS = 2
+
+
+class Functions(NamedTuple):
+    """Addresses of the six compiled functions of one problem."""
+
+    step: int
+    linearise: int
+    running: int
+    running_derivatives: int
+    final: int
+    final_derivatives: int
+
+
+class Rules(NamedTuple):
+    """What an iteration needs of the options; see `IlqgOptions`."""
+
+    tolerance: float
+    control_tolerance: float
+    min_ratio: float
+    mu_min: float
+    mu_max: float
+    mu_factor: float
+    alphas: Array
+
+
+class Workspace(NamedTuple):
+    """All arrays of one solver. T steps, n states, 2 controls.
+
+    states (T+1, n), controls (T, 2): the trajectory; new_states, new_controls: a candidate; low, high (2,): limits;
+    A (T, n, n), B (T, n, 2), lx (T+1, n), lu (T, 2), lxx (T+1, n, n), luu (T, 2, 2): derivatives along the trajectory;
+    new_a, new_b: along the candidate; moved (T, n), turned (T, n, n): its states and A less the trajectory's;
+    k (T, 2), K (T, 2, n): correction and feedback; V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n): of the
+    backward pass; numbers: cost, regularisation and so on, at the indices above.
+    """
+
+    states: Array
+    controls: Array
+    new_states: Array
+    new_controls: Array
+    low: Array
+    high: Array
+    A: Array
+    B: Array
+    new_a: Array
+    new_b: Array
+    moved: Array
+    turned: Array
+    lx: Array
+    lu: Array
+    lxx: Array
+    luu: Array
+    k: Array
+    K: Array
+    V: Array
+    VV: Array
+    VA: Array
+    VB: Array
+    Qx: Array
+    Qxx: Array
+    Qux: Array
+    numbers: Array
+
+
+def make_workspace(horizon: int, n: int, low: Array, high: Array) -> Workspace:
+    """Allocate for a horizon (steps), n states and the control limits (2,) each."""
+    T, z = horizon, np.zeros
+    return Workspace(
+        states=z((T + 1, n)),
+        controls=z((T, 2)),
+        new_states=z((T + 1, n)),
+        new_controls=z((T, 2)),
+        low=np.array(low, dtype=float),
+        high=np.array(high, dtype=float),
+        A=z((T, n, n)),
+        B=z((T, n, 2)),
+        new_a=z((T, n, n)),
+        new_b=z((T, n, 2)),
+        moved=z((T, n)),
+        turned=z((T, n, n)),
+        lx=z((T + 1, n)),
+        lu=z((T, 2)),
+        lxx=z((T + 1, n, n)),
+        luu=z((T, 2, 2)),
+        k=z((T, 2)),
+        K=z((T, 2, n)),
+        V=z(n),
+        VV=z((n, n)),
+        VA=z((n, n)),
+        VB=z((n, 2)),
+        Qx=z(n),
+        Qxx=z((n, n)),
+        Qux=z((2, n)),
+        numbers=z(NUMBERS),
+    )

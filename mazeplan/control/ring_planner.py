@@ -1,0 +1,118 @@
+"""Plans along one ring: the solver on the ring's dynamics and cost.
+
+A cold start on a model with a process begins with a plan on the effects alone, which is a tenth of the work, and goes
+on from there: the process changes what the effects plan by little, but it bends the cost everywhere on the way there.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from mazeplan.control import cost as ring_cost
+from mazeplan.control.cost import CostParameters
+from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
+from mazeplan.maths.angles import nearest
+from mazeplan.models import learned_dynamics, ring_dynamics
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.records import Array, Plan
+
+COARSE = 1e-3  # tolerance of the plan on the effects alone
+SHARE = 0.5  # of the deadline that it may take
+
+RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
+
+
+class RingPlanner:
+    """Plans along one ring."""
+
+    def __init__(
+        self,
+        parameters: RingParameters,
+        tilt_limit: float,
+        options: IlqgOptions | None = None,
+        cost: CostParameters | None = None,
+        *,
+        process: GaussianProcess | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: what it learned beyond
+        its parameters; clock: s, for deadlines."""
+        self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
+        limit, options = np.full(2, tilt_limit), options or IlqgOptions()
+
+        def planner(dynamics: Dynamics, options: IlqgOptions) -> Planner:
+            return Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, clock=clock)
+
+        effects = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
+        self._coarse = None
+        if process is None:
+            self._planner = planner(effects, options)
+        else:
+            packed = learned_dynamics.pack(parameters, process)
+            self._planner = planner(Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6), options)
+            if parameters.physics:  # else there are no effects to plan with
+                self._coarse = planner(effects, replace(options, tolerance=max(COARSE, options.tolerance)))
+
+    @property
+    def options(self) -> IlqgOptions:
+        """Of the solver."""
+        return self._planner.options
+
+    def plan(
+        self,
+        state: Array,
+        goal_theta: float,
+        *,
+        lean: float = 0.0,
+        goal_theta_dot: float = 0.0,
+        warm: Plan | None = None,
+        t0: float = 0.0,
+        deadline_ms: float | None = None,
+    ) -> Plan:
+        """A plan from a planner state (6,) to an angle, which must be on the turn to be taken (theta is not wrapped).
+
+        lean: wished outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm:
+        the last plan, of any turn; t0: rig time of the state, s. Never raises for numbers: see `Plan.reason`.
+        """
+        if warm is not None:
+            warm = self._same_turn(warm, float(state[0]), t0)
+        wishes = self.cost.pack(goal_theta, goal_theta_dot, lean)
+        if warm is None and self._coarse is not None:
+            return self._from_effects(self._coarse, state, wishes, t0, deadline_ms)
+        return self._planner.solve(state, wishes, warm, t0=t0, deadline_ms=deadline_ms)
+
+    def _from_effects(self, coarse: Planner, state: Array, wishes: Array, t0: float, deadline_ms: float | None) -> Plan:
+        """A cold start: the plan of the effects, improved with the process. Times and iterations are those of both."""
+        deadline = self.options.deadline_ms if deadline_ms is None else deadline_ms
+        first = coarse.solve(state, wishes, t0=t0, deadline_ms=SHARE * deadline)
+        warm = first if first.ok else None
+        plan = self._planner.solve(state, wishes, warm, t0=t0, deadline_ms=max(0.0, deadline - first.ms))
+        return replace(plan, ms=first.ms + plan.ms, iterations=first.iterations + plan.iterations)
+
+    def _same_turn(self, warm: Plan, theta: float, t0: float) -> Plan | None:
+        """The former plan moved by whole turns to where the ball is now; None if it cannot be used."""
+        if not warm.ok or not math.isfinite(theta):
+            return None
+        k = min(max(0, round((t0 - warm.t0) / warm.dt)), len(warm.controls))
+        planned = float(warm.states[k, 0])
+        turns = nearest(planned, theta) - planned
+        if abs(turns) < 1.0:
+            return warm
+        states = warm.states.copy()
+        states[:, 0] += turns
+        return replace(warm, states=states)
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """What plans are made with."""
+        return self._planner.dynamics
+
+    def warm_up(self) -> None:
+        """Compile or load everything before the rig moves."""
+        self.plan(np.zeros(6), 0.5)
