@@ -27,14 +27,16 @@ from mazeplan.records import Command, Failure, FailureKind, Plan, State
 @dataclass(frozen=True)
 class TravelOptions:
     """lean_deg: tilt towards the next ring on the way to an opening; speed_m_s: along the ring, on arrival;
-    deadline_ms: that a plan may take. Raises SettingsError."""
+    deadline_ms: that a plan may take; planned_choices: openings that are planned to before one is chosen, the deadline
+    shared among them. Raises SettingsError."""
 
     lean_deg: float = 4.0
     speed_m_s: float = 0.05
     deadline_ms: float = 15.0
+    planned_choices: int = 3
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, positive=("planned_choices",))
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ class TwoCommandsError(AssertionError):
 class RunContext:
     """The shared side of one run. `clock` gives rig time; `on_event(kind, detail)` goes to log and display;
     `ahead(seconds)` is the state that much later if the last command is held; `refused`: the opening that did not take
-    a ball which was already taken for one in the next ring."""
+    a ball which was already taken for one in the next ring; `prepared`: a plan by which this opening was chosen; `law`:
+    what is followed now."""
 
     maze: Maze
     graph: RouteGraph
@@ -91,6 +94,8 @@ class RunContext:
     replans: int = 0
     planner_ms: list[float] = field(default_factory=list)
     refused: Opening | None = None
+    prepared: tuple[Opening, Plan] | None = None
+    law: str = ""
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 
@@ -135,6 +140,12 @@ class RunContext:
         if self.command is not None:
             raise TwoCommandsError(f"{leaf} and {self.commanded_by} both command the rig at t = {self.now:.3f} s")
         self.command, self.commanded_by = command, leaf
+
+    def follow(self, law: str) -> None:
+        """Tell the log by what the ball is brought along its ring, when that changes: mpc, gains or pd."""
+        if law != self.law:
+            self.law = law
+            self.on_event("law", {"law": law})
 
     def failed(self, failure: Failure) -> None:
         """Keep a failure and tell log and display."""

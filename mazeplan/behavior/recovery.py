@@ -8,7 +8,7 @@ from typing import ClassVar
 from py_trees.common import Status
 
 from mazeplan.behavior.leaf import REQUIRED, Port
-from mazeplan.behavior.leaves import MazeLeaf
+from mazeplan.behavior.mazeleaf import MazeLeaf
 from mazeplan.records import LEVEL, FailureKind
 
 

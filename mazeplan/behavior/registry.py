@@ -3,16 +3,7 @@
 from __future__ import annotations
 
 from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.leaves import (
-    Align,
-    ChooseOpening,
-    ConfirmRing,
-    PassOpening,
-    PlanInRing,
-    PlanRoute,
-    Settle,
-    Track,
-)
+from mazeplan.behavior.leaves import Align, ConfirmRing, PassOpening, Settle
 from mazeplan.behavior.recovery import (
     AvoidOpening,
     BackOff,
@@ -23,6 +14,8 @@ from mazeplan.behavior.recovery import (
     LevelPlate,
     Replan,
 )
+from mazeplan.behavior.routing import ChooseOpening, PlanRoute
+from mazeplan.behavior.travel import PlanInRing, Track
 
 REGISTRY: dict[str, type[Leaf]] = {
     leaf.__name__: leaf

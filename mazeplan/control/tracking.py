@@ -1,9 +1,10 @@
-"""Following a plan: its own time-varying gains, or PD on its trajectory for comparison.
+"""Following a plan: its own time-varying gains, or PD on its trajectory for comparison; and PD without a plan.
 
     gains:  u = u_k + K_k (s - s_k)
     PD:     u = u_k + tilt along theta for  kp (theta_k - theta) + kd (theta_dot_k - theta_dot)
+    no plan:      tilt along theta for  kp (goal - theta) - kd theta_dot, and the lean
 
-k is the step of the plan that belongs to the state's own time. Both are clipped to the tilt limit.
+k is the step of the plan that belongs to the state's own time. All are clipped to the tilt limit.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.control.tilt import Plate
+from mazeplan.control.tilt import GRAVITY, Plate
 from mazeplan.maths.angles import nearest
 from mazeplan.maths.fields import check_numbers
 from mazeplan.records import Array, Command, Plan, State
@@ -68,6 +69,16 @@ def follow_pd(plan: Plan, state: State, plate: Plate, options: TrackingOptions, 
     along = np.array([-math.sin(state.theta), -math.cos(state.theta)])  # d(acceleration along theta) / d(tilt), over g
     u = plan.controls[k] + pull * along
     return plate.clip(float(u[0]), float(u[1]))
+
+
+def pd_to_angle(
+    state: State, turn: float, plate: Plate, options: TrackingOptions, radius: float, lean: float = 0.0
+) -> Command:
+    """Without a plan: PD on the angle that is left to turn (rad), the plate leaning (rad, outwards positive)."""
+    along = (options.kp * turn - options.kd * state.theta_dot) * radius  # m/s^2
+    outwards = GRAVITY * math.sin(lean)
+    c, s = math.cos(state.theta), math.sin(state.theta)
+    return plate.command(outwards * c - along * s, outwards * s + along * c)
 
 
 def off_plan(plan: Plan, state: State, options: TrackingOptions) -> bool:

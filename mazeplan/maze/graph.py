@@ -80,6 +80,20 @@ class Route:
         return tuple(leg.opening.name for leg in self.legs)
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An opening to leave a ring by: s until the ball is in front of it, s from there to the goal."""
+
+    opening: Opening
+    travel_s: float
+    onward_s: float
+
+    @property
+    def expected_s(self) -> float:
+        """Until the goal, s."""
+        return self.travel_s + self.onward_s
+
+
 class RouteGraph:
     """The maze as a graph, with what one run has learned about its openings.
 
@@ -179,6 +193,18 @@ class RouteGraph:
         except nx.NetworkXNoPath:
             return None
         return self._along(path[1:-1], theta)
+
+    def choices(self, ring: int, goal: int, theta: float) -> list[Choice]:
+        """Openings of a ring that lead to the goal, the soonest first. Raises as `route` does."""
+        found = []
+        for opening in self.maze.openings_of(ring):
+            if opening.name in self._closed:
+                continue
+            onward = self.route(opening.leads_to(ring), goal, opening.angle, avoid=(opening.name,))
+            if onward is not None:
+                travel = self.travel_s(ring, difference(opening.angle, theta))
+                found.append(Choice(opening, travel, self.passage_s(opening.name) + onward.expected_s))
+        return sorted(found, key=lambda choice: choice.expected_s)
 
     def _along(self, states: list[Any], theta: float) -> Route:
         legs: list[Leg] = []

@@ -19,7 +19,7 @@ from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.ring_dynamics import RingParameters
-from mazeplan.records import LEVEL, Failure, FailureKind, State
+from mazeplan.records import LEVEL, Failure, FailureKind, State, StopReason
 
 MAZE = load_map("cme")
 MODEL = RigModel.nominal(MAZE)
@@ -103,6 +103,44 @@ def test_plan_that_is_not_finite_fails(bench):
     leaf = bench.leaf("PlanInRing", opening="1-2@45", plan=Key("plan"))
     assert bench.tick(leaf, at(1, 20.0, beta=math.nan)) is Status.FAILURE
     assert bench.failure() is FailureKind.PLAN_FAILED
+
+
+def failing(bench, ring=1):
+    """Planners whose solver fails from now on."""
+    plan = bench.run.planners[ring].plan
+    bench.run.planners[ring].plan = lambda *a, **k: replace(plan(*a, **k), reason=StopReason.NOT_FINITE)
+
+
+def laws(bench):
+    return [detail["law"] for kind, detail in bench.events if kind == "law"]
+
+
+def test_without_any_plan_the_ball_is_brought_by_pd_and_the_log_says_so(bench):
+    failing(bench)
+    assert bench.tick(bench.leaf("PlanInRing", opening="1-2@45", plan=Key("plan")), at(1, 20.0)) is Status.SUCCESS
+    track = bench.leaf("Track", opening="1-2@45", plan=Key("plan"))
+    for t in (0.0, 0.03):
+        assert bench.tick(track, at(1, 20.0, t=t)) is Status.RUNNING
+        command, theta = bench.run.command, math.radians(20.0)
+        assert -math.sin(theta) * command.u_beta - math.cos(theta) * command.u_gamma > 0.0  # towards it
+    assert laws(bench) == ["pd"]
+
+
+def test_a_plan_that_fails_on_the_way_leaves_the_gains_of_the_last_one(bench):
+    assert bench.tick(bench.leaf("PlanInRing", opening="1-2@45", plan=Key("plan")), at(1, 20.0)) is Status.SUCCESS
+    first = bench.board.get("plan")
+    track = bench.leaf("Track", opening="1-2@45", plan=Key("plan"))
+    bench.tick(track, at(1, 20.0, t=0.03))
+    last = bench.board.get("plan")
+    assert last is not first
+    failing(bench)
+    bench.tick(track, at(1, 20.5, t=0.07))
+    assert bench.board.get("plan") is last
+    k = 1
+    u = last.controls[k] + last.gains[k] @ (at(1, 20.5).planner_vector() - last.states[k])
+    expected = bench.run.plate.clip(*u)
+    assert (bench.run.command.u_beta, bench.run.command.u_gamma) == pytest.approx((expected.u_beta, expected.u_gamma))
+    assert laws(bench) == ["mpc", "gains"]
 
 
 def test_in_the_disc_there_is_nothing_to_plan_or_track(bench):

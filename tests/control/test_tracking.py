@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 from mazeplan.control.tilt import Plate
-from mazeplan.control.tracking import TrackingOptions, deviation, finished, follow_gains, follow_pd, off_plan, plan_step
+from mazeplan.control.tracking import (
+    TrackingOptions,
+    deviation,
+    finished,
+    follow_gains,
+    follow_pd,
+    off_plan,
+    pd_to_angle,
+    plan_step,
+)
 from mazeplan.records import Plan, State, StopReason
 
 PLATE = Plate(limit=0.0873)
@@ -75,3 +84,20 @@ def test_off_plan_by_angle_or_by_speed():
     assert not off_plan(plan, on_plan(plan, 2, 0.9 * options.replan_theta), options)
     assert off_plan(plan, on_plan(plan, 2, 1.1 * options.replan_theta), options)
     assert off_plan(plan, on_plan(plan, 2, 0.0, -1.1 * options.replan_speed), options)
+
+
+def test_pd_without_a_plan_turns_brakes_and_leans():
+    def pull(turn, speed, lean=0.0):
+        theta = 0.7
+        state = State(0.0, RADIUS * math.cos(theta), RADIUS * math.sin(theta), -speed * math.sin(theta),
+                      speed * math.cos(theta), 0.0, 0.0, 0.0, 0.0, ring=2)  # fmt: skip
+        command = pd_to_angle(state, turn, PLATE, TrackingOptions(), RADIUS, lean)
+        ax, ay = 9.81 * command.u_beta, -9.81 * command.u_gamma
+        return -ax * math.sin(theta) + ay * math.cos(theta), ax * math.cos(theta) + ay * math.sin(theta)
+
+    options = TrackingOptions()
+    along, outwards = pull(0.05, 0.02)
+    assert along == pytest.approx((options.kp * 0.05 - options.kd * 0.02 / RADIUS) * RADIUS)
+    assert outwards == pytest.approx(0.0, abs=1e-12)
+    assert pull(0.0, 0.02, lean=-0.02)[1] == pytest.approx(-9.81 * math.sin(0.02))
+    assert pull(2.0, 0.0)[0] == -pull(-2.0, 0.0)[0] > 0.4  # at its limits far away

@@ -217,3 +217,22 @@ def test_fast_enough_for_a_control_tick():
         graph.route(1, 5, float(theta))
         times.append(time.perf_counter() - begin)
     assert np.median(times) < 2e-3
+
+
+def test_choices_are_all_openings_that_lead_on_the_best_one_that_of_the_route():
+    graph = RouteGraph(load_map("cme"))
+    for ring, degrees in ((1, 10.0), (2, 100.0), (3, 200.0), (4, -80.0)):
+        theta = math.radians(degrees)
+        choices, route = graph.choices(ring, 5, theta), graph.route(ring, 5, theta)
+        assert route is not None
+        assert choices[0].opening == route.legs[0].opening
+        assert choices[0].expected_s == pytest.approx(route.expected_s)
+        assert [c.expected_s for c in choices] == sorted(c.expected_s for c in choices)
+        for choice in choices:
+            onward = graph.route(choice.opening.leads_to(ring), 5, choice.opening.angle)
+            assert onward is not None
+            passage = graph.passage_s(choice.opening.name)
+            assert choice.onward_s >= passage + onward.expected_s - 1e-9  # without coming back through itself
+            assert choice.travel_s == graph.travel_s(ring, difference(choice.opening.angle, theta))
+    graph.close("1-2@45")
+    assert "1-2@45" not in [c.opening.name for c in graph.choices(1, 5, 0.0)]

@@ -1,0 +1,61 @@
+"""What all leaves of a run share: access to its context, failures with a kind, a watch for standing still."""
+
+from __future__ import annotations
+
+import math
+
+from py_trees.common import Status
+
+from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.maze.geometry import Opening
+from mazeplan.records import Failure, FailureKind, State
+
+STILL_RADIUS = 2.5e-3  # m; five times the noise of a camera sample
+STILL_AFTER = 0.6  # s of standing away from where it should be before it counts as stuck
+
+
+class MazeLeaf(Leaf):
+    """A leaf of a run: typed access to its context, and failures with a kind."""
+
+    context: RunContext
+
+    def fail_as(self, kind: FailureKind, detail: str) -> Status:
+        """Leave a failure of this kind and return FAILURE."""
+        run = self.context
+        return self.fail(Failure(kind, self.name, run.now, detail))
+
+    def current_opening(self) -> Opening:
+        """The opening named by the port `opening`."""
+        return self.context.maze.opening(self.get("opening"))
+
+    def strayed(self, start: int, target: int) -> Status | None:
+        """SUCCESS if the ball is in the target ring already, FAILURE if in a third one, None if still in the first."""
+        ring = self.context.here.ring
+        if ring == start:
+            return None
+        if ring == target:
+            return Status.SUCCESS
+        refused, self.context.refused = self.context.refused, None
+        if refused is not None:
+            return self.fail_as(FailureKind.MISSED_OPENING, f"{refused.name} did not take the ball")
+        back = abs(ring - target) > abs(start - target)
+        kind = FailureKind.FELL_BACK if back else FailureKind.WRONG_RING
+        return self.fail_as(kind, f"ball is in ring {ring}, expected ring {start} or {target}")
+
+
+class StillWatch:
+    """Notices a ball that stands where it should not: within STILL_RADIUS of one place for STILL_AFTER s.
+
+    It goes by places, not by speed: the estimate of a ball that is held moves with the tilt that should move it."""
+
+    def __init__(self) -> None:
+        self._since, self._x, self._y = 0.0, math.inf, math.inf
+
+    def standing(self, state: State | None) -> bool:
+        """Whether the ball has now been standing for too long; `state`: where it was measured."""
+        if state is None:
+            return False
+        if math.hypot(state.x - self._x, state.y - self._y) > STILL_RADIUS:
+            self._since, self._x, self._y = state.t, state.x, state.y
+        return state.t - self._since > STILL_AFTER

@@ -1,0 +1,80 @@
+"""Which way: the route to the goal ring, and the opening to leave this ring by.
+
+Openings are weighed by the formula of `maze.graph` first. Those that come near the best are then planned to, and the
+time at which the planned ball is in front of the opening takes the place of the formula: it knows how fast the ball is
+and how the plate leans, and what the model says about the way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+from py_trees.common import Status
+
+from mazeplan.behavior.leaf import REQUIRED, Port
+from mazeplan.behavior.mazeleaf import MazeLeaf
+from mazeplan.behavior.travel import arrival_s, plan_to
+from mazeplan.maze.graph import Choice
+from mazeplan.records import FailureKind
+
+MARGIN = 0.6  # s; an opening expected to be later than the best by more is not planned to
+
+
+class PlanRoute(MazeLeaf):
+    """Plan the route to the goal ring from where the ball is."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "goal": Port(int, REQUIRED, "ring to reach"),
+        "legs": Port(int, None, "number of openings on the route", "out"),
+    }
+
+    def step(self) -> Status:
+        """Weigh the openings anew; FAILURE no_route where none leads there."""
+        run, here = self.context, self.context.here
+        route = run.graph.route(here.ring, self.get("goal"), here.theta)
+        if route is None:
+            return self.fail_as(FailureKind.NO_ROUTE, f"no way from ring {here.ring} to ring {self.get('goal')}")
+        self.set("legs", len(route.legs))
+        run.on_event("route", {"openings": [leg.opening.name for leg in route.legs], "expected_s": route.expected_s})
+        return Status.SUCCESS
+
+
+class ChooseOpening(MazeLeaf):
+    """Choose the opening to leave this ring by: the one by which the goal is soonest, planning to the best of them."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "goal": Port(int, REQUIRED, "ring to reach in the end"),
+        "opening": Port(str, None, "name of the opening chosen", "out"),
+    }
+
+    def step(self) -> Status:
+        """SUCCESS with the opening's name; FAILURE no_route."""
+        run, here = self.context, self.context.here
+        choices = run.graph.choices(here.ring, self.get("goal"), here.theta)
+        if not choices:
+            return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
+        choice = self._soonest(choices)
+        run.opening = choice.opening
+        self.set("opening", run.opening.name)
+        run.on_event("opening", {"opening": run.opening.name, "expected_s": round(choice.expected_s, 3)})
+        return Status.SUCCESS
+
+    def _soonest(self, choices: list[Choice]) -> Choice:
+        """The best by planned time; the plan to it is kept for `PlanInRing`. By the formula alone where only one is in
+        question, or nothing is to be planned."""
+        run, travel = self.context, self.context.options.travel
+        near = [c for c in choices if c.expected_s < choices[0].expected_s + MARGIN][: travel.planned_choices]
+        if len(near) < 2 or run.here.ring not in run.planners:
+            return choices[0]
+        share = replace(travel, deadline_ms=travel.deadline_ms / len(near))
+        timed, plans = [], {}
+        for choice in near:
+            plan = plans[choice.opening.name] = plan_to(run, choice.opening, share, warm=None)
+            if plan.ok:
+                timed.append(replace(choice, travel_s=arrival_s(run, choice.opening, plan)))
+        if not timed:
+            return choices[0]
+        best = min(timed, key=lambda c: c.expected_s)
+        run.prepared = (best.opening, plans[best.opening.name])
+        return best

@@ -1,0 +1,189 @@
+"""Along a ring to an opening: plan with iLQG, follow the plan, plan again.
+
+What is followed is told in the log, as an event whenever it changes: mpc, a plan of this tick (one that its deadline
+stopped is the last one, shifted, and improved as far as there was time); gains, a plan of a tick before, by its own
+gains, since the new one failed or this tick made none; plan_pd, the same by PD, where a tree asks for it; pd, no plan
+at all, only the way to go.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from py_trees.common import Status
+
+from mazeplan.behavior.context import RunContext, TravelOptions
+from mazeplan.behavior.leaf import REQUIRED, Port
+from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
+from mazeplan.control.gate import aligned
+from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan, pd_to_angle
+from mazeplan.errors import SettingsError
+from mazeplan.maths.angles import difference, nearest
+from mazeplan.maze.geometry import Opening
+from mazeplan.records import Command, FailureKind, Plan
+
+TRAVEL = {
+    "lean_deg": Port(float, None, "tilt towards the next ring on the way, deg; default: of the settings"),
+    "speed": Port(float, None, "speed on arrival along the ring, m/s; default: of the settings"),
+    "deadline_ms": Port(float, None, "time the planner may take; default: of the settings"),
+}
+
+
+def travel_options(leaf: MazeLeaf) -> TravelOptions:
+    """Those of the run, with what the ports of a leaf say instead."""
+    ports = {"lean_deg": "lean_deg", "speed_m_s": "speed", "deadline_ms": "deadline_ms"}
+    given = {name: leaf.get(port) for name, port in ports.items()}
+    try:
+        return replace(
+            leaf.context.options.travel, **{name: value for name, value in given.items() if value is not None}
+        )
+    except SettingsError as problem:
+        raise leaf.wrong(str(problem)) from None
+
+
+def lean_to(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
+    """Tilt across the ring towards the ring behind the opening, rad, outwards positive."""
+    inwards = opening.leads_to(run.here.ring) == opening.inner
+    return math.radians(-travel.lean_deg if inwards else travel.lean_deg)
+
+
+def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
+    """A plan from here to the opening, in the ring where the ball is; counted and reported.
+
+    The arrival speed points the way the ball turns; the lean points to the ring behind the opening."""
+    here = run.here
+    turn = run.turn_to(opening)
+    if warm is not None:  # a plan on its way keeps its side, also when the ball is half a turn away
+        turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
+        turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
+    arrival = math.copysign(travel.speed_m_s / run.maze.track_radius(here.ring), turn)
+    plan = run.planners[here.ring].plan(
+        here.planner_vector(),
+        here.theta + turn,
+        lean=lean_to(run, opening, travel),
+        goal_theta_dot=arrival,
+        warm=warm,
+        t0=here.t,
+        deadline_ms=travel.deadline_ms,
+    )
+    run.planner_ms.append(plan.ms)
+    run.on_event("plan", {"plan": plan})
+    return plan
+
+
+def make_plan(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
+    """`plan_to`, for the plan that is to be followed."""
+    plan = plan_to(run, opening, travel, warm)
+    run.plan, run.goal_theta = plan, opening.angle
+    return plan
+
+
+def arrival_s(run: RunContext, opening: Opening, plan: Plan) -> float:
+    """When the ball of a plan is in front of the opening, slow enough to be pushed, s from the plan's start; beyond the
+    end of the plan the way that is left counts as a way from rest."""
+    radius, gate = run.maze.track_radius(run.here.ring), run.options.gate
+    left = np.array([difference(opening.angle, theta) for theta in plan.states[:, 0]])
+    there = np.abs(np.sin(left)) * radius <= 1e-3 * gate.window_mm
+    there &= (np.cos(left) > 0.0) & (np.abs(plan.states[:, 1]) * radius <= gate.window_speed_m_s)
+    if there.any():
+        return float(np.argmax(there)) * plan.dt
+    return len(plan.controls) * plan.dt + run.graph.travel_s(run.here.ring, float(left[-1]))
+
+
+class PlanInRing(MazeLeaf):
+    """Plan the ball's way along its ring to the opening with iLQG, the plate leaning towards the opening's side."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
+        **TRAVEL,
+        "plan": Port(str, None, "the plan, for Track", "out"),
+    }
+
+    def step(self) -> Status:
+        """SUCCESS with a plan, or one that failed, which `Track` does without; FAILURE plan_failed when the state is
+        no number, so that nothing can be followed."""
+        run, here = self.context, self.context.here
+        opening = self.current_opening()
+        if run.maze.ring(here.ring).is_disc:  # a disc has no way along: aligning does it all
+            self.set("plan", None)
+            return Status.SUCCESS
+        plan = self._prepared(opening)
+        if plan is None:
+            plan = make_plan(run, opening, travel_options(self), warm=None)
+        self.set("plan", plan)
+        if not (plan.ok or np.isfinite(here.planner_vector()).all()):
+            return self.fail_as(FailureKind.PLAN_FAILED, f"the solver stopped: {plan.reason}")
+        return Status.SUCCESS
+
+    def _prepared(self, opening: Opening) -> Plan | None:
+        """The plan by which the opening was chosen in this tick, unless this leaf is to plan otherwise."""
+        run = self.context
+        prepared, run.prepared = run.prepared, None
+        if prepared is None or prepared[0] != opening or prepared[1].t0 != run.here.t:
+            return None
+        if travel_options(self) != run.options.travel:
+            return None
+        run.plan, run.goal_theta = prepared[1], opening.angle
+        return prepared[1]
+
+
+class Track(MazeLeaf):
+    """Follow the plan to the opening; plan again when ball and plan part, or the plan is old."""
+
+    ports: ClassVar[dict[str, Port]] = {
+        "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
+        "plan": Port(str, REQUIRED, "the plan to follow"),
+        "law": Port(str, "gains", "gains: the plan's own time-varying ones; pd: PD on the planned trajectory"),
+        **TRAVEL,
+        "timeout_s": Port(float, 4.0, "after that the opening counts as missed"),
+    }
+
+    def start(self) -> None:
+        """Remember where the leg begins."""
+        self._began, self._ring, self._still, self._ticks = self.context.now, self.context.here.ring, StillWatch(), 0
+
+    def step(self) -> Status:
+        """RUNNING on the way, SUCCESS in front of the opening, FAILURE stuck, missed_opening, fell_back, wrong_ring."""
+        run, here = self.context, self.context.here
+        opening, plan = self.current_opening(), self.get("plan")
+        elsewhere = self.strayed(self._ring, opening.leads_to(self._ring))
+        if elsewhere is not None:
+            return elsewhere
+        if plan is None or aligned(here, opening, run.options.gate):
+            return Status.SUCCESS
+        if run.now - self._began > self.get("timeout_s"):
+            return self.fail_as(FailureKind.MISSED_OPENING, f"not in front of {opening.name} in time")
+        if self._still.standing(run.measured):
+            return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")
+        plan = self._renewed(plan, opening)
+        run.steer(self.name, self._follow(plan, opening))
+        return Status.RUNNING
+
+    def _renewed(self, plan: Plan, opening: Opening) -> Plan:
+        run, options = self.context, self.context.options.tracking
+        self._ticks += 1
+        over = not plan.ok or finished(plan, run.here.t)
+        self._fresh = over or self._ticks % options.replan_every == 0 or off_plan(plan, run.here, options)
+        if self._fresh:
+            new = make_plan(run, opening, travel_options(self), None if over else plan)
+            if new.ok:
+                self.set("plan", new)
+                return new
+            self._fresh = False  # a plan that failed is not followed; the old one still stands
+        return plan
+
+    def _follow(self, plan: Plan, opening: Opening) -> Command:
+        run, options = self.context, self.context.options.tracking
+        radius = run.maze.track_radius(run.here.ring)
+        if not plan.ok:
+            run.follow("pd")
+            lean = lean_to(run, opening, travel_options(self))
+            return pd_to_angle(run.here, run.turn_to(opening), run.plate, options, radius, lean)
+        if self.get("law") == "pd":
+            run.follow("plan_pd")
+            return follow_pd(plan, run.here, run.plate, options, radius)
+        run.follow("mpc" if self._fresh else "gains")
+        return follow_gains(plan, run.here, run.plate)

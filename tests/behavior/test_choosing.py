@@ -1,0 +1,122 @@
+"""Choosing an opening by planned time: what the plan knows counts, and little is planned for nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from py_trees.common import Status
+from test_leaves import MAZE, Bench, at
+
+from mazeplan.behavior.context import LeafOptions, TravelOptions
+from mazeplan.behavior.leaf import Key
+from mazeplan.behavior.travel import arrival_s, plan_to
+from mazeplan.records import Plan, StopReason
+
+
+def patient(choices=3):
+    """A bench whose planners have no deadline."""
+    bench = Bench()
+    bench.run.options = LeafOptions(travel=TravelOptions(planned_choices=choices, deadline_ms=1e6))
+    return bench
+
+
+def chosen(bench, state):
+    leaf = bench.leaf("ChooseOpening", goal=5, opening=Key("opening"))
+    assert bench.tick(leaf, state) is Status.SUCCESS
+    return bench.board.get("opening")
+
+
+@pytest.mark.parametrize(("speed", "opening"), [(0.25, "2-3@90"), (-0.25, "2-3@180")])
+def test_a_ball_on_its_way_goes_on(speed, opening):
+    """Half way between two openings the formula cannot tell which is better; the plan sees where the ball goes."""
+    bench = patient()
+    for name in ("2-3@0", "2-3@270"):
+        bench.run.graph.close(name)
+    # counted against the openings, so that speed along theta points to the one of 180 degrees when it is positive
+    assert chosen(bench, at(2, 135.0, speed=-speed)) == opening
+    assert len(bench.run.planner_ms) == 2, "both were planned to"
+
+
+def test_by_the_formula_alone_the_speed_does_not_count():
+    names = {chosen(patient(choices=1), at(2, 135.0, speed=speed)) for speed in (0.25, -0.25)}
+    assert len(names) == 1
+    bench = patient(choices=1)
+    chosen(bench, at(2, 135.0))
+    assert bench.run.planner_ms == []
+
+
+def test_an_opening_that_is_much_later_is_not_planned_to():
+    bench = patient()
+    assert chosen(bench, at(1, 46.0)) == "1-2@45"
+    assert len(bench.run.planner_ms) <= 2
+
+
+def test_the_plan_of_the_choice_is_followed_and_not_made_again():
+    bench = patient()
+    state = at(2, 130.0)
+    opening = chosen(bench, state)
+    made = len(bench.run.planner_ms)
+    assert made >= 2
+    leaf = bench.leaf("PlanInRing", opening=opening, plan=Key("plan"))
+    assert bench.tick(leaf, state) is Status.SUCCESS
+    assert len(bench.run.planner_ms) == made
+    plan = bench.board.get("plan")
+    assert bench.run.plan is plan
+    assert np.abs(plan.states[:, 0] - MAZE.opening(opening).angle).min() < 0.05
+    assert (
+        bench.tick(bench.leaf("PlanInRing", opening=opening, plan=Key("plan")), at(2, 130.0, t=0.1)) is Status.SUCCESS
+    )
+    assert len(bench.run.planner_ms) == made + 1, "an old one is"
+
+
+def test_a_tree_that_wants_another_way_of_travelling_gets_its_own_plan():
+    bench = patient()
+    opening = chosen(bench, at(2, 130.0))
+    made = len(bench.run.planner_ms)
+    leaf = bench.leaf("PlanInRing", opening=opening, plan=Key("plan"), lean_deg=1.0)
+    assert bench.tick(leaf, at(2, 130.0)) is Status.SUCCESS
+    assert len(bench.run.planner_ms) == made + 1
+
+
+def test_the_deadline_is_shared():
+    bench = patient()
+    asked = []
+    plan = bench.run.planners[2].plan
+    bench.run.planners[2].plan = lambda *a, **k: asked.append(k["deadline_ms"]) or plan(*a, **k)
+    chosen(bench, at(2, 130.0))
+    assert sum(asked) == pytest.approx(1e6)
+
+
+def test_a_plan_that_failed_chooses_nothing():
+    bench = patient()
+    plan = bench.run.planners[2].plan
+    bench.run.planners[2].plan = lambda *a, **k: replace(plan(*a, **k), reason=StopReason.NOT_FINITE)
+    assert chosen(bench, at(2, 100.0)) == "2-3@90"
+    assert bench.run.prepared is None
+
+
+def test_arrival_is_the_first_time_in_front_and_slow():
+    bench, opening = patient(), MAZE.opening("1-2@45")
+    state = at(1, 20.0)
+    bench.run.begin(0.0, state, state)
+    plan = plan_to(bench.run, opening, bench.run.options.travel, None)
+    radius, gate = MAZE.track_radius(1), bench.run.options.gate
+    k = round(arrival_s(bench.run, opening, plan) / plan.dt)
+    off = radius * np.abs(np.sin(plan.states[:, 0] - opening.angle)) * 1e3
+    slow = np.abs(plan.states[:, 1]) * radius
+    assert off[k] <= gate.window_mm
+    assert slow[k] <= gate.window_speed_m_s
+    assert ((off[:k] > gate.window_mm) | (slow[:k] > gate.window_speed_m_s)).all()
+    assert 5 < k < 30
+
+
+def test_an_arrival_beyond_the_plan_is_the_way_that_is_left():
+    bench, opening = patient(), MAZE.opening("1-2@45")
+    state = at(1, 20.0)
+    bench.run.begin(0.0, state, state)
+    still = Plan(np.zeros((11, 6)), np.zeros((10, 2)), np.zeros((10, 2, 6)), 1.0, StopReason.CONVERGED, 1, 0.1)
+    expected = 10.0 / 30.0 + bench.run.graph.travel_s(1, math.radians(45.0))
+    assert arrival_s(bench.run, opening, still) == pytest.approx(expected)
