@@ -46,7 +46,8 @@ class CostParameters:
 
     theta: 1/rad; speed, arrival: s/rad; lean: 1/rad; rate: (s/rad)^2; control: -; control_scale: rad; width_*: in
     the unit of their error (rad, rad/s, rad); arrival_zone: z, rad; past: fraction; final_*: as the weights per
-    step; quadratic: the three weights then count e^2 / 2. The defaults take a ball at 5 degrees of tilt pi/4 along
+    step; quadratic: the three weights then count e^2 / 2; uncertainty: s^4/rad^2, of the variance of
+    what was learned (`uncertain_cost`), 0: none. The defaults take a ball at 5 degrees of tilt pi/4 along
     ring 2 of the packaged map in 0.65 s, without overshoot.
     """
 
@@ -66,6 +67,7 @@ class CostParameters:
     final_speed: float = 0.5
     final_lean: float = 0.0
     quadratic: bool = False
+    uncertainty: float = 0.0
 
     def __post_init__(self) -> None:
         widths = ("width_theta", "width_speed", "width_lean", "arrival_zone")

@@ -2,6 +2,7 @@
 
 A cold start on a model with a process begins with a plan on the effects alone, which is a tenth of the work, and goes
 on from there: the process changes what the effects plan by little, but it bends the cost everywhere on the way there.
+Where the settings give what is not known a price, only the second part pays it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from mazeplan.control import cost as ring_cost
+from mazeplan.control import uncertain_cost
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.maths.angles import nearest
@@ -26,6 +28,12 @@ COARSE = 1e-3  # tolerance of the plan on the effects alone
 SHARE = 0.5  # of the deadline that it may take
 
 RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
+UNCERTAIN_COST = Cost(
+    uncertain_cost.running,
+    uncertain_cost.running_derivatives,
+    uncertain_cost.final,
+    uncertain_cost.final_derivatives,
+)
 
 
 class RingPlanner:
@@ -46,16 +54,20 @@ class RingPlanner:
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
         limit, options = np.full(2, tilt_limit), options or IlqgOptions()
 
-        def planner(dynamics: Dynamics, options: IlqgOptions) -> Planner:
-            return Planner(dynamics, RING_COST, -limit, limit, options, dt=parameters.dt, clock=clock)
+        def planner(dynamics: Dynamics, options: IlqgOptions, cost: Cost = RING_COST) -> Planner:
+            return Planner(dynamics, cost, -limit, limit, options, dt=parameters.dt, clock=clock)
 
+        self._doubts = np.zeros(0)  # what the cost of what is not known needs behind the wishes
         effects = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
         self._coarse = None
         if process is None:
             self._planner = planner(effects, options)
         else:
             packed = learned_dynamics.pack(parameters, process)
-            self._planner = planner(Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6), options)
+            learned = Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6)
+            if self.cost.uncertainty > 0.0:
+                self._doubts = uncertain_cost.pack(self.cost, process)
+            self._planner = planner(learned, options, UNCERTAIN_COST if len(self._doubts) else RING_COST)
             if parameters.physics:  # else there are no effects to plan with
                 self._coarse = planner(effects, replace(options, tolerance=max(COARSE, options.tolerance)))
 
@@ -85,14 +97,22 @@ class RingPlanner:
         wishes = self.cost.pack(goal_theta, goal_theta_dot, lean)
         if warm is None and self._coarse is not None:
             return self._from_effects(self._coarse, state, wishes, t0, deadline_ms)
-        return self._planner.solve(state, wishes, warm, t0=t0, deadline_ms=deadline_ms)
+        return self._planner.solve(state, self._with_doubts(wishes), warm, t0=t0, deadline_ms=deadline_ms)
+
+    def _with_doubts(self, wishes: Array) -> Array:
+        """The vector of the cost with which the process is planned with."""
+        if not len(self._doubts):
+            return wishes
+        self._doubts[: len(wishes)] = wishes
+        return self._doubts
 
     def _from_effects(self, coarse: Planner, state: Array, wishes: Array, t0: float, deadline_ms: float | None) -> Plan:
         """A cold start: the plan of the effects, improved with the process. Times and iterations are those of both."""
         deadline = self.options.deadline_ms if deadline_ms is None else deadline_ms
         first = coarse.solve(state, wishes, t0=t0, deadline_ms=SHARE * deadline)
         warm = first if first.ok else None
-        plan = self._planner.solve(state, wishes, warm, t0=t0, deadline_ms=max(0.0, deadline - first.ms))
+        left = max(0.0, deadline - first.ms)
+        plan = self._planner.solve(state, self._with_doubts(wishes), warm, t0=t0, deadline_ms=left)
         return replace(plan, ms=first.ms + plan.ms, iterations=first.iterations + plan.iterations)
 
     def _same_turn(self, warm: Plan, theta: float, t0: float) -> Plan | None:

@@ -140,24 +140,62 @@ def _rows(p, base, size, lo, hi, z, gradient, wanted):
 
 
 @njit(cache=True, error_model="numpy")
-def _sum(p, at, s, z, gradient, wanted):
-    """Sum of alpha c over rows that matter at the state s; scaled inputs into z (D,), sums of rows into gradient."""
-    if not math.isfinite(s[0] + s[1] + s[2] + s[3] + s[4] + s[5]):  # has no bin; and sums below assume numbers
-        gradient[:D] = math.nan
-        return math.nan
-    rows = int(p[at + _COUNT])
+def _place(p, at, s, z):
+    """Scaled inputs of the state s into z (D,), and the bin it is in."""
     st, ct = math.sin(s[0]), math.cos(s[0])
     z[0], z[1], z[2], z[3], z[4] = s[1], s[3], s[5], st, ct
     z[5], z[6], z[7], z[8] = math.sin(s[2]), math.cos(s[2]), math.sin(s[4]), math.cos(s[4])
     for d in range(D):
         z[d] = z[d] / p[at + _SCALES + d] - p[at + _CENTRE + d]
-        gradient[d] = 0.0
-    here = min(int((math.atan2(st, ct) + math.pi) * (BINS / (2.0 * math.pi))), BINS - 1)
+    return min(int((math.atan2(st, ct) + math.pi) * (BINS / (2.0 * math.pi))), BINS - 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _sum(p, at, s, z, gradient, wanted):
+    """Sum of alpha c over rows that matter at the state s; scaled inputs into z (D,), sums of rows into gradient."""
+    if not math.isfinite(s[0] + s[1] + s[2] + s[3] + s[4] + s[5]):  # has no bin; and sums below assume numbers
+        gradient[:D] = math.nan
+        return math.nan
+    rows, here = int(p[at + _COUNT]), _place(p, at, s, z)
+    gradient[:D] = 0.0
     table, total = at + _TABLE + here * (1 + 2 * RANGES), 0.0
     for r in range(int(p[table])):
         lo, hi = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
         total += _rows(p, at + HEAD, rows, lo, hi, z, gradient, wanted)
     return total
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _nearest_row(p, base, size, lo, hi, z, best):
+    """The row of lo:hi that is nearest to z, and -|x - z|^2 / 2 of it, where that is more than `best`; else -1."""
+    c = 0.0
+    for d in range(D):
+        c -= 0.5 * z[d] * z[d]
+    found = -1
+    for j in range(lo, hi):
+        e = c + p[base + (D + 1) * size + j]
+        for d in range(D):
+            e += p[base + d * size + j] * z[d]
+        if e > best:
+            best, found = e, j
+    return best, found
+
+
+@njit(cache=True, error_model="numpy")
+def nearest(p, at, s, gap):
+    """-|x - z|^2 / 2 of the row x nearest to the state s (6,), in length scales, and x - z into gap (D,).
+
+    Only rows are looked at that matter for the mean; -inf where there is none."""
+    z, _ = _scratch(p, at)
+    rows, here = int(p[at + _COUNT]), _place(p, at, s, z)
+    table, best, row = at + _TABLE + here * (1 + 2 * RANGES), -math.inf, -1
+    for r in range(int(p[table])):
+        lo, hi = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
+        best, found = _nearest_row(p, at + HEAD, rows, lo, hi, z, best)
+        row = found if found >= 0 else row
+    for d in range(D):
+        gap[d] = p[at + HEAD + d * rows + row] - z[d] if row >= 0 else 0.0
+    return best
 
 
 @njit(cache=True, error_model="numpy")
@@ -187,6 +225,35 @@ def mean_and_gradient(p, at, s, by_state):
     by_state[2] = gradient[5] * math.cos(s[2]) - gradient[6] * math.sin(s[2])
     by_state[4] = gradient[7] * math.cos(s[4]) - gradient[8] * math.sin(s[4])
     return a2 * total
+
+
+@njit(cache=True, error_model="numpy")
+def variance_and_derivatives(p, at, s, noise2, gap, by_state, bend):
+    """Variance of g at the state s given the nearest row alone, never smaller than given all, (rad/s^2)^2; its
+    derivatives into by_state (6,), the diagonal of their convex part into bend (6,). noise2: of a sample; gap (D,):
+    scratch space.
+
+        v = a^2 - (a^2 c)^2 / (a^2 + s^2),   c = exp(-|x - z|^2 / 2)"""
+    a2 = p[at + _AMPLITUDE]
+    c = math.exp(max(nearest(p, at, s, gap), -700.0))
+    known = a2 * c * a2 * c / (a2 + noise2)
+    for i, d in enumerate((3, 0, 5, 1, 7, 2)):
+        if i % 2:  # a rate: an input itself
+            scale = 1.0 / p[at + _SCALES + d]
+            slope, steep = gap[d] * scale, scale * scale
+        else:  # an angle, by sine and cosine
+            sine, cosine = math.sin(s[i]) / p[at + _SCALES + d + 1], math.cos(s[i]) / p[at + _SCALES + d]
+            slope, steep = gap[d] * cosine - gap[d + 1] * sine, sine * sine + cosine * cosine
+        by_state[i], bend[i] = -2.0 * known * slope, 2.0 * known * steep
+    return a2 - known
+
+
+@njit(cache=True, error_model="numpy")
+def variance(p, at, s, noise2, gap):
+    """The same without derivatives."""
+    a2 = p[at + _AMPLITUDE]
+    c = math.exp(max(nearest(p, at, s, gap), -700.0))
+    return a2 - a2 * c * a2 * c / (a2 + noise2)
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,0 +1,54 @@
+"""Cost of a motion along one ring that also pays for what the model does not know.
+
+Each step costs what `cost` says, plus
+
+    w v(s)      v: variance of the learned part of theta_dd at s, given the nearest row it was trained on
+
+so that a plan rather goes where the rig has been. v is never smaller than the variance given all rows, and needs no
+more than one look at them. The vector is that of `cost`, then w, the noise variance of a sample, and the process as
+`fast_gp.pack` has it. Numba keeps these functions by the date of this file alone: who changes what they call must
+change it, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from mazeplan.control import cost
+from mazeplan.control.cost import CostParameters
+from mazeplan.models import fast_gp
+from mazeplan.models.fast_gp import D, variance_and_derivatives
+from mazeplan.models.fast_gp import variance as variance_at
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.records import Array
+
+PLAIN = len(CostParameters().pack(0.0))  # numbers of the plain cost
+_WEIGHT, _NOISE, _PROCESS = PLAIN, PLAIN + 1, PLAIN + 2
+
+final, final_derivatives = cost.final, cost.final_derivatives
+plain_running, plain_derivatives = cost.running, cost.running_derivatives
+
+
+def pack(parameters: CostParameters, process: GaussianProcess) -> Array:
+    """The vector; its first PLAIN numbers are to be those of `CostParameters.pack`."""
+    noise = process.hyper.noise
+    return np.concatenate([np.zeros(PLAIN), [parameters.uncertainty, noise * noise], fast_gp.pack(process)])
+
+
+@njit(cache=True, error_model="numpy")
+def running(k, s, u, q):
+    """Cost of step k."""
+    gap = np.empty(D)
+    return plain_running(k, s, u, q) + q[_WEIGHT] * variance_at(q, _PROCESS, s, q[_NOISE], gap)
+
+
+@njit(cache=True, error_model="numpy")
+def running_derivatives(k, s, u, q, lx, lu, lxx, luu):
+    """Gradient (6,), (2,) and Hessians (6, 6), (2, 2) of `running`."""
+    plain_derivatives(k, s, u, q, lx, lu, lxx, luu)
+    gap, by_state, bend = np.empty(D), np.empty(6), np.empty(6)
+    variance_and_derivatives(q, _PROCESS, s, q[_NOISE], gap, by_state, bend)
+    for i in range(6):
+        lx[i] += q[_WEIGHT] * by_state[i]
+        lxx[i, i] += q[_WEIGHT] * bend[i]
