@@ -7,6 +7,7 @@ import typer
 from mazeplan.cli import behavior, data, learn, log, map, rig
 from mazeplan.cli.collect import collect
 from mazeplan.cli.compare import compare
+from mazeplan.cli.diagnose import diagnose
 from mazeplan.cli.doctor import doctor
 from mazeplan.cli.navigate import evaluate, navigate
 
@@ -23,6 +24,7 @@ app.command()(evaluate)
 app.command()(collect)
 app.command()(learn.learn)
 app.command()(compare)
+app.command()(diagnose)
 app.add_typer(map.app, name="map")
 app.add_typer(log.app, name="log")
 app.add_typer(behavior.app, name="behavior")

@@ -67,6 +67,11 @@ class RigModel:
         nearest = min(self.balls, key=lambda number: abs(number - ring))
         return self.balls[nearest]
 
+    def declared(self, ring: int) -> dict[str, dict[str, float]]:
+        """What it says of a ring, as {effect: {parameter: value}}; the camera's delay as `sensor_delay`."""
+        known = {effect.name: effect.values() for effect in self.ball(ring).effects}
+        return {**known, **({"sensor_delay": {"delay": self.camera_delay}} if self.camera_delay else {})}
+
     @classmethod
     def nominal(cls, maze: Maze) -> RigModel:
         """Textbook values for a rig that has no model yet: a ball that rolls on floor and wall (in the disc: on the

@@ -110,7 +110,7 @@ def ring_samples(
 ) -> dict[int, RingSamples]:
     """Samples by ring, of rings in which there are any. Raises TableError when rows cannot be given to a ring."""
     smoothing, options = smoothing or Smoothing(), options or SampleOptions()
-    numbers = _rings(table, maze, options.ring)
+    numbers = rings_of(table, maze, options.ring)
     signals = _signals(table, smoothing, options)
     theta, found = table["theta"], {}
     here = np.isfinite(theta) & (numbers > 0)
@@ -137,7 +137,7 @@ def _radius(table: Table, maze: Maze | None, ring: int, rows: IntArray) -> float
     raise TableError(f"ring {ring} is not in the map: its radius is needed", file=table.source.get("file"))
 
 
-def _rings(table: Table, maze: Maze | None, ring: int | None) -> IntArray:
+def rings_of(table: Table, maze: Maze | None, ring: int | None) -> IntArray:
     """Ring of each row, 0 where it is in none: the column, the one given, or by radius and map.
 
     Where radius and map are known, rows count only with the ball in the channel: what it does half in an opening is

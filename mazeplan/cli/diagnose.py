@@ -1,0 +1,138 @@
+"""`diagnose`: what a model lacks, by a record."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mazeplan.cli.output import print_json, say
+from mazeplan.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mazeplan.data.table import Table
+    from mazeplan.maze.geometry import Maze
+
+
+def diagnose(
+    log: Annotated[Path, typer.Argument(help="Run log (MCAP) or table (CSV).")],
+    model: Annotated[
+        str | None, typer.Option("--model", help="Packaged model or folder: what is known already.")
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option("--radius", help="Track radius in m: all rows are of one ring.")
+    ] = None,
+    declare: Annotated[
+        list[str] | None,
+        typer.Option("--declare", metavar="EFFECT.PARAM=VALUE", help="What is known already (repeatable)."),
+    ] = None,
+    ring: Annotated[int | None, typer.Option("--ring", min=1, help="Which ring; default: that of most rows.")] = None,
+    test: Annotated[
+        Path | None, typer.Option("--test", help="A further record on which before and after are reported.")
+    ] = None,
+    map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder for report.json and report.html.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
+) -> None:
+    """Find the effect that a model lacks, and say how much better it predicts with it."""
+    from mazeplan.cli.arguments import positive
+    from mazeplan.data.table import read_table
+    from mazeplan.diagnosis.diagnose import diagnose as run
+    from mazeplan.diagnosis.record import record_of
+    from mazeplan.diagnosis.report import write_report
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.models.modelfile import load_model
+
+    maze, table = load_map(map_), read_table(log)
+    known: dict[str, dict[str, float]] = {}
+    if radius is None:
+        number = _ring(table, maze, ring)
+        where, rows = maze.track_radius(number), _in_ring(table, maze, number)
+        known = load_model(model).declared(number) if model is not None else {}
+    else:
+        number, where, rows = ring, positive("--radius", radius), _all(table)
+        known = load_model(model).declared(ring or 1) if model is not None else {}
+    _declare(known, declare or [])
+    further = None
+    if test is not None:
+        more = read_table(test)
+        further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
+    done = run(record_of(table, rows), where, known, test=further, progress=say)
+    document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        document["report"] = str(output / "report.html")
+        (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
+        write_report(done, output / "report.html", f"{log.name}, {document['ring'] or 'one ring'}")
+    if as_json:
+        print_json(document)
+        return
+    print(done.sentence())
+    for note in done.notes:
+        print(f"note: {note}")
+    if output is not None:
+        print(f"report: {document['report']}")
+
+
+def _all(table: Table) -> np.ndarray:
+    import numpy as np
+
+    return np.ones(len(table), dtype=bool)
+
+
+def _in_ring(table: Table, maze: Maze, number: int) -> np.ndarray:
+    """Rows in which the ball is in the channel of a ring."""
+    from mazeplan.models.samples import rings_of
+
+    return rings_of(table, maze, None) == number
+
+
+def _ring(table: Table, maze: Maze, ring: int | None) -> int:
+    """The ring asked for, or that of most rows. Raises InputError where there is none, or it has no channel."""
+    import numpy as np
+
+    from mazeplan.models.samples import rings_of
+
+    if ring is not None and ring > len(maze.rings):
+        raise InputError(f"--ring: got {ring}, expected 1 to {len(maze.rings)}")
+    numbers = rings_of(table, maze, None)
+    found, counts = np.unique(numbers[numbers > 0], return_counts=True)
+    if ring is None:
+        if not len(found):
+            raise InputError("the ball is in no ring of the map; expected --radius M, or another --map")
+        ring = int(found[np.argmax(counts)])
+    if maze.ring(ring).is_disc:
+        raise InputError(f"--ring: got {ring}, a disc, expected a ring with a channel")
+    return ring
+
+
+def _declare(known: dict[str, dict[str, float]], texts: list[str]) -> None:
+    """Add what `--declare` says. Raises InputError naming what is allowed."""
+    from mazeplan.diagnosis.library import ring_library
+
+    library = {c.name: c for c in ring_library()}
+    for text in texts:
+        name, _, value = text.partition("=")
+        effect, _, parameter = name.partition(".")
+        if effect not in library:
+            raise InputError(f"--declare: got effect {effect!r}, expected one of {', '.join(library)}")
+        allowed = library[effect].parameters
+        if parameter not in allowed:
+            raise InputError(
+                f"--declare: got parameter {parameter!r} of {effect}, expected one of {', '.join(allowed)}"
+            )
+        spec = allowed[parameter]
+        try:
+            number = float(value)
+        except ValueError:
+            raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number") from None
+        if not spec.low <= number <= spec.high:
+            raise InputError(f"--declare: got {effect}.{parameter} {number:g}, expected {spec.low:g} to {spec.high:g}")
+        had = known.setdefault(effect, {other: s.default for other, s in allowed.items()})
+        had[parameter] = number

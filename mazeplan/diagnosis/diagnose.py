@@ -1,0 +1,249 @@
+"""Diagnose a record of a ball in one ring: stage, camera, ball, one after the other; a verdict that can be checked.
+
+The search and every fit see the first 70 % of the record only; before and after are measured on the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.diagnosis.anonymous import anonymous_library
+from mazeplan.diagnosis.fit import Fit, Likelihood, fit
+from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
+from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
+from mazeplan.diagnosis.platemotion import from_commands, from_sensor
+from mazeplan.diagnosis.record import Record
+from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
+from mazeplan.diagnosis.scores import Score, score
+from mazeplan.diagnosis.search import Finding, search
+from mazeplan.models.stage import StageFit, fit_axis
+
+SEEN = 0.7  # share of the record that search and fits see
+DELAY = 0.005  # s; a command delay worth a word
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found. verdict: nothing_missing, effect_found, ambiguous or unknown_effect; effects: as in the report's
+    JSON; before, after: scores on the rows held out; stage: fits of both axes, None without commands."""
+
+    verdict: str
+    effects: tuple[dict[str, Any], ...]
+    finding: Finding
+    circle: Circle | None
+    stage: tuple[StageFit, StageFit] | None
+    before: Score
+    after: Score
+    tilt_source: str
+    notes: tuple[str, ...]
+    test: tuple[Score, Score] | None = None
+
+    def document(self) -> dict[str, Any]:
+        """The JSON of it."""
+        unknown = None
+        if self.finding.unknown is not None:
+            c = self.finding.unknown.candidate
+            unknown = {"depends_on": list(c.depends_on), "description": describe_unknown(self.finding)}
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence(),
+            "effects": list(self.effects),
+            "ambiguous_with": [list(group) for group in self.finding.alike],
+            "unknown": unknown,
+            "before": self.before.document(),
+            "after": self.after.document(),
+            "noise_floor": round(self.after.floor, 5) if math.isfinite(self.after.floor) else None,
+            "held_out": round(1.0 - SEEN, 3),
+            "tilt": self.tilt_source,
+            "notes": list(self.notes),
+            **(
+                {"test": {"before": self.test[0].document(), "after": self.test[1].document()}}
+                if self.test is not None
+                else {}
+            ),
+        }
+
+    def sentence(self) -> str:
+        """The finding in one sentence."""
+        change = f"40-step error {self.before.rollout40:.4f} -> {self.after.rollout40:.4f} rad"
+        if self.verdict == "nothing_missing":
+            known = f"{self.before.rollout40:.4f} rad, noise alone would cause {self.before.floor:.4f}"
+            return f"Nothing is missing: 40-step error {known}."
+        names = [_words(effect) for effect in self.effects]
+        if self.verdict == "unknown_effect":
+            also = f" besides {', '.join(names)}" if names else ""
+            return f"Something is there that has no name{also}: {describe_unknown(self.finding)}; {change}."
+        tail = ""
+        if self.verdict == "ambiguous":
+            tail = " (this record cannot tell " + "; ".join(" from ".join(g) for g in self.finding.alike) + ")"
+        return f"The model lacks {', '.join(names)}{tail}: {change}."
+
+
+def _words(effect: dict[str, Any]) -> str:
+    numbers = ", ".join(
+        f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
+    )
+    return f"{effect['name'].replace('_', ' ')} ({numbers})"
+
+
+def describe_unknown(finding: Finding) -> str:
+    """What an unnamed term looks like, in words."""
+    trial = finding.unknown
+    if trial is None:
+        return ""
+    if trial.candidate.name == "oscillation":
+        values = trial.fit.values["oscillation"]
+        size = math.hypot(values["cos"], values["sin"])
+        return f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} rad/s^2"
+    return f"a force that depends on {', '.join(trial.candidate.depends_on)} ({trial.candidate.name})"
+
+
+def diagnose(
+    record: Record,
+    radius: float,
+    declared: Values,
+    *,
+    test: Record | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Find what the declared effects lack at a track radius (m); test: a further record, for scores only."""
+    tell = progress or (lambda text: None)
+    n = len(record)
+    rows = np.arange(n) < SEEN * n
+    tell("stage")
+    stage, tilt = plate_motion(record, rows)
+    effects: list[dict[str, Any]] = _stage_effects(stage)
+    circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
+    if circle is not None and circle.shifted:
+        effects.append(_camera_effect(circle))
+    library = [*ring_library(), *anonymous_library()]
+    free = [] if stage is None else [stage_errors(_relative_errors(stage))]
+    known = [*library, *free]
+    plain, seen = (_likelihood(record, tilt, stage, radius, declared, known, rows, c) for c in (None, circle))
+    finding = search(seen, library, free, tell)
+    effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
+    tell("scores on what was held out")
+    base = fit(plain, free, {c.name: dict.fromkeys(c.parameters, 0.0) for c in free})
+    done = Diagnosis(
+        _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
+        score(seen, finding.final, ~rows), tilt.source, record.notes,
+    )  # fmt: skip
+    if test is None:
+        return done
+    every = np.ones(len(test), dtype=bool)
+    moved = _moved(test, stage)
+    before, after = (_likelihood(test, moved, stage, radius, declared, seen.library, every, c) for c in (None, circle))
+    return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
+
+
+def _likelihood(
+    record: Record,
+    tilt: Tilt,
+    stage: tuple[StageFit, StageFit] | None,
+    radius: float,
+    declared: Values,
+    library: Sequence[Candidate],
+    rows: np.ndarray,
+    circle: Circle | None,
+) -> Likelihood:
+    """On a record, its angles straightened where the camera was found to be off."""
+    theta = record.theta
+    if circle is not None and circle.shifted and record.r is not None:
+        theta = straightened(theta, record.r, circle.offset)
+
+    def restaged(errors: dict[str, float]) -> Tilt:
+        return _moved(record, stage, errors)
+
+    system = RingSystem(record.t, theta, record.first, radius, tilt, declared, restaged)
+    return Likelihood(system, library, rows)
+
+
+def _relative_errors(stage: tuple[StageFit, StageFit]) -> dict[str, dict[str, float]]:
+    """Standard errors of natural frequency and damping of either axis, over their values."""
+    return {
+        name: {key: fitted.axis.stderr[key] / getattr(fitted.axis, key) for key in ("natural_frequency", "damping")}
+        for name, fitted in zip(("beta", "gamma"), stage, strict=True)
+    }
+
+
+def _moved(record: Record, stage: tuple[StageFit, StageFit] | None, errors: dict[str, float] | None = None) -> Tilt:
+    """How the plate moved in a record, by the stage found, with relative errors of its parameters; by the sensor
+    without a stage."""
+    if record.u is None or stage is None:
+        return from_sensor(record.t, record.beta, record.gamma, record.segment)
+    axes = []
+    for name, fitted in zip(("beta", "gamma"), stage, strict=True):
+        changed = {
+            key: getattr(fitted.axis, key) * (1.0 + (errors or {}).get(f"{name}_{key}", 0.0))
+            for key in ("natural_frequency", "damping")
+        }
+        axes.append(replace(fitted.axis, **changed))
+    return from_commands(record.t, record.u[:, 0], record.u[:, 1], axes[0], axes[1])
+
+
+def plate_motion(record: Record, rows: np.ndarray) -> tuple[tuple[StageFit, StageFit] | None, Tilt]:
+    """The fitted stage and the motion that it gives, or that of the sensor."""
+    if record.u is not None:
+        breaks = (record.first & rows).astype(float)
+        try:
+            beta, gamma = (
+                fit_axis(record.u[rows, i], angle[rows], record.dt, breaks[rows])
+                for i, angle in enumerate((record.beta, record.gamma))
+            )
+            return (beta, gamma), _moved(record, (beta, gamma))
+        except ValueError:  # commands that never move
+            return None, _moved(record, None)
+    return None, _moved(record, None)
+
+
+def _stage_effects(stage: tuple[StageFit, StageFit] | None) -> list[dict[str, Any]]:
+    if stage is None:
+        return []
+    late = [(fit.axis.dead_time, fit.axis.stderr.get("dead_time", math.inf)) for fit in stage]
+    delay = sum(d for d, _ in late) / 2.0
+    sigma = math.hypot(*(s for _, s in late)) / 2.0
+    if delay > DELAY and delay > 5.0 * sigma:
+        entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
+        return [entry]
+    return []
+
+
+def _camera_effect(circle: Circle) -> dict[str, Any]:
+    return {
+        "name": "camera_offset",
+        "parameters": {
+            name: {"value": round(circle.offset[i], 6), "stderr": round(circle.stderr[i + 1], 6), "unit": "m"}
+            for i, name in enumerate(("x", "y"))
+        },
+        "evidence": round(circle.evidence, 1),
+        "before": round(circle.before, 6),
+        "after": round(circle.after, 6),
+    }
+
+
+def _entry(final: Fit, name: str) -> dict[str, Any]:
+    c = next(c for c in final.candidates if c.name == name)
+    return {
+        "name": name,
+        "parameters": {
+            p: {"value": final.values[name][p], "stderr": final.stderr[name][p], "unit": spec.unit}
+            for p, spec in c.parameters.items()
+        },
+    }
+
+
+def _verdict(finding: Finding, effects: list[dict[str, Any]]) -> str:
+    """In a word. Of two effects that explain as well, the one with fewer parameters is taken; where none has fewer, the
+    record cannot tell them apart."""
+    if finding.unknown is not None:
+        return "unknown_effect"
+    counts = {c.name: len(c.parameters) for c in ring_library()}
+    for chosen, *others in finding.alike:
+        if any(counts[name] <= counts[chosen] for name in others):
+            return "ambiguous"
+    return "effect_found" if effects else "nothing_missing"

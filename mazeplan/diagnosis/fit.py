@@ -1,0 +1,202 @@
+"""Maximum likelihood of effects on the innovations of the filter: Gauss-Newton and process noise in turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.diagnosis.kalman import innovations
+from mazeplan.diagnosis.library import Candidate, Spec
+from mazeplan.diagnosis.ringsystem import RingSystem, Values
+from mazeplan.records import Array
+
+Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+STEPS, ENOUGH = 10, 0.02  # Gauss-Newton steps; of -2 log L, that a further step must bring
+DAMPING = (1e-6, 1e8)
+ROUNDS, STEADY = 14, 1.0  # of values and process noise in turn; of -2 log L, that a further round must bring
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Effects with values; minus2: -2 log L of the rows of the fit; noise: rad, of one measurement; q: 1/s^3; stderr as
+    the values; count: free parameters."""
+
+    candidates: tuple[Candidate, ...]
+    values: Values
+    minus2: float
+    noise: float
+    q: float
+    stderr: Values
+    count: int
+
+
+class Likelihood:
+    """-2 log L of a system on some of its rows."""
+
+    def __init__(self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray) -> None:
+        """rows (N,): which count."""
+        self.system, self.library, self.rows = system, list(library), rows
+        n = len(system)
+        self._stop = int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0
+        self._nu, self._S, self.states = np.full(n, np.nan), np.ones(n), np.empty((n, 5))
+
+    def add(self, candidate: Candidate) -> None:
+        """One more candidate, in the place of one of the same name."""
+        self.library = [c for c in self.library if c.name != candidate.name] + [candidate]
+
+    def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
+        """Innovations over the square roots of their variances in R, the sum of log variances, and their number."""
+        problem, p = self.system.build(self.library, values)
+        innovations(problem, p, q, self._stop, self._nu, self._S, self.states)
+        keep = self.rows & np.isfinite(self._nu)
+        return self._nu[keep] / np.sqrt(self._S[keep]), float(np.sum(np.log(self._S[keep]))), int(keep.sum())
+
+    def filtered(self, values: Values, q: float) -> Array:
+        """States (N, 5) of all rows, as `kalman.innovations` leaves them."""
+        problem, p = self.system.build(self.library, values)
+        n = len(self.system)
+        innovations(problem, p, q, n, np.empty(n), np.empty(n), self.states)
+        return self.states
+
+    def minus2(self, values: Values, q: float) -> float:
+        """-2 log L with the variance of a measurement eliminated; inf where it is not finite."""
+        e, logs, n = self.whitened(values, q)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            out = n * math.log(max(float(np.mean(e * e)), 1e-300)) + logs if n else math.inf
+        return out + self.prior(values) if math.isfinite(out) else math.inf
+
+    def prior(self, values: Values) -> float:
+        """What values cost that are off what was known beforehand."""
+        known = {c.name: c.parameters for c in self.library}
+        return sum(
+            ((value - known[effect][name].default) / known[effect][name].prior) ** 2
+            for effect, numbers in values.items()
+            for name, value in numbers.items()
+        )
+
+
+def best_q(likelihood: Likelihood, values: Values, guess: float | None = None) -> float:
+    """Process noise of the largest likelihood, by golden section over decades, or around a guess."""
+    low, high = math.log(Q_LOW), math.log(Q_HIGH)
+    if guess is not None:
+        low, high = max(low, math.log(guess) - 3.0), min(high, math.log(guess) + 3.0)
+
+    def at(x: float) -> float:
+        return likelihood.minus2(values, math.exp(x))
+
+    a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    fa, fb = at(a), at(b)
+    while high - low > 0.4:
+        if fa < fb:
+            high, b, fb = b, a, fa
+            a = high - GOLDEN * (high - low)
+            fa = at(a)
+        else:
+            low, a, fa = a, b, fb
+            b = low + GOLDEN * (high - low)
+            fb = at(b)
+    return math.exp(a if fa < fb else b)
+
+
+def fit(
+    likelihood: Likelihood, free: Sequence[Candidate], start: Values, q: float | None = None, rounds: int = ROUNDS
+) -> Fit:
+    """Best values of the free effects from a start; values and process noise in turn until neither changes."""
+    names = [(c.name, name, spec) for c in free for name, spec in c.parameters.items()]
+    x = np.array([start[c][name] for c, name, _ in names])
+
+    def values_of(x: Array) -> Values:
+        out: Values = {c.name: {} for c in free}
+        for (c, name, _), value in zip(names, x, strict=True):
+            out[c][name] = float(value)
+        return out
+
+    q = best_q(likelihood, values_of(x), q)
+    J, minus2 = np.zeros((1, 0)), likelihood.minus2(values_of(x), q)
+    for _ in range(rounds if len(x) else 0):
+        before = minus2
+        x, J, minus2 = _gauss_newton(likelihood, values_of, x, q, names)
+        new = best_q(likelihood, values_of(x), q)
+        better = likelihood.minus2(values_of(x), new)
+        settled = abs(math.log(new / q)) < 0.5
+        if better < minus2:
+            minus2, q = better, new
+        if settled and before - minus2 < STEADY:
+            break
+    e, _, _ = likelihood.whitened(values_of(x), q)
+    variance = float(np.mean(e * e))
+    found = values_of(_sigma(J, variance)) if len(x) else {}
+    return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, found, len(x))
+
+
+def forecast(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str, float]) -> float:
+    """By how much -2 log L would fall if one linear step told the truth: a candidate from its start, beside what is
+    there already (`current`), at the process noise of that."""
+    values = {**current.values, c.name: start}
+    e, _, n = likelihood.whitened(values, current.q)
+    owners = [(k.name, name, spec) for k in (*current.candidates, c) for name, spec in k.parameters.items()]
+    J = np.empty((len(e), len(owners)))
+    for j, (name, parameter, spec) in enumerate(owners):
+        moved = {**values, name: {**values[name], parameter: values[name][parameter] + spec.step}}
+        J[:, j] = (likelihood.whitened(moved, current.q)[0] - e) / spec.step
+    J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-12)
+    left = e - J @ np.linalg.lstsq(J, e, rcond=1e-10)[0]
+    here = current.minus2 - likelihood.minus2(values, current.q)  # the start itself may already be better, or worse
+    return here + n * math.log(float(e @ e) / max(float(left @ left), 1e-300))
+
+
+def _sigma(J: Array, variance: float) -> Array:
+    """Standard errors from the Jacobian of the whitened innovations."""
+    if not J.shape[1]:
+        return np.zeros(0)
+    scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
+    root = turn.T / np.maximum(sizes, 1e-12 * sizes[0])
+    return np.sqrt(variance) * np.linalg.norm(root, axis=1) / scale
+
+
+def _gauss_newton(
+    likelihood: Likelihood,
+    values_of: Callable[[Array], Values],
+    x: Array,
+    q: float,
+    names: Sequence[tuple[str, str, Spec]],
+) -> tuple[Array, Array, float]:
+    """Levenberg-Marquardt on the whitened innovations, inside the bounds; values, last Jacobian, -2 log L."""
+    low, high, step, default, prior = (
+        np.array([getattr(spec, field) for *_, spec in names]) for field in ("low", "high", "step", "default", "prior")
+    )
+    e, _, _ = likelihood.whitened(values_of(x), q)
+    best = likelihood.minus2(values_of(x), q)
+    damping, J = 1e-4, np.zeros((len(e), len(x)))
+    for _ in range(STEPS):
+        for j in range(len(x)):
+            moved = x.copy()
+            sign = -1.0 if x[j] + step[j] > high[j] else 1.0
+            moved[j] += sign * step[j]
+            J[:, j] = sign * (likelihood.whitened(values_of(moved), q)[0] - e) / step[j]
+        scale = np.maximum(np.linalg.norm(J, axis=0), 1e-12)
+        A, g = (J / scale).T @ (J / scale), (J / scale).T @ e
+        variance = float(np.mean(e * e))
+        A += np.diag(variance / (prior * scale) ** 2)
+        g += variance * (x - default) / (prior**2 * scale)
+        held = ((x <= low) & (g > 0.0)) | ((x >= high) & (g < 0.0))  # at a bound, and pulled against it
+        A[held], A[:, held], g[held] = 0.0, 0.0, 0.0
+        gained = 0.0
+        while DAMPING[0] <= damping <= DAMPING[1]:
+            new = np.clip(x - np.linalg.solve(A + damping * np.eye(len(x)), g) / scale, low, high)
+            minus2 = likelihood.minus2(values_of(new), q)
+            if minus2 < best:
+                gained, best, x = best - minus2, minus2, new
+                damping = max(damping / 5.0, DAMPING[0])
+                break
+            damping *= 5.0
+        damping = min(damping, 1.0)
+        if gained < ENOUGH:
+            break
+        e = likelihood.whitened(values_of(x), q)[0]
+    return x, J, best

@@ -1,0 +1,77 @@
+"""The camera's picture of the ring: a circle that may be shifted.
+
+    r = R + x_0 cos(theta) + y_0 sin(theta)     to first order in the offset
+
+for a camera whose centre is (x_0, y_0) off. A shifted circle also bends theta, so it is straightened before the ball is
+looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.records import Array
+
+FEWEST = 100
+SMALLEST = 1e-4  # m; an offset worth a word
+SURE = 15.0  # of -2 log L with its penalty
+BLOCK = 30  # samples; as one: the ball stays at one wall of its channel for a while
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A fitted circle: radius, offset (m), their standard errors, evidence for the offset (penalised -2 log L), spread
+    of r before and after (m)."""
+
+    radius: float
+    offset: tuple[float, float]
+    stderr: tuple[float, float, float]
+    evidence: float
+    before: float
+    after: float
+
+    @property
+    def shifted(self) -> bool:
+        """Whether the offset is there and worth a word."""
+        return self.evidence > SURE and float(np.hypot(*self.offset)) > max(SMALLEST, 3.0 * max(self.stderr[1:]))
+
+
+def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
+    """The circle through measured (theta, r) of some rows; None where there are too few, or only an arc of them."""
+    keep = rows & np.isfinite(theta) & np.isfinite(r)
+    if keep.sum() < FEWEST:
+        return None
+    c, s, y = np.cos(theta[keep]), np.sin(theta[keep]), r[keep]
+    X = np.column_stack([np.ones(len(y)), c, s])
+    if np.linalg.cond(X) > 30.0:
+        return None
+    w, *_ = np.linalg.lstsq(X, y, rcond=None)
+    left = y - X @ w
+    before, after = float(np.std(y)), float(np.std(left))
+    share = max(1.0, _together(left))
+    n = len(y) / share
+    evidence = n * float(np.log(before**2 / after**2)) - 2.0 * float(np.log(max(n, 2.0)))
+    sigma = after * np.sqrt(share * np.diag(np.linalg.inv(X.T @ X)))
+    return Circle(
+        float(w[0]),
+        (float(w[1]), float(w[2])),
+        (float(sigma[0]), float(sigma[1]), float(sigma[2])),
+        evidence,
+        before,
+        after,
+    )
+
+
+def _together(left: Array) -> float:
+    """By how much neighbours repeat each other: variance of block means over that of independent samples."""
+    blocks = left[: len(left) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+    return float(np.var(blocks) * BLOCK / max(np.var(left), 1e-300)) if len(blocks) > 3 else 1.0
+
+
+def straightened(theta: Array, r: Array, offset: tuple[float, float]) -> Array:
+    """theta about the true centre, on the same turn."""
+    x, y = r * np.cos(theta) - offset[0], r * np.sin(theta) - offset[1]
+    turn = np.arctan2(y, x) - theta
+    return theta + (turn + np.pi) % (2.0 * np.pi) - np.pi

@@ -1,0 +1,134 @@
+"""The effects that a diagnosis can name on a ring: parameters with units, bounds, starts, smallest sizes.
+
+A candidate is a few lines: a compiled term of the acceleration (`terms`), or where else it acts. To add one, append a
+`Candidate` with a term of your own (`numba.njit`, arguments x, v, t, w, p) to what `ring_library` returns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from mazeplan.diagnosis import terms
+
+TERM, RING, DRY, GATE, DELAY, STAGE = "term", "ring", "dry", "gate", "delay", "stage"
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A parameter: unit, value without the effect, bounds, step of numeric derivatives, smallest size worth a word,
+    standard deviation of what is known of it beforehand (inf: nothing)."""
+
+    unit: str
+    default: float
+    low: float
+    high: float
+    step: float
+    smallest: float = 0.0
+    prior: float = math.inf
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be missing. acts: term (its compiled function is `term`), ring (parameters of the ring's own
+    equation), dry, gate, delay; starts: where fits begin, each a tuple of values; named: False for what only says that
+    something is there; depends_on: variables, for those; places:
+    parameters that say where or how, not how large."""
+
+    name: str
+    parameters: dict[str, Spec]
+    acts: str = TERM
+    term: Any = None
+    starts: tuple[tuple[float, ...], ...] = ()
+    named: bool = True
+    depends_on: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+
+    def first(self) -> list[tuple[float, ...]]:
+        """Starts of a fit; the defaults where none are given."""
+        return list(self.starts) or [tuple(spec.default for spec in self.parameters.values())]
+
+    def size(self, values: dict[str, float], declared: dict[str, float]) -> float:
+        """Largest deviation from what was declared, in smallest sizes; 1 or more is worth a word."""
+        sizes = [
+            abs(values[name] - declared.get(name, spec.default)) / spec.smallest
+            for name, spec in self.parameters.items()
+            if spec.smallest > 0.0
+        ]
+        return max(sizes, default=math.inf)
+
+
+def stage_errors(stderr: dict[str, dict[str, float]]) -> Candidate:
+    """What the tilt sensor leaves open of the stage: relative errors of natural frequency and damping of either axis,
+    known to within the standard errors of their fit. The ball tells tilts apart that the sensor cannot: held fixed, an
+    error of half a millisecond would look like an effect. Always free, never a finding."""
+    known = {f"{axis}_{name}": sigma for axis, found in stderr.items() for name, sigma in found.items()}
+    specs = {key: Spec("1", 0.0, -min(10.0 * s, 0.5), min(10.0 * s, 0.5), 0.1 * s, prior=s) for key, s in known.items()}
+    return Candidate("stage", specs, STAGE, named=False)
+
+
+def _angles(count: int) -> list[float]:
+    return [-math.pi + 2.0 * math.pi * (i + 0.5) / count for i in range(count)]
+
+
+def ring_library() -> list[Candidate]:
+    """Everything that can be named on a ring."""
+    rad = math.radians
+    return [
+        Candidate("rolling_inertia", {"factor": Spec("1", 1.0, 0.05, 1.5, 1e-4, 0.011)}, RING),
+        Candidate("viscous_friction", {"coefficient": Spec("1/s", 0.0, 0.0, 20.0, 1e-4, 0.03)}, term=terms.viscous),
+        Candidate(
+            "dry_friction",
+            {
+                "coefficient": Spec("rad/s^2", 0.0, 0.0, 20.0, 1e-3, 0.04),
+                "asymmetry": Spec("rad/s^2", 0.0, -10.0, 10.0, 1e-3, 0.04),
+            },
+            DRY,
+            starts=((0.1, 0.0),),
+        ),
+        Candidate("quadratic_drag", {"coefficient": Spec("1/rad", 0.0, -5.0, 5.0, 1e-4, 0.012)}, term=terms.quadratic),
+        Candidate(
+            "tilt_offset",
+            {
+                "beta": Spec("rad", 0.0, -0.2, 0.2, 1e-5, 0.0005),
+                "gamma": Spec("rad", 0.0, -0.2, 0.2, 1e-5, 0.0005),
+            },
+            RING,
+        ),
+        Candidate(
+            "constant_torque", {"acceleration": Spec("rad/s^2", 0.0, -10.0, 10.0, 1e-4, 0.04)}, term=terms.constant
+        ),
+        Candidate(
+            "surface_profile",
+            {f"{kind}{n}": Spec("rad/s^2", 0.0, -20.0, 20.0, 1e-3, 0.07) for n in (1, 2, 3) for kind in ("cos", "sin")},
+            term=terms.harmonics,
+        ),
+        Candidate(
+            "surface_bump",
+            {
+                "centre": Spec("rad", 0.0, -2 * math.pi, 2 * math.pi, 1e-3),
+                "width": Spec("rad", 0.2, rad(2), 1.5, 1e-3),
+                "height": Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, 0.09),
+            },
+            term=terms.bump,
+            starts=tuple((angle, 0.25, 0.1) for angle in _angles(24)),
+            places=("centre", "width"),
+        ),
+        Candidate(
+            "friction_drift",
+            {
+                "rate": Spec("1/s^2", 0.0, -0.1, 0.1, 1e-6, 0.0003),
+                "start": Spec("1/s", 0.0, -20.0, 20.0, 1e-4),
+            },
+            term=terms.drift,
+            places=("start",),
+        ),
+        Candidate(
+            "tilt_gain",
+            {"beta": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.015), "gamma": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.015)},
+            RING,
+        ),
+        Candidate("axis_misalignment", {"angle": Spec("rad", 0.0, -0.8, 0.8, 1e-4, 0.006)}, RING),
+        Candidate("sensor_delay", {"delay": Spec("s", 0.0, -0.1, 0.3, 1e-4, 0.005)}, DELAY),
+    ]

@@ -1,0 +1,91 @@
+"""report.html: the finding in one sentence, then the evidence as pictures."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazeplan.diagnosis.diagnose import Diagnosis
+
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222 }}
+h1 {{ font-size: 1.3rem }} .first {{ font-size: 1.15rem; border-left: 4px solid #0072b2; padding-left: 1rem }}
+table {{ border-collapse: collapse; margin: 1rem 0 }}
+td, th {{ border: 1px solid #ccc; padding: .25rem .6rem; text-align: left }}
+img {{ max-width: 100% }} .note {{ color: #666 }}
+</style></head><body><h1>{title}</h1><p class="first">{sentence}</p>{tables}
+<img alt="candidates ranked, and error before and after" src="data:image/png;base64,{image}">
+<p class="note">{notes}</p></body></html>
+"""
+
+
+LABELS = {
+    "nrmse": "nRMSE of theta_dd",
+    "rollout20": "theta error after 20 samples, rad",
+    "rollout40": "theta error after 40 samples, rad",
+    "floor": "what noise alone would cause after 40, rad",
+}
+
+
+def write_report(done: Diagnosis, path: Path, title: str) -> None:
+    """Write the page: one file, nothing loaded from elsewhere."""
+    seen = "Search and fits saw the first 70 % of the record; scores are of the rest."
+    notes = [f"Tilt: {done.tilt_source}.", seen, *done.notes]
+    path.write_text(
+        PAGE.format(
+            title=html.escape(title),
+            sentence=html.escape(done.sentence()),
+            tables=_tables(done),
+            image=base64.b64encode(_picture(done)).decode(),
+            notes="<br>".join(html.escape(note) for note in notes),
+        )
+    )
+
+
+def _tables(done: Diagnosis) -> str:
+    rows = ["<table><tr><th>on what was held out</th><th>before</th><th>after</th></tr>"]
+    for name, label in LABELS.items():
+        before, after = (f"{getattr(part, name):.4f}" for part in (done.before, done.after))
+        rows.append(f"<tr><td>{label}</td><td>{before}</td><td>{after}</td></tr>")
+    rows.append("</table>")
+    if done.effects:
+        rows.append("<table><tr><th>effect</th><th>parameter</th><th>value</th><th>standard error</th></tr>")
+        for effect in done.effects:
+            for name, p in effect["parameters"].items():
+                cells = [effect["name"], name, f"{p['value']:.5g} {p['unit']}", f"{p['stderr']:.2g}"]
+                rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+        rows.append("</table>")
+    rows += [f"<p>Hard to tell apart in this record: {html.escape(', '.join(g))}.</p>" for g in done.finding.alike]
+    return "".join(rows)
+
+
+def _picture(done: Diagnosis) -> bytes:
+    """Candidates ranked; scores against the noise floor."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, 3.6), layout="constrained")
+    ranks, bars = figure.subplots(1, 2, width_ratios=[3, 2])
+    trials: list[Any] = [t for t in done.finding.ranked if math.isfinite(t.gain)][:8][::-1]
+    colours = ["#0072b2" if t.candidate.named else "#999999" for t in trials]
+    ranks.barh(np.arange(len(trials)), [max(t.gain, 0.0) for t in trials], color=colours)
+    ranks.set_yticks(np.arange(len(trials)), [t.candidate.name.replace("_", " ") for t in trials])
+    ranks.set_xlabel("-2 log L falls by, penalty taken off (grey: no name)")
+    ranks.set_xscale("symlog", linthresh=15)
+    ranks.axvline(15.0, color="#d55e00", lw=1)
+    ranks.set_title("one effect added, each by itself", fontsize=10)
+    values = [done.before.rollout40, done.after.rollout40, done.after.floor]
+    bars.bar(["before", "after", "noise alone"], values, color=["#d55e00", "#009e73", "#bbbbbb"])
+    for i, value in enumerate(values):
+        bars.text(i, value, f"{value:.4f}", ha="center", va="bottom", fontsize=9)
+    bars.set_ylabel("theta error after 40 samples, rad")
+    bars.set_title("rows held out", fontsize=10)
+    out = io.BytesIO()
+    figure.savefig(out, dpi=130)
+    return out.getvalue()

@@ -1,0 +1,138 @@
+"""What a model lacks is named, on records of a plant that shares nothing with the models."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import plant
+import pytest
+from plant import play
+
+from mazeplan.data.table import Table
+from mazeplan.diagnosis.diagnose import diagnose
+from mazeplan.diagnosis.record import record_of
+from mazeplan.errors import TableError
+
+DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
+
+
+def record(**what):
+    columns = play(**what)
+    return record_of(Table(columns), np.ones(len(columns["t"]), dtype=bool))
+
+
+def found(**what):
+    return diagnose(record(**what), what.get("radius", 0.0925), DECLARED)
+
+
+def value(done, name, parameter):
+    effect = next(e for e in done.effects if e["name"] == name)
+    return effect["parameters"][parameter]["value"], effect["parameters"][parameter]["stderr"]
+
+
+def test_the_plant_shares_nothing_with_the_models():
+    tree = ast.parse(Path(plant.__file__).read_text())
+    names = [a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names]
+    names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    assert not any(name.startswith("mazeplan") for name in names)
+
+
+@pytest.mark.parametrize("process", [0.0, 0.4], ids=["quiet", "process noise"])
+def test_where_nothing_is_missing_it_says_so(process):
+    done = found(seed=1, process=process)
+    assert done.verdict == "nothing_missing"
+    assert done.effects == ()
+    assert done.sentence().startswith("Nothing is missing")
+    assert done.after.rollout40 < 1.5 * done.after.floor if process == 0.0 else done.after.rollout40 > 0.0
+
+
+@pytest.mark.parametrize(
+    ("what", "name", "parameter", "true"),
+    [
+        ({"dry": 0.3}, "dry_friction", "coefficient", 0.3),
+        ({"offset": (0.004, -0.003)}, "tilt_offset", "beta", 0.004),
+        ({"delay": 0.05}, "sensor_delay", "delay", 0.05),
+        ({"viscous": 0.6}, "viscous_friction", "coefficient", 0.6),
+        ({"factor": 0.6}, "rolling_inertia", "factor", 0.6),
+        ({"quadratic": 0.1}, "quadratic_drag", "coefficient", 0.1),
+        ({"angle": 0.05}, "axis_misalignment", "angle", 0.05),
+        ({"bump": (1.0, 0.25, 1.5)}, "surface_bump", "height", 1.5),
+        ({"camera_offset": (0.002, -0.001)}, "camera_offset", "x", 0.002),
+        ({"drift": 0.005}, "friction_drift", "rate", 0.005),
+    ],
+    ids=lambda x: x if isinstance(x, str) else None,
+)
+def test_one_effect_is_named_with_its_size(what, name, parameter, true):
+    done = found(seed=3, **what)
+    assert [e["name"] for e in done.effects] == [name], done.sentence()
+    assert done.verdict in ("effect_found", "ambiguous")
+    got, sigma = value(done, name, parameter)
+    assert got == pytest.approx(true, abs=max(5.0 * sigma, 0.02 * abs(true)))
+    assert done.after.rollout40 < 2.0 * done.after.floor
+    assert done.before.rollout40 > 1.5 * done.after.rollout40
+    assert name.replace("_", " ") in done.sentence()
+
+
+def test_two_effects_at_once():
+    done = found(seed=4, dry=0.3, offset=(0.004, -0.003))
+    assert sorted(e["name"] for e in done.effects) == ["dry_friction", "tilt_offset"]
+
+
+def test_what_swings_with_time_has_no_name_and_a_frequency():
+    done = found(seed=5, hum=(1.7, 0.8))
+    assert done.verdict == "unknown_effect"
+    document = done.document()
+    assert document["unknown"]["depends_on"] == ["time"]
+    assert "1.700 Hz" in document["unknown"]["description"]
+    assert document["after"]["rollout40"] < 0.5 * document["before"]["rollout40"]
+
+
+def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one():
+    done = found(seed=6, lean=8.0)
+    assert done.verdict == "unknown_effect", done.sentence()
+    assert set(done.document()["unknown"]["depends_on"]) >= {"theta_dot", "beta", "gamma"}
+
+
+def test_a_tilt_offset_is_hard_to_tell_from_a_wave_of_the_floor_and_it_says_so():
+    done = found(seed=3, offset=(0.006, -0.004))
+    assert any({"tilt_offset", "surface_profile"} <= set(group) for group in done.finding.alike)
+    assert done.verdict == "effect_found", "the one with fewer parameters is taken"
+
+
+def test_gaps_frozen_samples_and_wrapped_angles_do_no_harm():
+    columns = play(seed=3, dry=0.3)
+    columns["theta"][500:520] = np.nan
+    columns["r"][500:520] = np.nan
+    columns["theta"][1500:1540] = columns["theta"][1500]
+    done = diagnose(record_of(Table(columns), np.ones(3600, dtype=bool)), 0.0925, DECLARED)
+    assert [e["name"] for e in done.effects] == ["dry_friction"]
+    assert any("repeat" in note for note in done.notes)
+    assert any("not seen in 59" in note for note in done.notes)
+
+
+def test_without_commands_the_tilt_sensor_stands_in_and_it_says_so():
+    columns = play(seed=3, dry=0.4)
+    bare = {name: column for name, column in columns.items() if name not in ("u_beta", "u_gamma", "r")}
+    done = diagnose(record_of(Table(bare), np.ones(3600, dtype=bool)), 0.0925, DECLARED)
+    assert "dry_friction" in [e["name"] for e in done.effects]
+    assert done.tilt_source == "the tilt sensor, smoothed"
+    assert len([n for n in done.notes if "cannot be checked" in n]) == 2
+
+
+def test_a_plate_that_does_not_move_teaches_nothing():
+    columns = play(seed=1, seconds=20.0, u=np.zeros((600, 2)))
+    columns["beta"][:] = columns["gamma"][:] = 0.0
+    with pytest.raises(TableError, match="nothing can be learned"):
+        record_of(Table(columns), np.ones(600, dtype=bool))
+    with pytest.raises(TableError, match="got 100 samples of the ball, expected at least 300"):
+        record_of(Table(play(seed=1, seconds=20.0)), np.arange(600) < 100)
+
+
+def test_a_further_record_is_scored_and_not_looked_at():
+    done = diagnose(record(seed=3, dry=0.3), 0.0925, DECLARED, test=record(seed=9, dry=0.3))
+    assert done.test is not None
+    before, after = done.test
+    assert after.rollout40 < 0.5 * before.rollout40
+    assert set(done.document()["test"]) == {"before", "after"}
