@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_models import measured_section, toy_section, training_section
 from bench_moves import moves_section
@@ -142,7 +143,12 @@ def start_section() -> list[str]:
 
 def models_sections(quick: bool) -> list[list[str]]:
     """What needs no quiet machine."""
-    return [measured_section(mazeplan), toy_section(mazeplan, quick), predictability_section(quick)]
+    return [
+        measured_section(mazeplan),
+        toy_section(mazeplan, quick),
+        predictability_section(quick),
+        diagnose_section(quick),
+    ]
 
 
 def timed_solver_section(quick: bool) -> list[str]:
@@ -161,7 +167,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "tick": lambda quick: tick_section(), "start": lambda quick: start_section(),
     "training": lambda quick: training_section(), "solver": timed_solver_section,
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
-    "predictability": predictability_section,
+    "predictability": predictability_section, "diagnose": diagnose_section,
 }  # fmt: skip
 
 

@@ -30,7 +30,6 @@ LABELS = {
     "nrmse": "nRMSE of theta_dd",
     "rollout20": "theta error after 20 samples, rad",
     "rollout40": "theta error after 40 samples, rad",
-    "floor": "what noise alone would cause after 40, rad",
 }
 
 
@@ -54,6 +53,7 @@ def _tables(done: Diagnosis) -> str:
     for name, label in LABELS.items():
         before, after = (f"{getattr(part, name):.4f}" for part in (done.before, done.after))
         rows.append(f"<tr><td>{label}</td><td>{before}</td><td>{after}</td></tr>")
+    rows.append(f"<tr><td>what noise alone would cause after 40, rad</td><td></td><td>{done.after.floor:.4f}</td></tr>")
     rows.append("</table>")
     if done.effects:
         rows.append("<table><tr><th>effect</th><th>parameter</th><th>value</th><th>standard error</th></tr>")

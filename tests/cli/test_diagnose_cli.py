@@ -1,0 +1,113 @@
+"""`diagnose` from the command line."""
+
+from __future__ import annotations
+
+import html
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ring_record import write_csv
+
+from mazeplan.cli import main
+from mazeplan.data.table import Table
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "diagnosis"))
+from plant import play
+
+KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
+         "viscous_friction.coefficient=0.35")  # fmt: skip
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["mazeplan", "diagnose", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        got = capsys.readouterr()
+        return code, got.out, got.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs") / "dry.csv"
+    write_csv(Table(play(seed=3, seconds=90.0, dry=0.4)), path)
+    return path
+
+
+def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(call, log, tmp_path):
+    code, out, err = call(log, *KNOWN, "--test", log, "-o", tmp_path / "report", "--json")
+    assert code == 0, err
+    document = json.loads(out)
+    assert document["verdict"] == "effect_found"
+    (effect,) = document["effects"]
+    assert effect["name"] == "dry_friction"
+    found = effect["parameters"]["coefficient"]
+    assert found["value"] == pytest.approx(0.4, abs=0.02)
+    assert found["unit"] == "rad/s^2"
+    assert 0.0 < found["stderr"] < 0.02
+    for part in (document["before"], document["after"], document["test"]["before"], document["test"]["after"]):
+        assert set(part) == {"nrmse", "rollout20", "rollout40"}
+    assert document["after"]["rollout40"] < 0.2 * document["before"]["rollout40"]
+    assert document["noise_floor"] < document["after"]["rollout40"] * 1.5
+    assert document["held_out"] == pytest.approx(0.3)
+    assert document["unknown"] is None
+    assert json.loads((tmp_path / "report" / "report.json").read_text()) == document
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert html.escape(document["sentence"]) in page
+    assert "data:image/png;base64," in page
+    assert "http" not in page.replace("http-equiv", ""), "nothing is loaded from elsewhere"
+
+
+def test_in_words(call, log):
+    code, out, err = call(log, *KNOWN)
+    assert code == 0, err
+    assert out.startswith("The model lacks dry friction (coefficient 0.")
+    assert "40-step error" in out.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--declare", "magic.size=1"), "--declare: got effect 'magic', expected one of rolling_inertia"),
+        (("--declare", "viscous_friction.size=1"), "got parameter 'size' of viscous_friction, expected one of coeff"),
+        (("--declare", "viscous_friction.coefficient=much"), "expected EFFECT.PARAM=VALUE with a number"),
+        (("--declare", "viscous_friction.coefficient=-3"), "got viscous_friction.coefficient -3, expected 0 to 20"),
+        (("--radius", "-1"), "--radius"),
+        (("--ring", "9"), "--ring: got 9, expected 1 to 5"),
+        (("--ring", "5"), "--ring: got 5, a disc"),
+        (("--model", "nowhere", "--radius", "0.09"), "no such model"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(call, log, arguments, message):
+    code, out, err = call(log, *arguments)
+    assert code == 2
+    assert not out
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_a_record_that_teaches_nothing(call, tmp_path):
+    columns = play(seed=1, seconds=30.0, u=np.zeros((900, 2)), sensor=1e-5)
+    write_csv(Table(columns), tmp_path / "still.csv")
+    code, _, err = call(tmp_path / "still.csv", *KNOWN)
+    assert code == 2
+    assert "nothing can be learned" in err
+
+
+def test_the_ring_comes_from_the_map(call, tmp_path):
+    columns = play(seed=3, seconds=60.0, radius=0.0689, dry=0.4)
+    write_csv(Table(columns), tmp_path / "ring2.csv")
+    code, out, err = call(tmp_path / "ring2.csv", "--json", *KNOWN[2:])
+    assert code == 0, err
+    document = json.loads(out)
+    assert document["ring"] == 2
+    assert "dry_friction" in [e["name"] for e in document["effects"]]
