@@ -76,32 +76,32 @@ def ring_library() -> list[Candidate]:
     """Everything that can be named on a ring."""
     rad = math.radians
     return [
-        Candidate("rolling_inertia", {"factor": Spec("1", 1.0, 0.05, 1.5, 1e-4, 0.011)}, RING),
-        Candidate("viscous_friction", {"coefficient": Spec("1/s", 0.0, 0.0, 20.0, 1e-4, 0.03)}, term=terms.viscous),
+        Candidate("rolling_inertia", {"factor": Spec("1", 1.0, 0.05, 1.5, 1e-4, 0.007)}, RING),
+        Candidate("viscous_friction", {"coefficient": Spec("1/s", 0.0, 0.0, 20.0, 1e-4, 0.02)}, term=terms.viscous),
         Candidate(
             "dry_friction",
             {
-                "coefficient": Spec("rad/s^2", 0.0, 0.0, 20.0, 1e-3, 0.04),
-                "asymmetry": Spec("rad/s^2", 0.0, -10.0, 10.0, 1e-3, 0.04),
+                "coefficient": Spec("rad/s^2", 0.0, 0.0, 20.0, 1e-3, 0.035),
+                "asymmetry": Spec("rad/s^2", 0.0, -10.0, 10.0, 1e-3, 0.035),
             },
             DRY,
             starts=((0.1, 0.0),),
         ),
-        Candidate("quadratic_drag", {"coefficient": Spec("1/rad", 0.0, -5.0, 5.0, 1e-4, 0.012)}, term=terms.quadratic),
+        Candidate("quadratic_drag", {"coefficient": Spec("1/rad", 0.0, -5.0, 5.0, 1e-4, 0.01)}, term=terms.quadratic),
         Candidate(
             "tilt_offset",
             {
-                "beta": Spec("rad", 0.0, -0.2, 0.2, 1e-5, 0.0005),
-                "gamma": Spec("rad", 0.0, -0.2, 0.2, 1e-5, 0.0005),
+                "beta": Spec("rad", 0.0, -0.2, 0.2, 1e-5, 0.0004),
+                "gamma": Spec("rad", 0.0, -0.2, 0.2, 1e-5, 0.0004),
             },
             RING,
         ),
         Candidate(
-            "constant_torque", {"acceleration": Spec("rad/s^2", 0.0, -10.0, 10.0, 1e-4, 0.04)}, term=terms.constant
+            "constant_torque", {"acceleration": Spec("rad/s^2", 0.0, -10.0, 10.0, 1e-4, 0.03)}, term=terms.constant
         ),
         Candidate(
             "surface_profile",
-            {f"{kind}{n}": Spec("rad/s^2", 0.0, -20.0, 20.0, 1e-3, 0.07) for n in (1, 2, 3) for kind in ("cos", "sin")},
+            {f"{kind}{n}": Spec("rad/s^2", 0.0, -20.0, 20.0, 1e-3, 0.06) for n in (1, 2, 3) for kind in ("cos", "sin")},
             term=terms.harmonics,
         ),
         Candidate(
@@ -109,16 +109,23 @@ def ring_library() -> list[Candidate]:
             {
                 "centre": Spec("rad", 0.0, -2 * math.pi, 2 * math.pi, 1e-3),
                 "width": Spec("rad", 0.2, rad(2), 1.5, 1e-3),
-                "height": Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, 0.09),
+                "height": Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, 0.075),
             },
             term=terms.bump,
             starts=tuple((angle, 0.25, 0.1) for angle in _angles(24)),
             places=("centre", "width"),
         ),
         Candidate(
+            "gate_loss",
+            {"angle": Spec("rad", 0.0, -2 * math.pi, 2 * math.pi, 0.03), "loss": Spec("1", 0.0, 0.0, 0.9, 1e-3, 0.03)},
+            GATE,
+            starts=tuple((angle, 0.1) for angle in _angles(24)),
+            places=("angle",),
+        ),
+        Candidate(
             "friction_drift",
             {
-                "rate": Spec("1/s^2", 0.0, -0.1, 0.1, 1e-6, 0.0003),
+                "rate": Spec("1/s^2", 0.0, -0.1, 0.1, 1e-6, 0.00025),
                 "start": Spec("1/s", 0.0, -20.0, 20.0, 1e-4),
             },
             term=terms.drift,
@@ -126,9 +133,9 @@ def ring_library() -> list[Candidate]:
         ),
         Candidate(
             "tilt_gain",
-            {"beta": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.015), "gamma": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.015)},
+            {"beta": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012), "gamma": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012)},
             RING,
         ),
-        Candidate("axis_misalignment", {"angle": Spec("rad", 0.0, -0.8, 0.8, 1e-4, 0.006)}, RING),
-        Candidate("sensor_delay", {"delay": Spec("s", 0.0, -0.1, 0.3, 1e-4, 0.005)}, DELAY),
+        Candidate("axis_misalignment", {"angle": Spec("rad", 0.0, -0.8, 0.8, 1e-4, 0.005)}, RING),
+        Candidate("sensor_delay", {"delay": Spec("s", 0.0, -0.1, 0.3, 1e-4, 0.004)}, DELAY),
     ]

@@ -116,7 +116,8 @@ def _promising(
         names, declared = list(c.parameters), likelihood.system.declared.get(c.name)
         starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first()
         if len(starts) > 1:  # held fixed first, with either sign of the last parameter
-            starts = [(*v[:-1], sign * v[-1]) for v in starts for sign in (1.0, -1.0)]
+            low = list(c.parameters.values())[-1].low
+            starts = [(*v[:-1], sign * v[-1]) for v in starts for sign in (1.0, -1.0) if sign * v[-1] >= low]
             scores = [
                 likelihood.minus2({**current.values, c.name: dict(zip(names, v, strict=True))}, current.q)
                 for v in starts

@@ -25,7 +25,7 @@ def commands(rng, n, amplitude=0.06):
 def play(seed=0, seconds=120.0, radius=0.0925, camera=3e-4, sensor=8e-4, process=0.0, u=None, **effects):
     """Columns t, theta, r, beta, gamma, u_beta, u_gamma of a record. effects by name: dry, viscous, quadratic, offset
     (2,), factor, torque, delay (s), angle (of the camera), camera_offset (2,), drift, bump (centre, width, height),
-    hum (Hz, size), lean (friction that grows with the tilt), gain (2,)."""
+    hum (Hz, size), gate (angle, share of the speed lost), lean (friction that grows with the tilt), gain (2,)."""
     rng = np.random.default_rng(seed)
     n = round(seconds * RATE)
     u = commands(rng, n) if u is None else u
@@ -59,7 +59,11 @@ def play(seed=0, seconds=120.0, radius=0.0925, camera=3e-4, sensor=8e-4, process
                 a += effects["hum"][1] * math.sin(2 * math.pi * effects["hum"][0] * time)
             free, most = w + h * a, h * get("dry", 0.0)
             new = 0.0 if abs(free) <= most else free - math.copysign(most, free)
-            th, w = th + 0.5 * h * (w + new), new + kicks[k * FINE + i]
+            before, th, w = th, th + 0.5 * h * (w + new), new + kicks[k * FINE + i]
+            if "gate" in effects:
+                angle, loss = effects["gate"]
+                if math.floor((before - angle) / (2 * math.pi)) != math.floor((th - angle) / (2 * math.pi)):
+                    w *= 1.0 - loss
             tilt, rate = tilt + h * rate + 0.5 * h * h * acc, rate + h * acc
     theta = out[:, 0] + get("angle", 0.0)
     x = radius * np.cos(theta) + get("camera_offset", (0.0, 0.0))[0] + camera * rng.standard_normal(n)

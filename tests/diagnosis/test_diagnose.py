@@ -61,6 +61,7 @@ def test_where_nothing_is_missing_it_says_so(process):
         ({"bump": (1.0, 0.25, 1.5)}, "surface_bump", "height", 1.5),
         ({"camera_offset": (0.002, -0.001)}, "camera_offset", "x", 0.002),
         ({"drift": 0.005}, "friction_drift", "rate", 0.005),
+        ({"gate": (0.8, 0.3)}, "gate_loss", "loss", 0.3),
     ],
     ids=lambda x: x if isinstance(x, str) else None,
 )
