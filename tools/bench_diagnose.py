@@ -19,7 +19,7 @@ from mazeplan.diagnosis.diagnose import Diagnosis, diagnose
 from mazeplan.diagnosis.record import record_of
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests" / "diagnosis"))
+sys.path.insert(0, str(ROOT / "tests"))
 # the tests' truth, which shares nothing with the models
 import plant  # noqa: E402  # pyright: ignore[reportMissingImports]
 
@@ -129,7 +129,7 @@ def diagnose_section(quick: bool) -> list[str]:
         "",
         "### A plant of its own, at the smallest sizes that are to be found",
         "",
-        f"tests/diagnosis/plant.py, which shares nothing with the models: {SECONDS:g} s, camera noise 0.3 mm,",
+        f"tests/plant.py, which shares nothing with the models: {SECONDS:g} s, camera noise 0.3 mm,",
         "tilt noise 8e-4 rad; one record in each of three rings, and records in which nothing is missing. Simulated.",
         "",
         *plant_rows(quick),

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
+from commands import call as command
 
 from mazeplan import resources
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.cli import main
 
 
 @pytest.fixture
 def call(monkeypatch, capsys):
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["mazeplan", *arguments])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        got = capsys.readouterr()
-        return code, got.out, got.err
+        return command(monkeypatch, capsys, *arguments)
 
     return run
 

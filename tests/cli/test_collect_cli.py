@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import pytest
+from commands import call
 
-from mazeplan.cli import main
 from mazeplan.collect import EXCITE
 from mazeplan.data.runlog import read_log
 from mazeplan.data.table import read_table
 from mazeplan.maze.mapfile import load_map
-
-
-def call(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["mazeplan", *arguments])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    got = capsys.readouterr()
-    return code, got.out, got.err
 
 
 def test_collect_and_learn_from_the_command_line(monkeypatch, capsys, tmp_path):

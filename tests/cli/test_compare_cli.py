@@ -8,24 +8,13 @@ from functools import partial
 
 import numpy as np
 import pytest
+from commands import call
 from ring_record import ring_table, write_csv
 
-from mazeplan.cli import main
 from mazeplan.data.table import Table
 
 QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed")
 KINDS = {"rf", "p", "pi", "np", "sp"}
-
-
-def call(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["mazeplan", *map(str, arguments)])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    got = capsys.readouterr()
-    return code, got.out, got.err
 
 
 @pytest.fixture(autouse=True)

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import html
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import call as command
+from plant import play
 from ring_record import write_csv
 
-from mazeplan.cli import main
 from mazeplan.data.table import Table
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "diagnosis"))
-from plant import play
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
@@ -24,14 +20,7 @@ KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", 
 @pytest.fixture
 def call(monkeypatch, capsys):
     def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["mazeplan", "diagnose", *map(str, arguments)])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        got = capsys.readouterr()
-        return code, got.out, got.err
+        return command(monkeypatch, capsys, "diagnose", *arguments)
 
     return run
 

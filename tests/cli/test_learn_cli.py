@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from commands import call
 from planar_rig import PlanarRig
 
-from mazeplan.cli import main
 from mazeplan.collect import Collection, run_collection
 from mazeplan.data.table import read_table
 from mazeplan.maze.mapfile import load_map
@@ -20,17 +20,6 @@ from mazeplan.models.features import inputs
 from mazeplan.models.modelfile import RigModel, load_model
 
 MAZE = load_map("cme")
-
-
-def call(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["mazeplan", *map(str, arguments)])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
-    got = capsys.readouterr()
-    return code, got.out, got.err
 
 
 @pytest.fixture(autouse=True)

@@ -9,17 +9,9 @@ import sys
 import textwrap
 
 import pytest
+from commands import call
 
-from mazeplan.cli import main
 from mazeplan.data.runlog import read_log
-
-
-def call(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["mazeplan", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    captured = capsys.readouterr()
-    return stop.value.code or 0, captured.out, captured.err
 
 
 def test_arrives_and_logs(monkeypatch, capsys, tmp_path):
