@@ -44,7 +44,7 @@ def diagnose(
     from mazeplan.cli.arguments import positive
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
-    from mazeplan.diagnosis.record import record_of
+    from mazeplan.diagnosis.record import record_of, turned_round
     from mazeplan.diagnosis.report import write_report
     from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model
@@ -59,11 +59,12 @@ def diagnose(
         number, where, rows = ring, positive("--radius", radius), _all(table)
         known = load_model(model).declared(ring or 1) if model is not None else {}
     _declare(known, declare or [])
+    table, odd = turned_round(table, where)
     further = None
     if test is not None:
-        more = read_table(test)
+        more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
-    done = run(record_of(table, rows), where, known, test=further, progress=say)
+    done = run(record_of(table, rows, odd), where, known, test=further, progress=say)
     document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mazeplan.data.table import Table, stretches
 from mazeplan.errors import TableError
+from mazeplan.models.samples import SampleOptions, orientation, ring_samples
 from mazeplan.records import Array
 
 FROZEN = 15  # equal measurements in a row that no ball and no camera give
@@ -35,9 +37,26 @@ class Record:
         return len(self.t)
 
 
-def record_of(table: Table, rows: np.ndarray) -> Record:
-    """The record of the rows (N,) in which the ball is in the ring. Raises TableError when nothing can be learned."""
-    dt, notes = table.dt, []
+def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
+    """The table with beta and gamma counted as in the ball's equation, and what was turned round, in words: gravity must
+    pull the ball downhill."""
+    samples = ring_samples(table, None, None, SampleOptions(ring=1, radius=radius))
+    columns, notes = dict(table.columns), []
+    for axis, sign in zip(("beta", "gamma"), orientation(samples), strict=True):
+        if sign < 0:
+            notes.append(
+                f"{axis} is counted the other way round in this record (gravity pulls uphill); it was turned round"
+            )
+            for name in (axis, f"{axis}_dot", f"{axis}_ddot", f"u_{axis}"):
+                if name in columns:
+                    columns[name] = -columns[name]
+    return Table(columns, table.source), tuple(notes)
+
+
+def record_of(table: Table, rows: np.ndarray, notes: Sequence[str] = ()) -> Record:
+    """The record of the rows (N,) in which the ball is in the ring; notes: what is known to be odd already. Raises
+    TableError when nothing can be learned."""
+    dt, notes = table.dt, list(notes)
     starts = np.zeros(len(table), dtype=bool)
     for part in stretches(table):
         starts[part.start] = True

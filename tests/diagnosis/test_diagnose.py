@@ -12,7 +12,7 @@ from plant import play
 
 from mazeplan.data.table import Table
 from mazeplan.diagnosis.diagnose import diagnose
-from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.record import record_of, turned_round
 from mazeplan.errors import TableError
 
 DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
@@ -137,3 +137,18 @@ def test_a_further_record_is_scored_and_not_looked_at():
     before, after = done.test
     assert after.rollout40 < 0.5 * before.rollout40
     assert set(done.document()["test"]) == {"before", "after"}
+
+
+def test_an_axis_that_is_counted_the_other_way_round_is_turned_and_told():
+    columns = play(seed=3, dry=0.4)
+    right, none = turned_round(Table(columns), 0.0925)
+    assert none == ()
+    assert (right["beta"] == columns["beta"]).all()
+    other = Table({**columns, "beta": -columns["beta"], "u_beta": -columns["u_beta"]})
+    back, notes = turned_round(other, 0.0925)
+    assert (back["beta"] == columns["beta"]).all()
+    assert (back["u_beta"] == columns["u_beta"]).all()
+    assert (back["gamma"] == columns["gamma"]).all()
+    assert len(notes) == 1
+    assert notes[0].startswith("beta is counted the other way round")
+    assert notes[0] in record_of(back, np.ones(3600, dtype=bool), notes).notes
