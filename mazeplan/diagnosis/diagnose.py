@@ -25,6 +25,7 @@ from mazeplan.models.stage import StageFit, fit_axis
 
 SEEN = 0.7  # share of the record that search and fits see
 DELAY = 0.005  # s; a command delay worth a word
+STAGE_KEYS = ("natural_frequency", "damping", "gain")  # of which the ball knows more than the tilt sensor
 
 
 @dataclass(frozen=True)
@@ -171,9 +172,9 @@ def _likelihood(
 
 
 def _relative_errors(stage: tuple[StageFit, StageFit]) -> dict[str, dict[str, float]]:
-    """Standard errors of natural frequency and damping of either axis, over their values."""
+    """Standard errors of the stage's parameters, over their values."""
     return {
-        name: {key: fitted.axis.stderr[key] / getattr(fitted.axis, key) for key in ("natural_frequency", "damping")}
+        name: {key: fitted.axis.stderr[key] / getattr(fitted.axis, key) for key in STAGE_KEYS}
         for name, fitted in zip(("beta", "gamma"), stage, strict=True)
     }
 
@@ -186,8 +187,7 @@ def _moved(record: Record, stage: tuple[StageFit, StageFit] | None, errors: dict
     axes = []
     for name, fitted in zip(("beta", "gamma"), stage, strict=True):
         changed = {
-            key: getattr(fitted.axis, key) * (1.0 + (errors or {}).get(f"{name}_{key}", 0.0))
-            for key in ("natural_frequency", "damping")
+            key: getattr(fitted.axis, key) * (1.0 + (errors or {}).get(f"{name}_{key}", 0.0)) for key in STAGE_KEYS
         }
         axes.append(replace(fitted.axis, **changed))
     return from_commands(record.t, record.u[:, 0], record.u[:, 1], axes[0], axes[1])

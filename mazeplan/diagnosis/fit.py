@@ -129,7 +129,7 @@ def fit(
             break
     e, _, _ = likelihood.whitened(values_of(x), q)
     variance = float(np.mean(e * e))
-    found = values_of(_sigma(J, variance)) if len(x) else {}
+    found = values_of(_sigma(J, variance, np.array([spec.prior for *_, spec in names]))) if len(x) else {}
     return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, found, len(x))
 
 
@@ -149,10 +149,9 @@ def forecast(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str
     return here + n * math.log(float(e @ e) / max(float(left @ left), 1e-300))
 
 
-def _sigma(J: Array, variance: float) -> Array:
-    """Standard errors from the Jacobian of the whitened innovations."""
-    if not J.shape[1]:
-        return np.zeros(0)
+def _sigma(J: Array, variance: float, prior: Array) -> Array:
+    """Standard errors from the Jacobian of the whitened innovations, and from what was known before."""
+    J = np.vstack([J, np.diag(math.sqrt(variance) / prior)])
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
     root = turn.T / np.maximum(sizes, 1e-12 * sizes[0])

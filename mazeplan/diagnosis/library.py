@@ -60,7 +60,7 @@ class Candidate:
 
 
 def stage_errors(stderr: dict[str, dict[str, float]]) -> Candidate:
-    """What the tilt sensor leaves open of the stage: relative errors of natural frequency and damping of either axis,
+    """What the tilt sensor leaves open of the stage: relative errors of the parameters of either axis,
     known to within the standard errors of their fit. The ball tells tilts apart that the sensor cannot: held fixed, an
     error of half a millisecond would look like an effect. Always free, never a finding."""
     known = {f"{axis}_{name}": sigma for axis, found in stderr.items() for name, sigma in found.items()}
