@@ -119,6 +119,8 @@ def test_ctrl_c_levels_closes_the_log_and_exits_130(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", script, "navigate", "--rig", "slow_rig:Slow", "--log", str(log)],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        # whoever runs the tests in the background of a shell has it ignored, and children inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert process.stdout is not None
     assert process.stdout.readline().strip() == "ten ticks"
