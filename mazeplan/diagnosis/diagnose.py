@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.diagnosis.anonymous import anonymous_library
+from mazeplan.diagnosis.anonymous import anonymous_library, placebos
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
@@ -20,7 +20,7 @@ from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, score
-from mazeplan.diagnosis.search import Finding, search, with_stage
+from mazeplan.diagnosis.search import Finding, search
 
 SEEN = 0.7  # share of the record that search and fits see
 DELAY = 0.005  # s; a command delay worth a word
@@ -126,11 +126,11 @@ def diagnose(
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    library = [*ring_library(), *anonymous_library()]
+    library = [*ring_library(), *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
-    finding = with_stage(straight, search(straight, library, tell), along)
+    finding = search(straight, library, along, tell)
     effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
