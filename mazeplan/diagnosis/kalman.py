@@ -86,7 +86,7 @@ def advance(problem, p, k, x, v):
         x += h * v + h * h / 6.0 * (a1 + a2 + a3)
         v, held = free, False
         if problem.dry >= 0:
-            most = h * max(p[problem.dry] + math.copysign(p[problem.dry + 1], free), 0.0)
+            most = h * max(p[problem.dry] + p[problem.dry + 1] * math.copysign(1.0, free), 0.0)
             held = abs(free) <= most
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
@@ -168,4 +168,4 @@ def accelerations(problem, p, x, v, out):
     for k in range(len(x)):
         out[k] = _smooth(problem, p, x[k], v[k], problem.t[k], problem.w[k, 0])
         if problem.dry >= 0 and v[k] != 0.0:
-            out[k] -= math.copysign(max(p[problem.dry] + math.copysign(p[problem.dry + 1], v[k]), 0.0), v[k])
+            out[k] -= math.copysign(max(p[problem.dry] + p[problem.dry + 1] * math.copysign(1.0, v[k]), 0.0), v[k])
