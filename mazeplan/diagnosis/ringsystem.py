@@ -13,6 +13,7 @@ from mazeplan.diagnosis import terms
 from mazeplan.diagnosis.anonymous import PAST
 from mazeplan.diagnosis.kalman import NODES, TERM, Problem
 from mazeplan.diagnosis.library import DELAY, DRY, GATE, RING, STAGE, Candidate
+from mazeplan.diagnosis.system import Values
 from mazeplan.maths.compiled import address_of
 from mazeplan.records import Array
 
@@ -22,8 +23,6 @@ RING_SLOTS = {
     ("rolling_inertia", "factor"): 1, ("tilt_offset", "beta"): 2, ("tilt_offset", "gamma"): 3,
     ("axis_misalignment", "angle"): 4, ("tilt_gain", "beta"): 5, ("tilt_gain", "gamma"): 6,
 }  # fmt: skip
-
-Values = dict[str, dict[str, float]]  # effect -> parameter -> value
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,8 @@ class Tilt:
 
 class RingSystem:
     """Problems for `kalman`, made from a record and the values of effects."""
+
+    weakest = 0.08  # rad/s^2
 
     def __init__(
         self,

@@ -17,7 +17,7 @@ import numpy as np
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit, forecast
 from mazeplan.diagnosis.kalman import accelerations
 from mazeplan.diagnosis.library import STAGE, Candidate, Spec
-from mazeplan.diagnosis.ringsystem import Values
+from mazeplan.diagnosis.system import Values
 from mazeplan.diagnosis.terms import oscillation
 
 ACCEPT, KEEP = 15.0, 10.0  # of -2 log L
@@ -26,15 +26,15 @@ ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within 
 AHEAD = 1.15  # an unnamed term must explain so many times what the best named one does
 MOST = 5  # effects
 NAMED, NAMELESS = 4, 2  # candidates that get a full fit in each round
-WEAKEST = 0.08  # rad/s^2, root mean square; an unnamed term that adds less is not worth a word ...
-SHARE = 0.05  # ... nor one that brings less than this share of what named effects brought: they are not exact either
+SHARE = 0.05  # an unnamed term must bring this share of what named effects brought: they are not exact either
+SWING = 1.25  # amplitude of a force that swings with time, in the system's `weakest`
 PEAK = 18.0  # of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
 
 @dataclass(frozen=True)
 class Trial:
     """A candidate added to what was accepted: its fit, and by how much it lowered -2 log L, penalty taken off;
-    strength: rad/s^2, of a term that has no smallest size of its own."""
+    strength: root mean square over the system's `weakest`, of a term that has no smallest size of its own."""
 
     candidate: Candidate
     fit: Fit
@@ -53,7 +53,7 @@ class Trial:
             for n, spec in c.parameters.items()
             if n not in c.places
         )
-        return certain and c.size(values, had) >= 1.0 and self.strength >= WEAKEST
+        return certain and c.size(values, had) >= 1.0 and self.strength >= 1.0
 
 
 @dataclass(frozen=True)
@@ -141,20 +141,21 @@ def try_one(
     found = fit(likelihood, [*current.candidates, c], {**current.values, **fresh, c.name: start}, current.q)
     raw = current.minus2 - found.minus2
     gain = raw - len(c.parameters) * math.log(max(int(likelihood.rows.sum()), 2))
-    return Trial(c, found, gain, raw, math.inf if c.named else _strength(likelihood, found, c))
+    return Trial(c, found, gain, raw, math.inf if c.named else _strength(likelihood, current, found))
 
 
-def _strength(likelihood: Likelihood, found: Fit, c: Candidate) -> float:
-    """Root mean square of what a term adds, rad/s^2, over the rows of the fit."""
+def _strength(likelihood: Likelihood, current: Fit, found: Fit) -> float:
+    """Root mean square of what a fit changes over the rows of the fit, in multiples of the weakest worth a word: what
+    others could do as well does not count."""
     states, with_, without = likelihood.filtered(found.values, found.q), np.empty(0), np.empty(0)
     parts = []
-    for values in (found.values, {name: v for name, v in found.values.items() if name != c.name}):
+    for values in (found.values, current.values):
         problem, p = likelihood.system.build(likelihood.library, values)
         out = np.empty(len(states))
         accelerations(problem, p, states[:, 0].copy(), states[:, 1].copy(), out)
         parts.append(out)
     with_, without = parts
-    return float(np.sqrt(np.mean((with_ - without)[likelihood.rows] ** 2)))
+    return float(np.sqrt(np.mean((with_ - without)[likelihood.rows] ** 2)) / likelihood.system.weakest)
 
 
 def _oscillation(likelihood: Likelihood, current: Fit) -> Trial:
@@ -163,7 +164,7 @@ def _oscillation(likelihood: Likelihood, current: Fit) -> Trial:
     power = np.abs(np.fft.rfft(e - e.mean())) ** 2 / max(len(e) * float(np.var(e)), 1e-300)
     frequency = np.fft.rfftfreq(len(e), likelihood.system.dt)
     k = int(np.argmax(power[1:])) + 1
-    amplitude = Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, 0.1)
+    amplitude = Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, SWING * likelihood.system.weakest)
     c = Candidate(
         "oscillation",
         {"frequency": Spec("Hz", 0.0, 0.0, 15.0, 1e-5), "cos": amplitude, "sin": amplitude},
