@@ -44,6 +44,11 @@ class Diagnosis:
     notes: tuple[str, ...]
     test: tuple[Score, Score] | None = None
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know."""
+        return (f"Tilt: {self.tilt_source}.", *self.notes)
+
     def document(self) -> dict[str, Any]:
         """The JSON of it."""
         unknown = None
@@ -80,7 +85,7 @@ class Diagnosis:
             same = f"nRMSE of theta_dd {before.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
         if self.verdict == "nothing_missing":
             return f"Nothing is missing: {same}."
-        names = [_words(effect) for effect in self.effects]
+        names = [effect_words(effect) for effect in self.effects]
         if self.verdict == "unknown_effect":
             also = f" besides {', '.join(names)}" if names else ""
             return f"Something is there that has no name{also}: {describe_unknown(self.finding)}; {change}."
@@ -90,7 +95,8 @@ class Diagnosis:
         return f"The model lacks {', '.join(names)}{tail}: {change}."
 
 
-def _words(effect: dict[str, Any]) -> str:
+def effect_words(effect: dict[str, Any]) -> str:
+    """An effect with its sizes."""
     numbers = ", ".join(
         f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
     )
@@ -136,7 +142,7 @@ def diagnose(
     tell("scores on what was held out")
     base = fit(plain, free, {c.name: dict.fromkeys(c.parameters, 0.0) for c in free})
     done = Diagnosis(
-        _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
+        verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
         score(straight, finding.final, ~rows), tilt.source, record.notes,
     )  # fmt: skip
     if test is None:
@@ -244,12 +250,12 @@ def _entry(final: Fit, name: str) -> dict[str, Any]:
     }
 
 
-def _verdict(finding: Finding, effects: list[dict[str, Any]]) -> str:
+def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Sequence[Candidate]) -> str:
     """In a word. Of two effects that explain as well, the one with fewer parameters is taken; where none has fewer, the
     record cannot tell them apart."""
     if finding.unknown is not None:
         return "unknown_effect"
-    counts = {c.name: len(c.parameters) for c in ring_library()}
+    counts = {c.name: len(c.parameters) for c in library}
     for chosen, *others in finding.alike:
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"
