@@ -42,6 +42,11 @@ class Diagnosis:
     notes: tuple[str, ...]
     test: tuple[Score, Score] | None = None
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know."""
+        return (f"Tilt: {self.tilt_source}.", *self.notes)
+
     def document(self) -> dict[str, Any]:
         """The JSON of it."""
         unknown = None
@@ -78,7 +83,7 @@ class Diagnosis:
             same = f"nRMSE of theta_dd {before.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
         if self.verdict == "nothing_missing":
             return f"Nothing is missing: {same}."
-        names = [_words(effect) for effect in self.effects]
+        names = [effect_words(effect) for effect in self.effects]
         if self.verdict == "unknown_effect":
             also = f" besides {', '.join(names)}" if names else ""
             return f"Something is there that has no name{also}: {describe_unknown(self.finding)}; {change}."
@@ -88,7 +93,8 @@ class Diagnosis:
         return f"The model lacks {', '.join(names)}{tail}: {change}."
 
 
-def _words(effect: dict[str, Any]) -> str:
+def effect_words(effect: dict[str, Any]) -> str:
+    """An effect with its sizes."""
     numbers = ", ".join(
         f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
     )
@@ -130,12 +136,12 @@ def diagnose(
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
-    finding = search(straight, library, along, tell)
+    finding = search(straight, library, tell, along=along)
     effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
-        _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
+        verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
         score(straight, finding.final, ~rows), tilt.source, record.notes,
     )  # fmt: skip
     if test is None:
@@ -200,12 +206,12 @@ def _entry(final: Fit, name: str) -> dict[str, Any]:
     }
 
 
-def _verdict(finding: Finding, effects: list[dict[str, Any]]) -> str:
+def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Sequence[Candidate]) -> str:
     """In a word. Of two effects that explain as well, the one with fewer parameters is taken; where none has fewer, the
     record cannot tell them apart."""
     if finding.unknown is not None:
         return "unknown_effect"
-    counts = {c.name: len(c.parameters) for c in ring_library()}
+    counts = {c.name: len(c.parameters) for c in library}
     for chosen, *others in finding.alike:
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"

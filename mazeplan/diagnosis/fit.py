@@ -10,7 +10,7 @@ import numpy as np
 
 from mazeplan.diagnosis.kalman import Moves, innovations
 from mazeplan.diagnosis.library import Candidate, Spec
-from mazeplan.diagnosis.ringsystem import RingSystem, Values
+from mazeplan.diagnosis.system import System, Values
 from mazeplan.records import Array
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
@@ -42,7 +42,7 @@ class Fit:
 class Likelihood:
     """-2 log L of a system on some of its rows."""
 
-    def __init__(self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray) -> None:
+    def __init__(self, system: System, library: Sequence[Candidate], rows: np.ndarray) -> None:
         """rows (N,): which count."""
         self.system, self.library, self.rows = system, list(library), rows
         n = len(system)

@@ -14,6 +14,7 @@ from mazeplan.diagnosis import terms
 from mazeplan.diagnosis.anonymous import PAST
 from mazeplan.diagnosis.kalman import NODES, TERM, Moves, Problem
 from mazeplan.diagnosis.library import DELAY, DRY, GATE, RING, STAGE, Candidate
+from mazeplan.diagnosis.system import Values
 from mazeplan.maths.compiled import address_of, pointer_to
 from mazeplan.records import Array
 
@@ -25,8 +26,6 @@ RING_SLOTS = {  # parameters of `ring_coefficients`, with what they are without 
     ("rolling_inertia", "factor"): 1.0, ("tilt_offset", "beta"): 0.0, ("tilt_offset", "gamma"): 0.0,
     ("tilt_gain", "beta"): 1.0, ("tilt_gain", "gamma"): 1.0,
 }  # fmt: skip
-
-Values = dict[str, dict[str, float]]  # effect -> parameter -> value
 
 
 @dataclass(frozen=True)
@@ -91,6 +90,8 @@ def _forget(kept: dict, most: int) -> None:
 
 class RingSystem:
     """Problems for `kalman`, made from a record and the values of effects."""
+
+    weakest = 0.08  # rad/s^2
 
     def __init__(self, t: Array, theta: Array, first: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
         """t, theta (N,): s, rad, unwrapped in each stretch, NaN where not seen; first (N,): a stretch begins; declared:

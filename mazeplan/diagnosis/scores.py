@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,10 +28,16 @@ class Score:
     rollout40: float
     floor: float
     windows: int
+    labels: ClassVar[dict[str, str]] = {
+        "nrmse": "nRMSE of theta_dd",
+        "rollout20": "theta error after 20 samples, rad",
+        "rollout40": "theta error after 40 samples, rad",
+    }
+    drawn: ClassVar[str] = "rollout40"
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
-        return {name: _plain(getattr(self, name)) for name in ("nrmse", "rollout20", "rollout40")}
+        return {name: _plain(getattr(self, name)) for name in self.labels}
 
 
 def _plain(value: float) -> float | None:

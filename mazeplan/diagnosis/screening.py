@@ -11,20 +11,20 @@ import numpy as np
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit, forecast
 from mazeplan.diagnosis.kalman import accelerations
 from mazeplan.diagnosis.library import Candidate, Spec
-from mazeplan.diagnosis.ringsystem import Values
+from mazeplan.diagnosis.system import Values
 from mazeplan.diagnosis.terms import oscillation
 
 ACCEPT = 15.0  # of -2 log L
 SURE = 3.0  # standard errors
 NAMED, NAMELESS = 4, 2  # candidates that get a full fit in each round
-WEAKEST = 0.08  # rad/s^2, root mean square; an unnamed term that adds less is not worth a word ...
+SWING = 1.25  # amplitude of a force that swings with time, in the system's `weakest`
 PEAK = 18.0  # of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
 
 @dataclass(frozen=True)
 class Trial:
     """A candidate added to what was accepted: its fit, and by how much it lowered -2 log L, penalty taken off;
-    strength: rad/s^2, of a term that has no smallest size of its own."""
+    strength: root mean square over the system's `weakest`, of a term that has no smallest size of its own."""
 
     candidate: Candidate
     fit: Fit
@@ -43,7 +43,7 @@ class Trial:
             for n, spec in c.parameters.items()
             if n not in c.places
         )
-        return certain and c.size(values, had) >= 1.0 and self.strength >= WEAKEST
+        return certain and c.size(values, had) >= 1.0 and self.strength >= 1.0
 
 
 def promising(
@@ -80,20 +80,21 @@ def try_one(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str,
     """The candidate together with what was accepted, all free."""
     found = fit(likelihood, [*current.candidates, c], {**current.values, c.name: start}, current.q)
     raw = current.minus2 - found.minus2
-    return Trial(c, found, raw - price(likelihood, c), raw, math.inf if c.named else _strength(likelihood, found, c))
+    return Trial(
+        c, found, raw - price(likelihood, c), raw, math.inf if c.named else _strength(likelihood, current, found)
+    )
 
 
-def _strength(likelihood: Likelihood, found: Fit, c: Candidate) -> float:
-    """Root mean square of what a term adds, rad/s^2, over the rows of the fit."""
-    states, with_, without = likelihood.filtered(found.values, found.q), np.empty(0), np.empty(0)
-    parts = []
-    for values in (found.values, {name: v for name, v in found.values.items() if name != c.name}):
+def _strength(likelihood: Likelihood, current: Fit, found: Fit) -> float:
+    """Root mean square of what a fit changes over the rows of the fit, in multiples of the weakest worth a word: what
+    others could do as well does not count."""
+    states, parts = likelihood.filtered(found.values, found.q), []
+    for values in (found.values, current.values):
         problem, p = likelihood.system.build(likelihood.library, values)
         out = np.empty(len(states))
         accelerations(problem, p, states[:, 0].copy(), states[:, 1].copy(), out)
         parts.append(out)
-    with_, without = parts
-    return float(np.sqrt(np.mean((with_ - without)[likelihood.rows] ** 2)))
+    return float(np.sqrt(np.mean((parts[0] - parts[1])[likelihood.rows] ** 2)) / likelihood.system.weakest)
 
 
 def swinging(likelihood: Likelihood, current: Fit) -> Trial:
@@ -102,7 +103,7 @@ def swinging(likelihood: Likelihood, current: Fit) -> Trial:
     power = np.abs(np.fft.rfft(e - e.mean())) ** 2 / max(len(e) * float(np.var(e)), 1e-300)
     frequency = np.fft.rfftfreq(len(e), likelihood.system.dt)
     k = int(np.argmax(power[1:])) + 1
-    amplitude = Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, 0.1)
+    amplitude = Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, SWING * likelihood.system.weakest)
     c = Candidate(
         "oscillation",
         {"frequency": Spec("Hz", 0.0, 0.0, 15.0, 1e-5), "cos": amplitude, "sin": amplitude},

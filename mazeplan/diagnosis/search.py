@@ -38,10 +38,16 @@ class Finding:
 
 
 def search(
-    likelihood: Likelihood, library: Sequence[Candidate], along: Sequence[Candidate], tell: Callable[[str], None]
+    likelihood: Likelihood,
+    library: Sequence[Candidate],
+    tell: Callable[[str], None],
+    *,
+    free: Sequence[Candidate] = (),
+    along: Sequence[Candidate] = (),
 ) -> Finding:
-    """What is missing from the declared model; along: what the tilt sensor leaves open of the stage."""
-    return _Search(likelihood, library, along, tell).run()
+    """What is missing from the declared model; free: what is known to be there and fitted in every fit; along: what the
+    tilt sensor leaves open of the stage, fitted where it is decided."""
+    return _Search(likelihood, library, tell, free, along).run()
 
 
 class _Search:
@@ -49,21 +55,23 @@ class _Search:
     stage fitted along, since the ball feels errors of it that the tilt sensor does not see."""
 
     def __init__(
-        self, likelihood: Likelihood, library: Sequence[Candidate], along: Sequence[Candidate],
-        tell: Callable[[str], None],
+        self, likelihood: Likelihood, library: Sequence[Candidate], tell: Callable[[str], None],
+        free: Sequence[Candidate], along: Sequence[Candidate],
     ) -> None:  # fmt: skip
-        self._likelihood, self._library, self._along, self._tell = likelihood, list(library), list(along), tell
+        self._likelihood, self._library, self._tell = likelihood, list(library), tell
+        self._free, self._along = list(free), list(along)
         self._declared = likelihood.system.declared
         self._loose: dict[int, Fit] = {}
         self._kept: list[Fit] = []  # alive, so that no other takes their place among the keys
 
     def run(self) -> Finding:
         """Rounds until nothing more is believed."""
-        current = base = fit(self._likelihood, (), {})
+        start = {c.name: dict(zip(c.parameters, c.first()[0], strict=True)) for c in self._free}
+        current = base = fit(self._likelihood, self._free, start)
         ranked: tuple[Trial, ...] = ()
         alike: list[tuple[str, ...]] = []
         unknown: Trial | None = None
-        while len(current.candidates) < MOST:
+        while len(current.candidates) < MOST + len(self._free):
             trials = self._trials(current)
             ranked = ranked or tuple(trials)
             named, nameless, group = self._choice(current, trials, base.minus2 - current.minus2)
@@ -136,6 +144,8 @@ class _Search:
         while True:
             worth: dict[str, float] = {}
             for c in current.candidates:
+                if c in self._free:
+                    continue
                 rest = [x for x in current.candidates if x is not c]
                 without = fit(self._likelihood, rest, {x.name: current.values[x.name] for x in rest}, current.q)
                 worth[c.name] = without.minus2 - current.minus2 - price(self._likelihood, c)
