@@ -85,7 +85,7 @@ def diagnose(
     if test is not None:
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
-    done = run(record_of(table, rows, odd), where, known, test=further, progress=say)
+    done = run(record_of(table, rows, odd), where, known, ring=number, test=further, progress=say)
     document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
     finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
 

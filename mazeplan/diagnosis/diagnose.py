@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan.diagnosis.ambiguity import experiment_for
 from mazeplan.diagnosis.anonymous import anonymous_library, placebos
-from mazeplan.diagnosis.fit import Fit, Likelihood, fit
+from mazeplan.diagnosis.evidence import Evidence, evidence_of
+from mazeplan.diagnosis.fit import Likelihood, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
 from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
@@ -29,7 +31,8 @@ DELAY = 0.005  # s; a command delay worth a word
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found. verdict: nothing_missing, effect_found, ambiguous or unknown_effect; effects: as in the report's
-    JSON; before, after: scores on the rows held out; stage: fits of both axes, None without commands."""
+    JSON; before, after: scores on the rows held out; stage: fits of both axes, None without commands; evidence:
+    residuals before and after; apart: for each group that cannot be told apart, what would."""
 
     verdict: str
     effects: tuple[dict[str, Any], ...]
@@ -40,6 +43,8 @@ class Diagnosis:
     after: Score
     tilt_source: str
     notes: tuple[str, ...]
+    evidence: tuple[Evidence, Evidence]
+    apart: tuple[dict[str, str], ...] = ()
     test: tuple[Score, Score] | None = None
 
     @property
@@ -58,6 +63,7 @@ class Diagnosis:
             "sentence": self.sentence(),
             "effects": list(self.effects),
             "ambiguous_with": [list(group) for group in self.finding.alike],
+            "separate_by": list(self.apart),
             "unknown": unknown,
             "before": self.before.document(),
             "after": self.after.document(),
@@ -93,6 +99,18 @@ class Diagnosis:
         return f"The model lacks {', '.join(names)}{tail}: {change}."
 
 
+def _chance(finding: Finding) -> tuple[str, ...]:
+    """How placebos did."""
+    placebos = [t for t in finding.ranked if t.candidate.placebo]
+    if not placebos:
+        return ()
+    best, rest = max(placebos, key=lambda t: t.gain), [t.gain for t in finding.ranked if not t.candidate.placebo]
+    lost = f"{best.candidate.name} explains {max(best.gain, 0.0):.0f} of -2 log L"
+    if finding.final.candidates and rest and max(rest) > 0.0:
+        lost += f", the best candidate {max(rest):.0f}"
+    return (lost,)
+
+
 def effect_words(effect: dict[str, Any]) -> str:
     """An effect with its sizes."""
     numbers = ", ".join(
@@ -118,10 +136,12 @@ def diagnose(
     radius: float,
     declared: Values,
     *,
+    ring: int | None = None,
     test: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Find what the declared effects lack at a track radius (m); test: a further record, for scores only."""
+    """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; test: a further
+    record, for scores only."""
     tell = progress or (lambda text: None)
     seen = np.cumsum(np.isfinite(record.theta))  # samples of the ball: it may be elsewhere for most of the record
     rows = seen <= SEEN * seen[-1]
@@ -137,12 +157,14 @@ def diagnose(
     known = [*library, *along]
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
     finding = search(straight, library, tell, along=along)
-    effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
+    effects += [_entry(straight, finding, c, ~rows) for c in finding.final.candidates if c.named]
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
         verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
-        score(straight, finding.final, ~rows), tilt.source, record.notes,
+        score(straight, finding.final, ~rows), tilt.source, (*record.notes, *_chance(finding)),
+        (evidence_of(plain, base), evidence_of(straight, finding.final)),
+        tuple(experiment_for(group, ring) for group in finding.alike),
     )  # fmt: skip
     if test is None:
         return done
@@ -195,14 +217,22 @@ def _camera_effect(circle: Circle) -> dict[str, Any]:
     }
 
 
-def _entry(final: Fit, name: str) -> dict[str, Any]:
-    c = next(c for c in final.candidates if c.name == name)
+def _entry(likelihood: Likelihood, finding: Finding, c: Candidate, rows: np.ndarray) -> dict[str, Any]:
+    """An effect for the JSON: sizes, evidence, 40-step error (rad) on some rows without it, all others fitted again,
+    and with it."""
+    final = finding.final
+    rest = [other for other in final.candidates if other is not c]
+    without = fit(likelihood, rest, {other.name: final.values[other.name] for other in rest}, final.q)
+    before, after = (score(likelihood, found, rows).document()["rollout40"] for found in (without, final))
     return {
-        "name": name,
+        "name": c.name,
         "parameters": {
-            p: {"value": final.values[name][p], "stderr": final.stderr[name][p], "unit": spec.unit}
+            p: {"value": final.values[c.name][p], "stderr": final.stderr[c.name][p], "unit": spec.unit}
             for p, spec in c.parameters.items()
         },
+        "evidence": round(finding.worth.get(c.name, math.nan), 1),
+        "before": before,
+        "after": after,
     }
 
 

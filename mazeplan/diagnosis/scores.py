@@ -34,6 +34,7 @@ class Score:
         "rollout40": "theta error after 40 samples, rad",
     }
     drawn: ClassVar[str] = "rollout40"
+    axes: ClassVar[tuple[str, str]] = ("theta, rad", "theta_dot, rad/s")
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
