@@ -69,10 +69,24 @@ def memory(x, v, t, w, p):
 @njit(cache=True)
 def ripples(x, v, t, w, p):
     """Harmonics 4 to 7 of the angle."""
-    total = 0.0
+    c1, s1, total = math.cos(x), math.sin(x), 0.0
+    c, s = math.cos(4.0 * x), math.sin(4.0 * x)
     for n in range(4):
-        total += p[2 * n] * math.cos((n + 4) * x) + p[2 * n + 1] * math.sin((n + 4) * x)
+        total += p[2 * n] * c + p[2 * n + 1] * s
+        c, s = c * c1 - s * s1, s * c1 + c * s1
     return total
+
+
+@njit(cache=True)
+def backward_tilt(x, v, t, w, p):
+    """Pull of tilts that come from the record played backwards."""
+    return p[0] * w[9] * math.sin(x) + p[1] * w[10] * math.cos(x)
+
+
+@njit(cache=True)
+def backward_speed(x, v, t, w, p):
+    """Friction that goes with them."""
+    return v * (p[0] * w[9] + p[1] * w[10])
 
 
 def _free(count: int, step: float = 1e-3) -> dict[str, Spec]:
@@ -95,4 +109,13 @@ def anonymous_library() -> list[Candidate]:
         one("powers of the speed", cubic, 2, "theta_dot"),
         one("past speed", memory, 3, "theta_dot", "past of theta_dot"),
         one("ripples along the ring", ripples, 8, "theta"),
+    ]
+
+
+def placebos() -> list[Candidate]:
+    """What cannot be there. They are tried like the others and must lose: what does not explain clearly more than the
+    best of them is not believed."""
+    return [
+        Candidate("placebo: tilt played backwards", _free(2), term=backward_tilt, named=False, placebo=True),
+        Candidate("placebo: friction with it", _free(2), term=backward_speed, named=False, placebo=True),
     ]

@@ -115,7 +115,7 @@ def diagnose_axis(
     system = thinned(log, declared, scale)
     border = SEEN * system.t[-1]
     likelihood = Likelihood(system, [*library, *free], system.t <= border)
-    finding = search(likelihood, library, free, tell)
+    finding = search(likelihood, library, tell, free=free)
     tell("scores on what was held out")
     base, final = finding.base, finding.final
     wide = coloured(likelihood, final)

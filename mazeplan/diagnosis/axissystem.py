@@ -15,9 +15,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from mazeplan.data.drivelog import DriveLog
 from mazeplan.diagnosis.axislibrary import LOAD, MASS, WORTH, Scale, drive
-from mazeplan.diagnosis.kalman import NODES, TERM, Problem
+from mazeplan.diagnosis.kalman import NODES, TERM, Moves, Problem
 from mazeplan.diagnosis.library import DRY, Candidate
-from mazeplan.diagnosis.system import Values
+from mazeplan.diagnosis.system import Values, plain_moves
 from mazeplan.maths.compiled import address_of
 from mazeplan.records import Array
 
@@ -47,7 +47,7 @@ class AxisSystem:
         known = {c.name: c for c in candidates}
         merged = {**self.declared, **values}
         inverse = 1.0 / merged[LOAD]["mass"]
-        p, places, functions, dry = [inverse], [(0, 1)], [drive], -1
+        p, places, functions, dry = [inverse], [0], [drive], -1
         for effect, numbers in merged.items():
             c = known.get(effect)
             if c is None or c.acts == MASS:
@@ -57,7 +57,7 @@ class AxisSystem:
             if c.acts == DRY:
                 dry = at
             else:
-                places.append((at, len(p)))
+                places.append(at)
                 functions.append(c.term)
         problem = Problem(
             self.theta, np.isfinite(self.theta), self.first, self.t, self.dt, self._w,
@@ -65,6 +65,10 @@ class AxisSystem:
             np.empty(0, dtype=np.int64), 0.0,
         )  # fmt: skip
         return problem, np.array(p)
+
+    def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
+        """What moving each of some parameters (effect, name, step) changes."""
+        return plain_moves(self, candidates, values, steps)
 
     def _address(self, function: object) -> int:
         if id(function) not in self._kept:

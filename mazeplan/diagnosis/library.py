@@ -7,6 +7,7 @@ A candidate is a few lines: a compiled term of the acceleration (`terms`), or wh
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,8 +34,8 @@ class Spec:
 class Candidate:
     """An effect that may be missing. acts: term (its compiled function is `term`), ring (parameters of the ring's own
     equation), dry, gate, delay; starts: where fits begin, each a tuple of values; named: False for what only says that
-    something is there; depends_on: variables, for those; places:
-    parameters that say where or how, not how large."""
+    something is there; depends_on: variables, for those; places: parameters that say where, not how large; placebo: it
+    cannot be there, and is tried to see what chance does."""
 
     name: str
     parameters: dict[str, Spec]
@@ -44,6 +45,7 @@ class Candidate:
     named: bool = True
     depends_on: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
+    placebo: bool = False
 
     def first(self) -> list[tuple[float, ...]]:
         """Starts of a fit; the defaults where none are given."""
@@ -59,13 +61,10 @@ class Candidate:
         return max(sizes, default=math.inf)
 
 
-def stage_errors(stderr: dict[str, dict[str, float]]) -> Candidate:
-    """What the tilt sensor leaves open of the stage: relative errors of the parameters of either axis,
-    known to within the standard errors of their fit. The ball tells tilts apart that the sensor cannot: held fixed, an
-    error of half a millisecond would look like an effect. Always free, never a finding."""
-    known = {f"{axis}_{name}": sigma for axis, found in stderr.items() for name, sigma in found.items()}
-    specs = {key: Spec("1", 0.0, -min(10.0 * s, 0.5), min(10.0 * s, 0.5), 0.1 * s, prior=s) for key, s in known.items()}
-    return Candidate("stage", specs, STAGE, named=False)
+def stage_errors(directions: Iterable[str]) -> Candidate:
+    """What the tilt sensor leaves open of the stage, in standard errors along independent directions. Fitted along
+    where values and intervals are reported; never a finding."""
+    return Candidate("stage", {n: Spec("1", 0.0, -10.0, 10.0, 0.1, prior=1.0) for n in directions}, STAGE, named=False)
 
 
 def _angles(count: int) -> list[float]:
