@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from bench_baselines import baselines_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_emps import emps_section
@@ -150,6 +151,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         predictability_section(quick),
         diagnose_section(quick),
         emps_section(quick),
+        baselines_section(quick),
     ]
 
 
@@ -170,6 +172,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "training": lambda quick: training_section(), "solver": timed_solver_section,
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
+    "baselines": baselines_section,
 }  # fmt: skip
 
 
