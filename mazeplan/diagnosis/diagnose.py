@@ -14,6 +14,8 @@ import numpy as np
 
 from mazeplan.diagnosis.anonymous import anonymous_library
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
+from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
+from mazeplan.diagnosis.gears import fit_with_play
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
 from mazeplan.diagnosis.platemotion import from_commands, from_sensor
@@ -21,9 +23,10 @@ from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, score
 from mazeplan.diagnosis.search import Finding, search
-from mazeplan.models.stage import StageFit, fit_axis
+from mazeplan.models.stage import StageFit, played
 
 SEEN = 0.7  # share of the record that search and fits see
+GAP = 30  # samples; a ball that was away for longer begins anew
 DELAY = 0.005  # s; a command delay worth a word
 STAGE_KEYS = ("natural_frequency", "damping", "gain")  # of which the ball knows more than the tilt sensor
 
@@ -123,14 +126,17 @@ def diagnose(
     rows = seen <= SEEN * seen[-1]
     tell("stage")
     stage, tilt = plate_motion(record, rows)
-    effects: list[dict[str, Any]] = _stage_effects(stage)
+    effects: list[dict[str, Any]] = _stage_effects(stage, declared)
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
     library = [*ring_library(), *anonymous_library()]
     free = [] if stage is None else [stage_errors(_relative_errors(stage))]
     known = [*library, *free]
-    plain, straight = (_likelihood(record, tilt, stage, radius, declared, known, rows, c) for c in (None, circle))
+    whole, record, rows = record, *_with_ball(record, rows)
+    plain, straight = (
+        _likelihood(record, tilt, stage, radius, declared, known, rows, c, whole) for c in (None, circle)
+    )
     finding = search(straight, library, free, tell)
     effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
@@ -141,12 +147,28 @@ def diagnose(
     )  # fmt: skip
     if test is None:
         return done
-    every = np.ones(len(test), dtype=bool)
     moved = _moved(test, stage)
+    seen, every = _with_ball(test, np.ones(len(test), dtype=bool))
     before, after = (
-        _likelihood(test, moved, stage, radius, declared, straight.library, every, c) for c in (None, circle)
+        _likelihood(seen, moved, stage, radius, declared, straight.library, every, c, test) for c in (None, circle)
     )
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
+
+
+def _with_ball(record: Record, rows: np.ndarray) -> tuple[Record, np.ndarray]:
+    """The record without the stretches in which the ball is elsewhere, and what is left of rows (N,): they would only
+    take time. Gaps of a few samples stay."""
+    gone = ~np.isfinite(record.theta)
+    edges = np.flatnonzero(np.diff(np.r_[False, gone, False].astype(np.int8)))
+    keep, first = np.ones(len(record), dtype=bool), record.first.copy()
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if b - a > GAP or first[a : b + 1].any():
+            keep[a:b] = False
+            if b < len(record):
+                first[b] = True
+    parts = {name: getattr(record, name)[keep] for name in ("t", "theta", "beta", "gamma", "segment")}
+    r, u = (None if part is None else part[keep] for part in (record.r, record.u))
+    return replace(record, first=first[keep], r=r, u=u, **parts), rows[keep]
 
 
 def _likelihood(
@@ -158,14 +180,16 @@ def _likelihood(
     library: Sequence[Candidate],
     rows: np.ndarray,
     circle: Circle | None,
+    whole: Record,
 ) -> Likelihood:
-    """On a record, its angles straightened where the camera was found to be off."""
+    """On a record, its angles straightened where the camera was found to be off; whole: the record with what was left
+    out of it, all of which moves the plate."""
     theta = record.theta
     if circle is not None and circle.shifted and record.r is not None:
         theta = straightened(theta, record.r, circle.offset)
 
     def restaged(errors: dict[str, float]) -> Tilt:
-        return _moved(record, stage, errors)
+        return _moved(whole, stage, errors)
 
     system = RingSystem(record.t, theta, record.first, radius, tilt, declared, restaged)
     return Likelihood(system, library, rows)
@@ -190,16 +214,17 @@ def _moved(record: Record, stage: tuple[StageFit, StageFit] | None, errors: dict
             key: getattr(fitted.axis, key) * (1.0 + (errors or {}).get(f"{name}_{key}", 0.0)) for key in STAGE_KEYS
         }
         axes.append(replace(fitted.axis, **changed))
-    return from_commands(record.t, record.u[:, 0], record.u[:, 1], axes[0], axes[1])
+    u = [played(record.u[:, i], axis.backlash) if axis.backlash else record.u[:, i] for i, axis in enumerate(axes)]
+    return from_commands(record.t, u[0], u[1], axes[0], axes[1])
 
 
 def plate_motion(record: Record, rows: np.ndarray) -> tuple[tuple[StageFit, StageFit] | None, Tilt]:
     """The fitted stage and the motion that it gives, or that of the sensor."""
     if record.u is not None:
-        breaks = (record.first & rows).astype(float)
+        breaks = record.first & rows
         try:
             beta, gamma = (
-                fit_axis(record.u[rows, i], angle[rows], record.dt, breaks[rows])
+                fit_with_play(record.u[:, i], angle, record.dt, breaks, rows)
                 for i, angle in enumerate((record.beta, record.gamma))
             )
             return (beta, gamma), _moved(record, (beta, gamma))
@@ -208,16 +233,27 @@ def plate_motion(record: Record, rows: np.ndarray) -> tuple[tuple[StageFit, Stag
     return None, _moved(record, None)
 
 
-def _stage_effects(stage: tuple[StageFit, StageFit] | None) -> list[dict[str, Any]]:
+def _stage_effects(stage: tuple[StageFit, StageFit] | None, declared: Values) -> list[dict[str, Any]]:
+    """Delay of commands and play of gears, where they are not what was declared."""
     if stage is None:
         return []
+    found: list[dict[str, Any]] = []
     late = [(fit.axis.dead_time, fit.axis.stderr.get("dead_time", math.inf)) for fit in stage]
     delay = sum(d for d, _ in late) / 2.0
     sigma = math.hypot(*(s for _, s in late)) / 2.0
-    if delay > DELAY and delay > 5.0 * sigma:
+    known = declared.get("command_delay", {}).get("delay", 0.0)
+    if abs(delay - known) > max(DELAY, 5.0 * sigma):
         entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
-        return [entry]
-    return []
+        found.append(entry)
+    had = declared.get("backlash", {})
+    play = {name: fit.axis for name, fit in zip(("beta", "gamma"), stage, strict=True)}
+    if any(abs(axis.backlash - had.get(name, 0.0)) > SMALLEST_PLAY for name, axis in play.items()):
+        numbers = {
+            name: {"value": axis.backlash, "stderr": axis.stderr.get("backlash", 0.0), "unit": "rad"}
+            for name, axis in play.items()
+        }
+        found.append({"name": "backlash", "parameters": numbers})
+    return found
 
 
 def _camera_effect(circle: Circle) -> dict[str, Any]:
