@@ -36,7 +36,7 @@ def diagnose(
     ] = None,
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for report.json and report.html.")
+        Path | None, typer.Option("-o", "--output", help="Folder for report.json, report.html and model.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
@@ -44,12 +44,15 @@ def diagnose(
     from mazeplan.cli.arguments import positive
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
-    from mazeplan.diagnosis.record import record_of, turned_round
+    from mazeplan.diagnosis.record import centred, record_of, turned_round
     from mazeplan.diagnosis.report import write_report
+    from mazeplan.diagnosis.update import base_model, updated
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.models.modelfile import load_model
+    from mazeplan.models.modelfile import load_model, save_model
 
     maze, table = load_map(map_), read_table(log)
+    if model is not None:
+        table = centred(table, load_model(model).camera)
     known: dict[str, dict[str, float]] = {}
     if radius is None:
         number = _ring(table, maze, ring)
@@ -65,10 +68,14 @@ def diagnose(
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
     done = run(record_of(table, rows, odd), where, known, test=further, progress=say)
-    document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
+    document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "model": None, "report": None}
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
         document["report"] = str(output / "report.html")
+        if done.effects:
+            old = load_model(model) if model is not None else base_model(maze, number, known, done.stage)
+            new = updated(old, maze, {number or 1: done.effects})
+            document["model"] = str(save_model(new, output / "model").parent)
         (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
         write_report(done, output / "report.html", f"{log.name}, {document['ring'] or 'one ring'}")
     if as_json:
@@ -79,6 +86,8 @@ def diagnose(
         print(f"note: {note}")
     if output is not None:
         print(f"report: {document['report']}")
+        if document["model"] is not None:
+            print(f"model:  {document['model']}")
 
 
 def _all(table: Table) -> np.ndarray:

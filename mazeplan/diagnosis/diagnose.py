@@ -290,3 +290,17 @@ def _verdict(finding: Finding, effects: list[dict[str, Any]]) -> str:
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"
     return "effect_found" if effects else "nothing_missing"
+
+
+def model_error(record: Record, radius: float, declared: Values) -> Score:
+    """How far a model is off on the rows of a record that search and fits of `diagnose` do not see; only the noise of
+    the record is fitted, and what the tilt sensor leaves open of the stage."""
+    seen = np.cumsum(np.isfinite(record.theta))
+    rows = seen <= SEEN * seen[-1]
+    stage, tilt = plate_motion(record, rows)
+    free = [] if stage is None else [stage_errors(_relative_errors(stage))]
+    known = [*ring_library(), *free]
+    whole, record, rows = record, *_with_ball(record, rows)
+    likelihood = _likelihood(record, tilt, stage, radius, declared, known, rows, None, whole)
+    base = fit(likelihood, free, {c.name: dict.fromkeys(c.parameters, 0.0) for c in free})
+    return score(likelihood, base, ~rows)

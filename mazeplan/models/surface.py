@@ -1,8 +1,8 @@
 """Forces along a ring that depend on the angle alone, compiled: a floor that is not flat, a magnet, a torque.
 
 Packed as (SIZE,) numbers: whether there are any; a constant; cos and sin of theta, 2 theta, 3 theta
-(`surface_profile`); centre, width, height of a hill or, with a negative height, of a hollow (`surface_bump`). In rad/s^2
-and rad.
+(`surface_profile`); centre, width, height of a hill or, with a negative height, of a hollow (`surface_bump`). In
+rad/s^2 and rad.
 """
 
 from __future__ import annotations

@@ -53,6 +53,17 @@ def seeded(spec: str) -> tuple[str, int | None]:
     return found[1], int(found[2])
 
 
+def with_seed(spec: str, seed: int) -> str:
+    """The spec with a seed for its surprise, where it holds one and names no seed itself."""
+    path = rig_file(spec)
+    if path is None or seeded(spec)[1] is not None:
+        return spec
+    from mazeplan.rigs.settings import read_rig_file
+
+    kind, data, _ = read_rig_file(path)
+    return f"{spec}@{seed}" if kind is None and data.get("surprise") is not None else spec
+
+
 def rig_label(spec: str) -> str:
     """What reports call it: the name, the file's stem, or the class."""
     path, (_, seed) = rig_file(spec), seeded(spec)

@@ -26,7 +26,7 @@ from mazeplan.rigs.faults import FaultBox
 from mazeplan.rigs.forces import PlateForces
 from mazeplan.rigs.mjcf import SUBSTEPS, mjcf
 from mazeplan.rigs.settings import SimulatedSettings, settings_from
-from mazeplan.rigs.surprise import surprised
+from mazeplan.rigs.surprise import answer, surprised
 
 CHUNKS = 5  # per sample; 1/150 s at 30 Hz
 AXES = ("beta", "gamma")
@@ -52,6 +52,7 @@ class SimulatedRig:
     def __init__(self, maze: Maze, settings: Mapping[str, Any] | SimulatedSettings | None = None) -> None:
         self.maze = maze
         given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
+        self.surprise = answer(given, maze)  # for who asks afterwards
         self.settings = surprised(given, maze)
         self.rate_hz = self.settings.rate_hz
         self._model: mujoco.MjModel | None = None
