@@ -49,6 +49,7 @@ def diagnose(
     from mazeplan.diagnosis.update import base_model, updated
     from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model, save_model
+    from mazeplan.models.stage import StageModel
 
     maze, table = load_map(map_), read_table(log)
     if model is not None:
@@ -73,7 +74,11 @@ def diagnose(
         output.mkdir(parents=True, exist_ok=True)
         document["report"] = str(output / "report.html")
         if done.effects:
-            old = load_model(model) if model is not None else base_model(maze, number, known, done.stage)
+            old = (
+                load_model(model)
+                if model is not None
+                else base_model(maze, number, known, None if done.stage is None else StageModel(*done.stage.axes))
+            )
             new = updated(old, maze, {number or 1: done.effects})
             document["model"] = str(save_model(new, output / "model").parent)
         (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")

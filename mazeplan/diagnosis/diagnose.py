@@ -15,20 +15,17 @@ import numpy as np
 from mazeplan.diagnosis.anonymous import anonymous_library
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
-from mazeplan.diagnosis.gears import fit_with_play
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
-from mazeplan.diagnosis.platemotion import from_commands, from_sensor
+from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, score
-from mazeplan.diagnosis.search import Finding, search
-from mazeplan.models.stage import StageFit, played
+from mazeplan.diagnosis.search import Finding, search, with_stage
 
 SEEN = 0.7  # share of the record that search and fits see
 GAP = 30  # samples; a ball that was away for longer begins anew
 DELAY = 0.005  # s; a command delay worth a word
-STAGE_KEYS = ("natural_frequency", "damping", "gain")  # of which the ball knows more than the tilt sensor
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ class Diagnosis:
     effects: tuple[dict[str, Any], ...]
     finding: Finding
     circle: Circle | None
-    stage: tuple[StageFit, StageFit] | None
+    stage: Stage | None
     before: Score
     after: Score
     tilt_source: str
@@ -125,33 +122,30 @@ def diagnose(
     seen = np.cumsum(np.isfinite(record.theta))  # samples of the ball: it may be elsewhere for most of the record
     rows = seen <= SEEN * seen[-1]
     tell("stage")
-    stage, tilt = plate_motion(record, rows)
+    stage = fit_stage(record, rows)
+    tilt = plate_motion(record, stage)
     effects: list[dict[str, Any]] = _stage_effects(stage, declared)
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
     library = [*ring_library(), *anonymous_library()]
-    free = [] if stage is None else [stage_errors(_relative_errors(stage))]
-    known = [*library, *free]
-    whole, record, rows = record, *_with_ball(record, rows)
-    plain, straight = (
-        _likelihood(record, tilt, stage, radius, declared, known, rows, c, whole) for c in (None, circle)
-    )
-    finding = search(straight, library, free, tell)
+    along = [] if stage is None else [stage_errors(stage.directions)]
+    known = [*library, *along]
+    record, rows = _with_ball(record, rows)
+    plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
+    finding = with_stage(straight, search(straight, library, tell), along)
     effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
-    base = fit(plain, free, {c.name: dict.fromkeys(c.parameters, 0.0) for c in free})
+    base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
         _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
         score(straight, finding.final, ~rows), tilt.source, record.notes,
     )  # fmt: skip
     if test is None:
         return done
-    moved = _moved(test, stage)
-    seen, every = _with_ball(test, np.ones(len(test), dtype=bool))
-    before, after = (
-        _likelihood(seen, moved, stage, radius, declared, straight.library, every, c, test) for c in (None, circle)
-    )
+    moved = plate_motion(test, stage)
+    test, every = _with_ball(test, np.ones(len(test), dtype=bool))
+    before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
 
 
@@ -174,71 +168,27 @@ def _with_ball(record: Record, rows: np.ndarray) -> tuple[Record, np.ndarray]:
 def _likelihood(
     record: Record,
     tilt: Tilt,
-    stage: tuple[StageFit, StageFit] | None,
     radius: float,
     declared: Values,
     library: Sequence[Candidate],
     rows: np.ndarray,
     circle: Circle | None,
-    whole: Record,
 ) -> Likelihood:
-    """On a record, its angles straightened where the camera was found to be off; whole: the record with what was left
-    out of it, all of which moves the plate."""
+    """On a record, its angles straightened where the camera was found to be off."""
     theta = record.theta
     if circle is not None and circle.shifted and record.r is not None:
         theta = straightened(theta, record.r, circle.offset)
 
-    def restaged(errors: dict[str, float]) -> Tilt:
-        return _moved(whole, stage, errors)
-
-    system = RingSystem(record.t, theta, record.first, radius, tilt, declared, restaged)
+    system = RingSystem(record.t, theta, record.first, radius, tilt, declared)
     return Likelihood(system, library, rows)
 
 
-def _relative_errors(stage: tuple[StageFit, StageFit]) -> dict[str, dict[str, float]]:
-    """Standard errors of the stage's parameters, over their values."""
-    return {
-        name: {key: fitted.axis.stderr[key] / getattr(fitted.axis, key) for key in STAGE_KEYS}
-        for name, fitted in zip(("beta", "gamma"), stage, strict=True)
-    }
-
-
-def _moved(record: Record, stage: tuple[StageFit, StageFit] | None, errors: dict[str, float] | None = None) -> Tilt:
-    """How the plate moved in a record, by the stage found, with relative errors of its parameters; by the sensor
-    without a stage."""
-    if record.u is None or stage is None:
-        return from_sensor(record.t, record.beta, record.gamma, record.segment)
-    axes = []
-    for name, fitted in zip(("beta", "gamma"), stage, strict=True):
-        changed = {
-            key: getattr(fitted.axis, key) * (1.0 + (errors or {}).get(f"{name}_{key}", 0.0)) for key in STAGE_KEYS
-        }
-        axes.append(replace(fitted.axis, **changed))
-    u = [played(record.u[:, i], axis.backlash) if axis.backlash else record.u[:, i] for i, axis in enumerate(axes)]
-    return from_commands(record.t, u[0], u[1], axes[0], axes[1])
-
-
-def plate_motion(record: Record, rows: np.ndarray) -> tuple[tuple[StageFit, StageFit] | None, Tilt]:
-    """The fitted stage and the motion that it gives, or that of the sensor."""
-    if record.u is not None:
-        breaks = record.first & rows
-        try:
-            beta, gamma = (
-                fit_with_play(record.u[:, i], angle, record.dt, breaks, rows)
-                for i, angle in enumerate((record.beta, record.gamma))
-            )
-            return (beta, gamma), _moved(record, (beta, gamma))
-        except ValueError:  # commands that never move
-            return None, _moved(record, None)
-    return None, _moved(record, None)
-
-
-def _stage_effects(stage: tuple[StageFit, StageFit] | None, declared: Values) -> list[dict[str, Any]]:
+def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]]:
     """Delay of commands and play of gears, where they are not what was declared."""
     if stage is None:
         return []
     found: list[dict[str, Any]] = []
-    late = [(fit.axis.dead_time, fit.axis.stderr.get("dead_time", math.inf)) for fit in stage]
+    late = [(axis.dead_time, axis.stderr.get("dead_time", math.inf)) for axis in stage.axes]
     delay = sum(d for d, _ in late) / 2.0
     sigma = math.hypot(*(s for _, s in late)) / 2.0
     known = declared.get("command_delay", {}).get("delay", 0.0)
@@ -246,7 +196,7 @@ def _stage_effects(stage: tuple[StageFit, StageFit] | None, declared: Values) ->
         entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
         found.append(entry)
     had = declared.get("backlash", {})
-    play = {name: fit.axis for name, fit in zip(("beta", "gamma"), stage, strict=True)}
+    play = dict(zip(("beta", "gamma"), stage.axes, strict=True))
     if any(abs(axis.backlash - had.get(name, 0.0)) > SMALLEST_PLAY for name, axis in play.items()):
         numbers = {
             name: {"value": axis.backlash, "stderr": axis.stderr.get("backlash", 0.0), "unit": "rad"}
@@ -297,10 +247,10 @@ def model_error(record: Record, radius: float, declared: Values) -> Score:
     the record is fitted, and what the tilt sensor leaves open of the stage."""
     seen = np.cumsum(np.isfinite(record.theta))
     rows = seen <= SEEN * seen[-1]
-    stage, tilt = plate_motion(record, rows)
-    free = [] if stage is None else [stage_errors(_relative_errors(stage))]
-    known = [*ring_library(), *free]
-    whole, record, rows = record, *_with_ball(record, rows)
-    likelihood = _likelihood(record, tilt, stage, radius, declared, known, rows, None, whole)
-    base = fit(likelihood, free, {c.name: dict.fromkeys(c.parameters, 0.0) for c in free})
+    stage = fit_stage(record, rows)
+    tilt = plate_motion(record, stage)
+    along = [] if stage is None else [stage_errors(stage.directions)]
+    record, rows = _with_ball(record, rows)
+    likelihood = _likelihood(record, tilt, radius, declared, [*ring_library(), *along], rows, None)
+    base = fit(likelihood, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     return score(likelihood, base, ~rows)

@@ -11,20 +11,23 @@ Covariances are in units of the variance R of one measurement, q (1/s^3) is the 
 With R eliminated, R^ = mean(n_k^2 / S_k),
 
     -2 log L = N log R^ + sum log S_k
+
+Derivatives of the innovations by parameters run along in the same pass: the filter's gains are held, and a parameter
+moves the state by what it changes of the acceleration in the middle of each sample.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, types
 
-from mazeplan.maths.compiled import REAL, VECTOR, caller
+from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
 from mazeplan.records import Array, IntArray
 
-TERM = REAL(REAL, REAL, REAL, VECTOR, VECTOR)  # x, v, t, w, p
+TERM = REAL(REAL, REAL, REAL, POINTER, POINTER)  # x, v, t, w, p
 SUBSTEPS = 2
 NODES = 2 * SUBSTEPS + 1
 DIFFUSE = 1e7  # variance of the speed at the beginning of a stretch, in R / s^2
@@ -35,10 +38,21 @@ _term = caller(TERM)
 addresses = types.int64[::1]
 
 
+class Moves(NamedTuple):
+    """What J parameters change when each is moved by its step: p (J, P): the parameters; w (1 + M, N, 2, W): inputs
+    averaged over each sample as they act on speed and on position, the first of them unmoved; which (J,): row of w,
+    -1: inputs stay as they are; step (J,)."""
+
+    p: Array
+    w: Array
+    which: IntArray
+    step: Array
+
+
 class Problem(NamedTuple):
     """What is filtered. y (N,): measured position; seen, first (N,): whether measured, whether a stretch begins; t (N,)
-    and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T, 2): where in p
-    the parameters of a term are; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G,):
+    and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T,): where in p
+    the parameters of a term begin; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G,):
     where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never."""
 
     y: Array
@@ -54,13 +68,44 @@ class Problem(NamedTuple):
     turn: float
 
 
+class _Core(NamedTuple):
+    """Pointers into a Problem; row, node: how far it is from sample to sample and from node to node in w."""
+
+    w: Any
+    t: Any
+    terms: Any
+    place: Any
+    gates: Any
+    row: int
+    node: int
+    n_terms: int
+    n_gates: int
+    dry: int
+    dt: float
+
+
 @njit(cache=True, error_model="numpy")
-def _smooth(problem, p, x, v, t, w):
+def _core(problem):
+    """The core of a problem."""
+    return _Core(
+        pointer_to(problem.w, 0), pointer_to(problem.t, 0), pointer_to(problem.terms, 0), pointer_to(problem.place, 0),
+        pointer_to(problem.gates, 0), problem.w.shape[1] * problem.w.shape[2], problem.w.shape[2], len(problem.terms),
+        len(problem.gates), problem.dry, problem.dt,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _at(core, k, i):
+    """Pointer to w[k, i]."""
+    return shifted(core.w, k * core.row + i * core.node)
+
+
+@njit(cache=True, error_model="numpy")
+def _smooth(core, p, x, v, t, w):
     """Sum of the terms."""
     total = 0.0
-    for i in range(len(problem.terms)):
-        part = p[problem.place[i, 0] : problem.place[i, 1]]
-        total += _term(problem.terms[i], (x, v, t, w, part))
+    for i in range(core.n_terms):
+        total += _term(core.terms[i], (x, v, t, w, shifted(p, core.place[i])))
     return total
 
 
@@ -72,37 +117,47 @@ def _passed(a, before, after):
 
 
 @njit(cache=True, error_model="numpy")
-def advance(problem, p, k, x, v):
+def _advance(core, p, k, x, v):
     """(position, speed, whether it is held at rest) one sample after sample k."""
-    h, held = problem.dt / SUBSTEPS, False
+    h, held = core.dt / SUBSTEPS, False
     for i in range(SUBSTEPS):
-        t = problem.t[k] + i * h
-        w0, w1, w2 = problem.w[k, 2 * i], problem.w[k, 2 * i + 1], problem.w[k, 2 * i + 2]
-        a1 = _smooth(problem, p, x, v, t, w0)
-        a2 = _smooth(problem, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
-        a3 = _smooth(problem, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
-        a4 = _smooth(problem, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
+        t = core.t[k] + i * h
+        w0, w1, w2 = _at(core, k, 2 * i), _at(core, k, 2 * i + 1), _at(core, k, 2 * i + 2)
+        a1 = _smooth(core, p, x, v, t, w0)
+        a2 = _smooth(core, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
+        a3 = _smooth(core, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
+        a4 = _smooth(core, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
         before, free = x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         x += h * v + h * h / 6.0 * (a1 + a2 + a3)
         v, held = free, False
-        if problem.dry >= 0:
-            most = h * max(p[problem.dry] + math.copysign(p[problem.dry + 1], free), 0.0)
+        if core.dry >= 0:
+            most = h * max(p[core.dry] + p[core.dry + 1] * math.copysign(1.0, free), 0.0)
             held = abs(free) <= most
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
-        for g in problem.gates:
-            if _passed(p[g], before, x):
-                v *= 1.0 - p[g + 1]
+        for j in range(core.n_gates):
+            g = core.gates[j]
+            if _passed(p[g], before, x):  # what is left of the step goes slower, too
+                at = p[g] + _whole_turns(p[g], max(before, x))
+                kept = 1.0 - p[g + 1]
+                x, v = at + kept * (x - at), v * kept
     return x, v, held
 
 
 @njit(cache=True, error_model="numpy")
-def _tangent(problem, p, k, x, v, held):
-    """Derivatives of `advance` by position and speed, to second order in the step."""
-    dt, t, w = problem.dt, problem.t[k] + 0.5 * problem.dt, problem.w[k, SUBSTEPS]
-    here = _smooth(problem, p, x, v, t, w)
-    by_x = (_smooth(problem, p, x + STEP, v, t, w) - here) / STEP
-    by_v = (_smooth(problem, p, x, v + STEP, t, w) - here) / STEP
+def _whole_turns(a, x):
+    """The whole turns (rad) from the angle a to the last place where it lies below x."""
+    turn = 2.0 * math.pi
+    return turn * math.floor((x - a) / turn)
+
+
+@njit(cache=True, error_model="numpy")
+def _tangent(core, p, k, x, v, held):
+    """Derivatives of `_advance` by position and speed, to second order in the step."""
+    dt, t, w = core.dt, core.t[k] + 0.5 * core.dt, _at(core, k, SUBSTEPS)
+    here = _smooth(core, p, x, v, t, w)
+    by_x = (_smooth(core, p, x + STEP, v, t, w) - here) / STEP
+    by_v = (_smooth(core, p, x, v + STEP, t, w) - here) / STEP
     if held:
         return 1.0, 0.0, 0.0, 0.0
     half = 0.5 * dt * dt
@@ -110,24 +165,67 @@ def _tangent(problem, p, k, x, v, held):
 
 
 @njit(cache=True, error_model="numpy")
-def innovations(problem, p, q, stop, nu, S, states):
+def _mean(w, m, k, i):
+    """Pointer to w[m, k, i] of an array (., N, 2, W)."""
+    return pointer_to(w, ((m * w.shape[1] + k) * 2 + i) * w.shape[3])
+
+
+@njit(cache=True, error_model="numpy")
+def _move(core, p, k, before, after, held, moves, d):
+    """By how much the state after sample k moves with the parameters themselves, added to d (J, 2); before, after:
+    position, speed."""
+    dt, w = core.dt, _at(core, k, SUBSTEPS)
+    t, (x0, v0), (x1, v1) = core.t[k] + 0.5 * core.dt, before, after
+    x, v = 0.5 * (x0 + x1), 0.5 * (v0 + v1)
+    here = _smooth(core, p, x, v, t, w)
+    here_0 = _smooth(core, p, x, v, t, _mean(moves.w, 0, k, 0))
+    here_1 = _smooth(core, p, x, v, t, _mean(moves.w, 0, k, 1))
+    for j in range(len(moves.step)):
+        pj, step, m = pointer_to(moves.p, j * moves.p.shape[1]), moves.step[j], moves.which[j]
+        if not held:
+            if m < 0:
+                faster = _smooth(core, pj, x, v, t, w) - here
+                if core.dry >= 0:
+                    a, b = core.dry, core.dry + 1
+                    faster -= math.copysign(1.0, v) * (pj[a] - p[a]) + (pj[b] - p[b])
+                further = faster
+            else:
+                faster = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 0)) - here_0
+                further = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 1)) - here_1
+            d[j, 0] += 0.5 * dt * dt * further / step
+            d[j, 1] += dt * faster / step
+        for i in range(core.n_gates):
+            g = core.gates[i]
+            if _passed(p[g], x0, x1):
+                kept = 1.0 - p[g + 1]
+                d[j, 1] = kept * d[j, 1] - v1 / kept * (pj[g + 1] - p[g + 1]) / step
+                d[j, 0] += p[g + 1] * (pj[g] - p[g]) / step
+
+
+@njit(cache=True, error_model="numpy")
+def innovations(problem, p, q, stop, nu, S, states, moves, J):
     """Filter the first `stop` samples; innovations into nu (N,) and their variances over R into S (N,), NaN and 1 where
     nothing was measured or a stretch has just begun; filtered position, speed and three covariances into states
-    (N, 5)."""
+    (N, 5); derivatives of nu by the parameters in `moves` into J (N, J)."""
     x = v = p00 = p01 = p11 = 0.0
-    dt, age = problem.dt, 0
+    dt, age, count = problem.dt, 0, len(moves.step)
     q00, q01, q11 = q * dt * dt * dt / 3.0, q * dt * dt / 2.0, q * dt
+    d, core, at = np.zeros((count, 2)), _core(problem), pointer_to(p, 0)
     for k in range(stop):
+        nu[k], S[k] = math.nan, 1.0
         if problem.first[k]:
             x, v, p00, p01, p11, age = problem.y[k], 0.0, 1.0, 0.0, DIFFUSE, 0
-            nu[k], S[k] = math.nan, 1.0
+            d[:] = 0.0
         else:
             before, speed = x, v
-            x, v, held = advance(problem, p, k - 1, x, v)
-            a, b, c, d = _tangent(problem, p, k - 1, before, speed, held)
-            m00, m01, m10, m11 = a * p00 + b * p01, a * p01 + b * p11, c * p00 + d * p01, c * p01 + d * p11
-            p00, p01, p11 = m00 * a + m01 * b + q00, m00 * c + m01 * d + q01, m10 * c + m11 * d + q11
-            nu[k], S[k] = math.nan, 1.0
+            x, v, held = _advance(core, at, k - 1, x, v)
+            a, b, c, e = _tangent(core, at, k - 1, before, speed, held)
+            m00, m01, m10, m11 = a * p00 + b * p01, a * p01 + b * p11, c * p00 + e * p01, c * p01 + e * p11
+            p00, p01, p11 = m00 * a + m01 * b + q00, m00 * c + m01 * e + q01, m10 * c + m11 * e + q11
+            if count:
+                for j in range(count):
+                    d[j, 0], d[j, 1] = a * d[j, 0] + b * d[j, 1], c * d[j, 0] + e * d[j, 1]
+                _move(core, at, k - 1, (before, speed), (x, v), held, moves, d)
             if problem.seen[k]:
                 s = p00 + 1.0
                 gap = problem.y[k] - x
@@ -141,6 +239,10 @@ def innovations(problem, p, q, stop, nu, S, states):
                 age += 1
                 if age > SETTLING:
                     nu[k], S[k] = gap, s
+                for j in range(count):
+                    J[k, j] = -d[j, 0]
+                    d[j, 1] -= g1 * d[j, 0]
+                    d[j, 0] *= 1.0 - g0
         states[k, 0], states[k, 1], states[k, 2], states[k, 3], states[k, 4] = x, v, p00, p01, p11
 
 
@@ -148,14 +250,15 @@ def innovations(problem, p, q, stop, nu, S, states):
 def roll_out(problem, p, states, starts, steps, out):
     """Positions (W, steps + 1) from the filtered states of some rows on, without looking at measurements, into out; the
     variance of the last one over R, without process noise, into out's last column + 1: out (W, steps + 2)."""
+    core, at = _core(problem), pointer_to(p, 0)
     for j, start in enumerate(starts):
         x, v = states[start, 0], states[start, 1]
         p00, p01, p11 = states[start, 2], states[start, 3], states[start, 4]
         out[j, 0] = x
         for i in range(steps):
             before, speed = x, v
-            x, v, held = advance(problem, p, start + i, x, v)
-            a, b, c, d = _tangent(problem, p, start + i, before, speed, held)
+            x, v, held = _advance(core, at, start + i, x, v)
+            a, b, c, d = _tangent(core, at, start + i, before, speed, held)
             m00, m01, m10, m11 = a * p00 + b * p01, a * p01 + b * p11, c * p00 + d * p01, c * p01 + d * p11
             p00, p01, p11 = m00 * a + m01 * b, m00 * c + m01 * d, m10 * c + m11 * d
             out[j, i + 1] = x
@@ -165,7 +268,8 @@ def roll_out(problem, p, states, starts, steps, out):
 @njit(cache=True, error_model="numpy")
 def accelerations(problem, p, x, v, out):
     """Acceleration (N,) in the states (x, v) at the samples."""
+    core, at = _core(problem), pointer_to(p, 0)
     for k in range(len(x)):
-        out[k] = _smooth(problem, p, x[k], v[k], problem.t[k], problem.w[k, 0])
+        out[k] = _smooth(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
         if problem.dry >= 0 and v[k] != 0.0:
-            out[k] -= math.copysign(max(p[problem.dry] + math.copysign(p[problem.dry + 1], v[k]), 0.0), v[k])
+            out[k] -= math.copysign(max(p[problem.dry] + p[problem.dry + 1] * math.copysign(1.0, v[k]), 0.0), v[k])

@@ -9,8 +9,8 @@ which comes nearest to it. So the rule here is a comparison, and asks for one th
 2. From it goes what the rig's own old log, from when the model was right, gives for the same effect with the same
    model, `CAUTION` times and by as many samples: what the old log shows, too, is no news.
 3. The effect with the most news is the verdict, if that is more than `NEWS`; one with fewer parameters that comes
-   within `ALIKE` of it goes first. A term without a name wins only by `AHEAD` times and `NEWS`. Effects of the stage and
-   of the camera's place are seen without the ball and come by themselves.
+   within `ALIKE` of it goes first. A term without a name wins only by `AHEAD` times and `NEWS`. Effects of the stage
+   and of the camera's place are seen without the ball and come by themselves.
 4. Everything else waits for the next round, in which the model has what was found in this one.
 """
 

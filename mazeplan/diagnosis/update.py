@@ -28,7 +28,7 @@ from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import EFFECTS, make_effect
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.sensors import Camera, TiltSensor
-from mazeplan.models.stage import StageFit, StageModel
+from mazeplan.models.stage import StageModel
 
 Parameters = dict[str, dict[str, Any]]  # parameter -> {"value", "stderr", "unit"}
 Found = Mapping[int, Sequence[Mapping[str, Any]]]  # ring -> effects as in the JSON of a diagnosis
@@ -38,7 +38,7 @@ OF_THE_BALL = ("rolling_inertia", "dry_friction", "viscous_friction")
 
 
 def base_model(
-    maze: Maze, ring: int | None, declared: Mapping[str, Mapping[str, float]], stage: tuple[StageFit, StageFit] | None
+    maze: Maze, ring: int | None, declared: Mapping[str, Mapping[str, float]], stage: StageModel | None
 ) -> RigModel:
     """The model that declarations stand for, of one ring (None: 1): effects and delay as declared, the stage as it was
     fitted to the record, or textbook values without commands."""

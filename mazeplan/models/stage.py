@@ -81,6 +81,8 @@ class StageFit:
 def played(u: Array, backlash: float, start: float | None = None) -> Array:
     """What gears with a play of `backlash` rad pass on of commands u (N,): they follow as late as they can. start: what
     they passed on before, the first command by default."""
+    if backlash == 0.0:
+        return u
     half, out = 0.5 * backlash, np.empty(len(u))
     at = float(u[0]) if start is None else start
     for i, value in enumerate(u):
