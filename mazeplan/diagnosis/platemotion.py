@@ -89,11 +89,11 @@ def plate_motion(record: Record, stage: Stage | None) -> Tilt:
     if record.u is None or stage is None:
         return from_sensor(record.t, record.beta, record.gamma, record.segment)
     axes = stage.axes
-    u = [played(record.u[:, i], axis.backlash) for i, axis in enumerate(axes)]
+    u = played(record.u[:, 0], axes[0].backlash), played(record.u[:, 1], axes[1].backlash)
     base, by_stage = from_commands(record.t, *u, *axes), {}
     for name, (i, change) in stage.directions.items():
         moved, sign = _changed(axes[i], change)
-        there = from_commands(record.t, *u, *(moved if j == i else axis for j, axis in enumerate(axes)))
+        there = from_commands(record.t, *u, *((moved, axes[1]) if i == 0 else (axes[0], moved)))
         by_stage[name] = sign * (there.motion - base.motion)
     return replace(base, by_stage=by_stage)
 
