@@ -74,11 +74,8 @@ def diagnose(
         output.mkdir(parents=True, exist_ok=True)
         document["report"] = str(output / "report.html")
         if done.effects:
-            old = (
-                load_model(model)
-                if model is not None
-                else base_model(maze, number, known, None if done.stage is None else StageModel(*done.stage.axes))
-            )
+            stage = None if done.stage is None else StageModel(*done.stage.axes)
+            old = base_model(maze, number, known, stage) if model is None else load_model(model)
             new = updated(old, maze, {number or 1: done.effects})
             document["model"] = str(save_model(new, output / "model").parent)
         (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")

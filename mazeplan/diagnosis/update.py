@@ -43,12 +43,7 @@ def base_model(
     """The model that declarations stand for, of one ring (None: 1): effects and delay as declared, the stage as it was
     fitted to the record, or textbook values without commands."""
     effects = tuple(make_effect(name, values) for name, values in declared.items() if name in EFFECTS)
-    axes = (
-        StageModel()
-        if stage is None
-        else StageModel(*(replace(fit.axis, dead_time=0.0, backlash=0.0) for fit in stage))
-    )
-    model = RigModel(axes, {ring or 1: BallModel(effects)}, kind="pi")
+    model = RigModel(stage or StageModel(), {ring or 1: BallModel(effects)}, kind="pi")
     numbers = {
         name: {key: {"value": value, "stderr": math.inf, "unit": ""} for key, value in values.items()}
         for name, values in declared.items()
