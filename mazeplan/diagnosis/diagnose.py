@@ -128,7 +128,7 @@ def diagnose(
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    library = [*ring_library(), *anonymous_library()]
+    library = [*(_from_declared(c, declared) for c in ring_library()), *anonymous_library()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     record, rows = _with_ball(record, rows)
@@ -147,6 +147,15 @@ def diagnose(
     test, every = _with_ball(test, np.ones(len(test), dtype=bool))
     before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
+
+
+def _from_declared(candidate: Candidate, declared: Values) -> Candidate:
+    """The candidate with the declared values as the start of its fits, where it says how large, not where: from far
+    below a friction that is known already, the first linear look at it says nothing."""
+    had = declared.get(candidate.name)
+    if had is None or candidate.places or not any(had.values()):
+        return candidate
+    return replace(candidate, starts=(tuple(had[name] for name in candidate.parameters),))
 
 
 def _with_ball(record: Record, rows: np.ndarray) -> tuple[Record, np.ndarray]:
