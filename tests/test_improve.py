@@ -63,7 +63,7 @@ def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
     rig = tmp_path / "rig.yaml"
     rig.write_text("model: ideal\nrolling_friction_m: 2.0e-5\ntable_x_deg: 1.5\n")
     told = []
-    (entry,) = improve(str(rig), tmp_path, Options(runs=2, seconds=80.0, seed=1), tell=told.append)
+    (entry,) = improve(str(rig), tmp_path, Options(runs=2, seconds=60.0, seed=1), tell=told.append)
     assert "tilt_offset" in [e["name"] for e in entry["diagnosis"]["effects"]]
     new = load_model(entry["diagnosis"]["model"])
     assert new.ball(1).parameter("tilt_offset", "gamma", 0.0) == pytest.approx(np.radians(1.5), abs=4e-3)
