@@ -16,6 +16,7 @@ from mazeplan.diagnosis.ambiguity import experiment_for
 from mazeplan.diagnosis.anonymous import anonymous_library, placebos
 from mazeplan.diagnosis.evidence import Evidence, evidence_of
 from mazeplan.diagnosis.fit import Likelihood, fit
+from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
 from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
@@ -25,6 +26,7 @@ from mazeplan.diagnosis.scores import Score, score
 from mazeplan.diagnosis.search import Finding, search
 
 SEEN = 0.7  # share of the record that search and fits see
+GAP = 30  # samples; a ball that was away for longer begins anew
 DELAY = 0.005  # s; a command delay worth a word
 
 
@@ -148,13 +150,14 @@ def diagnose(
     tell("stage")
     stage = fit_stage(record, rows)
     tilt = plate_motion(record, stage)
-    effects: list[dict[str, Any]] = _stage_effects(stage)
+    effects: list[dict[str, Any]] = _stage_effects(stage, declared)
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    library = [*ring_library(), *anonymous_library(), *placebos()]
+    library = [*(_from_declared(c, declared) for c in ring_library()), *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
+    record, rows = _with_ball(record, rows)
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
     finding = search(straight, library, tell, along=along)
     tell("scores on what was held out")
@@ -168,10 +171,35 @@ def diagnose(
     )  # fmt: skip
     if test is None:
         return done
-    every = np.ones(len(test), dtype=bool)
     moved = plate_motion(test, stage)
+    test, every = _with_ball(test, np.ones(len(test), dtype=bool))
     before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
+
+
+def _from_declared(candidate: Candidate, declared: Values) -> Candidate:
+    """The candidate with the declared values as the start of its fits, where it says how large, not where: from far
+    below a friction that is known already, the first linear look at it says nothing."""
+    had = declared.get(candidate.name)
+    if had is None or candidate.places or not any(had.values()):
+        return candidate
+    return replace(candidate, starts=(tuple(had[name] for name in candidate.parameters),))
+
+
+def _with_ball(record: Record, rows: np.ndarray) -> tuple[Record, np.ndarray]:
+    """The record without the stretches in which the ball is elsewhere, and what is left of rows (N,): they would only
+    take time. Gaps of a few samples stay."""
+    gone = ~np.isfinite(record.theta)
+    edges = np.flatnonzero(np.diff(np.r_[False, gone, False].astype(np.int8)))
+    keep, first = np.ones(len(record), dtype=bool), record.first.copy()
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if b - a > GAP or first[a : b + 1].any():
+            keep[a:b] = False
+            if b < len(record):
+                first[b] = True
+    parts = {name: getattr(record, name)[keep] for name in ("t", "theta", "beta", "gamma", "segment")}
+    r, u = (None if part is None else part[keep] for part in (record.r, record.u))
+    return replace(record, first=first[keep], r=r, u=u, **parts), rows[keep]
 
 
 def _likelihood(
@@ -192,16 +220,27 @@ def _likelihood(
     return Likelihood(system, library, rows)
 
 
-def _stage_effects(stage: Stage | None) -> list[dict[str, Any]]:
+def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]]:
+    """Delay of commands and play of gears, where they are not what was declared."""
     if stage is None:
         return []
+    found: list[dict[str, Any]] = []
     late = [(axis.dead_time, axis.stderr.get("dead_time", math.inf)) for axis in stage.axes]
     delay = sum(d for d, _ in late) / 2.0
     sigma = math.hypot(*(s for _, s in late)) / 2.0
-    if delay > DELAY and delay > 5.0 * sigma:
+    known = declared.get("command_delay", {}).get("delay", 0.0)
+    if abs(delay - known) > max(DELAY, 5.0 * sigma):
         entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
-        return [entry]
-    return []
+        found.append(entry)
+    had = declared.get("backlash", {})
+    play = dict(zip(("beta", "gamma"), stage.axes, strict=True))
+    if any(abs(axis.backlash - had.get(name, 0.0)) > SMALLEST_PLAY for name, axis in play.items()):
+        numbers = {
+            name: {"value": axis.backlash, "stderr": axis.stderr.get("backlash", 0.0), "unit": "rad"}
+            for name, axis in play.items()
+        }
+        found.append({"name": "backlash", "parameters": numbers})
+    return found
 
 
 def _camera_effect(circle: Circle) -> dict[str, Any]:
@@ -246,3 +285,17 @@ def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Seq
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"
     return "effect_found" if effects else "nothing_missing"
+
+
+def model_error(record: Record, radius: float, declared: Values) -> Score:
+    """How far a model is off on the rows of a record that search and fits of `diagnose` do not see; only the noise of
+    the record is fitted, and what the tilt sensor leaves open of the stage."""
+    seen = np.cumsum(np.isfinite(record.theta))
+    rows = seen <= SEEN * seen[-1]
+    stage = fit_stage(record, rows)
+    tilt = plate_motion(record, stage)
+    along = [] if stage is None else [stage_errors(stage.directions)]
+    record, rows = _with_ball(record, rows)
+    likelihood = _likelihood(record, tilt, radius, declared, [*ring_library(), *along], rows, None)
+    base = fit(likelihood, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
+    return score(likelihood, base, ~rows)
