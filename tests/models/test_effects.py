@@ -13,9 +13,12 @@ from mazeplan.models.effects import (
     EFFECTS,
     ConstantTorque,
     DryFriction,
+    GateLoss,
     QuadraticDrag,
     RingKinematics,
     RollingInertia,
+    SurfaceBump,
+    SurfaceProfile,
     TiltOffset,
     ViscousFriction,
     gravity_jacobian,
@@ -34,6 +37,9 @@ EXAMPLES = {
     "dry_friction": DryFriction(0.3, 0.1),
     "quadratic_drag": QuadraticDrag(0.2),
     "constant_torque": ConstantTorque(0.7),
+    "surface_profile": SurfaceProfile(0.1, -0.2, 0.3, 0.5, -0.1, 0.2),
+    "surface_bump": SurfaceBump(1.0, 0.4, -2.0),
+    "gate_loss": GateLoss(0.5, 0.2),
 }
 PARAMETERS = [(name, parameter) for name, kind in EFFECTS.items() for parameter in kind.parameters]
 
