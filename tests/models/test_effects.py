@@ -72,11 +72,20 @@ def test_every_effect_is_tried_here():
 def test_formulas():
     k = motion()
     w, base = k.theta_dot, BallModel().acceleration(k)
+    a, away = k.theta, np.angle(np.exp(1j * (k.theta - 1.0))) / 0.4
     expected = {
         "viscous_friction": -0.4 * w,
         "dry_friction": np.where(w > 0.0, -0.3, 0.3) - 0.1,
         "quadratic_drag": np.where(w > 0.0, -0.2, 0.2) * w**2,
         "constant_torque": np.full_like(w, 0.7),
+        "surface_profile": 0.1 * np.cos(a)
+        - 0.2 * np.sin(a)
+        + 0.3 * np.cos(2 * a)
+        + 0.5 * np.sin(2 * a)
+        - 0.1 * np.cos(3 * a)
+        + 0.2 * np.sin(3 * a),
+        "surface_bump": -2.0 * np.exp(0.5) * away * np.exp(-0.5 * away**2),
+        "gate_loss": np.zeros_like(w),
         "rolling_inertia": -0.4 * gravity_part(k),
         "tilt_offset": gravity_part(motion(beta=k.beta + 0.02, gamma=k.gamma - 0.01)) - gravity_part(k),
     }
