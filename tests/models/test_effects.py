@@ -92,7 +92,7 @@ def test_formulas():
     for name, effect in EXAMPLES.items():
         added = BallModel((effect,)).acceleration(k) - base
         np.testing.assert_allclose(added, expected[name], rtol=0, atol=1e-11, err_msg=name)
-        assert (effect.term(k) == 0.0).all() == (name in ("rolling_inertia", "tilt_offset")), name
+        assert (effect.term(k) == 0.0).all() == (name in ("rolling_inertia", "tilt_offset", "gate_loss")), name
 
 
 def test_gravity_pulls_to_where_the_plate_is_lowest():
