@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.diagnosis.anonymous import anonymous_library
-from mazeplan.diagnosis.fit import Fit, Likelihood, fit
+from mazeplan.diagnosis.ambiguity import experiment_for
+from mazeplan.diagnosis.anonymous import anonymous_library, placebos
+from mazeplan.diagnosis.evidence import Evidence, evidence_of
+from mazeplan.diagnosis.fit import Likelihood, fit
 from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
@@ -21,7 +23,7 @@ from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, score
-from mazeplan.diagnosis.search import Finding, search, with_stage
+from mazeplan.diagnosis.search import Finding, search
 
 SEEN = 0.7  # share of the record that search and fits see
 GAP = 30  # samples; a ball that was away for longer begins anew
@@ -31,7 +33,8 @@ DELAY = 0.005  # s; a command delay worth a word
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found. verdict: nothing_missing, effect_found, ambiguous or unknown_effect; effects: as in the report's
-    JSON; before, after: scores on the rows held out; stage: fits of both axes, None without commands."""
+    JSON; before, after: scores on the rows held out; stage: fits of both axes, None without commands; evidence:
+    residuals before and after; apart: for each group that cannot be told apart, what would."""
 
     verdict: str
     effects: tuple[dict[str, Any], ...]
@@ -42,7 +45,14 @@ class Diagnosis:
     after: Score
     tilt_source: str
     notes: tuple[str, ...]
+    evidence: tuple[Evidence, Evidence]
+    apart: tuple[dict[str, str], ...] = ()
     test: tuple[Score, Score] | None = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know."""
+        return (f"Tilt: {self.tilt_source}.", *self.notes)
 
     def document(self) -> dict[str, Any]:
         """The JSON of it."""
@@ -55,6 +65,7 @@ class Diagnosis:
             "sentence": self.sentence(),
             "effects": list(self.effects),
             "ambiguous_with": [list(group) for group in self.finding.alike],
+            "separate_by": list(self.apart),
             "unknown": unknown,
             "before": self.before.document(),
             "after": self.after.document(),
@@ -80,7 +91,7 @@ class Diagnosis:
             same = f"nRMSE of theta_dd {before.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
         if self.verdict == "nothing_missing":
             return f"Nothing is missing: {same}."
-        names = [_words(effect) for effect in self.effects]
+        names = [effect_words(effect) for effect in self.effects]
         if self.verdict == "unknown_effect":
             also = f" besides {', '.join(names)}" if names else ""
             return f"Something is there that has no name{also}: {describe_unknown(self.finding)}; {change}."
@@ -90,7 +101,20 @@ class Diagnosis:
         return f"The model lacks {', '.join(names)}{tail}: {change}."
 
 
-def _words(effect: dict[str, Any]) -> str:
+def _chance(finding: Finding) -> tuple[str, ...]:
+    """How placebos did."""
+    placebos = [t for t in finding.ranked if t.candidate.placebo]
+    if not placebos:
+        return ()
+    best, rest = max(placebos, key=lambda t: t.gain), [t.gain for t in finding.ranked if not t.candidate.placebo]
+    lost = f"{best.candidate.name} explains {max(best.gain, 0.0):.0f} of -2 log L"
+    if finding.final.candidates and rest and max(rest) > 0.0:
+        lost += f", the best candidate {max(rest):.0f}"
+    return (lost,)
+
+
+def effect_words(effect: dict[str, Any]) -> str:
+    """An effect with its sizes."""
     numbers = ", ".join(
         f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
     )
@@ -114,10 +138,12 @@ def diagnose(
     radius: float,
     declared: Values,
     *,
+    ring: int | None = None,
     test: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Find what the declared effects lack at a track radius (m); test: a further record, for scores only."""
+    """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; test: a further
+    record, for scores only."""
     tell = progress or (lambda text: None)
     seen = np.cumsum(np.isfinite(record.theta))  # samples of the ball: it may be elsewhere for most of the record
     rows = seen <= SEEN * seen[-1]
@@ -128,18 +154,21 @@ def diagnose(
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    library = [*(_from_declared(c, declared) for c in ring_library()), *anonymous_library()]
+    named = [_from_declared(c, declared) for c in ring_library()]
+    library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     record, rows = _with_ball(record, rows)
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
-    finding = with_stage(straight, search(straight, library, tell), along)
-    effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
+    finding = search(straight, library, tell, along=along)
     tell("scores on what was held out")
+    effects += [_entry(straight, finding, c, ~rows) for c in finding.final.candidates if c.named]
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
-        _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
-        score(straight, finding.final, ~rows), tilt.source, record.notes,
+        verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
+        score(straight, finding.final, ~rows), tilt.source, (*record.notes, *_chance(finding)),
+        (evidence_of(plain, base), evidence_of(straight, finding.final)),
+        tuple(experiment_for(group, ring) for group in finding.alike),
     )  # fmt: skip
     if test is None:
         return done
@@ -228,23 +257,31 @@ def _camera_effect(circle: Circle) -> dict[str, Any]:
     }
 
 
-def _entry(final: Fit, name: str) -> dict[str, Any]:
-    c = next(c for c in final.candidates if c.name == name)
+def _entry(likelihood: Likelihood, finding: Finding, c: Candidate, rows: np.ndarray) -> dict[str, Any]:
+    """An effect for the JSON: sizes, evidence, 40-step error (rad) on some rows without it, all others fitted again,
+    and with it."""
+    final = finding.final
+    rest = [other for other in final.candidates if other is not c]
+    without = fit(likelihood, rest, {other.name: final.values[other.name] for other in rest}, final.q)
+    before, after = (score(likelihood, found, rows).document()["rollout40"] for found in (without, final))
     return {
-        "name": name,
+        "name": c.name,
         "parameters": {
-            p: {"value": final.values[name][p], "stderr": final.stderr[name][p], "unit": spec.unit}
+            p: {"value": final.values[c.name][p], "stderr": final.stderr[c.name][p], "unit": spec.unit}
             for p, spec in c.parameters.items()
         },
+        "evidence": round(finding.worth.get(c.name, math.nan), 1),
+        "before": before,
+        "after": after,
     }
 
 
-def _verdict(finding: Finding, effects: list[dict[str, Any]]) -> str:
+def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Sequence[Candidate]) -> str:
     """In a word. Of two effects that explain as well, the one with fewer parameters is taken; where none has fewer, the
     record cannot tell them apart."""
     if finding.unknown is not None:
         return "unknown_effect"
-    counts = {c.name: len(c.parameters) for c in ring_library()}
+    counts = {c.name: len(c.parameters) for c in library}
     for chosen, *others in finding.alike:
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"

@@ -10,7 +10,7 @@ import numpy as np
 
 from mazeplan.diagnosis.kalman import Moves, innovations
 from mazeplan.diagnosis.library import Candidate, Spec
-from mazeplan.diagnosis.ringsystem import RingSystem, Values
+from mazeplan.diagnosis.system import System, Values
 from mazeplan.records import Array
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
@@ -42,7 +42,7 @@ class Fit:
 class Likelihood:
     """-2 log L of a system on some of its rows."""
 
-    def __init__(self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray) -> None:
+    def __init__(self, system: System, library: Sequence[Candidate], rows: np.ndarray) -> None:
         """rows (N,): which count."""
         self.system, self.library, self.rows = system, list(library), rows
         n = len(system)
@@ -76,6 +76,14 @@ class Likelihood:
         n = len(self.system)
         innovations(problem, p, q, n, np.empty(n), np.empty(n), self.states, NONE, NOTHING)
         return self.states
+
+    def everywhere(self, values: Values, q: float) -> tuple[Array, Array]:
+        """Whitened innovations (N,) of all rows, NaN where there are none, and filtered states (N, 5)."""
+        problem, p = self.system.build(self.library, values)
+        n = len(self.system)
+        nu, S, states = np.empty(n), np.empty(n), np.empty((n, 5))
+        innovations(problem, p, q, n, nu, S, states, NONE, NOTHING)
+        return nu / np.sqrt(S), states
 
     def minus2(self, values: Values, q: float) -> float:
         """-2 log L with the variance of a measurement eliminated; inf where it is not finite."""

@@ -34,8 +34,8 @@ class Spec:
 class Candidate:
     """An effect that may be missing. acts: term (its compiled function is `term`), ring (parameters of the ring's own
     equation), dry, gate, delay; starts: where fits begin, each a tuple of values; named: False for what only says that
-    something is there; depends_on: variables, for those; places:
-    parameters that say where or how, not how large."""
+    something is there; depends_on: variables, for those; places: parameters that say where, not how large; placebo: it
+    cannot be there, and is tried to see what chance does."""
 
     name: str
     parameters: dict[str, Spec]
@@ -45,6 +45,7 @@ class Candidate:
     named: bool = True
     depends_on: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
+    placebo: bool = False
 
     def first(self) -> list[tuple[float, ...]]:
         """Starts of a fit; the defaults where none are given."""

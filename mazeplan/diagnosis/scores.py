@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,10 +28,17 @@ class Score:
     rollout40: float
     floor: float
     windows: int
+    labels: ClassVar[dict[str, str]] = {
+        "nrmse": "nRMSE of theta_dd",
+        "rollout20": "theta error after 20 samples, rad",
+        "rollout40": "theta error after 40 samples, rad",
+    }
+    drawn: ClassVar[str] = "rollout40"
+    axes: ClassVar[tuple[str, str]] = ("theta, rad", "theta_dot, rad/s")
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
-        return {name: _plain(getattr(self, name)) for name in ("nrmse", "rollout20", "rollout40")}
+        return {name: _plain(getattr(self, name)) for name in self.labels}
 
 
 def _plain(value: float) -> float | None:
@@ -43,7 +50,7 @@ def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> Score:
     system = likelihood.system
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
-    starts = _starts(rows, system.first, problem.seen)
+    starts = score_starts(rows, system.first, problem.seen)
     most = AHEAD[-1]
     out = np.empty((len(starts), most + 2))
     roll_out(problem, p, states, starts, most, out)
@@ -59,7 +66,7 @@ def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> Score:
     )
 
 
-def _starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def score_starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Rows from which all of the next samples are in the same stretch, and those compared were seen."""
     n, most = len(rows), AHEAD[-1]
     begun = np.maximum.accumulate(np.where(first, np.arange(n), 0))
