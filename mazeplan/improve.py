@@ -109,8 +109,8 @@ def one_round(
     verdict = merge(diagnoses, samples_in(records), reference)
     new = updated(model, maze, verdict.found, common=True)
     tell("model error on what was held out")
-    before = _errors(records, maze, model)
-    after = _errors(ring_records(table, maze, new), maze, new) if verdict.names else before
+    before = _errors(records, maze, model, diagnoses)
+    after = _errors(ring_records(table, maze, new), maze, new, diagnoses) if verdict.names else before
     return _document(verdict, diagnoses, before, after), new
 
 
@@ -162,10 +162,12 @@ def reference_of(model: RigModel) -> Evidence | None:
         raise ModelError("expected {samples: N, gains: {EFFECT: NUMBER}}", key=f"scores.{REFERENCE}") from None
 
 
-def _errors(records: Mapping[int, Record], maze: Maze, model: RigModel) -> Score:
-    """Scores of all rings together, weighted by their windows or, of nrmse, samples."""
+def _errors(records: Mapping[int, Record], maze: Maze, model: RigModel, diagnoses: Mapping[int, Diagnosis]) -> Score:
+    """Scores of all rings together, weighted by their samples."""
     scores = {
-        ring: model_error(record, maze.track_radius(ring), model.declared(ring)) for ring, record in records.items()
+        ring: model_error(record, maze.track_radius(ring), model.declared(ring), diagnoses[ring].stage)
+        for ring, record in records.items()
+        if ring in diagnoses
     }
     weights = {ring: float(np.isfinite(record.theta).sum()) for ring, record in records.items()}
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mazeplan.data.table import Table
+    from mazeplan.diagnosis.diagnose import Diagnosis
     from mazeplan.diagnosis.library import Candidate
     from mazeplan.diagnosis.report import Diagnosed
     from mazeplan.maze.geometry import Maze
@@ -60,7 +61,10 @@ def diagnose(
                 raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
         diagnose_drive(log, declare or [], test, output, as_json)
     elif system == "ring":
-        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme", output)
+        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme")
+        if output is not None:
+            known, number = document["declared"], document["ring"]
+            document["model"] = _new_model(done, model, known, number, map_ or "cme", output)
         finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
     else:
         raise InputError(f"--system: got {system!r}, expected ring or emps")
@@ -74,8 +78,7 @@ def _of_ball(
     ring: int | None,
     test: Path | None,
     map_: str,
-    output: Path | None,
-) -> tuple[Diagnosed, dict[str, Any]]:
+) -> tuple[Diagnosis, dict[str, Any]]:
     """Diagnosis of a ball in its ring, and its document."""
     from mazeplan.cli.arguments import positive
     from mazeplan.data.table import read_table
@@ -83,7 +86,7 @@ def _of_ball(
     from mazeplan.diagnosis.library import ring_library
     from mazeplan.diagnosis.record import centred, record_of, turned_round
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.models.modelfile import load_model, save_model
+    from mazeplan.models.modelfile import load_model
 
     maze, table = load_map(map_), read_table(log)
     if model is not None:
@@ -103,16 +106,30 @@ def _of_ball(
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
     done = run(record_of(table, rows, odd), where, known, ring=number, test=further, progress=say)
-    written = None
-    if output is not None and done.effects:
-        from mazeplan.diagnosis.update import base_model, updated
-        from mazeplan.models.stage import StageModel
+    return done, {
+        **done.document(),
+        "ring": number,
+        "radius_m": where,
+        "declared": known,
+        "model": None,
+        "report": None,
+    }
 
-        stage = None if done.stage is None else StageModel(*done.stage.axes)
-        old = base_model(maze, number, known, stage) if model is None else load_model(model)
-        written = str(save_model(updated(old, maze, {number or 1: done.effects}), output / "model").parent)
-    known_ones = {"ring": number, "radius_m": where, "declared": known}
-    return done, {**done.document(), **known_ones, "model": written, "report": None}
+
+def _new_model(
+    done: Diagnosis, model: str | None, known: dict[str, dict[str, float]], ring: int | None, map_: str, folder: Path
+) -> str | None:
+    """The folder of the model with what was found; None where nothing was."""
+    from mazeplan.diagnosis.update import base_model, updated
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.models.modelfile import load_model, save_model
+    from mazeplan.models.stage import StageModel
+
+    if not done.effects:
+        return None
+    maze, stage = load_map(map_), None if done.stage is None else StageModel(*done.stage.axes)
+    old = base_model(maze, ring, known, stage) if model is None else load_model(model)
+    return str(save_model(updated(old, maze, {ring or 1: done.effects}), folder / "model").parent)
 
 
 def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title: str, as_json: bool) -> None:

@@ -154,7 +154,8 @@ def diagnose(
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    library = [*(_from_declared(c, declared) for c in ring_library()), *anonymous_library(), *placebos()]
+    named = [_from_declared(c, declared) for c in ring_library()]
+    library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     record, rows = _with_ball(record, rows)
@@ -287,12 +288,11 @@ def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Seq
     return "effect_found" if effects else "nothing_missing"
 
 
-def model_error(record: Record, radius: float, declared: Values) -> Score:
+def model_error(record: Record, radius: float, declared: Values, stage: Stage | None) -> Score:
     """How far a model is off on the rows of a record that search and fits of `diagnose` do not see; only the noise of
-    the record is fitted, and what the tilt sensor leaves open of the stage."""
+    the record is fitted, and what the tilt sensor leaves open of the stage (as `fit_stage` has it)."""
     seen = np.cumsum(np.isfinite(record.theta))
     rows = seen <= SEEN * seen[-1]
-    stage = fit_stage(record, rows)
     tilt = plate_motion(record, stage)
     along = [] if stage is None else [stage_errors(stage.directions)]
     record, rows = _with_ball(record, rows)

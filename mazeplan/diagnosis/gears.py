@@ -20,6 +20,7 @@ from mazeplan.records import Array
 
 TRIED = 0.005  # rad, with which the first look is taken
 MOST = 0.08  # rad
+ENOUGH = 2400  # samples to find it by; a clearance of a fraction of a degree shows in every reversal
 SMALLEST = 2e-3  # rad; play worth a word
 SURE = 15.0  # of -2 log L
 
@@ -28,8 +29,8 @@ def fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np
     """The axis with the play that its record shows, if any: commands u and angle (N,), rows (N,) to look at. Raises
     ValueError as `fit_axis`."""
 
-    def fitted(backlash: float) -> StageFit:
-        return fit_axis(played(u, backlash)[rows], angle[rows], dt, first[rows].astype(float))
+    def fitted(backlash: float, of: np.ndarray = rows) -> StageFit:
+        return fit_axis(played(u, backlash)[of], angle[of], dt, first[of].astype(float))
 
     plain = fitted(0.0)
     left = (angle - simulate_axis(plain.axis, u, dt))[rows]
@@ -37,7 +38,10 @@ def fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np
     fits = float(left @ late) / max(float(np.linalg.norm(left) * np.linalg.norm(late)), 1e-300)
     if fits <= 0.0 or -plain.samples * math.log1p(-min(fits * fits, 0.999)) < SURE:
         return plain
-    found: Any = minimize_scalar(lambda b: fitted(b).rms, bounds=(0.0, MOST), method="bounded", options={"xatol": 1e-4})
+    few = rows & (np.cumsum(rows) <= ENOUGH)
+    found: Any = minimize_scalar(
+        lambda b: fitted(b, few).rms, bounds=(0.0, MOST), method="bounded", options={"xatol": 2e-4}
+    )
     best = float(found.x)
     with_play = fitted(best)
     gain = 2.0 * plain.samples * math.log(plain.rms / with_play.rms)

@@ -63,7 +63,7 @@ def evidence(diagnoses: Mapping[int, Diagnosis], samples: int) -> Evidence:
     """What the diagnoses of the rings of one log say of each effect."""
     gains: dict[str, float] = {}
     for done in diagnoses.values():
-        here = {t.candidate.name: t.gain for t in done.finding.ranked}
+        here = {t.candidate.name: t.gain for t in done.finding.ranked if not t.candidate.placebo}
         for name, worth in done.finding.worth.items():
             here[name] = max(here.get(name, 0.0), worth)
         for name, gain in here.items():

@@ -111,6 +111,7 @@ class RingParameters:
     def from_model(cls, model: RigModel, ring: int, radius: float) -> RingParameters:
         """The parameters of a fitted model for one ring, at its track radius (m)."""
         ball = model.ball(ring)
+        floor = surface.pack(ball)
         axes = [
             AxisParameters(axis.gain, axis.natural_frequency, axis.damping, axis.offset)
             for axis in (model.true_stage.beta, model.true_stage.gamma)
@@ -125,7 +126,7 @@ class RingParameters:
             beta=axes[0],
             gamma=axes[1],
             physics=not (model.kind == "np" and ring in model.processes),
-            surface=tuple(surface.pack(ball)),
+            surface=tuple(floor.tolist()) if floor[0] else (),
         )
 
     def pack(self) -> Array:

@@ -12,6 +12,7 @@ from plant import play
 from ring_record import write_csv
 
 from mazeplan.data.table import Table
+from mazeplan.models.modelfile import load_model
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
@@ -50,6 +51,9 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(call, 
     assert document["held_out"] == pytest.approx(0.3)
     assert document["unknown"] is None
     assert json.loads((tmp_path / "report" / "report.json").read_text()) == document
+    model = load_model(document["model"])
+    assert model.ball(1).parameter("dry_friction", "coefficient", 0.0) == pytest.approx(found["value"], rel=1e-4)
+    assert model.ball(1).parameter("viscous_friction", "coefficient", 0.0) == 0.35
     page = (tmp_path / "report" / "report.html").read_text()
     assert html.escape(document["sentence"]) in page
     assert "data:image/png;base64," in page

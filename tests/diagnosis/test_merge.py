@@ -13,7 +13,9 @@ def ring(gains, effects=()):
     """A diagnosis as far as it is looked at: gain of each candidate by itself, and effects seen without the ball."""
     ranked = [
         SimpleNamespace(
-            candidate=SimpleNamespace(name=name, parameters={"p": SimpleNamespace(unit="1")}, depends_on=("beta",)),
+            candidate=SimpleNamespace(
+                name=name, parameters={"p": SimpleNamespace(unit="1")}, depends_on=("beta",), placebo=False
+            ),
             gain=gain,
             fit=SimpleNamespace(values={name: {"p": gain}}, stderr={name: {"p": 1.0}}),
         )

@@ -13,9 +13,12 @@ from mazeplan.models.effects import (
     EFFECTS,
     ConstantTorque,
     DryFriction,
+    GateLoss,
     QuadraticDrag,
     RingKinematics,
     RollingInertia,
+    SurfaceBump,
+    SurfaceProfile,
     TiltOffset,
     ViscousFriction,
     gravity_jacobian,
@@ -34,6 +37,9 @@ EXAMPLES = {
     "dry_friction": DryFriction(0.3, 0.1),
     "quadratic_drag": QuadraticDrag(0.2),
     "constant_torque": ConstantTorque(0.7),
+    "surface_profile": SurfaceProfile(0.1, -0.2, 0.3, 0.5, -0.1, 0.2),
+    "surface_bump": SurfaceBump(1.0, 0.4, -2.0),
+    "gate_loss": GateLoss(0.5, 0.2),
 }
 PARAMETERS = [(name, parameter) for name, kind in EFFECTS.items() for parameter in kind.parameters]
 
@@ -66,18 +72,27 @@ def test_every_effect_is_tried_here():
 def test_formulas():
     k = motion()
     w, base = k.theta_dot, BallModel().acceleration(k)
+    a, away = k.theta, np.angle(np.exp(1j * (k.theta - 1.0))) / 0.4
     expected = {
         "viscous_friction": -0.4 * w,
         "dry_friction": np.where(w > 0.0, -0.3, 0.3) - 0.1,
         "quadratic_drag": np.where(w > 0.0, -0.2, 0.2) * w**2,
         "constant_torque": np.full_like(w, 0.7),
+        "surface_profile": 0.1 * np.cos(a)
+        - 0.2 * np.sin(a)
+        + 0.3 * np.cos(2 * a)
+        + 0.5 * np.sin(2 * a)
+        - 0.1 * np.cos(3 * a)
+        + 0.2 * np.sin(3 * a),
+        "surface_bump": -2.0 * np.exp(0.5) * away * np.exp(-0.5 * away**2),
+        "gate_loss": np.zeros_like(w),
         "rolling_inertia": -0.4 * gravity_part(k),
         "tilt_offset": gravity_part(motion(beta=k.beta + 0.02, gamma=k.gamma - 0.01)) - gravity_part(k),
     }
     for name, effect in EXAMPLES.items():
         added = BallModel((effect,)).acceleration(k) - base
         np.testing.assert_allclose(added, expected[name], rtol=0, atol=1e-11, err_msg=name)
-        assert (effect.term(k) == 0.0).all() == (name in ("rolling_inertia", "tilt_offset")), name
+        assert (effect.term(k) == 0.0).all() == (name in ("rolling_inertia", "tilt_offset", "gate_loss")), name
 
 
 def test_gravity_pulls_to_where_the_plate_is_lowest():

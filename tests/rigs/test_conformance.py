@@ -139,5 +139,5 @@ def test_command_line(monkeypatch, capsys, tmp_path):
     assert code == 1
     assert "FAILED  tilt follows beta" in got.out
     code, got = command(monkeypatch, capsys, "list")
-    assert "ideal, rough, toy" in got.out
+    assert "ideal, rough, surprise, toy" in got.out
     assert "camera_noise_mm" in got.out

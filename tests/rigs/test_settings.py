@@ -95,7 +95,7 @@ def test_labels_and_model_hints(tmp_path):
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        ("nowhere", "expected one of ideal, rough, toy"),
+        ("nowhere", "expected one of ideal, rough, surprise, toy"),
         ("nowhere.yaml", "no such file"),
         ("no_such_module:Rig", "cannot be imported"),
         ("mazeplan.records:Nothing", "has no 'Nothing'"),
