@@ -19,7 +19,7 @@ from mazeplan.diagnosis.screening import ACCEPT, Trial, price, promising, swingi
 KEEP = 10.0  # of -2 log L
 ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within this cannot be told apart
 NEAR = 0.1  # share of the best one's; candidates that come so near are compared with the stage fitted along
-AHEAD = 1.15  # an unnamed term must explain so many times what the best named one does
+AHEAD = 1.15  # an unnamed term must explain so many times what the best named one does, to be looked at
 MOST = 5  # effects
 SHARE = 0.05  # an unnamed term must bring this share of what named effects brought: they are not exact either
 
@@ -85,7 +85,7 @@ class _Search:
             current = named.fit
             self._library = [c for c in self._library if c is not named.candidate]
             self._tell(f"{named.candidate.name}: -2 log L falls by {named.raw:.0f}")
-        current, worth = self._drop(current)
+        current, worth = self._drop(self._exchange(current))
         return Finding(base, self._with_stage(current), ranked, tuple(alike), unknown, worth)
 
     def _trials(self, current: Fit) -> list[Trial]:
@@ -110,13 +110,23 @@ class _Search:
         named.sort(key=lambda t: -t.gain)
         first = named[0] if named else None
         nameless = next((t for t in sure if not t.candidate.named), None)
-        if nameless is not None and (first is None or nameless.gain > AHEAD * first.gain + ACCEPT):
+        if nameless is not None and (first is None or self._ahead(nameless, first)):
             loose = self._confirmed(current, nameless)
             if loose.sure(self._declared) and loose.gain > SHARE * explained:
                 return None, nameless, ()
         if first is None:
             return None, None, ()
         return first, None, tuple(t.candidate.name for t in named if t.raw > first.raw - ALIKE)
+
+    def _ahead(self, nameless: Trial, first: Trial) -> bool:
+        """Whether an unnamed term explains more than the best named candidate and any second one beside it: of two
+        effects at once either leaves much, and an unnamed term may take a share of both."""
+        if nameless.gain <= AHEAD * first.gain + ACCEPT:
+            return False
+        others = [c for c in self._library if c.named and c is not first.candidate]
+        trials = (try_one(self._likelihood, first.fit, c, s) for c, s in promising(self._likelihood, first.fit, others))
+        second = max((t.gain for t in trials if t.sure(self._declared)), default=0.0)
+        return nameless.gain > first.gain + second - ACCEPT
 
     def _confirmed(self, current: Fit, trial: Trial) -> Trial:
         """The trial with gain and standard errors as they are with the stage fitted along; its fit else as it was."""
@@ -138,6 +148,22 @@ class _Search:
             )
             self._kept.append(found)
         return self._loose[id(found)]
+
+    def _exchange(self, current: Fit) -> Fit:
+        """The first effect that was accepted also took a share of those that came later. Each is exchanged for
+        another, were it only now accepted, that explains more for its parameters."""
+        mine = [c for c in current.candidates if c not in self._free and c.named]
+        for c in mine if len(mine) > 1 else []:
+            rest = [x for x in current.candidates if x is not c]
+            without = fit(self._likelihood, rest, {x.name: current.values[x.name] for x in rest}, current.q)
+            self._tell(f"exchanging {c.name}")
+            others = promising(self._likelihood, without, [x for x in self._library if x.named])
+            trials = [try_one(self._likelihood, without, x, start) for x, start in others]
+            best = max((t for t in trials if t.sure(self._declared)), key=lambda t: t.gain, default=None)
+            if best is not None and best.gain > without.minus2 - current.minus2 - price(self._likelihood, c):
+                self._library = [x for x in self._library if x is not best.candidate]
+                current = best.fit
+        return current
 
     def _drop(self, current: Fit) -> tuple[Fit, dict[str, float]]:
         """Leave out what is worth too little now; by how much each of the others is worth."""
