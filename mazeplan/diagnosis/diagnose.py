@@ -1,6 +1,6 @@
 """Diagnose a record of a ball in one ring: stage, camera, ball, one after the other; a verdict that can be checked.
 
-The search and every fit see the first 70 % of the samples only; before and after are measured on the rest.
+The search and every fit see 70 % of the samples only; before and after are measured on the rest (`holdout`).
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ import numpy as np
 from mazeplan.diagnosis.anonymous import anonymous_library
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
-from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
+from mazeplan.diagnosis.holdout import SEEN, seen_and_held
+from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
 from mazeplan.diagnosis.platemotion import from_commands, from_sensor
 from mazeplan.diagnosis.record import Record
+from mazeplan.diagnosis.remainder import Remainder, remainder
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, score
 from mazeplan.diagnosis.search import Finding, search
 from mazeplan.models.stage import StageFit, fit_axis
 
-SEEN = 0.7  # share of the record that search and fits see
 DELAY = 0.005  # s; a command delay worth a word
 STAGE_KEYS = ("natural_frequency", "damping", "gain")  # of which the ball knows more than the tilt sensor
 
@@ -43,6 +44,8 @@ class Diagnosis:
     tilt_source: str
     notes: tuple[str, ...]
     test: tuple[Score, Score] | None = None
+    held: str = ""
+    remainder: Remainder | None = None
 
     def document(self) -> dict[str, Any]:
         """The JSON of it."""
@@ -60,6 +63,8 @@ class Diagnosis:
             "after": self.after.document(),
             "noise_floor": round(self.after.floor, 5) if math.isfinite(self.after.floor) else None,
             "held_out": round(1.0 - SEEN, 3),
+            "held_out_rows": self.held,
+            **({"remainder": self.remainder.document()} if self.remainder is not None else {}),
             "tilt": self.tilt_source,
             "notes": list(self.notes),
             **(
@@ -114,20 +119,22 @@ def diagnose(
     radius: float,
     declared: Values,
     *,
+    gates: Gates | None = None,
     test: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Find what the declared effects lack at a track radius (m); test: a further record, for scores only."""
+    """Find what the declared effects lack at a track radius (m); gates: those of the ring by the map, where one is
+    known; test: a further record, for scores only."""
     tell = progress or (lambda text: None)
-    seen = np.cumsum(np.isfinite(record.theta))  # samples of the ball: it may be elsewhere for most of the record
-    rows = seen <= SEEN * seen[-1]
+    rows, held, which = seen_and_held(record)
     tell("stage")
     stage, tilt = plate_motion(record, rows)
     effects: list[dict[str, Any]] = _stage_effects(stage)
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    library = [*ring_library(), *anonymous_library()]
+    named = [c for c in ring_library() if circle is None or c.acts != CAMERA]
+    library = [*named, *wall_library(gates or Gates()), *anonymous_library()]
     free = [] if stage is None else [stage_errors(_relative_errors(stage))]
     known = [*library, *free]
     plain, straight = (_likelihood(record, tilt, stage, radius, declared, known, rows, c) for c in (None, circle))
@@ -136,8 +143,9 @@ def diagnose(
     tell("scores on what was held out")
     base = fit(plain, free, {c.name: dict.fromkeys(c.parameters, 0.0) for c in free})
     done = Diagnosis(
-        _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
-        score(straight, finding.final, ~rows), tilt.source, record.notes,
+        _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, held),
+        score(straight, finding.final, held), tilt.source, record.notes, held=which,
+        remainder=remainder(straight, finding.final, record, rows, held, tell),
     )  # fmt: skip
     if test is None:
         return done
@@ -168,6 +176,7 @@ def _likelihood(
         return _moved(record, stage, errors)
 
     system = RingSystem(record.t, theta, record.first, radius, tilt, declared, restaged)
+    system.target = record.theta_ddot
     return Likelihood(system, library, rows)
 
 
@@ -249,7 +258,7 @@ def _verdict(finding: Finding, effects: list[dict[str, Any]]) -> str:
     record cannot tell them apart."""
     if finding.unknown is not None:
         return "unknown_effect"
-    counts = {c.name: len(c.parameters) for c in ring_library()}
+    counts = {c.name: len(c.parameters) for c in (*ring_library(), *finding.final.candidates)}
     for chosen, *others in finding.alike:
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"

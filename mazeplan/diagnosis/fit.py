@@ -35,7 +35,11 @@ class Fit:
 
 
 class Likelihood:
-    """-2 log L of a system on some of its rows."""
+    """-2 log L of a system on some of its rows.
+
+    noisy: whether the process noise plays a part; repeats: how many residuals are worth one independent one."""
+
+    noisy, repeats = True, 1.0
 
     def __init__(self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray) -> None:
         """rows (N,): which count."""
@@ -67,7 +71,11 @@ class Likelihood:
         e, logs, n = self.whitened(values, q)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             out = n * math.log(max(float(np.mean(e * e)), 1e-300)) + logs if n else math.inf
-        return out + self.prior(values) if math.isfinite(out) else math.inf
+        return out + self.prior(values) + self.volume(values) if math.isfinite(out) else math.inf
+
+    def volume(self, values: Values) -> float:
+        """What a change of the measured angles adds."""
+        return self.system.volume(values, self.rows & np.isfinite(self._nu))
 
     def prior(self, values: Values) -> float:
         """What values cost that are off what was known beforehand."""
@@ -81,6 +89,8 @@ class Likelihood:
 
 def best_q(likelihood: Likelihood, values: Values, guess: float | None = None) -> float:
     """Process noise of the largest likelihood, by golden section over decades, or around a guess."""
+    if not likelihood.noisy:
+        return guess or math.sqrt(Q_LOW * Q_HIGH)
     low, high = math.log(Q_LOW), math.log(Q_HIGH)
     if guess is not None:
         low, high = max(low, math.log(guess) - 3.0), min(high, math.log(guess) + 3.0)
@@ -129,7 +139,7 @@ def fit(
             break
     e, _, _ = likelihood.whitened(values_of(x), q)
     variance = float(np.mean(e * e))
-    found = values_of(_sigma(J, variance, np.array([spec.prior for *_, spec in names]))) if len(x) else {}
+    found = values_of(_sigma(J, likelihood.repeats * variance, np.array([spec.prior for *_, spec in names]))) if len(x) else {}
     return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, found, len(x))
 
 
@@ -140,9 +150,11 @@ def forecast(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str
     e, _, n = likelihood.whitened(values, current.q)
     owners = [(k.name, name, spec) for k in (*current.candidates, c) for name, spec in k.parameters.items()]
     J = np.empty((len(e), len(owners)))
+    old, _, _ = likelihood.whitened(current.values, current.q)
     for j, (name, parameter, spec) in enumerate(owners):
-        moved = {**values, name: {**values[name], parameter: values[name][parameter] + spec.step}}
-        J[:, j] = (likelihood.whitened(moved, current.q)[0] - e) / spec.step
+        there, here = (values, e) if name == c.name else (current.values, old)  # the latter are the same for all
+        moved = {**there, name: {**there[name], parameter: there[name][parameter] + spec.step}}
+        J[:, j] = (likelihood.whitened(moved, current.q)[0] - here) / spec.step
     J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-12)
     left = e - J @ np.linalg.lstsq(J, e, rcond=1e-10)[0]
     here = current.minus2 - likelihood.minus2(values, current.q)  # the start itself may already be better, or worse

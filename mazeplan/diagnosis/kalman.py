@@ -5,7 +5,7 @@
 w are the inputs at the nodes of the integration. Terms are called through their addresses, so that a term that a user
 adds needs no new compilation of the filter. Runge-Kutta 4 in SUBSTEPS steps a sample; dry friction by time stepping
 (Moreau): the impulse of a step is taken off the speed, and holds it at nought where it is large enough to. A gate takes
-a share of the speed when its angle is passed.
+a share of the speed when its angle is passed, one in a wall only of a ball that lies against it (`wallterms`).
 
 Covariances are in units of the variance R of one measurement, q (1/s^3) is the intensity of the process noise in them.
 With R eliminated, R^ = mean(n_k^2 / S_k),
@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
+from mazeplan.diagnosis.wallterms import against, pressing
 from mazeplan.maths.compiled import REAL, VECTOR, caller
 from mazeplan.records import Array, IntArray
 
@@ -38,8 +39,10 @@ addresses = types.int64[::1]
 class Problem(NamedTuple):
     """What is filtered. y (N,): measured position; seen, first (N,): whether measured, whether a stretch begins; t (N,)
     and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T, 2): where in p
-    the parameters of a term are; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G,):
-    where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never."""
+    the parameters of a term are; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G, 2):
+    where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never; gate_at (G, 2): what is
+    added to the angle of a gate, and the side of its wall (`wallterms.against`); wall: where in p the friction at the
+    walls is, -1: none; pull: g / R, 1/s^2."""
 
     y: Array
     seen: np.ndarray
@@ -52,23 +55,37 @@ class Problem(NamedTuple):
     dry: int
     gates: IntArray
     turn: float
+    gate_at: Array
+    wall: int
+    pull: float
 
 
 @njit(cache=True, error_model="numpy")
-def _smooth(problem, p, x, v, t, w):
-    """Sum of the terms."""
-    total = 0.0
+def total(problem, p, x, v, t, w):
+    """Sum of the terms, rad/s^2."""
+    found = 0.0
     for i in range(len(problem.terms)):
         part = p[problem.place[i, 0] : problem.place[i, 1]]
-        total += _term(problem.terms[i], (x, v, t, w, part))
-    return total
+        found += _term(problem.terms[i], (x, v, t, w, part))
+    return found
 
 
 @njit(cache=True, error_model="numpy")
-def _passed(a, before, after):
+def passed(a, before, after):
     """Whether the angle a, or a whole turn of it, lies between two positions."""
     turn = 2.0 * math.pi
     return math.floor((before - a) / turn) != math.floor((after - a) / turn)
+
+
+@njit(cache=True, error_model="numpy")
+def resistance(problem, p, x, v, w):
+    """Dry friction at floor and walls against a motion in the direction of v, rad/s^2."""
+    most = 0.0
+    if problem.dry >= 0:
+        most = max(p[problem.dry] + math.copysign(p[problem.dry + 1], v), 0.0)
+    if problem.wall >= 0:
+        most += p[problem.wall] * abs(pressing(x, v, w, problem.pull))
+    return most
 
 
 @njit(cache=True, error_model="numpy")
@@ -78,21 +95,22 @@ def advance(problem, p, k, x, v):
     for i in range(SUBSTEPS):
         t = problem.t[k] + i * h
         w0, w1, w2 = problem.w[k, 2 * i], problem.w[k, 2 * i + 1], problem.w[k, 2 * i + 2]
-        a1 = _smooth(problem, p, x, v, t, w0)
-        a2 = _smooth(problem, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
-        a3 = _smooth(problem, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
-        a4 = _smooth(problem, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
+        a1 = total(problem, p, x, v, t, w0)
+        a2 = total(problem, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
+        a3 = total(problem, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
+        a4 = total(problem, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
         before, free = x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         x += h * v + h * h / 6.0 * (a1 + a2 + a3)
         v, held = free, False
-        if problem.dry >= 0:
-            most = h * max(p[problem.dry] + math.copysign(p[problem.dry + 1], free), 0.0)
+        if problem.dry >= 0 or problem.wall >= 0:
+            most = h * resistance(problem, p, before, free, w2)
             held = abs(free) <= most
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
-        for g in problem.gates:
-            if _passed(p[g], before, x):
-                v *= 1.0 - p[g + 1]
+        for g in range(len(problem.gates)):
+            if passed(p[problem.gates[g, 0]] + problem.gate_at[g, 0], before, x):
+                share = against(pressing(before, v, w1, problem.pull), problem.pull, problem.gate_at[g, 1])
+                v *= 1.0 - share * p[problem.gates[g, 1]]
     return x, v, held
 
 
@@ -100,9 +118,9 @@ def advance(problem, p, k, x, v):
 def _tangent(problem, p, k, x, v, held):
     """Derivatives of `advance` by position and speed, to second order in the step."""
     dt, t, w = problem.dt, problem.t[k] + 0.5 * problem.dt, problem.w[k, SUBSTEPS]
-    here = _smooth(problem, p, x, v, t, w)
-    by_x = (_smooth(problem, p, x + STEP, v, t, w) - here) / STEP
-    by_v = (_smooth(problem, p, x, v + STEP, t, w) - here) / STEP
+    here = total(problem, p, x, v, t, w)
+    by_x = (total(problem, p, x + STEP, v, t, w) - here) / STEP
+    by_v = (total(problem, p, x, v + STEP, t, w) - here) / STEP
     if held:
         return 1.0, 0.0, 0.0, 0.0
     half = 0.5 * dt * dt
@@ -166,6 +184,6 @@ def roll_out(problem, p, states, starts, steps, out):
 def accelerations(problem, p, x, v, out):
     """Acceleration (N,) in the states (x, v) at the samples."""
     for k in range(len(x)):
-        out[k] = _smooth(problem, p, x[k], v[k], problem.t[k], problem.w[k, 0])
-        if problem.dry >= 0 and v[k] != 0.0:
-            out[k] -= math.copysign(max(p[problem.dry] + math.copysign(p[problem.dry + 1], v[k]), 0.0), v[k])
+        out[k] = total(problem, p, x[k], v[k], problem.t[k], problem.w[k, 0])
+        if v[k] != 0.0:
+            out[k] -= math.copysign(resistance(problem, p, x[k], v[k], problem.w[k, 0]), v[k])

@@ -12,7 +12,8 @@ from scipy.signal import lfilter
 from mazeplan.diagnosis import terms
 from mazeplan.diagnosis.anonymous import PAST
 from mazeplan.diagnosis.kalman import NODES, TERM, Problem
-from mazeplan.diagnosis.library import DELAY, DRY, GATE, RING, STAGE, Candidate
+from mazeplan.diagnosis.geometry import as_seen, bending, unbent
+from mazeplan.diagnosis.library import CAMERA, DELAY, DRY, GATE, RING, STAGE, WALL, Candidate
 from mazeplan.maths.compiled import address_of
 from mazeplan.records import Array
 
@@ -72,6 +73,7 @@ class RingSystem:
         what the model has already; restage: the tilt for relative errors of the stage's parameters."""
         self.t, self.theta, self.first, self.radius, self.tilt = t, theta, first, radius, tilt
         self.declared, self._restage = declared, restage
+        self.target: Array | None = None
         self.dt = float(np.median(np.diff(t)))
         self._past = self._low_passed()
         self._nodes: dict[tuple[float, ...], Array] = {}
@@ -106,7 +108,8 @@ class RingSystem:
     def build(self, candidates: Sequence[Candidate], values: Values) -> tuple[Problem, Array]:
         """The problem with these effects at these values (of those left out: as declared), and its parameters."""
         p: list[float] = [GRAVITY / self.radius, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
-        places, functions, gates, dry, delay, stage = [(0, 7)], [terms.ring], [], -1, 0.0, None
+        places, functions, gates, gate_at = [(0, 7)], [terms.ring], [], []
+        dry, wall, delay, stage = -1, -1, 0.0, None
         merged = {**self.declared, **values}
         for (effect, name), slot in RING_SLOTS.items():
             if effect in merged:
@@ -114,7 +117,7 @@ class RingSystem:
         known = {c.name: c for c in candidates}
         for effect, numbers in merged.items():
             c = known.get(effect)
-            if c is None or c.acts == RING:
+            if c is None or c.acts in (RING, CAMERA):
                 continue
             if c.acts == DELAY:
                 delay = numbers["delay"]
@@ -126,17 +129,42 @@ class RingSystem:
             p.extend(numbers[name] for name in c.parameters)
             if c.acts == DRY:
                 dry = at
+            elif c.acts == WALL:
+                wall = at
             elif c.acts == GATE:
-                gates.append(at)
+                gates += [(at, at + 1)] * len(c.pattern)
+                gate_at += [(angle, c.side) for angle in c.pattern]
             else:
                 places.append((at, len(p)))
                 functions.append(c.term)
         problem = Problem(
-            self.theta, np.isfinite(self.theta), self.first, self.t, self.dt, self.nodes(delay, stage),
+            self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.nodes(delay, stage),
             np.array([self._address(f) for f in functions], dtype=np.int64), np.array(places, dtype=np.int64), dry,
-            np.array(gates, dtype=np.int64), 2.0 * math.pi,
+            np.array(gates, dtype=np.int64).reshape(-1, 2), 2.0 * math.pi,
+            np.array(gate_at, dtype=np.float64).reshape(-1, 2), wall, p[0],
         )  # fmt: skip
         return problem, np.array(p)
+
+    def offset(self, values: Values) -> tuple[float, float] | None:
+        """Where the camera takes the centre of the ring to be (m), None where it is not off."""
+        found = {**self.declared, **values}.get("camera_offset")
+        return None if found is None else (found["x"], found["y"])
+
+    def position(self, values: Values) -> Array:
+        """Angles (N,) about the true centre."""
+        offset = self.offset(values)
+        return self.theta if offset is None else unbent(self.theta, self.radius, offset)
+
+    def seen_at(self, values: Values, angle: Array) -> Array:
+        """Angles as the camera tells them, from angles about the true centre; any shape."""
+        offset = self.offset(values)
+        return angle if offset is None else as_seen(angle, self.radius, offset)
+
+    def volume(self, values: Values, rows: np.ndarray) -> float:
+        """-2 log of the determinant of the change from measured angles to `position`, of some rows: what turns a
+        density of the one into that of the other."""
+        offset = self.offset(values)
+        return 0.0 if offset is None else -2.0 * float(np.sum(np.log(bending(self.theta[rows], self.radius, offset))))
 
     def _address(self, function: object) -> int:
         if id(function) not in self._addresses:
