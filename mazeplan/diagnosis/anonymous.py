@@ -69,9 +69,11 @@ def memory(x, v, t, w, p):
 @njit(cache=True)
 def ripples(x, v, t, w, p):
     """Harmonics 4 to 7 of the angle."""
-    total = 0.0
+    c1, s1, total = math.cos(x), math.sin(x), 0.0
+    c, s = math.cos(4.0 * x), math.sin(4.0 * x)
     for n in range(4):
-        total += p[2 * n] * math.cos((n + 4) * x) + p[2 * n + 1] * math.sin((n + 4) * x)
+        total += p[2 * n] * c + p[2 * n + 1] * s
+        c, s = c * c1 - s * s1, s * c1 + c * s1
     return total
 
 

@@ -17,16 +17,14 @@ from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
 from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
-from mazeplan.diagnosis.platemotion import from_commands, from_sensor
+from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.remainder import Remainder, remainder
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, score
-from mazeplan.diagnosis.search import Finding, search
-from mazeplan.models.stage import StageFit, fit_axis
+from mazeplan.diagnosis.search import Finding, search, with_stage
 
 DELAY = 0.005  # s; a command delay worth a word
-STAGE_KEYS = ("natural_frequency", "damping", "gain")  # of which the ball knows more than the tilt sensor
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class Diagnosis:
     effects: tuple[dict[str, Any], ...]
     finding: Finding
     circle: Circle | None
-    stage: tuple[StageFit, StageFit] | None
+    stage: Stage | None
     before: Score
     after: Score
     tilt_source: str
@@ -128,20 +126,21 @@ def diagnose(
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record)
     tell("stage")
-    stage, tilt = plate_motion(record, rows)
+    stage = fit_stage(record, rows)
+    tilt = plate_motion(record, stage)
     effects: list[dict[str, Any]] = _stage_effects(stage)
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
     named = [c for c in ring_library() if circle is None or c.acts != CAMERA]
     library = [*named, *wall_library(gates or Gates()), *anonymous_library()]
-    free = [] if stage is None else [stage_errors(_relative_errors(stage))]
-    known = [*library, *free]
-    plain, straight = (_likelihood(record, tilt, stage, radius, declared, known, rows, c) for c in (None, circle))
-    finding = search(straight, library, free, tell)
+    along = [] if stage is None else [stage_errors(stage.directions)]
+    known = [*library, *along]
+    plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
+    finding = with_stage(straight, search(straight, library, tell), along)
     effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
-    base = fit(plain, free, {c.name: dict.fromkeys(c.parameters, 0.0) for c in free})
+    base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
         _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, held),
         score(straight, finding.final, held), tilt.source, record.notes, held=which,
@@ -150,17 +149,14 @@ def diagnose(
     if test is None:
         return done
     every = np.ones(len(test), dtype=bool)
-    moved = _moved(test, stage)
-    before, after = (
-        _likelihood(test, moved, stage, radius, declared, straight.library, every, c) for c in (None, circle)
-    )
+    moved = plate_motion(test, stage)
+    before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
 
 
 def _likelihood(
     record: Record,
     tilt: Tilt,
-    stage: tuple[StageFit, StageFit] | None,
     radius: float,
     declared: Values,
     library: Sequence[Candidate],
@@ -172,55 +168,15 @@ def _likelihood(
     if circle is not None and circle.shifted and record.r is not None:
         theta = straightened(theta, record.r, circle.offset)
 
-    def restaged(errors: dict[str, float]) -> Tilt:
-        return _moved(record, stage, errors)
-
-    system = RingSystem(record.t, theta, record.first, radius, tilt, declared, restaged)
+    system = RingSystem(record.t, theta, record.first, radius, tilt, declared)
     system.target = record.theta_ddot
     return Likelihood(system, library, rows)
 
 
-def _relative_errors(stage: tuple[StageFit, StageFit]) -> dict[str, dict[str, float]]:
-    """Standard errors of the stage's parameters, over their values."""
-    return {
-        name: {key: fitted.axis.stderr[key] / getattr(fitted.axis, key) for key in STAGE_KEYS}
-        for name, fitted in zip(("beta", "gamma"), stage, strict=True)
-    }
-
-
-def _moved(record: Record, stage: tuple[StageFit, StageFit] | None, errors: dict[str, float] | None = None) -> Tilt:
-    """How the plate moved in a record, by the stage found, with relative errors of its parameters; by the sensor
-    without a stage."""
-    if record.u is None or stage is None:
-        return from_sensor(record.t, record.beta, record.gamma, record.segment)
-    axes = []
-    for name, fitted in zip(("beta", "gamma"), stage, strict=True):
-        changed = {
-            key: getattr(fitted.axis, key) * (1.0 + (errors or {}).get(f"{name}_{key}", 0.0)) for key in STAGE_KEYS
-        }
-        axes.append(replace(fitted.axis, **changed))
-    return from_commands(record.t, record.u[:, 0], record.u[:, 1], axes[0], axes[1])
-
-
-def plate_motion(record: Record, rows: np.ndarray) -> tuple[tuple[StageFit, StageFit] | None, Tilt]:
-    """The fitted stage and the motion that it gives, or that of the sensor."""
-    if record.u is not None:
-        breaks = (record.first & rows).astype(float)
-        try:
-            beta, gamma = (
-                fit_axis(record.u[rows, i], angle[rows], record.dt, breaks[rows])
-                for i, angle in enumerate((record.beta, record.gamma))
-            )
-            return (beta, gamma), _moved(record, (beta, gamma))
-        except ValueError:  # commands that never move
-            return None, _moved(record, None)
-    return None, _moved(record, None)
-
-
-def _stage_effects(stage: tuple[StageFit, StageFit] | None) -> list[dict[str, Any]]:
+def _stage_effects(stage: Stage | None) -> list[dict[str, Any]]:
     if stage is None:
         return []
-    late = [(fit.axis.dead_time, fit.axis.stderr.get("dead_time", math.inf)) for fit in stage]
+    late = [(axis.dead_time, axis.stderr.get("dead_time", math.inf)) for axis in stage.axes]
     delay = sum(d for d, _ in late) / 2.0
     sigma = math.hypot(*(s for _, s in late)) / 2.0
     if delay > DELAY and delay > 5.0 * sigma:

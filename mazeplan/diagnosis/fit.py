@@ -8,16 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.diagnosis.kalman import innovations
-from mazeplan.diagnosis.library import Candidate, Spec
+from mazeplan.diagnosis.kalman import Moves, innovations
+from mazeplan.diagnosis.library import CAMERA, Candidate, Spec
 from mazeplan.diagnosis.ringsystem import RingSystem, Values
 from mazeplan.records import Array
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+WIDTH = 0.7  # of log q, of the parabola through which its best value is sought
 STEPS, ENOUGH = 10, 0.02  # Gauss-Newton steps; of -2 log L, that a further step must bring
 DAMPING = (1e-6, 1e8)
 ROUNDS, STEADY = 14, 1.0  # of values and process noise in turn; of -2 log L, that a further round must bring
+
+
+NONE = Moves(np.empty((0, 0)), np.empty((0, 0, 0, 0)), np.empty(0, dtype=np.int64), np.empty(0))
+NOTHING = np.empty((0, 0))
 
 
 @dataclass(frozen=True)
@@ -55,15 +60,31 @@ class Likelihood:
     def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
         """Innovations over the square roots of their variances in R, the sum of log variances, and their number."""
         problem, p = self.system.build(self.library, values)
-        innovations(problem, p, q, self._stop, self._nu, self._S, self.states)
+        innovations(problem, p, q, self._stop, self._nu, self._S, self.states, NONE, NOTHING)
         keep = self.rows & np.isfinite(self._nu)
         return self._nu[keep] / np.sqrt(self._S[keep]), float(np.sum(np.log(self._S[keep]))), int(keep.sum())
+
+    def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
+        """Whitened innovations e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
+        problem, p = self.system.build(self.library, values)
+        moves = self.system.moves(self.library, values, steps)
+        J = np.zeros((len(self.system), len(steps)))
+        innovations(problem, p, q, self._stop, self._nu, self._S, self.states, moves, J)
+        keep = self.rows & np.isfinite(self._nu)
+        root = np.sqrt(self._S[keep])
+        e, J = self._nu[keep] / root, J[keep] / root[:, None]
+        camera = {c.name for c in self.library if c.acts == CAMERA}
+        for j, (effect, name, step) in enumerate(steps):
+            if effect in camera:  # moves what was measured, which no pass of the filter does
+                moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+                J[:, j] = (self.whitened(moved, q)[0] - e) / step
+        return e, J
 
     def filtered(self, values: Values, q: float) -> Array:
         """States (N, 5) of all rows, as `kalman.innovations` leaves them."""
         problem, p = self.system.build(self.library, values)
         n = len(self.system)
-        innovations(problem, p, q, n, np.empty(n), np.empty(n), self.states)
+        innovations(problem, p, q, n, np.empty(n), np.empty(n), self.states, NONE, NOTHING)
         return self.states
 
     def minus2(self, values: Values, q: float) -> float:
@@ -92,12 +113,12 @@ def best_q(likelihood: Likelihood, values: Values, guess: float | None = None) -
     if not likelihood.noisy:
         return guess or math.sqrt(Q_LOW * Q_HIGH)
     low, high = math.log(Q_LOW), math.log(Q_HIGH)
-    if guess is not None:
-        low, high = max(low, math.log(guess) - 3.0), min(high, math.log(guess) + 3.0)
 
     def at(x: float) -> float:
         return likelihood.minus2(values, math.exp(x))
 
+    if guess is not None:
+        return math.exp(_parabola(at, math.log(guess), low, high))
     a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     fa, fb = at(a), at(b)
     while high - low > 0.4:
@@ -110,6 +131,20 @@ def best_q(likelihood: Likelihood, values: Values, guess: float | None = None) -
             b = low + GOLDEN * (high - low)
             fb = at(b)
     return math.exp(a if fa < fb else b)
+
+
+def _parabola(at: Callable[[float], float], x: float, low: float, high: float) -> float:
+    """A lower point of a function near x, between bounds, by one parabola through three points."""
+    left, right = max(x - WIDTH, low), min(x + WIDTH, high)
+    f, fl, fr = at(x), at(left), at(right)
+    a, b = x - left, x - right
+    bend = a * (f - fr) - b * (f - fl)
+    best = min(((fl, left), (f, x), (fr, right)))
+    if a == 0.0 or b == 0.0 or bend == 0.0:
+        return best[1]
+    new = x - 0.5 * (a * a * (f - fr) - b * b * (f - fl)) / bend
+    new = min(max(new, x - 3.0 * WIDTH, low), x + 3.0 * WIDTH, high)
+    return min((at(new), new), best)[1]
 
 
 def fit(
@@ -147,14 +182,9 @@ def forecast(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str
     """By how much -2 log L would fall if one linear step told the truth: a candidate from its start, beside what is
     there already (`current`), at the process noise of that."""
     values = {**current.values, c.name: start}
-    e, _, n = likelihood.whitened(values, current.q)
-    owners = [(k.name, name, spec) for k in (*current.candidates, c) for name, spec in k.parameters.items()]
-    J = np.empty((len(e), len(owners)))
-    old, _, _ = likelihood.whitened(current.values, current.q)
-    for j, (name, parameter, spec) in enumerate(owners):
-        there, here = (values, e) if name == c.name else (current.values, old)  # the latter are the same for all
-        moved = {**there, name: {**there[name], parameter: there[name][parameter] + spec.step}}
-        J[:, j] = (likelihood.whitened(moved, current.q)[0] - here) / spec.step
+    steps = [(k.name, name, spec.step) for k in (*current.candidates, c) for name, spec in k.parameters.items()]
+    e, J = likelihood.jacobian(values, current.q, steps)
+    n = len(e) / likelihood.repeats
     J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-12)
     left = e - J @ np.linalg.lstsq(J, e, rcond=1e-10)[0]
     here = current.minus2 - likelihood.minus2(values, current.q)  # the start itself may already be better, or worse
@@ -181,15 +211,10 @@ def _gauss_newton(
     low, high, step, default, prior = (
         np.array([getattr(spec, field) for *_, spec in names]) for field in ("low", "high", "step", "default", "prior")
     )
-    e, _, _ = likelihood.whitened(values_of(x), q)
-    best = likelihood.minus2(values_of(x), q)
-    damping, J = 1e-4, np.zeros((len(e), len(x)))
+    best, damping, J = likelihood.minus2(values_of(x), q), 1e-4, np.zeros((1, len(x)))
     for _ in range(STEPS):
-        for j in range(len(x)):
-            moved = x.copy()
-            sign = -1.0 if x[j] + step[j] > high[j] else 1.0
-            moved[j] += sign * step[j]
-            J[:, j] = sign * (likelihood.whitened(values_of(moved), q)[0] - e) / step[j]
+        inward = np.where(x + step > high, -step, step)
+        e, J = likelihood.jacobian(values_of(x), q, [(c, n, s) for (c, n, _), s in zip(names, inward, strict=True)])
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-12)
         A, g = (J / scale).T @ (J / scale), (J / scale).T @ e
         variance = float(np.mean(e * e))
@@ -209,5 +234,4 @@ def _gauss_newton(
         damping = min(damping, 1.0)
         if gained < ENOUGH:
             break
-        e = likelihood.whitened(values_of(x), q)[0]
     return x, J, best

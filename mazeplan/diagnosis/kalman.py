@@ -11,21 +11,24 @@ Covariances are in units of the variance R of one measurement, q (1/s^3) is the 
 With R eliminated, R^ = mean(n_k^2 / S_k),
 
     -2 log L = N log R^ + sum log S_k
+
+Derivatives of the innovations by parameters run along in the same pass: the filter's gains are held, and a parameter
+moves the state by what it changes of the acceleration in the middle of each sample.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, types
 
 from mazeplan.diagnosis.wallterms import against, pressing
-from mazeplan.maths.compiled import REAL, VECTOR, caller
+from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
 from mazeplan.records import Array, IntArray
 
-TERM = REAL(REAL, REAL, REAL, VECTOR, VECTOR)  # x, v, t, w, p
+TERM = REAL(REAL, REAL, REAL, POINTER, POINTER)  # x, v, t, w, p
 SUBSTEPS = 2
 NODES = 2 * SUBSTEPS + 1
 DIFFUSE = 1e7  # variance of the speed at the beginning of a stretch, in R / s^2
@@ -36,10 +39,21 @@ _term = caller(TERM)
 addresses = types.int64[::1]
 
 
+class Moves(NamedTuple):
+    """What J parameters change when each is moved by its step: p (J, P): the parameters; w (1 + M, N, 2, W): inputs
+    averaged over each sample as they act on speed and on position, the first of them unmoved; which (J,): row of w,
+    -1: inputs stay as they are; step (J,)."""
+
+    p: Array
+    w: Array
+    which: IntArray
+    step: Array
+
+
 class Problem(NamedTuple):
     """What is filtered. y (N,): measured position; seen, first (N,): whether measured, whether a stretch begins; t (N,)
-    and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T, 2): where in p
-    the parameters of a term are; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G, 2):
+    and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T,): where in p
+    the parameters of a term begin; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G,):
     where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never; gate_at (G, 2): what is
     added to the angle of a gate, and the side of its wall (`wallterms.against`); wall: where in p the friction at the
     walls is, -1: none; pull: g / R, 1/s^2."""
@@ -60,67 +74,120 @@ class Problem(NamedTuple):
     pull: float
 
 
-@njit(cache=True, error_model="numpy")
-def total(problem, p, x, v, t, w):
-    """Sum of the terms, rad/s^2."""
-    found = 0.0
-    for i in range(len(problem.terms)):
-        part = p[problem.place[i, 0] : problem.place[i, 1]]
-        found += _term(problem.terms[i], (x, v, t, w, part))
-    return found
+class _Core(NamedTuple):
+    """Pointers into a Problem; row, node: how far it is from sample to sample and from node to node in w."""
+
+    w: Any
+    t: Any
+    terms: Any
+    place: Any
+    gates: Any
+    gate_at: Any
+    row: int
+    node: int
+    n_terms: int
+    n_gates: int
+    dry: int
+    wall: int
+    pull: float
+    dt: float
 
 
 @njit(cache=True, error_model="numpy")
-def passed(a, before, after):
+def _core(problem):
+    """The core of a problem."""
+    return _Core(
+        pointer_to(problem.w, 0), pointer_to(problem.t, 0), pointer_to(problem.terms, 0), pointer_to(problem.place, 0),
+        pointer_to(problem.gates, 0), pointer_to(problem.gate_at, 0), problem.w.shape[1] * problem.w.shape[2],
+        problem.w.shape[2], len(problem.terms), len(problem.gates), problem.dry, problem.wall, problem.pull, problem.dt,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _at(core, k, i):
+    """Pointer to w[k, i]."""
+    return shifted(core.w, k * core.row + i * core.node)
+
+
+@njit(cache=True, error_model="numpy")
+def _smooth(core, p, x, v, t, w):
+    """Sum of the terms."""
+    total = 0.0
+    for i in range(core.n_terms):
+        total += _term(core.terms[i], (x, v, t, w, shifted(p, core.place[i])))
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _passed(a, before, after):
     """Whether the angle a, or a whole turn of it, lies between two positions."""
     turn = 2.0 * math.pi
     return math.floor((before - a) / turn) != math.floor((after - a) / turn)
 
 
 @njit(cache=True, error_model="numpy")
-def resistance(problem, p, x, v, w):
+def _resistance(core, p, x, v, w):
     """Dry friction at floor and walls against a motion in the direction of v, rad/s^2."""
     most = 0.0
-    if problem.dry >= 0:
-        most = max(p[problem.dry] + math.copysign(p[problem.dry + 1], v), 0.0)
-    if problem.wall >= 0:
-        most += p[problem.wall] * abs(pressing(x, v, w, problem.pull))
+    if core.dry >= 0:
+        most = max(p[core.dry] + p[core.dry + 1] * math.copysign(1.0, v), 0.0)
+    if core.wall >= 0:
+        most += p[core.wall] * abs(pressing(x, v, w, core.pull))
     return most
 
 
 @njit(cache=True, error_model="numpy")
-def advance(problem, p, k, x, v):
+def _gate(core, p, j, x, v, w):
+    """Angle of gate j, and the share of its speed v that a ball at x loses in passing it."""
+    g, side = core.gates[j], core.gate_at[2 * j + 1]
+    loss = p[g + 1]
+    if side != 0.0:
+        loss *= against(pressing(x, v, w, core.pull), core.pull, side)
+    return p[g] + core.gate_at[2 * j], loss
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(core, p, k, x, v):
     """(position, speed, whether it is held at rest) one sample after sample k."""
-    h, held = problem.dt / SUBSTEPS, False
+    h, held = core.dt / SUBSTEPS, False
     for i in range(SUBSTEPS):
-        t = problem.t[k] + i * h
-        w0, w1, w2 = problem.w[k, 2 * i], problem.w[k, 2 * i + 1], problem.w[k, 2 * i + 2]
-        a1 = total(problem, p, x, v, t, w0)
-        a2 = total(problem, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
-        a3 = total(problem, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
-        a4 = total(problem, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
+        t = core.t[k] + i * h
+        w0, w1, w2 = _at(core, k, 2 * i), _at(core, k, 2 * i + 1), _at(core, k, 2 * i + 2)
+        a1 = _smooth(core, p, x, v, t, w0)
+        a2 = _smooth(core, p, x + 0.5 * h * v, v + 0.5 * h * a1, t + 0.5 * h, w1)
+        a3 = _smooth(core, p, x + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2, t + 0.5 * h, w1)
+        a4 = _smooth(core, p, x + h * v + 0.5 * h * h * a2, v + h * a3, t + h, w2)
         before, free = x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         x += h * v + h * h / 6.0 * (a1 + a2 + a3)
         v, held = free, False
-        if problem.dry >= 0 or problem.wall >= 0:
-            most = h * resistance(problem, p, before, free, w2)
+        if core.dry >= 0 or core.wall >= 0:
+            most = h * _resistance(core, p, before, free, w1)
             held = abs(free) <= most
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
-        for g in range(len(problem.gates)):
-            if passed(p[problem.gates[g, 0]] + problem.gate_at[g, 0], before, x):
-                share = against(pressing(before, v, w1, problem.pull), problem.pull, problem.gate_at[g, 1])
-                v *= 1.0 - share * p[problem.gates[g, 1]]
+        for j in range(core.n_gates):
+            angle, loss = _gate(core, p, j, before, v, w1)
+            if _passed(angle, before, x):  # what is left of the step goes slower, too
+                at = angle + _whole_turns(angle, max(before, x))
+                kept = 1.0 - loss
+                x, v = at + kept * (x - at), v * kept
     return x, v, held
 
 
 @njit(cache=True, error_model="numpy")
-def _tangent(problem, p, k, x, v, held):
-    """Derivatives of `advance` by position and speed, to second order in the step."""
-    dt, t, w = problem.dt, problem.t[k] + 0.5 * problem.dt, problem.w[k, SUBSTEPS]
-    here = total(problem, p, x, v, t, w)
-    by_x = (total(problem, p, x + STEP, v, t, w) - here) / STEP
-    by_v = (total(problem, p, x, v + STEP, t, w) - here) / STEP
+def _whole_turns(a, x):
+    """The whole turns (rad) from the angle a to the last place where it lies below x."""
+    turn = 2.0 * math.pi
+    return turn * math.floor((x - a) / turn)
+
+
+@njit(cache=True, error_model="numpy")
+def _tangent(core, p, k, x, v, held):
+    """Derivatives of `_advance` by position and speed, to second order in the step."""
+    dt, t, w = core.dt, core.t[k] + 0.5 * core.dt, _at(core, k, SUBSTEPS)
+    here = _smooth(core, p, x, v, t, w)
+    by_x = (_smooth(core, p, x + STEP, v, t, w) - here) / STEP
+    by_v = (_smooth(core, p, x, v + STEP, t, w) - here) / STEP
     if held:
         return 1.0, 0.0, 0.0, 0.0
     half = 0.5 * dt * dt
@@ -128,24 +195,69 @@ def _tangent(problem, p, k, x, v, held):
 
 
 @njit(cache=True, error_model="numpy")
-def innovations(problem, p, q, stop, nu, S, states):
+def _mean(w, m, k, i):
+    """Pointer to w[m, k, i] of an array (., N, 2, W)."""
+    return pointer_to(w, ((m * w.shape[1] + k) * 2 + i) * w.shape[3])
+
+
+@njit(cache=True, error_model="numpy")
+def _move(core, p, k, before, after, held, moves, d):
+    """By how much the state after sample k moves with the parameters themselves, added to d (J, 2); before, after:
+    position, speed."""
+    dt, w = core.dt, _at(core, k, SUBSTEPS)
+    t, (x0, v0), (x1, v1) = core.t[k] + 0.5 * core.dt, before, after
+    x, v = 0.5 * (x0 + x1), 0.5 * (v0 + v1)
+    here = _smooth(core, p, x, v, t, w)
+    here_0 = _smooth(core, p, x, v, t, _mean(moves.w, 0, k, 0))
+    here_1 = _smooth(core, p, x, v, t, _mean(moves.w, 0, k, 1))
+    for j in range(len(moves.step)):
+        pj, step, m = pointer_to(moves.p, j * moves.p.shape[1]), moves.step[j], moves.which[j]
+        if not held:
+            if m < 0:
+                faster = _smooth(core, pj, x, v, t, w) - here
+                if core.dry >= 0 or core.wall >= 0:
+                    more = _resistance(core, pj, x, v, w) - _resistance(core, p, x, v, w)
+                    faster -= math.copysign(1.0, v) * more
+                further = faster
+            else:
+                faster = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 0)) - here_0
+                further = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 1)) - here_1
+            d[j, 0] += 0.5 * dt * dt * further / step
+            d[j, 1] += dt * faster / step
+        for i in range(core.n_gates):
+            angle, loss = _gate(core, p, i, x, v0, w)
+            if _passed(angle, x0, x1):
+                moved, lost = _gate(core, pj, i, x, v0, w)
+                kept = 1.0 - loss
+                arrived = v1 / kept if abs(kept) > 0.1 else v0
+                d[j, 1] = kept * d[j, 1] - arrived * (lost - loss) / step
+                d[j, 0] += loss * (moved - angle) / step
+
+
+@njit(cache=True, error_model="numpy")
+def innovations(problem, p, q, stop, nu, S, states, moves, J):
     """Filter the first `stop` samples; innovations into nu (N,) and their variances over R into S (N,), NaN and 1 where
     nothing was measured or a stretch has just begun; filtered position, speed and three covariances into states
-    (N, 5)."""
+    (N, 5); derivatives of nu by the parameters in `moves` into J (N, J)."""
     x = v = p00 = p01 = p11 = 0.0
-    dt, age = problem.dt, 0
+    dt, age, count = problem.dt, 0, len(moves.step)
     q00, q01, q11 = q * dt * dt * dt / 3.0, q * dt * dt / 2.0, q * dt
+    d, core, at = np.zeros((count, 2)), _core(problem), pointer_to(p, 0)
     for k in range(stop):
+        nu[k], S[k] = math.nan, 1.0
         if problem.first[k]:
             x, v, p00, p01, p11, age = problem.y[k], 0.0, 1.0, 0.0, DIFFUSE, 0
-            nu[k], S[k] = math.nan, 1.0
+            d[:] = 0.0
         else:
             before, speed = x, v
-            x, v, held = advance(problem, p, k - 1, x, v)
-            a, b, c, d = _tangent(problem, p, k - 1, before, speed, held)
-            m00, m01, m10, m11 = a * p00 + b * p01, a * p01 + b * p11, c * p00 + d * p01, c * p01 + d * p11
-            p00, p01, p11 = m00 * a + m01 * b + q00, m00 * c + m01 * d + q01, m10 * c + m11 * d + q11
-            nu[k], S[k] = math.nan, 1.0
+            x, v, held = _advance(core, at, k - 1, x, v)
+            a, b, c, e = _tangent(core, at, k - 1, before, speed, held)
+            m00, m01, m10, m11 = a * p00 + b * p01, a * p01 + b * p11, c * p00 + e * p01, c * p01 + e * p11
+            p00, p01, p11 = m00 * a + m01 * b + q00, m00 * c + m01 * e + q01, m10 * c + m11 * e + q11
+            if count:
+                for j in range(count):
+                    d[j, 0], d[j, 1] = a * d[j, 0] + b * d[j, 1], c * d[j, 0] + e * d[j, 1]
+                _move(core, at, k - 1, (before, speed), (x, v), held, moves, d)
             if problem.seen[k]:
                 s = p00 + 1.0
                 gap = problem.y[k] - x
@@ -159,6 +271,10 @@ def innovations(problem, p, q, stop, nu, S, states):
                 age += 1
                 if age > SETTLING:
                     nu[k], S[k] = gap, s
+                for j in range(count):
+                    J[k, j] = -d[j, 0]
+                    d[j, 1] -= g1 * d[j, 0]
+                    d[j, 0] *= 1.0 - g0
         states[k, 0], states[k, 1], states[k, 2], states[k, 3], states[k, 4] = x, v, p00, p01, p11
 
 
@@ -166,14 +282,15 @@ def innovations(problem, p, q, stop, nu, S, states):
 def roll_out(problem, p, states, starts, steps, out):
     """Positions (W, steps + 1) from the filtered states of some rows on, without looking at measurements, into out; the
     variance of the last one over R, without process noise, into out's last column + 1: out (W, steps + 2)."""
+    core, at = _core(problem), pointer_to(p, 0)
     for j, start in enumerate(starts):
         x, v = states[start, 0], states[start, 1]
         p00, p01, p11 = states[start, 2], states[start, 3], states[start, 4]
         out[j, 0] = x
         for i in range(steps):
             before, speed = x, v
-            x, v, held = advance(problem, p, start + i, x, v)
-            a, b, c, d = _tangent(problem, p, start + i, before, speed, held)
+            x, v, held = _advance(core, at, start + i, x, v)
+            a, b, c, d = _tangent(core, at, start + i, before, speed, held)
             m00, m01, m10, m11 = a * p00 + b * p01, a * p01 + b * p11, c * p00 + d * p01, c * p01 + d * p11
             p00, p01, p11 = m00 * a + m01 * b, m00 * c + m01 * d, m10 * c + m11 * d
             out[j, i + 1] = x
@@ -183,7 +300,44 @@ def roll_out(problem, p, states, starts, steps, out):
 @njit(cache=True, error_model="numpy")
 def accelerations(problem, p, x, v, out):
     """Acceleration (N,) in the states (x, v) at the samples."""
+    core, at = _core(problem), pointer_to(p, 0)
     for k in range(len(x)):
-        out[k] = total(problem, p, x[k], v[k], problem.t[k], problem.w[k, 0])
+        out[k] = _smooth(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
         if v[k] != 0.0:
-            out[k] -= math.copysign(resistance(problem, p, x[k], v[k], problem.w[k, 0]), v[k])
+            out[k] -= math.copysign(_resistance(core, at, x[k], v[k], _at(core, k, 0)), v[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _coast(core, p, k, x, v):
+    """(position, speed) one sample after sample k, as `_advance`, but by the midpoint rule."""
+    h = core.dt / SUBSTEPS
+    for i in range(SUBSTEPS):
+        w, middle = _at(core, k, 2 * i + 1), x + 0.5 * h * v
+        free = v + h * _smooth(core, p, middle, v, core.t[k] + (i + 0.5) * h, w)
+        before, new = x, free
+        if core.dry >= 0 or core.wall >= 0:
+            most = h * _resistance(core, p, middle, free, w)
+            new = 0.0 if abs(free) <= most else free - math.copysign(most, free)
+        x += 0.5 * h * (v + new)
+        v = new
+        for j in range(core.n_gates):
+            angle, loss = _gate(core, p, j, before, v, w)
+            if _passed(angle, before, x):
+                at = angle + _whole_turns(angle, max(before, x))
+                x, v = at + (1.0 - loss) * (x - at), v * (1.0 - loss)
+    return x, v
+
+
+@njit(cache=True, error_model="numpy")
+def coasts(problem, p, starts, out):
+    """Positions (W, steps + 1) from measured samples on into out; the speed at first by the last difference."""
+    core, at = _core(problem), pointer_to(p, 0)
+    for j in range(len(starts)):
+        k = starts[j]
+        x = problem.y[k]
+        v = (x - problem.y[k - 1]) / problem.dt
+        v += 0.5 * problem.dt * _smooth(core, at, x, v, problem.t[k], _at(core, k, 0))
+        out[j, 0] = x
+        for i in range(out.shape[1] - 1):
+            x, v = _coast(core, at, k + i, x, v)
+            out[j, i + 1] = x

@@ -7,7 +7,7 @@ A candidate is a few lines: a compiled term of the acceleration (`terms`), or wh
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,13 +65,10 @@ class Candidate:
         return max(sizes, default=math.inf)
 
 
-def stage_errors(stderr: dict[str, dict[str, float]]) -> Candidate:
-    """What the tilt sensor leaves open of the stage: relative errors of the parameters of either axis,
-    known to within the standard errors of their fit. The ball tells tilts apart that the sensor cannot: held fixed, an
-    error of half a millisecond would look like an effect. Always free, never a finding."""
-    known = {f"{axis}_{name}": sigma for axis, found in stderr.items() for name, sigma in found.items()}
-    specs = {key: Spec("1", 0.0, -min(10.0 * s, 0.5), min(10.0 * s, 0.5), 0.1 * s, prior=s) for key, s in known.items()}
-    return Candidate("stage", specs, STAGE, named=False)
+def stage_errors(directions: Iterable[str]) -> Candidate:
+    """What the tilt sensor leaves open of the stage, in standard errors along independent directions. Fitted along
+    where values and intervals are reported; never a finding."""
+    return Candidate("stage", {n: Spec("1", 0.0, -10.0, 10.0, 0.1, prior=1.0) for n in directions}, STAGE, named=False)
 
 
 def _angles(count: int) -> list[float]:
@@ -152,7 +149,7 @@ def ring_library() -> list[Candidate]:
             "surface_ripple",
             {
                 f"{kind}{n}": Spec("rad/s^2", 0.0, -20.0, 20.0, 1e-3, 0.06)
-                for n in range(wallterms.FIRST_RIPPLE, 13)
+                for n in range(wallterms.FIRST_RIPPLE, wallterms.FIRST_RIPPLE + wallterms.RIPPLES)
                 for kind in ("cos", "sin")
             },
             term=wallterms.ripples,

@@ -5,16 +5,96 @@ Through the stage there is no noise of the sensor left; without commands the til
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numba import njit
 
 from mazeplan.data.smoothing import Smoothing, derivatives
+from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import Tilt
 from mazeplan.models.ring_dynamics import stage_transition
-from mazeplan.models.stage import StageAxis
+from mazeplan.models.stage import StageAxis, StageFit, fit_axis
 from mazeplan.records import Array
 
 FINE = 6  # grid points a sample
+KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
+STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives; the first three relative, s, rad
+FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # that one standard error may be, for the motion to be linear in it
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Both axes as fitted, and what the tilt sensor leaves open of them: `directions` by name, each an axis (0, 1) and
+    a change of its KEYS by one standard error along one principal direction of their covariance. Those are
+    independent, where the parameters themselves are not: a faster axis that starts later moves nearly the same."""
+
+    beta: StageFit
+    gamma: StageFit
+    directions: dict[str, tuple[int, Array]]
+
+    @property
+    def axes(self) -> tuple[StageAxis, StageAxis]:
+        """The fitted axes."""
+        return self.beta.axis, self.gamma.axis
+
+
+def fit_stage(record: Record, rows: np.ndarray) -> Stage | None:
+    """The stage by some rows; None without commands, or with commands that never move."""
+    if record.u is None:
+        return None
+    breaks = (record.first & rows).astype(float)
+    try:
+        fits = [
+            fit_axis(record.u[rows, i], angle[rows], record.dt, breaks[rows])
+            for i, angle in enumerate((record.beta, record.gamma))
+        ]
+    except ValueError:
+        return None
+    directions = {}
+    for i, (name, found) in enumerate(zip(("beta", "gamma"), fits, strict=True)):
+        for j, change in enumerate(_directions(record.u[rows, i], found, record.dt)):
+            directions[f"{name}_{j + 1}"] = (i, change)
+    return Stage(fits[0], fits[1], directions)
+
+
+def _changed(axis: StageAxis, change: Array) -> tuple[StageAxis, float]:
+    """The axis with a change of its KEYS, or, where a dead time would be less than nothing, with the opposite one; the
+    sign that was taken."""
+    sign = -1.0 if axis.dead_time + change[3] < 0.0 else 1.0
+    relative = {k: getattr(axis, k) * (1.0 + sign * c) for k, c in zip(KEYS[:3], change[:3], strict=True)}
+    late, off = max(axis.dead_time + sign * change[3], 0.0), axis.offset + sign * change[4]
+    return replace(axis, **relative, dead_time=late, offset=off), sign
+
+
+def _directions(u: Array, found: StageFit, dt: float) -> Array:
+    """Principal directions (5, 5) of the covariance of an axis's parameters, each one standard error long."""
+    axis = found.axis
+    base = _shifted(u, axis, dt)[::FINE, 0]
+    columns = []
+    for i, step in enumerate(STEPS):
+        moved, sign = _changed(axis, step * np.eye(5)[i])
+        columns.append(sign * (_shifted(u, moved, dt)[::FINE, 0] - base) / step)
+    J = np.column_stack(columns)
+    scale = np.linalg.norm(J, axis=0)
+    _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
+    root = (
+        found.rms * (turn.T / np.maximum(sizes, 1e-9 * sizes[0])).T / scale
+    )  # rows: covariance = sum of their squares
+    return root / np.maximum(np.max(np.abs(root) / FURTHEST, axis=1, keepdims=True), 1.0)
+
+
+def plate_motion(record: Record, stage: Stage | None) -> Tilt:
+    """How the plate moved in a record, by a stage, with derivatives by its directions; by the sensor without one."""
+    if record.u is None or stage is None:
+        return from_sensor(record.t, record.beta, record.gamma, record.segment)
+    u, axes = (record.u[:, 0], record.u[:, 1]), stage.axes
+    base, by_stage = from_commands(record.t, *u, *axes), {}
+    for name, (i, change) in stage.directions.items():
+        moved, sign = _changed(axes[i], change)
+        there = from_commands(record.t, *u, *(moved if j == i else axis for j, axis in enumerate(axes)))
+        by_stage[name] = sign * (there.motion - base.motion)
+    return replace(base, by_stage=by_stage)
 
 
 @njit(cache=True, error_model="numpy")
@@ -37,15 +117,18 @@ def simulated(u: Array, axis: StageAxis, dt: float) -> Array:
     return out
 
 
+def _shifted(u: Array, axis: StageAxis, dt: float) -> Array:
+    """As `simulated`, with the dead time."""
+    motion = simulated(u, axis, dt)
+    grid = dt / FINE * np.arange(len(motion))
+    return np.column_stack([np.interp(grid - axis.dead_time, grid, column) for column in motion.T])
+
+
 def from_commands(t: Array, u_beta: Array, u_gamma: Array, beta: StageAxis, gamma: StageAxis) -> Tilt:
     """Through the stage; each axis's dead time moves its grid."""
     dt = float(np.median(np.diff(t)))
     grid = t[0] + dt / FINE * np.arange(len(t) * FINE)
-    parts = []
-    for u, axis in ((u_beta, beta), (u_gamma, gamma)):
-        motion = simulated(u, axis, dt)
-        shift = axis.dead_time
-        parts.append(np.column_stack([np.interp(grid - shift, grid, column) for column in motion.T]))
+    parts = [_shifted(u, axis, dt) for u, axis in ((u_beta, beta), (u_gamma, gamma))]
     return Tilt(grid, np.hstack(parts), "commands, through the fitted stage")
 
 

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from scipy.signal import lfilter
 
 from mazeplan.diagnosis import terms
 from mazeplan.diagnosis.anonymous import PAST
-from mazeplan.diagnosis.kalman import NODES, TERM, Problem
 from mazeplan.diagnosis.geometry import as_seen, bending, unbent
+from mazeplan.diagnosis.kalman import NODES, TERM, Moves, Problem
 from mazeplan.diagnosis.library import CAMERA, DELAY, DRY, GATE, RING, STAGE, WALL, Candidate
-from mazeplan.maths.compiled import address_of
+from mazeplan.maths.compiled import address_of, pointer_to
 from mazeplan.records import Array
 
 GRAVITY = 9.81  # m/s^2
-CACHED = 12  # motions of the plate kept
-RING_SLOTS = {
-    ("rolling_inertia", "factor"): 1, ("tilt_offset", "beta"): 2, ("tilt_offset", "gamma"): 3,
-    ("axis_misalignment", "angle"): 4, ("tilt_gain", "beta"): 5, ("tilt_gain", "gamma"): 6,
+KEPT_MOTIONS, KEPT_INPUTS = 4, 4  # motions of the plate, and inputs made of them, that are kept
+WIDTH = terms.RING_AT + terms.RING_COUNT
+AVERAGE = np.array([[1.0, 4.0, 2.0, 4.0, 1.0], [2.0, 6.0, 2.0, 2.0, 0.0]]) / 12.0  # Simpson: of f, of 2 (1 - s) f
+RING_SLOTS = {  # parameters of `ring_coefficients`, with what they are without the effect
+    ("rolling_inertia", "factor"): 1.0, ("tilt_offset", "beta"): 0.0, ("tilt_offset", "gamma"): 0.0,
+    ("tilt_gain", "beta"): 1.0, ("tilt_gain", "gamma"): 1.0,
 }  # fmt: skip
 
 Values = dict[str, dict[str, float]]  # effect -> parameter -> value
@@ -30,100 +33,155 @@ Values = dict[str, dict[str, float]]  # effect -> parameter -> value
 @dataclass(frozen=True)
 class Tilt:
     """Motion of the plate on a fine grid: t (M,), angles, rates, accelerations (M, 6) as beta, its rate and
-    acceleration, gamma's; where it comes from, in words."""
+    acceleration, gamma's; where it comes from, in words; by_stage: {parameter: derivative (M, 6) of the motion by a
+    relative error of it}, for what is not known exactly of the stage."""
 
     t: Array
     motion: Array
     source: str
+    by_stage: dict[str, Array] = field(default_factory=dict)
 
-    def at(self, times: Array) -> Array:
-        """Motion (K, 6) at any times, by cubic Hermite interpolation; held beyond the ends."""
-        h = float(self.t[1] - self.t[0])
-        at = np.clip((times - self.t[0]) / h, 0.0, len(self.t) - 1.000001)
-        i = at.astype(np.int64)
-        s = (at - i)[:, None]
+    def at(self, times: Array, parameter: str | None = None) -> Array:
+        """Motion (K, 6) at any times, or its derivative by a parameter, by cubic Hermite interpolation; held beyond
+        the ends."""
         out = np.empty((len(times), 6))
-        for axis in (0, 3):
-            a, b = self.motion[i, axis : axis + 3], self.motion[i + 1, axis : axis + 3]
-            for order in (0, 1):  # value and slope from the next column
-                y0, y1, m0, m1 = a[:, order], b[:, order], h * a[:, order + 1], h * b[:, order + 1]
-                u = s[:, 0]
-                out[:, axis + order] = (
-                    (1 + 2 * u) * (1 - u) ** 2 * y0 + u * (1 - u) ** 2 * m0 + u * u * (3 - 2 * u) * y1
-                    + u * u * (u - 1) * m1
-                )  # fmt: skip
-            out[:, axis + 2] = a[:, 2] + s[:, 0] * (b[:, 2] - a[:, 2])
+        motion = self.motion if parameter is None else self.by_stage[parameter]
+        _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), times, out)
         return out
+
+
+@njit(cache=True, error_model="numpy")
+def _hermite(motion, start, h, times, out):
+    """Motion (M, 6) on a grid from `start` in steps h, at times (K,), into out (K, 6)."""
+    for k in range(len(times)):
+        at = min(max((times[k] - start) / h, 0.0), len(motion) - 1.000001)
+        i = int(at)
+        s = at - i
+        w0, d0 = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s), s * (1.0 - s) * (1.0 - s) * h
+        w1, d1 = s * s * (3.0 - 2.0 * s), s * s * (s - 1.0) * h
+        for axis in range(0, 6, 3):
+            for c in range(axis, axis + 2):  # value, and slope from the next column
+                a, b = motion[i], motion[i + 1]
+                out[k, c] = w0 * a[c] + d0 * a[c + 1] + w1 * b[c] + d1 * b[c + 1]
+            out[k, axis + 2] = motion[i, axis + 2] + s * (motion[i + 1, axis + 2] - motion[i, axis + 2])
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(motions, errors, past, p, out):
+    """Inputs (N, nodes, W) from motions (1 + S, N, nodes, 6), relative errors (S,) of the stage's parameters, past
+    speeds and the parameters of `ring_coefficients`."""
+    for k in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            w = pointer_to(out, (k * out.shape[1] + i) * out.shape[2])
+            for c in range(6):
+                w[c] = motions[0, k, i, c]
+            for j in range(len(errors)):
+                if errors[j] != 0.0:
+                    for c in range(6):
+                        w[c] += errors[j] * motions[1 + j, k, i, c]
+            for c in range(3):
+                w[6 + c] = past[k, c]
+            terms.ring_coefficients(w, pointer_to(p, 0))
+
+
+def _forget(kept: dict, most: int) -> None:
+    """Make room for one more."""
+    while len(kept) >= most:
+        del kept[next(iter(kept))]
 
 
 class RingSystem:
     """Problems for `kalman`, made from a record and the values of effects."""
 
-    def __init__(
-        self,
-        t: Array,
-        theta: Array,
-        first: np.ndarray,
-        radius: float,
-        tilt: Tilt,
-        declared: Values,
-        restage: Callable[[dict[str, float]], Tilt] | None = None,
-    ) -> None:
+    def __init__(self, t: Array, theta: Array, first: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
         """t, theta (N,): s, rad, unwrapped in each stretch, NaN where not seen; first (N,): a stretch begins; declared:
-        what the model has already; restage: the tilt for relative errors of the stage's parameters."""
+        what the model has already."""
         self.t, self.theta, self.first, self.radius, self.tilt = t, theta, first, radius, tilt
-        self.declared, self._restage = declared, restage
-        self.target: Array | None = None
+        self.declared = declared
+        self.target: Array | None = None  # accelerations that the record brings, rad/s^2
         self.dt = float(np.median(np.diff(t)))
         self._past = self._low_passed()
-        self._nodes: dict[tuple[float, ...], Array] = {}
+        self._motions: dict[tuple[float, bool], Array] = {}
+        self._averages: dict[tuple[float, bool], Array] = {}
+        self._inputs: dict[tuple[float, ...], Array] = {}
         self._addresses: dict[int, int] = {}
 
     def __len__(self) -> int:
         return len(self.t)
 
     def _low_passed(self) -> Array:
-        """Speeds of the past (N, NODES, 3) as measured, low-passed with the time constants PAST."""
-        out = np.zeros((len(self.t), NODES, len(PAST)))
+        """Speeds of the past (N, 3) as measured, low-passed with the time constants PAST."""
+        out = np.zeros((len(self.t), len(PAST)))
         steps = np.diff(self.theta, prepend=self.theta[:1]) / self.dt
         steps = np.where(self.first | ~np.isfinite(steps), 0.0, steps)
         for i, tau in enumerate(PAST):
             keep = math.exp(-self.dt / tau)
-            out[:, :, i] = np.asarray(lfilter([1.0 - keep], [1.0, -keep], steps))[:, None]
+            out[:, i] = np.asarray(lfilter([1.0 - keep], [1.0, -keep], steps))
         return out
 
-    def nodes(self, delay: float, stage: dict[str, float] | None = None) -> Array:
-        """Motion of the plate (N, NODES, 6) from each sample on, `delay` s earlier, and behind it the low-passed
-        speeds; stage: relative errors of its parameters."""
-        key = (round(delay, 9), *(round(value, 12) for value in (stage or {}).values()))
-        if key not in self._nodes:
-            if len(self._nodes) > CACHED:
-                del self._nodes[next(iter(self._nodes))]
-            tilt = self.tilt if not stage or self._restage is None else self._restage(stage)
-            grid = self.t[:, None] + self.dt * np.arange(NODES) / (NODES - 1) - delay
-            motion = tilt.at(grid.ravel()).reshape(len(self.t), NODES, 6)
-            self._nodes[key] = np.ascontiguousarray(np.concatenate([motion, self._past], axis=2))
-        return self._nodes[key]
+    def _motion(self, delay: float, stage: bool = True) -> Array:
+        """Motion of the plate (1 + S, N, NODES, 6) from each sample on, `delay` s earlier; behind it, if wanted, its
+        derivatives by the S parameters of the stage."""
+        key = (round(delay, 9), stage)
+        if key not in self._motions:
+            _forget(self._motions, KEPT_MOTIONS)
+            grid = (self.t[:, None] + self.dt * np.arange(NODES) / (NODES - 1) - delay).ravel()
+            parts = [self.tilt.at(grid, name) for name in (None, *(self.tilt.by_stage if stage else ()))]
+            self._motions[key] = np.stack(parts).reshape(len(parts), len(self.t), NODES, 6)
+        return self._motions[key]
+
+    def _parts(self, values: Values) -> tuple[float, Array, Array]:
+        """Delay of the camera, relative errors of the stage's parameters, parameters of `ring_coefficients`."""
+        merged = {**self.declared, **values}
+        stage = merged.get("stage", {})
+        p = [GRAVITY / self.radius, *(merged.get(effect, {}).get(name, d) for (effect, name), d in RING_SLOTS.items())]
+        errors = np.array([stage.get(name, 0.0) for name in self.tilt.by_stage])
+        return merged.get("sensor_delay", {}).get("delay", 0.0), errors, np.array(p)
+
+    def inputs(self, values: Values) -> Array:
+        """Inputs of the terms (N, NODES, W): the plate's motion, past speeds, and what `ring` needs."""
+        delay, errors, p = self._parts(values)
+        key = (delay, *errors, *p)
+        if key not in self._inputs:
+            _forget(self._inputs, KEPT_INPUTS)
+            out = np.empty((len(self.t), NODES, WIDTH))
+            _fill(self._motion(delay), errors, self._past, p, out)
+            self._inputs[key] = out
+        return self._inputs[key]
+
+    def _averaged(self, delay: float, stage: bool = True) -> Array:
+        """Motions (1 + S, N, 2, 6) as `_motion`, averaged over each sample: as they act on speed and on position."""
+        key = (round(delay, 9), stage)
+        if key not in self._averages:
+            _forget(self._averages, KEPT_MOTIONS)
+            self._averages[key] = np.ascontiguousarray(np.einsum("snkc,wk->snwc", self._motion(delay, stage), AVERAGE))
+        return self._averages[key]
 
     def build(self, candidates: Sequence[Candidate], values: Values) -> tuple[Problem, Array]:
         """The problem with these effects at these values (of those left out: as declared), and its parameters."""
-        p: list[float] = [GRAVITY / self.radius, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0]
-        places, functions, gates, gate_at = [(0, 7)], [terms.ring], [], []
-        dry, wall, delay, stage = -1, -1, 0.0, None
+        functions, places, p, gates, dry, wall = self._parameters(candidates, values)
+        problem = Problem(
+            self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
+            np.array([self._address(f) for f in functions], dtype=np.int64), np.array(places, dtype=np.int64), dry,
+            np.array([at for at, *_ in gates], dtype=np.int64), 2.0 * math.pi,
+            np.array([where for _, *where in gates], dtype=np.float64).reshape(-1, 2), wall, GRAVITY / self.radius,
+        )  # fmt: skip
+        return problem, np.array(p)
+
+    def _parameters(
+        self, candidates: Sequence[Candidate], values: Values
+    ) -> tuple[list[object], list[int], list[float], list[tuple[int, float, float]], int, int]:
+        """Terms, where in p each has its parameters, p, gates (where in p, angle to add, side), where dry friction has
+        its parameters, and where friction at the walls."""
         merged = {**self.declared, **values}
-        for (effect, name), slot in RING_SLOTS.items():
-            if effect in merged:
-                p[slot] = merged[effect][name]
+        p: list[float] = [merged.get("axis_misalignment", {}).get("angle", 0.0)]
+        functions: list[object] = [terms.ring]
+        gates: list[tuple[int, float, float]] = []
+        places, dry, wall = [0], -1, -1
         known = {c.name: c for c in candidates}
         for effect, numbers in merged.items():
             c = known.get(effect)
-            if c is None or c.acts in (RING, CAMERA):
-                continue
-            if c.acts == DELAY:
-                delay = numbers["delay"]
-                continue
-            if c.acts == STAGE:
-                stage = numbers
+            if c is None or c.acts in (RING, DELAY, STAGE, CAMERA):
                 continue
             at = len(p)
             p.extend(numbers[name] for name in c.parameters)
@@ -132,18 +190,37 @@ class RingSystem:
             elif c.acts == WALL:
                 wall = at
             elif c.acts == GATE:
-                gates += [(at, at + 1)] * len(c.pattern)
-                gate_at += [(angle, c.side) for angle in c.pattern]
+                gates += [(at, angle, c.side) for angle in c.pattern]
             else:
-                places.append((at, len(p)))
+                places.append(at)
                 functions.append(c.term)
-        problem = Problem(
-            self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.nodes(delay, stage),
-            np.array([self._address(f) for f in functions], dtype=np.int64), np.array(places, dtype=np.int64), dry,
-            np.array(gates, dtype=np.int64).reshape(-1, 2), 2.0 * math.pi,
-            np.array(gate_at, dtype=np.float64).reshape(-1, 2), wall, p[0],
-        )  # fmt: skip
-        return problem, np.array(p)
+        return functions, places, p, gates, dry, wall
+
+    def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
+        """What moving each of some parameters (effect, name, step) changes."""
+        acts = {c.name: c.acts for c in candidates}
+        delay, errors, slots = self._parts(values)
+        p, which, w = [], [], [self._mean_inputs(self._averaged(delay), errors, slots)]
+        for effect, name, step in steps:
+            moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+            p.append(self._parameters(candidates, moved)[2])
+            outside = acts[effect] in (RING, DELAY, STAGE) and effect != "axis_misalignment"
+            which.append(len(w) if outside else -1)
+            if not outside:
+                continue
+            later, *parts = self._parts(moved)
+            motions = self._averaged(delay)
+            if acts[effect] == DELAY:  # what is uncertain of the stage changes little by that
+                motions = motions.copy()
+                motions[0] += self._averaged(later, False)[0] - self._averaged(delay, False)[0]
+            w.append(self._mean_inputs(motions, *parts))
+        sizes = np.array([step for *_, step in steps])
+        return Moves(np.array(p).reshape(len(steps), -1), np.stack(w), np.array(which, dtype=np.int64), sizes)
+
+    def _mean_inputs(self, motions: Array, errors: Array, p: Array) -> Array:
+        out = np.empty((len(self.t), 2, WIDTH))
+        _fill(motions, errors, self._past, p, out)
+        return out
 
     def offset(self, values: Values) -> tuple[float, float] | None:
         """Where the camera takes the centre of the ring to be (m), None where it is not off."""

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit, forecast
 from mazeplan.diagnosis.kalman import accelerations
-from mazeplan.diagnosis.library import STAGE, Candidate, Spec
+from mazeplan.diagnosis.library import Candidate, Spec
 from mazeplan.diagnosis.ringsystem import Values
 from mazeplan.diagnosis.terms import oscillation
 
@@ -69,17 +69,14 @@ class Finding:
     worth: dict[str, float]
 
 
-def search(
-    likelihood: Likelihood, library: Sequence[Candidate], free: Sequence[Candidate], tell: Callable[[str], None]
-) -> Finding:
-    """What is missing from the declared model; free: what is always fitted along."""
-    start = {c.name: dict(zip(c.parameters, c.first()[0], strict=True)) for c in free}
-    current = base = fit(likelihood, free, start)
+def search(likelihood: Likelihood, library: Sequence[Candidate], tell: Callable[[str], None]) -> Finding:
+    """What is missing from the declared model."""
+    current = base = fit(likelihood, (), {})
     ranked: tuple[Trial, ...] = ()
     alike: list[tuple[str, ...]] = []
     unknown: Trial | None = None
     left, declared = list(library), likelihood.system.declared
-    while len(current.candidates) < MOST + len(free):
+    while len(current.candidates) < MOST:
         trials = [
             try_one(likelihood, current, c, start, tell) for c, start in _promising(likelihood, current, left, tell)
         ]
@@ -102,8 +99,17 @@ def search(
         current = named.fit
         left.remove(named.candidate)
         tell(f"{named.candidate.name}: -2 log L falls by {named.raw:.0f}")
-    current, worth = _drop(likelihood, current, free)
+    current, worth = _drop(likelihood, current)
     return Finding(base, current, ranked, tuple(alike), unknown, worth)
+
+
+def with_stage(likelihood: Likelihood, finding: Finding, along: Sequence[Candidate]) -> Finding:
+    """The finding with what the tilt sensor leaves open of the stage fitted along: values and intervals know of it.
+    The search itself holds the stage, which costs a few units of -2 log L and saves most of the time."""
+    final = finding.final
+    zero = {c.name: dict.fromkeys(c.parameters, 0.0) for c in along}
+    found = fit(likelihood, [*along, *final.candidates], {**zero, **final.values}, final.q)
+    return replace(finding, final=found)
 
 
 def _promising(
@@ -137,8 +143,7 @@ def try_one(
 ) -> Trial:
     """The candidate together with what was accepted, all free."""
     tell(f"trying {c.name}")
-    fresh = {k.name: dict.fromkeys(k.parameters, 0.0) for k in current.candidates if k.acts == STAGE}
-    found = fit(likelihood, [*current.candidates, c], {**current.values, **fresh, c.name: start}, current.q)
+    found = fit(likelihood, [*current.candidates, c], {**current.values, c.name: start}, current.q)
     raw = current.minus2 - found.minus2
     gain = raw - len(c.parameters) * math.log(max(int(likelihood.rows.sum()), 2))
     return Trial(c, found, gain, raw, math.inf if c.named else _strength(likelihood, found, c))
@@ -179,14 +184,12 @@ def _oscillation(likelihood: Likelihood, current: Fit) -> Trial:
     return try_one(likelihood, current, c, start[c.name], lambda text: None)
 
 
-def _drop(likelihood: Likelihood, current: Fit, free: Sequence[Candidate]) -> tuple[Fit, dict[str, float]]:
+def _drop(likelihood: Likelihood, current: Fit) -> tuple[Fit, dict[str, float]]:
     """Leave out what is worth too little now; by how much each of the others is worth."""
     worth: dict[str, float] = {}
     while True:
         worth = {}
         for c in current.candidates:
-            if c in free:
-                continue
             rest = [x for x in current.candidates if x is not c]
             without = fit(likelihood, rest, {x.name: current.values[x.name] for x in rest}, current.q)
             price = len(c.parameters) * math.log(max(int(likelihood.rows.sum()), 2))

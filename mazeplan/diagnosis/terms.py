@@ -1,10 +1,13 @@
-"""Terms of an acceleration that more than one system has, compiled: x, v, t, inputs w, parameters p."""
+"""Terms of an acceleration that more than one system has, compiled: x, v, t, inputs w, parameters p (w and p are bare
+pointers in the filter: they are indexed and have no length)."""
 
 from __future__ import annotations
 
 import math
 
 from numba import njit
+
+HARMONICS = 3
 
 
 @njit(cache=True)
@@ -33,17 +36,22 @@ def drift(x, v, t, w, p):
 
 @njit(cache=True)
 def harmonics(x, v, t, w, p):
-    """Sum over n of p[2n - 2] cos(n x) + p[2n - 1] sin(n x)."""
-    total = 0.0
-    for n in range(len(p) // 2):
-        total += p[2 * n] * math.cos((n + 1) * x) + p[2 * n + 1] * math.sin((n + 1) * x)
+    """Sum over n to HARMONICS of p[2n - 2] cos(n x) + p[2n - 1] sin(n x)."""
+    c1, s1, total = math.cos(x), math.sin(x), 0.0
+    c, s = c1, s1
+    for n in range(HARMONICS):
+        total += p[2 * n] * c + p[2 * n + 1] * s
+        c, s = c * c1 - s * s1, s * c1 + c * s1
     return total
 
 
 @njit(cache=True)
 def bump(x, v, t, w, p):
     """Force of a hill at angle p0, of width p1, largest on its flanks: p2."""
-    e = math.atan2(math.sin(x - p[0]), math.cos(x - p[0])) / p[1]
+    off = x - p[0]
+    e = (off - 2.0 * math.pi * math.floor(off / (2.0 * math.pi) + 0.5)) / p[1]
+    if abs(e) > 7.0:  # 1e-10 of its height
+        return 0.0
     return p[2] * e * math.exp(0.5 - 0.5 * e * e)
 
 
@@ -54,16 +62,48 @@ def oscillation(x, v, t, w, p):
     return p[1] * math.cos(phase) + p[2] * math.sin(phase)
 
 
+RING_AT = 9  # where in w the coefficients of `ring` begin: behind the plate's motion (6) and past speeds (3)
+RING_COUNT = 5
+
+
 @njit(cache=True)
 def ring(x, v, t, w, p):
-    """A ball in a ring of a tilting plate, without friction.
+    """A ball in a ring of a tilting plate, without friction; p: camera's angle (rad); w: see `ring_coefficients`."""
+    sin, cos = math.sin(x - p[0]), math.cos(x - p[0])
+    return w[9] + sin * (w[10] * sin + w[11] * cos - w[12]) - w[13] * cos
 
-    p: g / r, factor of the gravity part, tilt of the table beta_0, gamma_0 (rad), angle of the camera (rad), scales of
-    the tilt sensor; w: beta, its rate and acceleration, gamma's."""
-    theta = x - p[4]
-    b, bd, bdd = w[0] / p[5], w[1] / p[5], w[2] / p[5]
-    c, cd = w[3] / p[6], w[4] / p[6]
-    sin, cos, cos_c = math.sin(theta), math.cos(theta), math.cos(c)
-    turning = bdd * math.sin(c) + 2.0 * bd * cd * cos_c * sin * sin + (cd * cd - bd * bd * cos_c * cos_c) * sin * cos
-    beta, gamma = b + p[2], c + p[3]
-    return turning - p[0] * p[1] * (math.sin(beta) * sin + math.sin(gamma) * math.cos(beta) * cos)
+
+@njit(cache=True, error_model="numpy")
+def _sine(x):
+    """sin x; of tilts by its series, 1e-12 exact."""
+    if abs(x) > 0.25:
+        return math.sin(x)
+    y = x * x
+    return x * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0))))
+
+
+@njit(cache=True, error_model="numpy")
+def _cosine(x):
+    """cos x, likewise."""
+    if abs(x) > 0.25:
+        return math.cos(x)
+    y = x * x
+    return 1.0 - y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0))))
+
+
+@njit(cache=True, error_model="numpy")
+def ring_coefficients(w, p):
+    """What `ring` needs of the plate's motion w[0:6], into w[RING_AT:]:
+
+        theta_dd = c_0 + c_1 sin^2 + c_2 sin cos - c_3 sin - c_4 cos of theta
+
+    p: g / r, factor of the gravity part, tilt of the table beta_0, gamma_0 (rad), scales of the tilt sensor; motion:
+    beta, its rate and acceleration, gamma's."""
+    b, bd, bdd = w[0] / p[4], w[1] / p[4], w[2] / p[4]
+    c, cd = w[3] / p[5], w[4] / p[5]
+    cos_c = _cosine(c)
+    w[9] = bdd * _sine(c)
+    w[10] = 2.0 * bd * cd * cos_c
+    w[11] = cd * cd - bd * bd * cos_c * cos_c
+    w[12] = p[0] * p[1] * _sine(b + p[2])
+    w[13] = p[0] * p[1] * _sine(c + p[3]) * _cosine(b + p[2])

@@ -12,65 +12,25 @@ smoothing averages with weights w, n of them are worth n sum(w^2), and
 
     -2 log L = n sum(w^2) log mean(e^2)
 
-Midpoint rule in two steps a sample; friction and gates as in `kalman.advance`.
+Derivatives are numeric: a gate that is passed a sample later makes a step, over which a difference averages.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from scipy.signal import savgol_coeffs
 
 from mazeplan.data.smoothing import acceleration_kernel
 from mazeplan.diagnosis.fit import Likelihood
-from mazeplan.diagnosis.kalman import SUBSTEPS, passed, resistance, total
+from mazeplan.diagnosis.kalman import coasts
 from mazeplan.diagnosis.library import Candidate
 from mazeplan.diagnosis.ringsystem import RingSystem, Values
 from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target
-from mazeplan.diagnosis.wallterms import against, pressing
 from mazeplan.records import Array, IntArray
 
 KEPT = 400  # residuals kept, so that the same values are not tried twice
-
-
-@njit(cache=True, error_model="numpy")
-def _coast(problem, p, k, x, v):
-    """Position and speed one sample after sample k."""
-    h = problem.dt / SUBSTEPS
-    for i in range(SUBSTEPS):
-        w = problem.w[k, 2 * i + 1]
-        middle = x + 0.5 * h * v
-        free = v + h * total(problem, p, middle, v, problem.t[k] + (i + 0.5) * h, w)
-        new = free
-        if problem.dry >= 0 or problem.wall >= 0:
-            most = h * resistance(problem, p, middle, free, w)
-            new = 0.0 if abs(free) <= most else free - math.copysign(most, free)
-        before = x
-        x += 0.5 * h * (v + new)
-        v = new
-        for g in range(len(problem.gates)):
-            if passed(p[problem.gates[g, 0]] + problem.gate_at[g, 0], before, x):
-                share = against(pressing(before, v, w, problem.pull), problem.pull, problem.gate_at[g, 1])
-                v *= 1.0 - share * p[problem.gates[g, 1]]
-    return x, v
-
-
-@njit(cache=True, error_model="numpy")
-def coasts(problem, p, starts, out):
-    """Positions (W, steps + 1) from measured samples on into out; the speed at first by the last difference."""
-    half = 0.5 * problem.dt
-    for j in range(len(starts)):
-        k = starts[j]
-        x = problem.y[k]
-        v = (x - problem.y[k - 1]) / problem.dt
-        v += half * total(problem, p, x, v, problem.t[k], problem.w[k, 0])
-        out[j, 0] = x
-        for i in range(out.shape[1] - 1):
-            x, v = _coast(problem, p, k + i, x, v)
-            out[j, i + 1] = x
 
 
 class WindowLikelihood(Likelihood):
@@ -106,6 +66,15 @@ class WindowLikelihood(Likelihood):
             self._kept[key] = self.target - self.system.seen_at(values, out) @ self.weights
         e = self._kept[key]
         return e, 0.0, len(e) * self.worth
+
+    def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
+        """Residuals e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
+        e = self.whitened(values, q)[0]
+        J = np.empty((len(e), len(steps)))
+        for j, (effect, name, step) in enumerate(steps):
+            moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+            J[:, j] = (self.whitened(moved, q)[0] - e) / step
+        return e, J
 
     def volume(self, values: Values) -> float:
         """None: what is compared is in the camera's angles."""

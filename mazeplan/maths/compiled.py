@@ -19,6 +19,7 @@ INTEGER = types.int64
 REAL = types.float64
 VECTOR = types.float64[::1]
 MATRIX = types.float64[:, ::1]
+POINTER = types.CPointer(types.float64)  # numbers in a row; indexed as an array, without length or bounds
 
 
 def address_of(function: Any, signature: Any) -> int:
@@ -55,3 +56,31 @@ def caller(signature: Any) -> Any:
         return expected, code
 
     return through
+
+
+def _pointer_to(typing_context, array, index):
+    """Pointer to the element at a flat index of a C-contiguous array of numbers, from compiled code.
+
+    Arrays handed on from function to function have their references counted each time, which in a filter costs more
+    than its arithmetic; a pointer costs nothing. The caller keeps the array alive and stays inside it."""
+
+    def code(context, builder, sig, values):
+        data = context.make_array(sig.args[0])(context, builder, values[0]).data
+        return builder.gep(data, [values[1]])
+
+    if not isinstance(array, types.Array) or array.layout != "C":
+        return None
+    return types.CPointer(array.dtype)(array, INTEGER), code
+
+
+def _shifted(typing_context, pointer, count):
+    """The pointer to the element that lies `count` further on."""
+
+    def code(context, builder, sig, values):
+        return builder.gep(values[0], [values[1]])
+
+    return (pointer(pointer, INTEGER), code) if isinstance(pointer, types.CPointer) else None
+
+
+pointer_to: Any = intrinsic(_pointer_to)
+shifted: Any = intrinsic(_shifted)
