@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mazeplan.data.table import Table
+    from mazeplan.diagnosis.library import Gates
     from mazeplan.maze.geometry import Maze
 
 
@@ -51,20 +52,21 @@ def diagnose(
 
     maze, table = load_map(map_), read_table(log)
     known: dict[str, dict[str, float]] = {}
+    gates = None
     if radius is None:
         number = _ring(table, maze, ring)
-        where, rows = maze.track_radius(number), _in_ring(table, maze, number)
+        where, rows, gates = maze.track_radius(number), _in_ring(table, maze, number), _gates(maze, number)
         known = load_model(model).declared(number) if model is not None else {}
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
         known = load_model(model).declared(ring or 1) if model is not None else {}
-    _declare(known, declare or [])
+    _declare(known, declare or [], gates)
     table, odd = turned_round(table, where)
     further = None
     if test is not None:
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
-    done = run(record_of(table, rows, odd), where, known, test=further, progress=say)
+    done = run(record_of(table, rows, odd), where, known, gates=gates, test=further, progress=say)
     document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
@@ -79,6 +81,16 @@ def diagnose(
         print(f"note: {note}")
     if output is not None:
         print(f"report: {document['report']}")
+
+
+def _gates(maze: Maze, number: int) -> Gates:
+    """Openings in the walls of a ring."""
+    from mazeplan.diagnosis.library import Gates
+
+    openings = maze.openings_of(number)
+    return Gates(
+        tuple(o.angle for o in openings if o.inner == number), tuple(o.angle for o in openings if o.outer == number)
+    )
 
 
 def _all(table: Table) -> np.ndarray:
@@ -113,11 +125,11 @@ def _ring(table: Table, maze: Maze, ring: int | None) -> int:
     return ring
 
 
-def _declare(known: dict[str, dict[str, float]], texts: list[str]) -> None:
+def _declare(known: dict[str, dict[str, float]], texts: list[str], gates: Gates | None) -> None:
     """Add what `--declare` says. Raises InputError naming what is allowed."""
-    from mazeplan.diagnosis.library import ring_library
+    from mazeplan.diagnosis.library import Gates, ring_library, wall_library
 
-    library = {c.name: c for c in ring_library()}
+    library = {c.name: c for c in (*ring_library(), *wall_library(gates or Gates()))}
     for text in texts:
         name, _, value = text.partition("=")
         effect, _, parameter = name.partition(".")

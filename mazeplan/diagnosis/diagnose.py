@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.diagnosis.anonymous import anonymous_library
-from mazeplan.diagnosis.fit import Fit, Likelihood, fit
+from mazeplan.diagnosis.fit import Fit, Likelihood, best_q, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
 from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
@@ -21,10 +21,12 @@ from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.remainder import Remainder, remainder
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
-from mazeplan.diagnosis.scores import Score, score
+from mazeplan.diagnosis.scores import Score, matched_target, score
 from mazeplan.diagnosis.search import Finding, search, with_stage
+from mazeplan.diagnosis.windows import WindowLikelihood
 
 DELAY = 0.005  # s; a command delay worth a word
+MANY = 10  # effects looked for where nothing but a real rig can be behind a record
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,10 @@ def diagnose(
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
-    finding = with_stage(straight, search(straight, library, tell), along)
+    if record.u is None and matched_target(straight.system) is not None:
+        finding = _by_windows(straight, library, rows, tell)
+    else:
+        finding = with_stage(straight, search(straight, library, tell), along)
     effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
@@ -152,6 +157,17 @@ def diagnose(
     moved = plate_motion(test, stage)
     before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
+
+
+def _by_windows(
+    likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
+) -> Finding:
+    """The finding of a record of smoothed accelerations whose tilt is known by its sensor alone; noises of the final
+    model by its filter, for roll-outs."""
+    finding = search(WindowLikelihood(likelihood.system, library, rows), library, tell, MANY)
+    q = best_q(likelihood, finding.final.values)
+    e, *_ = likelihood.whitened(finding.final.values, q)
+    return replace(finding, final=replace(finding.final, q=q, noise=float(np.sqrt(np.mean(e * e)))))
 
 
 def _likelihood(

@@ -35,7 +35,7 @@ LABELS = {
 
 def write_report(done: Diagnosis, path: Path, title: str) -> None:
     """Write the page: one file, nothing loaded from elsewhere."""
-    seen = "Search and fits saw the first 70 % of the record; scores are of the rest."
+    seen = f"Scores are of {done.held}, which search and fits did not see."
     notes = [f"Tilt: {done.tilt_source}.", seen, *done.notes]
     path.write_text(
         PAGE.format(
@@ -54,6 +54,9 @@ def _tables(done: Diagnosis) -> str:
         before, after = (f"{getattr(part, name):.4f}" for part in (done.before, done.after))
         rows.append(f"<tr><td>{label}</td><td>{before}</td><td>{after}</td></tr>")
     rows.append(f"<tr><td>what noise alone would cause after 40, rad</td><td></td><td>{done.after.floor:.4f}</td></tr>")
+    if done.remainder is not None:
+        learned = f"<td></td><td>{done.remainder.nrmse:.4f}</td>"
+        rows.append(f"<tr><td>nRMSE of theta_dd, what is left learned without a name</td>{learned}</tr>")
     rows.append("</table>")
     if done.effects:
         rows.append("<table><tr><th>effect</th><th>parameter</th><th>value</th><th>standard error</th></tr>")

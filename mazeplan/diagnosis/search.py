@@ -26,6 +26,7 @@ ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within 
 AHEAD = 1.15  # an unnamed term must explain so many times what the best named one does
 MOST = 5  # effects
 NAMED, NAMELESS = 4, 2  # candidates that get a full fit in each round
+MORE = 7  # named ones of a record from a real rig, in which many effects are at work at once
 WEAKEST = 0.08  # rad/s^2, root mean square; an unnamed term that adds less is not worth a word ...
 SHARE = 0.05  # ... nor one that brings less than this share of what named effects brought: they are not exact either
 PEAK = 18.0  # of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
@@ -69,24 +70,30 @@ class Finding:
     worth: dict[str, float]
 
 
-def search(likelihood: Likelihood, library: Sequence[Candidate], tell: Callable[[str], None]) -> Finding:
-    """What is missing from the declared model."""
+def search(
+    likelihood: Likelihood, library: Sequence[Candidate], tell: Callable[[str], None], most: int = MOST
+) -> Finding:
+    """What is missing from the declared model, at most so many effects."""
     current = base = fit(likelihood, (), {})
     ranked: tuple[Trial, ...] = ()
     alike: list[tuple[str, ...]] = []
     unknown: Trial | None = None
     left, declared = list(library), likelihood.system.declared
-    while len(current.candidates) < MOST:
+    while len(current.candidates) < most:
         trials = [
             try_one(likelihood, current, c, start, tell) for c, start in _promising(likelihood, current, left, tell)
         ]
-        trials.append(_oscillation(likelihood, current))
+        if likelihood.noisy:  # else neighbours have much in common, and a spectrum tells that alone
+            trials.append(_oscillation(likelihood, current))
         trials.sort(key=lambda t: -t.gain)
         ranked = ranked or tuple(trials)
         named = next((t for t in trials if t.candidate.named and t.sure(declared)), None)
         nameless = next((t for t in trials if not t.candidate.named and t.sure(declared)), None)
         enough = nameless is not None and nameless.gain > SHARE * (base.minus2 - current.minus2)
-        if nameless is not None and enough and (named is None or nameless.gain > AHEAD * named.gain + ACCEPT):
+        patient = not likelihood.noisy and named is not None
+        if nameless is not None and enough and not patient and (
+            named is None or nameless.gain > AHEAD * named.gain + ACCEPT
+        ):
             unknown, current = nameless, nameless.fit
             break
         if named is None:
@@ -130,10 +137,10 @@ def _promising(
             ]
             starts = [starts[int(np.argmin(scores))]]
         start = dict(zip(names, starts[0], strict=True))
-        price = len(names) * math.log(max(int(likelihood.rows.sum()), 2))
+        price = len(names) * math.log(max(likelihood.rows.sum() / likelihood.repeats, 2.0))
         found.append((forecast(likelihood, current, c, start) - price, c, start))
     found.sort(key=lambda entry: -entry[0])
-    named = [entry for entry in found if entry[1].named and entry[0] > 0.0][:NAMED]
+    named = [entry for entry in found if entry[1].named and entry[0] > 0.0][: NAMED if likelihood.noisy else MORE]
     nameless = [entry for entry in found if not entry[1].named and entry[0] > 0.0][:NAMELESS]
     return [(c, start) for _, c, start in named + nameless]
 
@@ -145,7 +152,7 @@ def try_one(
     tell(f"trying {c.name}")
     found = fit(likelihood, [*current.candidates, c], {**current.values, c.name: start}, current.q)
     raw = current.minus2 - found.minus2
-    gain = raw - len(c.parameters) * math.log(max(int(likelihood.rows.sum()), 2))
+    gain = raw - len(c.parameters) * math.log(max(likelihood.rows.sum() / likelihood.repeats, 2.0))
     return Trial(c, found, gain, raw, math.inf if c.named else _strength(likelihood, found, c))
 
 
@@ -192,7 +199,7 @@ def _drop(likelihood: Likelihood, current: Fit) -> tuple[Fit, dict[str, float]]:
         for c in current.candidates:
             rest = [x for x in current.candidates if x is not c]
             without = fit(likelihood, rest, {x.name: current.values[x.name] for x in rest}, current.q)
-            price = len(c.parameters) * math.log(max(int(likelihood.rows.sum()), 2))
+            price = len(c.parameters) * math.log(max(likelihood.rows.sum() / likelihood.repeats, 2.0))
             worth[c.name] = without.minus2 - current.minus2 - price
         weakest = min(worth, key=lambda name: worth[name], default=None)
         if weakest is None or worth[weakest] >= KEEP:

@@ -18,7 +18,7 @@ from numba import njit
 ROLLING = 5.0 / 9.0
 WIDTH = 0.1  # m/s^2; how sharply a ball changes sides: the tilt is known to about 0.5 degrees, which is as much
 GRAVITY = 9.81  # m/s^2
-FIRST_RIPPLE, RIPPLES = 4, 9  # first harmonic, and how many; those below are `terms.harmonics`
+FIRST_RIPPLE, RIPPLES = 4, 6  # first harmonic, and how many; those below are `terms.harmonics`
 
 
 @njit(cache=True, error_model="numpy")
@@ -38,7 +38,7 @@ def against(normal, pull, side):
 
 @njit(cache=True)
 def ripples(x, v, t, w, p):
-    """Sum over n = 4 to 12 of p[2n - 8] cos(n x) + p[2n - 7] sin(n x), rad/s^2."""
+    """Sum over n = 4 to 9 of p[2n - 8] cos(n x) + p[2n - 7] sin(n x), rad/s^2."""
     c1, s1, total = math.cos(x), math.sin(x), 0.0
     c, s = math.cos(FIRST_RIPPLE * x), math.sin(FIRST_RIPPLE * x)
     for i in range(RIPPLES):

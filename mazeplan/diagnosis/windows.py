@@ -8,15 +8,20 @@ the residual is what is to be explained,
 
 with the weights c of a Savitzky-Golay second derivative and positions theta^ predicted from the first sample of the
 window on (`scores`, matched). Neighbouring windows share samples: for white noise in the acceleration, which the
-smoothing averages with weights w, n of them are worth n sum(w^2), and
+smoothing averages with weights w, n of them are worth n sum(w^2). What no effect explains comes in blows, so that errors
+have long tails: Student's distribution with nu degrees of freedom and scale s, eliminated,
 
-    -2 log L = n sum(w^2) log mean(e^2)
+    -2 log L = n sum(w^2) [ 2 log s + (nu + 1) mean log(1 + e^2 / (nu s^2)) ]
 
-Derivatives are numeric: a gate that is passed a sample later makes a step, over which a difference averages.
+which weighs residuals by (nu + 1) / (nu + e^2 / s^2).
+
+Derivatives by what makes the path jump (friction at rest, gates, the camera) are differences; those by a smooth force are
+the force itself, averaged as the smoothing does.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,13 +29,16 @@ from scipy.signal import savgol_coeffs
 
 from mazeplan.data.smoothing import acceleration_kernel
 from mazeplan.diagnosis.fit import Likelihood
-from mazeplan.diagnosis.kalman import coasts
-from mazeplan.diagnosis.library import Candidate
+from mazeplan.diagnosis.kalman import accelerations, coasts
+from mazeplan.diagnosis.library import RING, TERM, Candidate
 from mazeplan.diagnosis.ringsystem import RingSystem, Values
 from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target
 from mazeplan.records import Array, IntArray
 
-KEPT = 400  # residuals kept, so that the same values are not tried twice
+TAILS = 4.0  # degrees of freedom nu
+EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
+SMOOTH = (TERM, RING)  # what changes the acceleration without jumps
+KEPT = 100  # residuals kept, so that the same values are not tried twice
 
 
 class WindowLikelihood(Likelihood):
@@ -47,15 +55,16 @@ class WindowLikelihood(Likelihood):
         half = MATCHED.window // 2
         begun = np.maximum.accumulate(np.where(system.first, np.arange(len(system)), 0))
         at = np.flatnonzero(rows & np.isfinite(target))
-        self.windows: IntArray = at[at - half - begun[at] >= KNOWN]
+        self.windows: IntArray = at[at - half - begun[at] >= KNOWN][::EVERY]
         self.target: Array = target[self.windows]
         self.weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
-        self.worth = float(np.sum(acceleration_kernel(MATCHED.window, MATCHED.order) ** 2))
+        self.kernel = acceleration_kernel(MATCHED.window, MATCHED.order)
+        self.worth = EVERY * float(np.sum(self.kernel**2))
         self.repeats = 1.0 / self.worth
         self._kept: dict[str, Array] = {}
 
-    def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
-        """Residuals, rad/s^2; 0; and how many independent ones they are worth."""
+    def residuals(self, values: Values) -> Array:
+        """e (n,), rad/s^2."""
         key = repr(values)
         if key not in self._kept:
             if len(self._kept) >= KEPT:
@@ -64,18 +73,60 @@ class WindowLikelihood(Likelihood):
             out = np.empty((len(self.windows), MATCHED.window))
             coasts(problem, p, self.windows - MATCHED.window // 2, out)
             self._kept[key] = self.target - self.system.seen_at(values, out) @ self.weights
-        e = self._kept[key]
-        return e, 0.0, len(e) * self.worth
+        return self._kept[key]
+
+    def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
+        """Residuals times the square roots of their weights, rad/s^2; 0; how many independent ones they are worth."""
+        e = self.residuals(values)
+        return e * np.sqrt(weights_of(e, spread_of(e))), 0.0, len(e) * self.worth
 
     def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
-        """Residuals e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
-        e = self.whitened(values, q)[0]
+        """Weighted residuals e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
+        e = self.residuals(values)
+        root = np.sqrt(weights_of(e, spread_of(e)))
         J = np.empty((len(e), len(steps)))
+        acts = {c.name: c.acts for c in self.library}
+        here = self._averaged(values)
         for j, (effect, name, step) in enumerate(steps):
             moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
-            J[:, j] = (self.whitened(moved, q)[0] - e) / step
-        return e, J
+            if acts[effect] in SMOOTH:
+                J[:, j] = (here - self._averaged(moved)) / step
+            else:
+                J[:, j] = (self.residuals(moved) - e) / step
+        return root * e, root[:, None] * J
 
-    def volume(self, values: Values) -> float:
-        """None: what is compared is in the camera's angles."""
-        return 0.0
+    def _averaged(self, values: Values) -> Array:
+        """Acceleration along the measured path, averaged over each window as the smoothing does (n,). What it changes
+        of the path within a window is a few percent of its own effect: enough for the direction of a step."""
+        system, half = self.system, MATCHED.window // 2
+        problem, p = system.build(self.library, values)
+        x = np.nan_to_num(problem.y)
+        out = np.empty(len(x))
+        accelerations(problem, p, x, np.gradient(x, system.dt), out)
+        return out[self.windows[:, None] + np.arange(-half, half + 1)] @ self.kernel
+
+    def minus2(self, values: Values, q: float) -> float:
+        """-2 log L with the scale eliminated; inf where it is not finite."""
+        e = self.residuals(values)
+        if not np.isfinite(e).all():
+            return math.inf
+        s = spread_of(e)
+        tails = (TAILS + 1.0) * float(np.mean(np.log1p(e * e / (TAILS * s * s))))
+        return len(e) * self.worth * (2.0 * math.log(s) + tails) + self.prior(values)
+
+
+def weights_of(e: Array, spread: float) -> Array:
+    """Weights (n,) of residuals: what squares must be multiplied with so that they fall as -2 log L does."""
+    return (TAILS + 1.0) / (TAILS + (e / spread) ** 2)
+
+
+def spread_of(e: Array) -> float:
+    """The most likely scale of residuals (n,) by Student's distribution, rad/s^2."""
+    square = max(float(np.median(e * e)), 1e-12)
+    for _ in range(30):
+        new = float(np.mean(weights_of(e, math.sqrt(square)) * e * e))
+        done = abs(new - square) < 1e-7 * square
+        square = max(new, 1e-12)
+        if done:
+            break
+    return math.sqrt(square)
