@@ -41,11 +41,19 @@ EXCITE = "Excite"  # in the column `leaf`: the sines command
 
 @dataclass(frozen=True)
 class Collection:
-    """How long (s), in which rings the ball is placed in turn (one: it is placed once), and the seed."""
+    """How long (s), in which rings the ball is placed in turn (one: it is placed once), and the seed; tilt: rad, the
+    largest that is commanded (None: the limit of the map); highest_hz: of the sines."""
 
     seconds: float
     rings: tuple[int, ...]
     seed: int = 0
+    tilt: float | None = None
+    highest_hz: float = BAND_HZ[1]
+
+    def commands(self, rng: np.random.Generator, rate_hz: float, limit: float) -> Array:
+        """Sines (N, 2) in rad, within the limit of the map."""
+        most = limit if self.tilt is None else min(self.tilt, limit)
+        return multisine(rng, self.seconds, rate_hz, most, band_hz=(BAND_HZ[0], self.highest_hz))
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,7 @@ def run_collection(
 
     Each placing of the ball begins a new segment; time goes on through all of them."""
     rng = np.random.default_rng(plan.seed)
-    commands = multisine(rng, plan.seconds, rig.rate_hz, maze.tilt_limit)
+    commands = plan.commands(rng, rig.rate_hz, maze.tilt_limit)
     stretch = len(commands) if len(plan.rings) == 1 else max(1, round(STRETCH_S * rig.rate_hz))
     header = {**_header(maze, plan, rig_name), "rings": list(plan.rings)}
     dt, rows = 1.0 / rig.rate_hz, 0
@@ -121,7 +129,7 @@ def run_tour(
     The ball is placed once, in the first of the rings. A drive that does not arrive is counted, and the sines go on
     where the ball is. The plate is level and the rig closed afterwards, whatever happens."""
     rng = np.random.default_rng(plan.seed)
-    commands = multisine(rng, plan.seconds, rig.rate_hz, setup.maze.tilt_limit)
+    commands = plan.commands(rng, rig.rate_hz, setup.maze.tilt_limit)
     theta = float(rng.uniform(-math.pi, math.pi))
     header = _header(setup.maze, plan, setup.rig_name) | {
         "rings": list(plan.rings), "model": setup.model_name or setup.model.kind, "start_ring": plan.rings[0],

@@ -1,5 +1,6 @@
-"""What `mazeplan diagnose` finds in records of the tests' own plant: every effect in three sizes and three rings, records
-in which nothing is missing, process noise, two effects at once, effects that no library has.
+"""What `mazeplan diagnose` finds in records of the tests' own plant: each effect in three sizes and rings, records in
+which nothing is missing, process noise, two effects at once, effects that no library has.
+
 
 Usage: python tools/bench_plant.py [--seeds N] [--only NAME...]   (each record's outcome goes to build/plant.jsonl)
 """

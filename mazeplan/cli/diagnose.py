@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,12 +16,13 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mazeplan.data.table import Table
-    from mazeplan.diagnosis.library import Gates
+    from mazeplan.diagnosis.library import Candidate, Gates
+    from mazeplan.diagnosis.report import Diagnosed
     from mazeplan.maze.geometry import Maze
 
 
 def diagnose(
-    log: Annotated[Path, typer.Argument(help="Run log (MCAP) or table (CSV).")],
+    log: Annotated[Path, typer.Argument(help="Run log (MCAP) or table (CSV); with --system emps a .mat file.")],
     model: Annotated[
         str | None, typer.Option("--model", help="Packaged model or folder: what is known already.")
     ] = None,
@@ -29,28 +31,46 @@ def diagnose(
     ] = None,
     declare: Annotated[
         list[str] | None,
-        typer.Option("--declare", metavar="EFFECT.PARAM=VALUE", help="What is known already (repeatable)."),
+        typer.Option(
+            "--declare",
+            metavar="EFFECT.PARAM=VALUE",
+            help="What is known already (repeatable); emps: EFFECT alone is there, and fitted.",
+        ),
     ] = None,
     ring: Annotated[int | None, typer.Option("--ring", min=1, help="Which ring; default: that of most rows.")] = None,
     test: Annotated[
         Path | None, typer.Option("--test", help="A further record on which before and after are reported.")
     ] = None,
-    map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
+    map_: Annotated[str | None, typer.Option("--map", help="Packaged map or YAML file; default: cme.")] = None,
+    system: Annotated[
+        str, typer.Option("--system", help="ring: a ball in its ring; emps: a drive axis, benchmark EMPS.")
+    ] = "ring",
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for report.json and report.html.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Find the effect that a model lacks, and say how much better it predicts with it."""
+    if system == "emps":
+        from mazeplan.cli.diagnose_axis import diagnose_drive
+
+        ball = {"--ring": ring, "--radius": radius, "--map": map_, "--model": model}
+        for option, value in ball.items():
+            if value is not None:
+                raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
+        diagnose_drive(log, declare or [], test, output, as_json)
+        return
+    if system != "ring":
+        raise InputError(f"--system: got {system!r}, expected ring or emps")
     from mazeplan.cli.arguments import positive
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
+    from mazeplan.diagnosis.library import Gates, ring_library, wall_library
     from mazeplan.diagnosis.record import record_of, turned_round
-    from mazeplan.diagnosis.report import write_report
     from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model
 
-    maze, table = load_map(map_), read_table(log)
+    maze, table = load_map(map_ or "cme"), read_table(log)
     known: dict[str, dict[str, float]] = {}
     gates = None
     if radius is None:
@@ -60,7 +80,7 @@ def diagnose(
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
         known = load_model(model).declared(ring or 1) if model is not None else {}
-    _declare(known, declare or [], gates)
+    declare_known(known, declare or [], [*ring_library(), *wall_library(gates or Gates())])
     table, odd = turned_round(table, where)
     further = None
     if test is not None:
@@ -68,16 +88,23 @@ def diagnose(
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
     done = run(record_of(table, rows, odd), where, known, gates=gates, test=further, progress=say)
     document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
+    finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
+
+
+def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title: str, as_json: bool) -> None:
+    """Write the report where one is wished, and print what was found."""
+    from mazeplan.diagnosis.report import write_report
+
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
         document["report"] = str(output / "report.html")
         (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
-        write_report(done, output / "report.html", f"{log.name}, {document['ring'] or 'one ring'}")
+        write_report(done, output / "report.html", title)
     if as_json:
         print_json(document)
         return
     print(done.sentence())
-    for note in done.notes:
+    for note in document["notes"]:
         print(f"note: {note}")
     if output is not None:
         print(f"report: {document['report']}")
@@ -125,11 +152,9 @@ def _ring(table: Table, maze: Maze, ring: int | None) -> int:
     return ring
 
 
-def _declare(known: dict[str, dict[str, float]], texts: list[str], gates: Gates | None) -> None:
+def declare_known(known: dict[str, dict[str, float]], texts: list[str], candidates: list[Candidate]) -> None:
     """Add what `--declare` says. Raises InputError naming what is allowed."""
-    from mazeplan.diagnosis.library import Gates, ring_library, wall_library
-
-    library = {c.name: c for c in (*ring_library(), *wall_library(gates or Gates()))}
+    library = {c.name: c for c in candidates}
     for text in texts:
         name, _, value = text.partition("=")
         effect, _, parameter = name.partition(".")
@@ -145,7 +170,7 @@ def _declare(known: dict[str, dict[str, float]], texts: list[str], gates: Gates 
             number = float(value)
         except ValueError:
             raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number") from None
-        if not spec.low <= number <= spec.high:
+        if not (math.isfinite(number) and spec.low <= number <= spec.high):
             raise InputError(f"--declare: got {effect}.{parameter} {number:g}, expected {spec.low:g} to {spec.high:g}")
         had = known.setdefault(effect, {other: s.default for other, s in allowed.items()})
         had[parameter] = number

@@ -77,6 +77,18 @@ def ripples(x, v, t, w, p):
     return total
 
 
+@njit(cache=True)
+def backward_tilt(x, v, t, w, p):
+    """Pull of tilts that come from the record played backwards."""
+    return p[0] * w[9] * math.sin(x) + p[1] * w[10] * math.cos(x)
+
+
+@njit(cache=True)
+def backward_speed(x, v, t, w, p):
+    """Friction that goes with them."""
+    return v * (p[0] * w[9] + p[1] * w[10])
+
+
 def _free(count: int, step: float = 1e-3) -> dict[str, Spec]:
     return {f"p{i}": Spec("", 0.0, -1e3, 1e3, step) for i in range(count)}
 
@@ -97,4 +109,13 @@ def anonymous_library() -> list[Candidate]:
         one("powers of the speed", cubic, 2, "theta_dot"),
         one("past speed", memory, 3, "theta_dot", "past of theta_dot"),
         one("ripples along the ring", ripples, 8, "theta"),
+    ]
+
+
+def placebos() -> list[Candidate]:
+    """What cannot be there. They are tried like the others and must lose: what does not explain clearly more than the
+    best of them is not believed."""
+    return [
+        Candidate("placebo: tilt played backwards", _free(2), term=backward_tilt, named=False, placebo=True),
+        Candidate("placebo: friction with it", _free(2), term=backward_speed, named=False, placebo=True),
     ]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.diagnosis.anonymous import anonymous_library
+from mazeplan.diagnosis.anonymous import anonymous_library, placebos
 from mazeplan.diagnosis.fit import Fit, Likelihood, best_q, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
@@ -21,8 +21,8 @@ from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.remainder import Remainder, remainder
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
-from mazeplan.diagnosis.scores import Score, matched_target, score
-from mazeplan.diagnosis.search import Finding, search, with_stage
+from mazeplan.diagnosis.scores import Score, matched_target, ring_of, score
+from mazeplan.diagnosis.search import Finding, search
 from mazeplan.diagnosis.windows import WindowLikelihood
 
 DELAY = 0.005  # s; a command delay worth a word
@@ -46,6 +46,18 @@ class Diagnosis:
     test: tuple[Score, Score] | None = None
     held: str = ""
     remainder: Remainder | None = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know."""
+        learned = ()
+        if self.remainder is not None:
+            learned = (
+                f"nRMSE of theta_dd with what is left learned by a Gaussian process, without a name: "
+                f"{self.remainder.nrmse:.4f}.",
+            )
+        scored = f"Scores are of {self.held}, which search and fits did not see."
+        return (scored, f"Tilt: {self.tilt_source}.", *learned, *self.notes)
 
     def document(self) -> dict[str, Any]:
         """The JSON of it."""
@@ -85,7 +97,7 @@ class Diagnosis:
             same = f"nRMSE of theta_dd {before.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
         if self.verdict == "nothing_missing":
             return f"Nothing is missing: {same}."
-        names = [_words(effect) for effect in self.effects]
+        names = [effect_words(effect) for effect in self.effects]
         if self.verdict == "unknown_effect":
             also = f" besides {', '.join(names)}" if names else ""
             return f"Something is there that has no name{also}: {describe_unknown(self.finding)}; {change}."
@@ -95,7 +107,8 @@ class Diagnosis:
         return f"The model lacks {', '.join(names)}{tail}: {change}."
 
 
-def _words(effect: dict[str, Any]) -> str:
+def effect_words(effect: dict[str, Any]) -> str:
+    """An effect with its sizes."""
     numbers = ", ".join(
         f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
     )
@@ -135,21 +148,21 @@ def diagnose(
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
     named = [c for c in ring_library() if circle is None or c.acts != CAMERA]
-    library = [*named, *wall_library(gates or Gates()), *anonymous_library()]
+    library = [*named, *wall_library(gates or Gates()), *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
-    if record.u is None and matched_target(straight.system) is not None:
+    if record.u is None and matched_target(ring_of(straight)) is not None:
         finding = _by_windows(straight, library, rows, tell)
     else:
-        finding = with_stage(straight, search(straight, library, tell), along)
+        finding = search(straight, library, tell, along=along)
     effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
     tell("scores on what was held out")
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
-        _verdict(finding, effects), tuple(effects), finding, circle, stage, score(plain, base, held),
+        verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, held),
         score(straight, finding.final, held), tilt.source, record.notes, held=which,
-        remainder=remainder(straight, finding.final, record, rows, held, tell),
+        remainder=_remainder(straight, finding, record, rows, held, tell),
     )  # fmt: skip
     if test is None:
         return done
@@ -159,12 +172,27 @@ def diagnose(
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
 
 
+def _remainder(
+    likelihood: Likelihood,
+    finding: Finding,
+    record: Record,
+    rows: np.ndarray,
+    held: np.ndarray,
+    tell: Callable[[str], None],
+) -> Remainder | None:
+    """What is left, learned without a name, where something is left: an unknown, or blows that the record's own
+    accelerations show."""
+    if finding.unknown is None and matched_target(ring_of(likelihood)) is None:
+        return None
+    return remainder(likelihood, finding.final, record, rows, held, tell)
+
+
 def _by_windows(
     likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
 ) -> Finding:
     """The finding of a record of smoothed accelerations whose tilt is known by its sensor alone; noises of the final
     model by its filter, for roll-outs."""
-    finding = search(WindowLikelihood(likelihood.system, library, rows), library, tell, MANY)
+    finding = search(WindowLikelihood(ring_of(likelihood), library, rows), library, tell, most=MANY)
     q = best_q(likelihood, finding.final.values)
     e, *_ = likelihood.whitened(finding.final.values, q)
     return replace(finding, final=replace(finding.final, q=q, noise=float(np.sqrt(np.mean(e * e)))))
@@ -225,12 +253,12 @@ def _entry(final: Fit, name: str) -> dict[str, Any]:
     }
 
 
-def _verdict(finding: Finding, effects: list[dict[str, Any]]) -> str:
+def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Sequence[Candidate]) -> str:
     """In a word. Of two effects that explain as well, the one with fewer parameters is taken; where none has fewer, the
     record cannot tell them apart."""
     if finding.unknown is not None:
         return "unknown_effect"
-    counts = {c.name: len(c.parameters) for c in (*ring_library(), *finding.final.candidates)}
+    counts = {c.name: len(c.parameters) for c in library}
     for chosen, *others in finding.alike:
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"

@@ -10,7 +10,7 @@ import numpy as np
 
 from mazeplan.diagnosis.kalman import Moves, innovations
 from mazeplan.diagnosis.library import CAMERA, Candidate, Spec
-from mazeplan.diagnosis.ringsystem import RingSystem, Values
+from mazeplan.diagnosis.system import System, Values
 from mazeplan.records import Array
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
@@ -46,7 +46,7 @@ class Likelihood:
 
     noisy, repeats = True, 1.0
 
-    def __init__(self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray) -> None:
+    def __init__(self, system: System, library: Sequence[Candidate], rows: np.ndarray) -> None:
         """rows (N,): which count."""
         self.system, self.library, self.rows = system, list(library), rows
         n = len(system)
@@ -174,7 +174,11 @@ def fit(
             break
     e, _, _ = likelihood.whitened(values_of(x), q)
     variance = float(np.mean(e * e))
-    found = values_of(_sigma(J, likelihood.repeats * variance, np.array([spec.prior for *_, spec in names]))) if len(x) else {}
+    found = (
+        values_of(_sigma(J, likelihood.repeats * variance, np.array([spec.prior for *_, spec in names])))
+        if len(x)
+        else {}
+    )
     return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, found, len(x))
 
 

@@ -3,8 +3,8 @@
     r = R + x_0 cos(theta) + y_0 sin(theta)     to first order in the offset
 
 for a camera whose centre is (x_0, y_0) off. A shifted circle also bends theta, so it is straightened before the ball is
-looked at. Where r was not measured, a ball that is known to stay at the track radius R tells the offset by how it moves:
-it was seen at the angle theta of (x_0 + R cos(phi), y_0 + R sin(phi)), hence
+looked at. Where r was not measured, a ball that is known to stay at the track radius R tells the offset by how it
+moves: it was seen at the angle theta of (x_0 + R cos(phi), y_0 + R sin(phi)), hence
 
     phi = theta + asin((x_0 sin(theta) - y_0 cos(theta)) / R)
 """

@@ -17,10 +17,10 @@ def seen_and_held(record: Record) -> tuple[np.ndarray, np.ndarray, str]:
     """Rows that are seen, rows that are held out (N,), and in words which.
 
     Of an uninterrupted record the last part is held out: a model is to predict what comes later. A record in many
-    pieces has no such order: nobody knows how long ago the last one was, and the ball is in different places in each. So
-    blocks all over it are held out."""
+    pieces has no such order: nobody knows how long ago the last one was, and the ball is in different places in each.
+    So blocks all over it are held out."""
     known = np.isfinite(record.theta)
-    lengths = np.diff([*np.flatnonzero(record.first), len(record)])
+    lengths = np.diff(np.append(np.flatnonzero(record.first), len(record)))
     if record.u is None and lengths.max() < LONGEST * len(record):
         split = block_split(record.segment, record.dt, block_s=BLOCK_S, test_share=1.0 - SEEN, guard=GUARD)
         return split.train, split.test, f"blocks of {BLOCK_S:g} s all over the record"

@@ -69,9 +69,9 @@ class Problem(NamedTuple):
     dry: int
     gates: IntArray
     turn: float
-    gate_at: Array
-    wall: int
-    pull: float
+    gate_at: Array = np.empty((0, 2))
+    wall: int = -1
+    pull: float = 0.0
 
 
 class _Core(NamedTuple):

@@ -35,10 +35,10 @@ class Spec:
 @dataclass(frozen=True)
 class Candidate:
     """An effect that may be missing. acts: term (its compiled function is `term`), ring (parameters of the ring's own
-    equation), dry, wall, gate, delay, camera; starts: where fits begin, each a tuple of values; named: False for what only says that
-    something is there; depends_on: variables, for those; places:
-    parameters that say where or how, not how large; pattern: of gates that have angle and loss in common, what is added
-    to the angle, rad; side: of the wall they are in, 1 outer, -1 inner, 0 not known."""
+    equation), dry, wall, gate, delay, camera; starts: where fits begin, each a tuple of values; named: False for what
+    only says that something is there; depends_on: variables, for those; places: parameters that say where, not how
+    large; placebo: it cannot be there, and is tried to see what chance does; pattern: of gates that have angle and loss
+    in common, what is added to the angle, rad; side: of the wall they are in, 1 outer, -1 inner, 0 not known."""
 
     name: str
     parameters: dict[str, Spec]
@@ -48,6 +48,7 @@ class Candidate:
     named: bool = True
     depends_on: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
+    placebo: bool = False
     pattern: tuple[float, ...] = (0.0,)
     side: float = 0.0
 

@@ -20,8 +20,8 @@ STILL = 3e-3  # rad; a plate that tilts by less tells nothing
 @dataclass(frozen=True)
 class Record:
     """One ring. t (N,): s, by counting samples; theta (unwrapped in each stretch), r: NaN where not seen, r None where
-    not measured; first: a stretch begins; beta, gamma, and u (N, 2) or None; notes: what was found odd; theta_ddot (N,):
-    the record's own, rad/s^2, None where it brings none."""
+    not measured; first: a stretch begins; beta, gamma, and u (N, 2) or None; notes: what was found odd; theta_ddot
+    (N,): the record's own, rad/s^2, None where it brings none."""
 
     t: Array
     dt: float

@@ -20,7 +20,7 @@ import numpy as np
 from mazeplan.data.table import Table
 from mazeplan.diagnosis.fit import Fit, Likelihood
 from mazeplan.diagnosis.record import Record
-from mazeplan.diagnosis.scores import MATCHED, acceleration_pairs, nrmse, plain
+from mazeplan.diagnosis.scores import MATCHED, acceleration_pairs, nrmse, plain, ring_of
 from mazeplan.errors import InputError
 from mazeplan.models.features import INPUT_SETS
 from mazeplan.models.fitting import FitOptions, fit_process
@@ -56,7 +56,7 @@ def remainder(
 ) -> Remainder | None:
     """Learned on rows that were seen (N,), scored on those held out; None where torch is missing or rows are few."""
     target, predicted = acceleration_pairs(likelihood, fitted)
-    samples = _samples(record, likelihood.system.radius)
+    samples = _samples(record, ring_of(likelihood).radius)
     left = (target - predicted)[samples.row]
     good = samples.good & np.isfinite(left)
     train, test = (np.flatnonzero(good & rows[samples.row]) for rows in (seen, held))
@@ -65,7 +65,9 @@ def remainder(
     tell("what is left, by a Gaussian process")
     options = FitOptions(most=MOST, inputs="local", training=TRAINING)
     try:
-        process, _ = fit_process(samples.at(train), left[train], "", options, lambda text: tell(f"what is left: {text}"))
+        process, _ = fit_process(
+            samples.at(train), left[train], "", options, lambda text: tell(f"what is left: {text}")
+        )
     except InputError:  # torch is an extra
         return None
     better = np.full(len(target), np.nan)

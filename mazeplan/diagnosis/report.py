@@ -7,11 +7,11 @@ import html
 import io
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from mazeplan.diagnosis.diagnose import Diagnosis
+from mazeplan.diagnosis.search import Finding
 
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
@@ -26,17 +26,55 @@ img {{ max-width: 100% }} .note {{ color: #666 }}
 """
 
 
-LABELS = {
-    "nrmse": "nRMSE of theta_dd",
-    "rollout20": "theta error after 20 samples, rad",
-    "rollout40": "theta error after 40 samples, rad",
-}
+class Scores(Protocol):
+    """Numbers before or after. labels: attribute -> words with its unit; drawn: which is drawn; floor: what noise alone
+    would cause of that one, NaN where nobody knows."""
+
+    labels: ClassVar[dict[str, str]]
+    drawn: ClassVar[str]
+
+    @property
+    def floor(self) -> float:
+        """See above."""
+        ...
 
 
-def write_report(done: Diagnosis, path: Path, title: str) -> None:
+class Diagnosed(Protocol):
+    """What a report shows."""
+
+    @property
+    def effects(self) -> tuple[dict[str, Any], ...]:
+        """As in the JSON."""
+        ...
+
+    @property
+    def finding(self) -> Finding:
+        """What the search returned."""
+        ...
+
+    @property
+    def before(self) -> Scores:
+        """Without what was found."""
+        ...
+
+    @property
+    def after(self) -> Scores:
+        """With what was found."""
+        ...
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the numbers should know."""
+        ...
+
+    def sentence(self) -> str:
+        """The finding in one sentence."""
+        ...
+
+
+def write_report(done: Diagnosed, path: Path, title: str) -> None:
     """Write the page: one file, nothing loaded from elsewhere."""
-    seen = f"Scores are of {done.held}, which search and fits did not see."
-    notes = [f"Tilt: {done.tilt_source}.", seen, *done.notes]
+    notes = done.remarks
     path.write_text(
         PAGE.format(
             title=html.escape(title),
@@ -48,15 +86,14 @@ def write_report(done: Diagnosis, path: Path, title: str) -> None:
     )
 
 
-def _tables(done: Diagnosis) -> str:
+def _tables(done: Diagnosed) -> str:
     rows = ["<table><tr><th>on what was held out</th><th>before</th><th>after</th></tr>"]
-    for name, label in LABELS.items():
+    for name, label in done.after.labels.items():
         before, after = (f"{getattr(part, name):.4f}" for part in (done.before, done.after))
         rows.append(f"<tr><td>{label}</td><td>{before}</td><td>{after}</td></tr>")
-    rows.append(f"<tr><td>what noise alone would cause after 40, rad</td><td></td><td>{done.after.floor:.4f}</td></tr>")
-    if done.remainder is not None:
-        learned = f"<td></td><td>{done.remainder.nrmse:.4f}</td>"
-        rows.append(f"<tr><td>nRMSE of theta_dd, what is left learned without a name</td>{learned}</tr>")
+    if math.isfinite(done.after.floor):
+        words = f"{done.after.labels[done.after.drawn]}, by noise alone"
+        rows.append(f"<tr><td>{words}</td><td></td><td>{done.after.floor:.4f}</td></tr>")
     rows.append("</table>")
     if done.effects:
         rows.append("<table><tr><th>effect</th><th>parameter</th><th>value</th><th>standard error</th></tr>")
@@ -69,7 +106,7 @@ def _tables(done: Diagnosis) -> str:
     return "".join(rows)
 
 
-def _picture(done: Diagnosis) -> bytes:
+def _picture(done: Diagnosed) -> bytes:
     """Candidates ranked; scores against the noise floor."""
     from matplotlib.figure import Figure
 
@@ -83,11 +120,13 @@ def _picture(done: Diagnosis) -> bytes:
     ranks.set_xscale("symlog", linthresh=15)
     ranks.axvline(15.0, color="#d55e00", lw=1)
     ranks.set_title("one effect added, each by itself", fontsize=10)
-    values = [done.before.rollout40, done.after.rollout40, done.after.floor]
-    bars.bar(["before", "after", "noise alone"], values, color=["#d55e00", "#009e73", "#bbbbbb"])
-    for i, value in enumerate(values):
+    name = done.after.drawn
+    shown = {"before": getattr(done.before, name), "after": getattr(done.after, name), "noise alone": done.after.floor}
+    shown = {key: value for key, value in shown.items() if math.isfinite(value)}
+    bars.bar(list(shown), list(shown.values()), color=["#d55e00", "#009e73", "#bbbbbb"][: len(shown)])
+    for i, value in enumerate(shown.values()):
         bars.text(i, value, f"{value:.4f}", ha="center", va="bottom", fontsize=9)
-    bars.set_ylabel("theta error after 40 samples, rad")
+    bars.set_ylabel(done.after.labels[name])
     bars.set_title("rows held out", fontsize=10)
     out = io.BytesIO()
     figure.savefig(out, dpi=130)

@@ -15,6 +15,7 @@ from mazeplan.diagnosis.anonymous import PAST
 from mazeplan.diagnosis.geometry import as_seen, bending, unbent
 from mazeplan.diagnosis.kalman import NODES, TERM, Moves, Problem
 from mazeplan.diagnosis.library import CAMERA, DELAY, DRY, GATE, RING, STAGE, WALL, Candidate
+from mazeplan.diagnosis.system import Values
 from mazeplan.maths.compiled import address_of, pointer_to
 from mazeplan.records import Array
 
@@ -26,8 +27,6 @@ RING_SLOTS = {  # parameters of `ring_coefficients`, with what they are without 
     ("rolling_inertia", "factor"): 1.0, ("tilt_offset", "beta"): 0.0, ("tilt_offset", "gamma"): 0.0,
     ("tilt_gain", "beta"): 1.0, ("tilt_gain", "gamma"): 1.0,
 }  # fmt: skip
-
-Values = dict[str, dict[str, float]]  # effect -> parameter -> value
 
 
 @dataclass(frozen=True)
@@ -67,9 +66,9 @@ def _hermite(motion, start, h, times, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(motions, errors, past, p, out):
-    """Inputs (N, nodes, W) from motions (1 + S, N, nodes, 6), relative errors (S,) of the stage's parameters, past
-    speeds and the parameters of `ring_coefficients`."""
+def _fill(motions, errors, beside, p, out):
+    """Inputs (N, nodes, W) from motions (1 + S, N, nodes, 6), relative errors (S,) of the stage's parameters, what
+    stands beside them (N, 5): past speeds, inputs of placebos, and the parameters of `ring_coefficients`."""
     for k in range(out.shape[0]):
         for i in range(out.shape[1]):
             w = pointer_to(out, (k * out.shape[1] + i) * out.shape[2])
@@ -79,8 +78,8 @@ def _fill(motions, errors, past, p, out):
                 if errors[j] != 0.0:
                     for c in range(6):
                         w[c] += errors[j] * motions[1 + j, k, i, c]
-            for c in range(3):
-                w[6 + c] = past[k, c]
+            for c in range(beside.shape[1]):
+                w[terms.PAST_AT + c] = beside[k, c]
             terms.ring_coefficients(w, pointer_to(p, 0))
 
 
@@ -93,6 +92,8 @@ def _forget(kept: dict, most: int) -> None:
 class RingSystem:
     """Problems for `kalman`, made from a record and the values of effects."""
 
+    weakest = 0.08  # rad/s^2
+
     def __init__(self, t: Array, theta: Array, first: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
         """t, theta (N,): s, rad, unwrapped in each stretch, NaN where not seen; first (N,): a stretch begins; declared:
         what the model has already."""
@@ -100,7 +101,7 @@ class RingSystem:
         self.declared = declared
         self.target: Array | None = None  # accelerations that the record brings, rad/s^2
         self.dt = float(np.median(np.diff(t)))
-        self._past = self._low_passed()
+        self._beside = np.hstack([self._low_passed(), self._backwards()])
         self._motions: dict[tuple[float, bool], Array] = {}
         self._averages: dict[tuple[float, bool], Array] = {}
         self._inputs: dict[tuple[float, ...], Array] = {}
@@ -118,6 +119,10 @@ class RingSystem:
             keep = math.exp(-self.dt / tau)
             out[:, i] = np.asarray(lfilter([1.0 - keep], [1.0, -keep], steps))
         return out
+
+    def _backwards(self) -> Array:
+        """Tilts (N, 2) of the record played backwards: what no ball can feel, for placebos."""
+        return self.tilt.at(np.asarray(self.t[::-1]))[:, [0, 3]]
 
     def _motion(self, delay: float, stage: bool = True) -> Array:
         """Motion of the plate (1 + S, N, NODES, 6) from each sample on, `delay` s earlier; behind it, if wanted, its
@@ -145,7 +150,7 @@ class RingSystem:
         if key not in self._inputs:
             _forget(self._inputs, KEPT_INPUTS)
             out = np.empty((len(self.t), NODES, WIDTH))
-            _fill(self._motion(delay), errors, self._past, p, out)
+            _fill(self._motion(delay), errors, self._beside, p, out)
             self._inputs[key] = out
         return self._inputs[key]
 
@@ -219,7 +224,7 @@ class RingSystem:
 
     def _mean_inputs(self, motions: Array, errors: Array, p: Array) -> Array:
         out = np.empty((len(self.t), 2, WIDTH))
-        _fill(motions, errors, self._past, p, out)
+        _fill(motions, errors, self._beside, p, out)
         return out
 
     def offset(self, values: Values) -> tuple[float, float] | None:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.signal import savgol_coeffs
@@ -50,10 +50,16 @@ class Score:
     rollout40: float
     floor: float
     windows: int
+    labels: ClassVar[dict[str, str]] = {
+        "nrmse": "nRMSE of theta_dd",
+        "rollout20": "theta error after 20 samples, rad",
+        "rollout40": "theta error after 40 samples, rad",
+    }
+    drawn: ClassVar[str] = "rollout40"
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
-        return {name: plain(getattr(self, name)) for name in ("nrmse", "rollout20", "rollout40")}
+        return {name: plain(getattr(self, name)) for name in self.labels}
 
 
 def plain(value: float) -> float | None:
@@ -61,9 +67,16 @@ def plain(value: float) -> float | None:
     return round(value, 5) if math.isfinite(value) else None
 
 
+def ring_of(likelihood: Likelihood) -> RingSystem:
+    """The system of a likelihood, which must be a ring. Raises TypeError."""
+    if not isinstance(likelihood.system, RingSystem):
+        raise TypeError(f"got a {type(likelihood.system).__name__}, expected a ring")
+    return likelihood.system
+
+
 def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> Score:
     """Scores on some rows (N,)."""
-    system = likelihood.system
+    system = ring_of(likelihood)
     target, predicted = acceleration_pairs(likelihood, fitted)
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
@@ -95,7 +108,7 @@ def nrmse(target: Array, predicted: Array, rows: np.ndarray) -> float:
 
 def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Array]:
     """Target and the model's prediction of theta_dd (N,), rad/s^2, both smoothed alike; NaN where not known."""
-    system = likelihood.system
+    system = ring_of(likelihood)
     target = matched_target(system)
     if target is not None:
         return target, _matched(likelihood, fitted)
@@ -120,7 +133,7 @@ def matched_target(system: RingSystem) -> Array | None:
 
 def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
     """Predicted positions of each window under the weights of `MATCHED`, (N,)."""
-    system, half = likelihood.system, MATCHED.window // 2
+    system, half = ring_of(likelihood), MATCHED.window // 2
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
     n = len(system)

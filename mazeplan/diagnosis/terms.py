@@ -62,7 +62,8 @@ def oscillation(x, v, t, w, p):
     return p[1] * math.cos(phase) + p[2] * math.sin(phase)
 
 
-RING_AT = 9  # where in w the coefficients of `ring` begin: behind the plate's motion (6) and past speeds (3)
+PAST_AT, PLACEBO_AT = 6, 9  # where in w past speeds (3) and the placebos' inputs (2) begin, behind the plate's motion
+RING_AT = 11  # ... and the coefficients of `ring`
 RING_COUNT = 5
 
 
@@ -70,7 +71,7 @@ RING_COUNT = 5
 def ring(x, v, t, w, p):
     """A ball in a ring of a tilting plate, without friction; p: camera's angle (rad); w: see `ring_coefficients`."""
     sin, cos = math.sin(x - p[0]), math.cos(x - p[0])
-    return w[9] + sin * (w[10] * sin + w[11] * cos - w[12]) - w[13] * cos
+    return w[11] + sin * (w[12] * sin + w[13] * cos - w[14]) - w[15] * cos
 
 
 @njit(cache=True, error_model="numpy")
@@ -102,8 +103,8 @@ def ring_coefficients(w, p):
     b, bd, bdd = w[0] / p[4], w[1] / p[4], w[2] / p[4]
     c, cd = w[3] / p[5], w[4] / p[5]
     cos_c = _cosine(c)
-    w[9] = bdd * _sine(c)
-    w[10] = 2.0 * bd * cd * cos_c
-    w[11] = cd * cd - bd * bd * cos_c * cos_c
-    w[12] = p[0] * p[1] * _sine(b + p[2])
-    w[13] = p[0] * p[1] * _sine(c + p[3]) * _cosine(b + p[2])
+    w[11] = bdd * _sine(c)
+    w[12] = 2.0 * bd * cd * cos_c
+    w[13] = cd * cd - bd * bd * cos_c * cos_c
+    w[14] = p[0] * p[1] * _sine(b + p[2])
+    w[15] = p[0] * p[1] * _sine(c + p[3]) * _cosine(b + p[2])

@@ -8,15 +8,15 @@ the residual is what is to be explained,
 
 with the weights c of a Savitzky-Golay second derivative and positions theta^ predicted from the first sample of the
 window on (`scores`, matched). Neighbouring windows share samples: for white noise in the acceleration, which the
-smoothing averages with weights w, n of them are worth n sum(w^2). What no effect explains comes in blows, so that errors
-have long tails: Student's distribution with nu degrees of freedom and scale s, eliminated,
+smoothing averages with weights w, n of them are worth n sum(w^2). What no effect explains comes in blows, so that
+errors have long tails: Student's distribution with nu degrees of freedom and scale s, eliminated,
 
     -2 log L = n sum(w^2) [ 2 log s + (nu + 1) mean log(1 + e^2 / (nu s^2)) ]
 
 which weighs residuals by (nu + 1) / (nu + e^2 / s^2).
 
-Derivatives by what makes the path jump (friction at rest, gates, the camera) are differences; those by a smooth force are
-the force itself, averaged as the smoothing does.
+Derivatives by what makes the path jump (friction at rest, gates, the camera) are differences; those by a smooth force
+are the force itself, averaged as the smoothing does.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class WindowLikelihood(Likelihood):
     def __init__(self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray) -> None:
         """rows (N,): which count. Raises ValueError for a record without accelerations of its own."""
         super().__init__(system, library, rows)
-        target = matched_target(system)
+        self.ring, target = system, matched_target(system)
         if target is None:
             raise ValueError("the record brings no accelerations by the smoothing that is known")
         half = MATCHED.window // 2
@@ -72,7 +72,7 @@ class WindowLikelihood(Likelihood):
             problem, p = self.system.build(self.library, values)
             out = np.empty((len(self.windows), MATCHED.window))
             coasts(problem, p, self.windows - MATCHED.window // 2, out)
-            self._kept[key] = self.target - self.system.seen_at(values, out) @ self.weights
+            self._kept[key] = self.target - self.ring.seen_at(values, out) @ self.weights
         return self._kept[key]
 
     def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
@@ -98,7 +98,7 @@ class WindowLikelihood(Likelihood):
     def _averaged(self, values: Values) -> Array:
         """Acceleration along the measured path, averaged over each window as the smoothing does (n,). What it changes
         of the path within a window is a few percent of its own effect: enough for the direction of a step."""
-        system, half = self.system, MATCHED.window // 2
+        system, half = self.ring, MATCHED.window // 2
         problem, p = system.build(self.library, values)
         x = np.nan_to_num(problem.y)
         out = np.empty(len(x))

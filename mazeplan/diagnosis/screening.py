@@ -1,0 +1,121 @@
+"""Candidates of one round of the search: which are worth a full fit, and what it gives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.diagnosis.fit import Fit, Likelihood, fit, forecast
+from mazeplan.diagnosis.kalman import accelerations
+from mazeplan.diagnosis.library import Candidate, Spec
+from mazeplan.diagnosis.system import Values
+from mazeplan.diagnosis.terms import oscillation
+
+ACCEPT = 15.0  # of -2 log L
+SURE = 3.0  # standard errors
+NAMED, NAMELESS = 4, 2  # candidates that get a full fit in each round
+MORE = 7  # named ones of a record from a real rig, in which many effects are at work at once
+SWING = 1.25  # amplitude of a force that swings with time, in the system's `weakest`
+PEAK = 18.0  # of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate added to what was accepted: its fit, and by how much it lowered -2 log L, penalty taken off;
+    strength: root mean square over the system's `weakest`, of a term that has no smallest size of its own."""
+
+    candidate: Candidate
+    fit: Fit
+    gain: float
+    raw: float
+    strength: float = math.inf
+
+    def sure(self, declared: Values) -> bool:
+        """Whether it is believed."""
+        if not self.gain > ACCEPT:
+            return False
+        c, values, stderr = self.candidate, self.fit.values[self.candidate.name], self.fit.stderr[self.candidate.name]
+        had = declared.get(c.name, {})
+        certain = any(
+            abs(values[n] - had.get(n, spec.default)) > SURE * stderr[n]
+            for n, spec in c.parameters.items()
+            if n not in c.places
+        )
+        return certain and c.size(values, had) >= 1.0 and self.strength >= 1.0
+
+
+def promising(
+    likelihood: Likelihood, current: Fit, library: Sequence[Candidate]
+) -> list[tuple[Candidate, dict[str, float]]]:
+    """The candidates worth a full fit, with their starts: the best by one linear step, named and unnamed."""
+    found: list[tuple[float, Candidate, dict[str, float]]] = []
+    for c in library:
+        names, declared = list(c.parameters), likelihood.system.declared.get(c.name)
+        starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first()
+        if len(starts) > 1:  # held fixed first, with either sign of the last parameter
+            low = list(c.parameters.values())[-1].low
+            starts = [(*v[:-1], sign * v[-1]) for v in starts for sign in (1.0, -1.0) if sign * v[-1] >= low]
+            scores = [
+                likelihood.minus2({**current.values, c.name: dict(zip(names, v, strict=True))}, current.q)
+                for v in starts
+            ]
+            starts = [starts[int(np.argmin(scores))]]
+        start = dict(zip(names, starts[0], strict=True))
+        found.append((forecast(likelihood, current, c, start) - price(likelihood, c), c, start))
+    found.sort(key=lambda entry: -entry[0])
+    named = [entry for entry in found if entry[1].named and entry[0] > 0.0]
+    named = named[: NAMED if likelihood.noisy else MORE]
+    nameless = [entry for entry in found if not entry[1].named and not entry[1].placebo and entry[0] > 0.0][:NAMELESS]
+    chance = [entry for entry in found if entry[1].placebo][:1]
+    return [(c, start) for _, c, start in named + nameless + chance]
+
+
+def price(likelihood: Likelihood, c: Candidate) -> float:
+    """What its parameters cost: k log N."""
+    return len(c.parameters) * math.log(max(float(likelihood.rows.sum()) / likelihood.repeats, 2.0))
+
+
+def try_one(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str, float]) -> Trial:
+    """The candidate together with what was accepted, all free."""
+    found = fit(likelihood, [*current.candidates, c], {**current.values, c.name: start}, current.q)
+    raw = current.minus2 - found.minus2
+    return Trial(
+        c, found, raw - price(likelihood, c), raw, math.inf if c.named else _strength(likelihood, current, found)
+    )
+
+
+def _strength(likelihood: Likelihood, current: Fit, found: Fit) -> float:
+    """Root mean square of what a fit changes over the rows of the fit, in multiples of the weakest worth a word: what
+    others could do as well does not count."""
+    states, parts = likelihood.filtered(found.values, found.q), []
+    for values in (found.values, current.values):
+        problem, p = likelihood.system.build(likelihood.library, values)
+        out = np.empty(len(states))
+        accelerations(problem, p, states[:, 0].copy(), states[:, 1].copy(), out)
+        parts.append(out)
+    return float(np.sqrt(np.mean((parts[0] - parts[1])[likelihood.rows] ** 2)) / likelihood.system.weakest)
+
+
+def swinging(likelihood: Likelihood, current: Fit) -> Trial:
+    """A force that swings with time, at the highest peak of the whitened residual."""
+    e, *_ = likelihood.whitened(current.values, current.q)
+    power = np.abs(np.fft.rfft(e - e.mean())) ** 2 / max(len(e) * float(np.var(e)), 1e-300)
+    frequency = np.fft.rfftfreq(len(e), likelihood.system.dt)
+    k = int(np.argmax(power[1:])) + 1
+    amplitude = Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, SWING * likelihood.system.weakest)
+    c = Candidate(
+        "oscillation",
+        {"frequency": Spec("Hz", 0.0, 0.0, 15.0, 1e-5), "cos": amplitude, "sin": amplitude},
+        term=oscillation,
+        named=False,
+        depends_on=("time",),
+        places=("frequency",),
+    )
+    if power[k] < PEAK:
+        return Trial(c, current, -math.inf, 0.0)
+    start = {**current.values, c.name: {"frequency": float(frequency[k]), "cos": 0.05, "sin": 0.05}}
+    likelihood.add(c)
+    return try_one(likelihood, current, c, start[c.name])
