@@ -24,6 +24,7 @@ from bench_drive import drive_section
 from bench_models import measured_section, toy_section, training_section
 from bench_moves import moves_section
 from bench_predictability import predictability_section
+from bench_real import real_section
 from bench_solver import solver_section
 
 from mazeplan.settings import load_settings
@@ -148,6 +149,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         toy_section(mazeplan, quick),
         predictability_section(quick),
         diagnose_section(quick),
+        real_section(quick),
     ]
 
 
@@ -168,6 +170,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "training": lambda quick: training_section(), "solver": timed_solver_section,
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section,
+    "real": real_section,
 }  # fmt: skip
 
 

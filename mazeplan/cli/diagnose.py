@@ -75,7 +75,7 @@ def diagnose(
     gates = None
     if radius is None:
         number = _ring(table, maze, ring)
-        where, rows, gates = maze.track_radius(number), _in_ring(table, maze, number), _gates(maze, number)
+        where, rows, gates = maze.track_radius(number), _in_ring(table, maze, number), gates_of(maze, number)
         known = load_model(model).declared(number) if model is not None else {}
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
@@ -110,7 +110,7 @@ def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title
         print(f"report: {document['report']}")
 
 
-def _gates(maze: Maze, number: int) -> Gates:
+def gates_of(maze: Maze, number: int) -> Gates:
     """Openings in the walls of a ring."""
     from mazeplan.diagnosis.library import Gates
 

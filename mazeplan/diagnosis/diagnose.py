@@ -190,12 +190,27 @@ def _remainder(
 def _by_windows(
     likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
 ) -> Finding:
-    """The finding of a record of smoothed accelerations whose tilt is known by its sensor alone; noises of the final
-    model by its filter, for roll-outs."""
-    finding = search(WindowLikelihood(ring_of(likelihood), library, rows), library, tell, most=MANY)
-    q = best_q(likelihood, finding.final.values)
-    e, *_ = likelihood.whitened(finding.final.values, q)
-    return replace(finding, final=replace(finding.final, q=q, noise=float(np.sqrt(np.mean(e * e)))))
+    """The finding of a record of smoothed accelerations whose tilt is known by its sensor alone: first forces that act
+    all the time, then what takes a share of the blows; noises of the final model by its filter, for roll-outs."""
+    system = ring_of(likelihood)
+    tell("forces")
+    steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
+    had, values = steady.final.candidates, steady.final.values
+    tell("blows")
+    rest = [c for c in library if c.name not in values and c.named]
+    squares = WindowLikelihood(system, library, rows, math.inf)
+    found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
+    values = found.final.values
+    q = best_q(likelihood, values)
+    e, *_ = likelihood.whitened(values, q)
+    final = replace(found.final, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    worth = {**steady.worth, **found.worth}
+    groups = (
+        (first, *(name for name in others if name not in values))  # those that joined later were told apart
+        for first, *others in steady.alike + found.alike
+        if first in values
+    )
+    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth)
 
 
 def _likelihood(

@@ -221,7 +221,7 @@ def _gauss_newton(
         e, J = likelihood.jacobian(values_of(x), q, [(c, n, s) for (c, n, _), s in zip(names, inward, strict=True)])
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-12)
         A, g = (J / scale).T @ (J / scale), (J / scale).T @ e
-        variance = float(np.mean(e * e))
+        variance = likelihood.repeats * float(np.mean(e * e))
         A += np.diag(variance / (prior * scale) ** 2)
         g += variance * (x - default) / (prior**2 * scale)
         held = ((x <= low) & (g > 0.0)) | ((x >= high) & (g < 0.0))  # at a bound, and pulled against it

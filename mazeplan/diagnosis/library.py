@@ -15,6 +15,7 @@ from mazeplan.diagnosis import terms, wallterms
 
 TERM, RING, DRY, GATE, DELAY, STAGE = "term", "ring", "dry", "gate", "delay", "stage"
 WALL, CAMERA = "wall", "camera"
+CALIBRATED = 0.1  # by how much the scale of a tilt sensor is off, one standard deviation: it was held against a level
 GATES = 8  # directions in which gates of a wall are looked for, between one and the next
 
 
@@ -184,7 +185,7 @@ def ring_library() -> list[Candidate]:
         ),
         Candidate(
             "tilt_gain",
-            {"beta": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012), "gamma": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012)},
+            {axis: Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012, CALIBRATED) for axis in ("beta", "gamma")},
             RING,
         ),
         Candidate("axis_misalignment", {"angle": Spec("rad", 0.0, -0.8, 0.8, 1e-4, 0.005)}, RING),

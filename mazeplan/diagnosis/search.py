@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.library import Candidate
 from mazeplan.diagnosis.screening import ACCEPT, Trial, price, promising, swinging, try_one
+from mazeplan.diagnosis.system import Values
 
 KEEP = 10.0  # of -2 log L
 ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within this cannot be told apart
@@ -45,10 +46,12 @@ def search(
     free: Sequence[Candidate] = (),
     along: Sequence[Candidate] = (),
     most: int = MOST,
+    start: Values | None = None,
 ) -> Finding:
     """What is missing from the declared model; free: what is known to be there and fitted in every fit; along: what the
-    tilt sensor leaves open of the stage, fitted where it is decided; most: effects that are added."""
-    return _Search(likelihood, library, tell, free, along).run(most)
+    tilt sensor leaves open of the stage, fitted where it is decided; most: effects that are added; start:
+    values of what is free, where they are about known."""
+    return _Search(likelihood, library, tell, free, along).run(most, start or {})
 
 
 class _Search:
@@ -65,9 +68,10 @@ class _Search:
         self._loose: dict[int, Fit] = {}
         self._kept: list[Fit] = []  # alive, so that no other takes their place among the keys
 
-    def run(self, most: int) -> Finding:
+    def run(self, most: int, known: Values) -> Finding:
         """Rounds until nothing more is believed, or so many effects were added."""
         start = {c.name: dict(zip(c.parameters, c.first()[0], strict=True)) for c in self._free}
+        start |= known
         current = base = fit(self._likelihood, self._free, start)
         ranked: tuple[Trial, ...] = ()
         alike: list[tuple[str, ...]] = []

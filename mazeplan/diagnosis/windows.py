@@ -13,7 +13,8 @@ errors have long tails: Student's distribution with nu degrees of freedom and sc
 
     -2 log L = n sum(w^2) [ 2 log s + (nu + 1) mean log(1 + e^2 / (nu s^2)) ]
 
-which weighs residuals by (nu + 1) / (nu + e^2 / s^2).
+which weighs residuals by (nu + 1) / (nu + e^2 / s^2). So are found forces that act all the time. Blows
+themselves count for little then; what takes a share of them is found with nu infinite, least squares.
 
 Derivatives by what makes the path jump (friction at rest, gates, the camera) are differences; those by a smooth force
 are the force itself, averaged as the smoothing does.
@@ -46,9 +47,13 @@ class WindowLikelihood(Likelihood):
 
     noisy = False
 
-    def __init__(self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray) -> None:
-        """rows (N,): which count. Raises ValueError for a record without accelerations of its own."""
+    def __init__(
+        self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray, tails: float = TAILS
+    ) -> None:
+        """rows (N,): which count; tails: degrees of freedom of Student's distribution. Raises ValueError
+        for a record without accelerations of its own."""
         super().__init__(system, library, rows)
+        self.tails = tails
         self.ring, target = system, matched_target(system)
         if target is None:
             raise ValueError("the record brings no accelerations by the smoothing that is known")
@@ -78,12 +83,12 @@ class WindowLikelihood(Likelihood):
     def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
         """Residuals times the square roots of their weights, rad/s^2; 0; how many independent ones they are worth."""
         e = self.residuals(values)
-        return e * np.sqrt(weights_of(e, spread_of(e))), 0.0, len(e) * self.worth
+        return e * np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails)), 0.0, len(e) * self.worth
 
     def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
         """Weighted residuals e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
         e = self.residuals(values)
-        root = np.sqrt(weights_of(e, spread_of(e)))
+        root = np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails))
         J = np.empty((len(e), len(steps)))
         acts = {c.name: c.acts for c in self.library}
         here = self._averaged(values)
@@ -110,21 +115,27 @@ class WindowLikelihood(Likelihood):
         e = self.residuals(values)
         if not np.isfinite(e).all():
             return math.inf
-        s = spread_of(e)
-        tails = (TAILS + 1.0) * float(np.mean(np.log1p(e * e / (TAILS * s * s))))
+        s = spread_of(e, self.tails)
+        tails = 0.0
+        if math.isfinite(self.tails):
+            tails = (self.tails + 1.0) * float(np.mean(np.log1p(e * e / (self.tails * s * s))))
         return len(e) * self.worth * (2.0 * math.log(s) + tails) + self.prior(values)
 
 
-def weights_of(e: Array, spread: float) -> Array:
+def weights_of(e: Array, spread: float, tails: float = TAILS) -> Array:
     """Weights (n,) of residuals: what squares must be multiplied with so that they fall as -2 log L does."""
-    return (TAILS + 1.0) / (TAILS + (e / spread) ** 2)
+    if not math.isfinite(tails):
+        return np.ones(len(e))
+    return (tails + 1.0) / (tails + (e / spread) ** 2)
 
 
-def spread_of(e: Array) -> float:
+def spread_of(e: Array, tails: float = TAILS) -> float:
     """The most likely scale of residuals (n,) by Student's distribution, rad/s^2."""
+    if not math.isfinite(tails):
+        return math.sqrt(max(float(np.mean(e * e)), 1e-12))
     square = max(float(np.median(e * e)), 1e-12)
     for _ in range(30):
-        new = float(np.mean(weights_of(e, math.sqrt(square)) * e * e))
+        new = float(np.mean(weights_of(e, math.sqrt(square), tails) * e * e))
         done = abs(new - square) < 1e-7 * square
         square = max(new, 1e-12)
         if done:
