@@ -19,8 +19,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from bench_baselines import baselines_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
+from bench_emps import emps_section
 from bench_models import measured_section, toy_section, training_section
 from bench_moves import moves_section
 from bench_predictability import predictability_section
@@ -149,6 +151,8 @@ def models_sections(quick: bool) -> list[list[str]]:
         toy_section(mazeplan, quick),
         predictability_section(quick),
         diagnose_section(quick),
+        emps_section(quick),
+        baselines_section(quick),
         real_section(quick),
     ]
 
@@ -169,8 +173,8 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "tick": lambda quick: tick_section(), "start": lambda quick: start_section(),
     "training": lambda quick: training_section(), "solver": timed_solver_section,
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
-    "predictability": predictability_section, "diagnose": diagnose_section,
-    "real": real_section,
+    "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
+    "baselines": baselines_section, "real": real_section,
 }  # fmt: skip
 
 

@@ -34,6 +34,10 @@ def collect(
         str | None, typer.Option("--model", help="Model to drive with: packaged or folder; default: the rig's own.")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of commands, places and simulated noise.")] = 0,
+    tilt: Annotated[
+        float | None, typer.Option("--tilt", help="Largest tilt in degrees; default: the limit of the map.")
+    ] = None,
+    highest_hz: Annotated[float, typer.Option("--highest-hz", help="Highest frequency of the sines in Hz.")] = 1.5,
 ) -> None:
     """Excite a rig with 50 random sines per axis and log what it does."""
     from mazeplan.cli.arguments import parse_ring, positive
@@ -50,7 +54,11 @@ def collect(
     maze = load_map(map_)
     first = parse_ring(ring, maze)
     others = [r.number for r in maze.rings if r.number != first] if rings else []
-    plan = Collection(positive("--seconds", seconds), (first, *others), seed)
+    most = None if tilt is None else math.radians(positive("--tilt", tilt))
+    if most is not None and most > maze.tilt_limit:
+        raise InputError(f"--tilt: got {tilt:g}, expected at most {math.degrees(maze.tilt_limit):g} degrees")
+    highest = positive("--highest-hz", highest_hz)
+    plan = Collection(positive("--seconds", seconds), (first, *others), seed, most, highest)
     if not rings or place:
         machine = make_rig(rig, maze)
         with campaign_progress(math.ceil(seconds), label="seconds") as advance:

@@ -59,9 +59,23 @@ def diagnose(
             if value is not None:
                 raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
         diagnose_drive(log, declare or [], test, output, as_json)
-        return
-    if system != "ring":
+    elif system == "ring":
+        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme")
+        finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
+    else:
         raise InputError(f"--system: got {system!r}, expected ring or emps")
+
+
+def _of_ball(
+    log: Path,
+    model: str | None,
+    radius: float | None,
+    declare: list[str],
+    ring: int | None,
+    test: Path | None,
+    map_: str,
+) -> tuple[Diagnosed, dict[str, Any]]:
+    """Diagnosis of a ball in its ring, and its document."""
     from mazeplan.cli.arguments import positive
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
@@ -70,7 +84,7 @@ def diagnose(
     from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model
 
-    maze, table = load_map(map_ or "cme"), read_table(log)
+    maze, table = load_map(map_), read_table(log)
     known: dict[str, dict[str, float]] = {}
     gates = None
     if radius is None:
@@ -80,15 +94,14 @@ def diagnose(
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
         known = load_model(model).declared(ring or 1) if model is not None else {}
-    declare_known(known, declare or [], [*ring_library(), *wall_library(gates or Gates())])
+    declare_known(known, declare, [*ring_library(), *wall_library(gates or Gates())])
     table, odd = turned_round(table, where)
     further = None
     if test is not None:
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
-    done = run(record_of(table, rows, odd), where, known, gates=gates, test=further, progress=say)
-    document = {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
-    finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
+    done = run(record_of(table, rows, odd), where, known, ring=number, gates=gates, test=further, progress=say)
+    return done, {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
 
 
 def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title: str, as_json: bool) -> None:

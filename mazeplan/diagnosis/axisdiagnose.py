@@ -17,6 +17,7 @@ from mazeplan.diagnosis.axislibrary import LOAD, axis_anonymous, axis_library
 from mazeplan.diagnosis.axisscores import AxisScore, axis_score
 from mazeplan.diagnosis.axissystem import scale_of, thinned
 from mazeplan.diagnosis.diagnose import SEEN, effect_words, verdict_of
+from mazeplan.diagnosis.evidence import Evidence, evidence_of
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.library import Candidate
 from mazeplan.diagnosis.search import Finding, search
@@ -39,6 +40,8 @@ class AxisDiagnosis:
     before: AxisScore
     after: AxisScore
     remarks: tuple[str, ...]
+    evidence: tuple[Evidence, Evidence]
+    apart: tuple[dict[str, str], ...] = ()
     test: tuple[AxisScore, AxisScore] | None = None
 
     def document(self) -> dict[str, Any]:
@@ -132,7 +135,9 @@ def diagnose_axis(
         further = (axis_score(test, whole, base, 0.0), axis_score(test, whole, final, 0.0))
     fitted = tuple(_entry(final, c, wide) for c in free)
     verdict = verdict_of(finding, effects, named)
-    return AxisDiagnosis(verdict, effects, fitted, finding, before, after, _remarks(final, wide), further)
+    shown = (evidence_of(likelihood, base), evidence_of(likelihood, final))
+    remarks = _remarks(final, wide)
+    return AxisDiagnosis(verdict, effects, fitted, finding, before, after, remarks, shown, test=further)
 
 
 def coloured(likelihood: Likelihood, found: Fit) -> float:

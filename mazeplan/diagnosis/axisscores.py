@@ -48,6 +48,7 @@ class AxisScore:
         "free_run": "position error of the free run, m rms",
     }
     drawn: ClassVar[str] = "nrmse"
+    axes: ClassVar[tuple[str, str]] = ("position, m", "speed, m/s")
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""

@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan.diagnosis.ambiguity import experiment_for
 from mazeplan.diagnosis.anonymous import anonymous_library, placebos
-from mazeplan.diagnosis.fit import Fit, Likelihood, best_q, fit
+from mazeplan.diagnosis.evidence import Evidence, evidence_of
+from mazeplan.diagnosis.fit import Likelihood, best_q, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
 from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
@@ -32,7 +34,8 @@ MANY = 10  # effects looked for where nothing but a real rig can be behind a rec
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found. verdict: nothing_missing, effect_found, ambiguous or unknown_effect; effects: as in the report's
-    JSON; before, after: scores on the rows held out; stage: fits of both axes, None without commands."""
+    JSON; before, after: scores on the rows held out; stage: fits of both axes, None without commands; evidence:
+    residuals before and after; apart: for each group that cannot be told apart, what would."""
 
     verdict: str
     effects: tuple[dict[str, Any], ...]
@@ -43,6 +46,8 @@ class Diagnosis:
     after: Score
     tilt_source: str
     notes: tuple[str, ...]
+    evidence: tuple[Evidence, Evidence]
+    apart: tuple[dict[str, str], ...] = ()
     test: tuple[Score, Score] | None = None
     held: str = ""
     remainder: Remainder | None = None
@@ -70,6 +75,7 @@ class Diagnosis:
             "sentence": self.sentence(),
             "effects": list(self.effects),
             "ambiguous_with": [list(group) for group in self.finding.alike],
+            "separate_by": list(self.apart),
             "unknown": unknown,
             "before": self.before.document(),
             "after": self.after.document(),
@@ -107,6 +113,18 @@ class Diagnosis:
         return f"The model lacks {', '.join(names)}{tail}: {change}."
 
 
+def _chance(finding: Finding) -> tuple[str, ...]:
+    """How placebos did."""
+    placebos = [t for t in finding.ranked if t.candidate.placebo]
+    if not placebos:
+        return ()
+    best, rest = max(placebos, key=lambda t: t.gain), [t.gain for t in finding.ranked if not t.candidate.placebo]
+    lost = f"{best.candidate.name} explains {max(best.gain, 0.0):.0f} of -2 log L"
+    if finding.final.candidates and rest and max(rest) > 0.0:
+        lost += f", the best candidate {max(rest):.0f}"
+    return (lost,)
+
+
 def effect_words(effect: dict[str, Any]) -> str:
     """An effect with its sizes."""
     numbers = ", ".join(
@@ -132,12 +150,13 @@ def diagnose(
     radius: float,
     declared: Values,
     *,
+    ring: int | None = None,
     gates: Gates | None = None,
     test: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Find what the declared effects lack at a track radius (m); gates: those of the ring by the map, where one is
-    known; test: a further record, for scores only."""
+    """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; gates: those of the
+    ring by the map, where one is known; test: a further record, for scores only."""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record)
     tell("stage")
@@ -153,15 +172,17 @@ def diagnose(
     known = [*library, *along]
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
     if record.u is None and matched_target(ring_of(straight)) is not None:
-        finding = _by_windows(straight, library, rows, tell)
+        finding, judge = _by_windows(straight, library, rows, tell)
     else:
-        finding = search(straight, library, tell, along=along)
-    effects += [_entry(finding.final, c.name) for c in finding.final.candidates if c.named]
+        finding, judge = search(straight, library, tell, along=along), straight
     tell("scores on what was held out")
+    effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
         verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, held),
-        score(straight, finding.final, held), tilt.source, record.notes, held=which,
+        score(straight, finding.final, held), tilt.source, (*record.notes, *_chance(finding)),
+        (evidence_of(plain, base), evidence_of(straight, finding.final)),
+        tuple(experiment_for(group, ring) for group in finding.alike), held=which,
         remainder=_remainder(straight, finding, record, rows, held, tell),
     )  # fmt: skip
     if test is None:
@@ -189,9 +210,9 @@ def _remainder(
 
 def _by_windows(
     likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
-) -> Finding:
-    """The finding of a record of smoothed accelerations whose tilt is known by its sensor alone: first forces that act
-    all the time, then what takes a share of the blows; noises of the final model by its filter, for roll-outs."""
+) -> tuple[Finding, Likelihood]:
+    """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
+    first forces that act all the time, then what takes a share of the blows; noises of the final model by its filter, for roll-outs."""
     system = ring_of(likelihood)
     tell("forces")
     steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
@@ -210,7 +231,7 @@ def _by_windows(
         for first, *others in steady.alike + found.alike
         if first in values
     )
-    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth)
+    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth), squares
 
 
 def _likelihood(
@@ -257,14 +278,24 @@ def _camera_effect(circle: Circle) -> dict[str, Any]:
     }
 
 
-def _entry(final: Fit, name: str) -> dict[str, Any]:
-    c = next(c for c in final.candidates if c.name == name)
+def _entry(
+    likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Candidate, rows: np.ndarray
+) -> dict[str, Any]:
+    """An effect for the JSON: sizes, evidence, 40-step error (rad) on some rows without it, all others fitted again (by
+    `judge`), and with it."""
+    final = finding.final
+    rest = [other for other in final.candidates if other is not c]
+    without = fit(judge, rest, {other.name: final.values[other.name] for other in rest}, final.q)
+    before, after = (score(likelihood, found, rows).document()["rollout40"] for found in (without, final))
     return {
-        "name": name,
+        "name": c.name,
         "parameters": {
-            p: {"value": final.values[name][p], "stderr": final.stderr[name][p], "unit": spec.unit}
+            p: {"value": final.values[c.name][p], "stderr": final.stderr[c.name][p], "unit": spec.unit}
             for p, spec in c.parameters.items()
         },
+        "evidence": round(finding.worth.get(c.name, math.nan), 1),
+        "before": before,
+        "after": after,
     }
 
 

@@ -87,6 +87,14 @@ class Likelihood:
         innovations(problem, p, q, n, np.empty(n), np.empty(n), self.states, NONE, NOTHING)
         return self.states
 
+    def everywhere(self, values: Values, q: float) -> tuple[Array, Array]:
+        """Whitened innovations (N,) of all rows, NaN where there are none, and filtered states (N, 5)."""
+        problem, p = self.system.build(self.library, values)
+        n = len(self.system)
+        nu, S, states = np.empty(n), np.empty(n), np.empty((n, 5))
+        innovations(problem, p, q, n, nu, S, states, NONE, NOTHING)
+        return nu / np.sqrt(S), states
+
     def minus2(self, values: Values, q: float) -> float:
         """-2 log L with the variance of a measurement eliminated; inf where it is not finite."""
         e, logs, n = self.whitened(values, q)

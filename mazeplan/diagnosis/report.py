@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from mazeplan.diagnosis.evidence import LAGS, Evidence
 from mazeplan.diagnosis.search import Finding
 
 PAGE = """<!doctype html>
@@ -26,12 +27,16 @@ img {{ max-width: 100% }} .note {{ color: #666 }}
 """
 
 
+COLOURS = {"before": "#d55e00", "after": "#009e73"}
+
+
 class Scores(Protocol):
     """Numbers before or after. labels: attribute -> words with its unit; drawn: which is drawn; floor: what noise alone
-    would cause of that one, NaN where nobody knows."""
+    would cause of that one, NaN where nobody knows; axes: words for position and speed."""
 
     labels: ClassVar[dict[str, str]]
     drawn: ClassVar[str]
+    axes: ClassVar[tuple[str, str]]
 
     @property
     def floor(self) -> float:
@@ -60,6 +65,16 @@ class Diagnosed(Protocol):
     @property
     def after(self) -> Scores:
         """With what was found."""
+        ...
+
+    @property
+    def evidence(self) -> tuple[Evidence, Evidence] | None:
+        """Residuals before and after."""
+        ...
+
+    @property
+    def apart(self) -> tuple[dict[str, str], ...]:
+        """For each group that cannot be told apart, what would."""
         ...
 
     @property
@@ -102,16 +117,27 @@ def _tables(done: Diagnosed) -> str:
                 cells = [effect["name"], name, f"{p['value']:.5g} {p['unit']}", f"{p['stderr']:.2g}"]
                 rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
         rows.append("</table>")
-    rows += [f"<p>Hard to tell apart in this record: {html.escape(', '.join(g))}.</p>" for g in done.finding.alike]
+    for i, group in enumerate(done.finding.alike):
+        rows.append(f"<p>Hard to tell apart in this record: {html.escape(', '.join(group))}.{_apart(done, i)}</p>")
     return "".join(rows)
 
 
+def _apart(done: Diagnosed, i: int) -> str:
+    """What would tell a group apart."""
+    if i >= len(done.apart):
+        return ""
+    way = done.apart[i]
+    first = f" {way['first'][:1].upper()}{way['first'][1:]}, then:" if way["first"] else ""
+    why = way["why"][:1].upper() + way["why"][1:]
+    return f" {html.escape(why)}.{html.escape(first)} <code>{html.escape(way['command'])}</code>"
+
+
 def _picture(done: Diagnosed) -> bytes:
-    """Candidates ranked; scores against the noise floor."""
+    """Candidates ranked; scores against the noise floor; the residual against what it may depend on."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.5, 3.6), layout="constrained")
-    ranks, bars = figure.subplots(1, 2, width_ratios=[3, 2])
+    figure = Figure(figsize=(12.0, 6.6), layout="constrained")
+    (ranks, bars, white), below = figure.subplots(2, 3)
     trials: list[Any] = [t for t in done.finding.ranked if math.isfinite(t.gain)][:8][::-1]
     colours = ["#0072b2" if t.candidate.named else "#999999" for t in trials]
     ranks.barh(np.arange(len(trials)), [max(t.gain, 0.0) for t in trials], color=colours)
@@ -127,7 +153,40 @@ def _picture(done: Diagnosed) -> bytes:
     for i, value in enumerate(shown.values()):
         bars.text(i, value, f"{value:.4f}", ha="center", va="bottom", fontsize=9)
     bars.set_ylabel(done.after.labels[name])
+    bars.margins(y=0.1)
     bars.set_title("rows held out", fontsize=10)
+    if done.evidence is not None:
+        _correlations(white, done.evidence)
+        _residuals(below, done.evidence, done.after.axes)
     out = io.BytesIO()
     figure.savefig(out, dpi=130)
     return out.getvalue()
+
+
+def _correlations(axes: Any, evidence: tuple[Evidence, Evidence]) -> None:
+    """Whiteness of the innovations."""
+    lags = np.arange(1, LAGS + 1)
+    for part, (label, colour) in zip(evidence, COLOURS.items(), strict=True):
+        axes.plot(lags, part.correlations(), ".-", color=colour, label=label, lw=1)
+    axes.axhspan(-evidence[1].white, evidence[1].white, color="#dddddd", zorder=0)
+    axes.set_xlabel("samples apart")
+    axes.set_ylabel("correlation of innovations")
+    axes.set_title("white if inside the band", fontsize=10)
+    axes.legend(fontsize=8)
+
+
+def _residuals(panels: Any, evidence: tuple[Evidence, Evidence], words: tuple[str, str]) -> None:
+    """The residual against position, speed and, counted against the motion, time."""
+    for panel, (label, name) in zip(
+        panels, zip((*words, "t, s"), ("position", "speed", "time"), strict=True), strict=True
+    ):
+        for part, (when, colour) in zip(evidence, COLOURS.items(), strict=True):
+            curve = part.against(getattr(part, name), braking=name == "time")
+            panel.plot(curve.at, curve.mean, color=colour, label=when, lw=1.2)
+            panel.fill_between(
+                curve.at, curve.mean - 2 * curve.stderr, curve.mean + 2 * curve.stderr, color=colour, alpha=0.2
+            )
+        panel.axhline(0.0, color="#888888", lw=0.6)
+        panel.set_xlabel(label)
+    panels[0].set_ylabel("mean innovation, standard deviations")
+    panels[2].set_ylabel("what brakes, standard deviations")

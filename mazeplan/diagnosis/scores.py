@@ -56,6 +56,7 @@ class Score:
         "rollout40": "theta error after 40 samples, rad",
     }
     drawn: ClassVar[str] = "rollout40"
+    axes: ClassVar[tuple[str, str]] = ("theta, rad", "theta_dot, rad/s")
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
@@ -80,7 +81,7 @@ def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> Score:
     target, predicted = acceleration_pairs(likelihood, fitted)
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
-    starts = _starts(rows, system.first, problem.seen)
+    starts = score_starts(rows, system.first, problem.seen)
     most = AHEAD[-1]
     out = np.empty((len(starts), most + 2))
     roll_out(problem, p, states, starts, most, out)
@@ -148,7 +149,7 @@ def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
     return found
 
 
-def _starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def score_starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Rows from which all of the next samples are in the same stretch, and those compared were seen."""
     n, most = len(rows), AHEAD[-1]
     begun = np.maximum.accumulate(np.where(first, np.arange(n), 0))
