@@ -212,7 +212,8 @@ def _by_windows(
     likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
 ) -> tuple[Finding, Likelihood]:
     """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
-    first forces that act all the time, then what takes a share of the blows; noises of the final model by its filter, for roll-outs."""
+    first forces that act all the time, then what takes a share of the blows. Noises of the final model are found by its
+    filter, for roll-outs."""
     system = ring_of(likelihood)
     tell("forces")
     steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
