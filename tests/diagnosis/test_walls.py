@@ -93,7 +93,7 @@ def test_records_in_pieces_hold_out_blocks_all_over():
             "theta": whole.theta,
             "beta": whole.beta,
             "gamma": whole.gamma,
-            "segment": np.arange(1800) // 300,
+            "segment": np.arange(1800.0) // 300.0,
         }
     )
     rows, held, words = seen_and_held(record_of(table, np.ones(1800, dtype=bool)))
