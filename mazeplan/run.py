@@ -23,6 +23,7 @@ from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.play import Gears
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
@@ -185,6 +186,7 @@ class Run:
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
+        self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
         self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
         self._tick_ms: list[float] = []
@@ -272,8 +274,12 @@ class Run:
             status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
             run.steer(by, given)
         self.sent = command
+        passed_on = command
+        if self._gears.loose:
+            command = self._gears.lead(command) if given is None else command
+            passed_on = self._gears.sent(command)
         self._rig.command(command.u_beta, command.u_gamma)
-        self._estimator.sent(command, observation.t)
+        self._estimator.sent(passed_on, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
         self._write(observation, command)
         self._tick_ms[-1] = 1e3 * (perf_counter() - began)

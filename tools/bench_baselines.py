@@ -172,7 +172,7 @@ def table(rows: Sequence[Row]) -> list[str]:
 
 def in_words(rows: Sequence[Row]) -> list[str]:
     """What the table says."""
-    ways = {"diagnosed": "`diagnose`", "process": "Gaussian process", "declared": "declared model"}
+    ways = {"declared": "declared model", "diagnosed": "`diagnose`", "process": "Gaussian process"}
     if pysindy():
         ways |= {"sparse": "STLSQ", "usual": "STLSQ as usual"}
     lines = []

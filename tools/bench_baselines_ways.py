@@ -85,7 +85,7 @@ def regressors(x: Array, v: Array, t: Array, motion: Array) -> dict[str, Array]:
     b, bd, _, c, cd, _ = motion.T
     sin, cos = np.sin(x), np.cos(x)
     return {
-        "v": v, "v|v|": v * np.abs(v), "sign v": np.sign(v), "1": np.ones_like(v), "sin": sin, "cos": cos,
+        "v": v, "v abs v": v * np.abs(v), "sign v": np.sign(v), "1": np.ones_like(v), "sin": sin, "cos": cos,
         "sin 2": np.sin(2.0 * x), "cos 2": np.cos(2.0 * x), "t v": t / SECONDS * v, "beta sin": b * sin,
         "gamma cos": c * cos, "beta cos": b * cos, "gamma sin": c * sin, "beta' sin": bd * sin, "beta' cos": bd * cos,
         "gamma' sin": cd * sin, "gamma' cos": cd * cos,
@@ -96,7 +96,7 @@ NONE = np.empty(0)
 TERMS = tuple(regressors(NONE, NONE, NONE, np.empty((0, 6))))
 RIGHT: dict[str, set[str] | None] = {  # regressors of an effect at its size in the table; None: no sum of these
     "nothing": set(), "dry_friction": {"sign v"}, "tilt_offset": {"sin", "cos"},
-    "rolling_inertia": {"beta sin", "gamma cos"}, "viscous_friction": {"v"}, "quadratic_drag": {"v|v|"},
+    "rolling_inertia": {"beta sin", "gamma cos"}, "viscous_friction": {"v"}, "quadratic_drag": {"v abs v"},
     "constant_torque": {"1"}, "axis_misalignment": {"beta cos", "gamma sin"},
     "sensor_delay": {"beta' sin", "gamma' cos"}, "friction_drift": {"t v"}, "surface_profile": {"cos", "sin 2"},
     "surface_bump": None, "gate_loss": None, "tilt_gain": {"beta sin", "gamma cos"}, "camera_offset": None,

@@ -9,6 +9,7 @@ from mazeplan.cli.collect import collect
 from mazeplan.cli.compare import compare
 from mazeplan.cli.diagnose import diagnose
 from mazeplan.cli.doctor import doctor
+from mazeplan.cli.improve import improve
 from mazeplan.cli.navigate import evaluate, navigate
 
 app = typer.Typer(
@@ -25,6 +26,7 @@ app.command()(collect)
 app.command()(learn.learn)
 app.command()(compare)
 app.command()(diagnose)
+app.command()(improve)
 app.add_typer(map.app, name="map")
 app.add_typer(log.app, name="log")
 app.add_typer(behavior.app, name="behavior")

@@ -46,7 +46,7 @@ def diagnose(
         str, typer.Option("--system", help="ring: a ball in its ring; emps: a drive axis, benchmark EMPS.")
     ] = "ring",
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for report.json and report.html.")
+        Path | None, typer.Option("-o", "--output", help="Folder for report.json, report.html and model.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
@@ -60,7 +60,7 @@ def diagnose(
                 raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
         diagnose_drive(log, declare or [], test, output, as_json)
     elif system == "ring":
-        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme")
+        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme", output)
         finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
     else:
         raise InputError(f"--system: got {system!r}, expected ring or emps")
@@ -74,17 +74,20 @@ def _of_ball(
     ring: int | None,
     test: Path | None,
     map_: str,
+    output: Path | None,
 ) -> tuple[Diagnosed, dict[str, Any]]:
     """Diagnosis of a ball in its ring, and its document."""
     from mazeplan.cli.arguments import positive
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
     from mazeplan.diagnosis.library import Gates, ring_library, wall_library
-    from mazeplan.diagnosis.record import record_of, turned_round
+    from mazeplan.diagnosis.record import centred, record_of, turned_round
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.models.modelfile import load_model
+    from mazeplan.models.modelfile import load_model, save_model
 
     maze, table = load_map(map_), read_table(log)
+    if model is not None:
+        table = centred(table, load_model(model).camera)
     known: dict[str, dict[str, float]] = {}
     gates = None
     if radius is None:
@@ -101,7 +104,16 @@ def _of_ball(
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
     done = run(record_of(table, rows, odd), where, known, ring=number, gates=gates, test=further, progress=say)
-    return done, {**done.document(), "ring": number, "radius_m": where, "declared": known, "report": None}
+    written = None
+    if output is not None and done.effects:
+        from mazeplan.diagnosis.update import base_model, updated
+        from mazeplan.models.stage import StageModel
+
+        stage = None if done.stage is None else StageModel(*done.stage.axes)
+        old = base_model(maze, number, known, stage) if model is None else load_model(model)
+        written = str(save_model(updated(old, maze, {number or 1: done.effects}), output / "model").parent)
+    known_ones = {"ring": number, "radius_m": where, "declared": known}
+    return done, {**done.document(), **known_ones, "model": written, "report": None}
 
 
 def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title: str, as_json: bool) -> None:
@@ -121,6 +133,8 @@ def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title
         print(f"note: {note}")
     if output is not None:
         print(f"report: {document['report']}")
+        if document.get("model") is not None:
+            print(f"model:  {document['model']}")
 
 
 def gates_of(maze: Maze, number: int) -> Gates:

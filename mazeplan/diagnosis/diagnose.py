@@ -15,7 +15,8 @@ import numpy as np
 from mazeplan.diagnosis.ambiguity import experiment_for
 from mazeplan.diagnosis.anonymous import anonymous_library, placebos
 from mazeplan.diagnosis.evidence import Evidence, evidence_of
-from mazeplan.diagnosis.fit import Likelihood, best_q, fit
+from mazeplan.diagnosis.fit import Likelihood, fit
+from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
 from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
@@ -25,10 +26,10 @@ from mazeplan.diagnosis.remainder import Remainder, remainder
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, matched_target, ring_of, score
 from mazeplan.diagnosis.search import Finding, search
-from mazeplan.diagnosis.windows import WindowLikelihood
+from mazeplan.diagnosis.windows import by_windows
 
+GAP = 30  # samples; a ball that was away for longer begins anew
 DELAY = 0.005  # s; a command delay worth a word
-MANY = 10  # effects looked for where nothing but a real rig can be behind a record
 
 
 @dataclass(frozen=True)
@@ -162,17 +163,18 @@ def diagnose(
     tell("stage")
     stage = fit_stage(record, rows)
     tilt = plate_motion(record, stage)
-    effects: list[dict[str, Any]] = _stage_effects(stage)
+    effects: list[dict[str, Any]] = _stage_effects(stage, declared)
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    named = [c for c in ring_library() if circle is None or c.acts != CAMERA]
+    named = [_from_declared(c, declared) for c in ring_library() if circle is None or c.acts != CAMERA]
     library = [*named, *wall_library(gates or Gates()), *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
+    record, (rows, held) = _with_ball(record, rows, held)
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
     if record.u is None and matched_target(ring_of(straight)) is not None:
-        finding, judge = _by_windows(straight, library, rows, tell)
+        finding, judge = by_windows(straight, library, rows, tell)
     else:
         finding, judge = search(straight, library, tell, along=along), straight
     tell("scores on what was held out")
@@ -187,8 +189,8 @@ def diagnose(
     )  # fmt: skip
     if test is None:
         return done
-    every = np.ones(len(test), dtype=bool)
     moved = plate_motion(test, stage)
+    test, (every,) = _with_ball(test, np.ones(len(test), dtype=bool))
     before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
 
@@ -208,31 +210,30 @@ def _remainder(
     return remainder(likelihood, finding.final, record, rows, held, tell)
 
 
-def _by_windows(
-    likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
-) -> tuple[Finding, Likelihood]:
-    """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
-    first forces that act all the time, then what takes a share of the blows. Noises of the final model are found by its
-    filter, for roll-outs."""
-    system = ring_of(likelihood)
-    tell("forces")
-    steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
-    had, values = steady.final.candidates, steady.final.values
-    tell("blows")
-    rest = [c for c in library if c.name not in values and c.named]
-    squares = WindowLikelihood(system, library, rows, math.inf)
-    found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
-    values = found.final.values
-    q = best_q(likelihood, values)
-    e, *_ = likelihood.whitened(values, q)
-    final = replace(found.final, q=q, noise=float(np.sqrt(np.mean(e * e))))
-    worth = {**steady.worth, **found.worth}
-    groups = (
-        (first, *(name for name in others if name not in values))  # those that joined later were told apart
-        for first, *others in steady.alike + found.alike
-        if first in values
-    )
-    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth), squares
+def _from_declared(candidate: Candidate, declared: Values) -> Candidate:
+    """The candidate with the declared values as the start of its fits, where it says how large, not where: from far
+    below a friction that is known already, the first linear look at it says nothing."""
+    had = declared.get(candidate.name)
+    if had is None or candidate.places or not any(had.values()):
+        return candidate
+    return replace(candidate, starts=(tuple(had[name] for name in candidate.parameters),))
+
+
+def _with_ball(record: Record, *masks: np.ndarray) -> tuple[Record, tuple[np.ndarray, ...]]:
+    """The record without the stretches in which the ball is elsewhere, and what is left of masks (N,): they would only
+    take time. Gaps of a few samples stay."""
+    gone = ~np.isfinite(record.theta)
+    edges = np.flatnonzero(np.diff(np.r_[False, gone, False].astype(np.int8)))
+    keep, first = np.ones(len(record), dtype=bool), record.first.copy()
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        if b - a > GAP or first[a : b + 1].any():
+            keep[a:b] = False
+            if b < len(record):
+                first[b] = True
+    parts = {name: getattr(record, name)[keep] for name in ("t", "theta", "beta", "gamma", "segment")}
+    r, u, own = (None if part is None else part[keep] for part in (record.r, record.u, record.theta_ddot))
+    kept = replace(record, first=first[keep], r=r, u=u, theta_ddot=own, **parts)
+    return kept, tuple(mask[keep] for mask in masks)
 
 
 def _likelihood(
@@ -254,16 +255,27 @@ def _likelihood(
     return Likelihood(system, library, rows)
 
 
-def _stage_effects(stage: Stage | None) -> list[dict[str, Any]]:
+def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]]:
+    """Delay of commands and play of gears, where they are not what was declared."""
     if stage is None:
         return []
+    found: list[dict[str, Any]] = []
     late = [(axis.dead_time, axis.stderr.get("dead_time", math.inf)) for axis in stage.axes]
     delay = sum(d for d, _ in late) / 2.0
     sigma = math.hypot(*(s for _, s in late)) / 2.0
-    if delay > DELAY and delay > 5.0 * sigma:
+    known = declared.get("command_delay", {}).get("delay", 0.0)
+    if abs(delay - known) > max(DELAY, 5.0 * sigma):
         entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
-        return [entry]
-    return []
+        found.append(entry)
+    had = declared.get("backlash", {})
+    play = dict(zip(("beta", "gamma"), stage.axes, strict=True))
+    if any(abs(axis.backlash - had.get(name, 0.0)) > SMALLEST_PLAY for name, axis in play.items()):
+        numbers = {
+            name: {"value": axis.backlash, "stderr": axis.stderr.get("backlash", 0.0), "unit": "rad"}
+            for name, axis in play.items()
+        }
+        found.append({"name": "backlash", "parameters": numbers})
+    return found
 
 
 def _camera_effect(circle: Circle) -> dict[str, Any]:
@@ -310,3 +322,16 @@ def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Seq
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"
     return "effect_found" if effects else "nothing_missing"
+
+
+def model_error(record: Record, radius: float, declared: Values) -> Score:
+    """How far a model is off on the rows of a record that search and fits of `diagnose` do not see; only the noise of
+    the record is fitted, and what the tilt sensor leaves open of the stage."""
+    rows, held, _ = seen_and_held(record)
+    stage = fit_stage(record, rows)
+    tilt = plate_motion(record, stage)
+    along = [] if stage is None else [stage_errors(stage.directions)]
+    record, (rows, held) = _with_ball(record, rows, held)
+    likelihood = _likelihood(record, tilt, radius, declared, [*ring_library(), *along], rows, None)
+    base = fit(likelihood, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
+    return score(likelihood, base, held)

@@ -11,10 +11,11 @@ import numpy as np
 from numba import njit
 
 from mazeplan.data.smoothing import Smoothing, derivatives
+from mazeplan.diagnosis.gears import fit_with_play
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import Tilt
 from mazeplan.models.ring_dynamics import stage_transition
-from mazeplan.models.stage import StageAxis, StageFit, fit_axis
+from mazeplan.models.stage import StageAxis, StageFit, played
 from mazeplan.records import Array
 
 FINE = 6  # grid points a sample
@@ -43,17 +44,16 @@ def fit_stage(record: Record, rows: np.ndarray) -> Stage | None:
     """The stage by some rows; None without commands, or with commands that never move."""
     if record.u is None:
         return None
-    breaks = (record.first & rows).astype(float)
     try:
         fits = [
-            fit_axis(record.u[rows, i], angle[rows], record.dt, breaks[rows])
+            fit_with_play(record.u[:, i], angle, record.dt, record.first & rows, rows)
             for i, angle in enumerate((record.beta, record.gamma))
         ]
     except ValueError:
         return None
     directions = {}
     for i, (name, found) in enumerate(zip(("beta", "gamma"), fits, strict=True)):
-        for j, change in enumerate(_directions(record.u[rows, i], found, record.dt)):
+        for j, change in enumerate(_directions(played(record.u[:, i], found.axis.backlash)[rows], found, record.dt)):
             directions[f"{name}_{j + 1}"] = (i, change)
     return Stage(fits[0], fits[1], directions)
 
@@ -88,11 +88,12 @@ def plate_motion(record: Record, stage: Stage | None) -> Tilt:
     """How the plate moved in a record, by a stage, with derivatives by its directions; by the sensor without one."""
     if record.u is None or stage is None:
         return from_sensor(record.t, record.beta, record.gamma, record.segment)
-    u, axes = (record.u[:, 0], record.u[:, 1]), stage.axes
+    axes = stage.axes
+    u = played(record.u[:, 0], axes[0].backlash), played(record.u[:, 1], axes[1].backlash)
     base, by_stage = from_commands(record.t, *u, *axes), {}
     for name, (i, change) in stage.directions.items():
         moved, sign = _changed(axes[i], change)
-        there = from_commands(record.t, *u, *(moved if j == i else axis for j, axis in enumerate(axes)))
+        there = from_commands(record.t, *u, *((moved, axes[1]) if i == 0 else (axes[0], moved)))
         by_stage[name] = sign * (there.motion - base.motion)
     return replace(base, by_stage=by_stage)
 

@@ -10,6 +10,7 @@ import numpy as np
 from mazeplan.data.table import Table, stretches
 from mazeplan.errors import TableError
 from mazeplan.models.samples import SampleOptions, orientation, ring_samples
+from mazeplan.models.sensors import Camera
 from mazeplan.records import Array
 
 FROZEN = 15  # equal measurements in a row that no ball and no camera give
@@ -53,6 +54,15 @@ def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
                 if name in columns:
                     columns[name] = -columns[name]
     return Table(columns, table.source), tuple(notes)
+
+
+def centred(table: Table, camera: Camera) -> Table:
+    """The table with the camera's offset, as far as it is known, taken off its positions; the camera's angle is an
+    effect of its own."""
+    if "x" not in table or camera.offset_x == camera.offset_y == 0.0:
+        return table
+    x, y = table["x"] - camera.offset_x, table["y"] - camera.offset_y
+    return Table({**table.columns, "x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}, table.source)
 
 
 def record_of(table: Table, rows: np.ndarray, notes: Sequence[str] = ()) -> Record:

@@ -28,9 +28,9 @@ from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.records import Array
 
-MOST = 3000  # rows of the process
+MOST = 5000  # rows of the process
 FEWEST = 200  # rows from which something can be learned
-TRAINING = TrainingOptions(first=500, rows=1000, starts=1, iterations=25, refinement=20, family="exponential")
+TRAINING = TrainingOptions(first=900, rows=2000, starts=2, refinement=40, family="exponential")  # as `compare` has it
 
 
 @dataclass(frozen=True)

@@ -23,19 +23,22 @@ are the force itself, averaged as the smoothing does.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.signal import savgol_coeffs
 
 from mazeplan.data.smoothing import acceleration_kernel
-from mazeplan.diagnosis.fit import Likelihood
+from mazeplan.diagnosis.fit import Likelihood, best_q
 from mazeplan.diagnosis.kalman import accelerations, coasts
 from mazeplan.diagnosis.library import RING, TERM, Candidate
 from mazeplan.diagnosis.ringsystem import RingSystem, Values
-from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target
+from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target, ring_of
+from mazeplan.diagnosis.search import Finding, search
 from mazeplan.records import Array, IntArray
 
+MANY = 10  # effects looked for: in a record of a real rig many are at work at once
 TAILS = 4.0  # degrees of freedom nu
 EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
 SMOOTH = (TERM, RING)  # what changes the acceleration without jumps
@@ -141,3 +144,30 @@ def spread_of(e: Array, tails: float = TAILS) -> float:
         if done:
             break
     return math.sqrt(square)
+
+
+def by_windows(
+    likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
+) -> tuple[Finding, Likelihood]:
+    """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
+    first forces that act all the time, then what takes a share of the blows. Noises of the final model are found by its
+    filter, for roll-outs."""
+    system = ring_of(likelihood)
+    tell("forces")
+    steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
+    had, values = steady.final.candidates, steady.final.values
+    tell("blows")
+    rest = [c for c in library if c.name not in values and c.named]
+    squares = WindowLikelihood(system, library, rows, math.inf)
+    found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
+    values = found.final.values
+    q = best_q(likelihood, values)
+    e, *_ = likelihood.whitened(values, q)
+    final = replace(found.final, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    worth = {**steady.worth, **found.worth}
+    groups = (
+        (first, *(name for name in others if name not in values))  # those that joined later were told apart
+        for first, *others in steady.alike + found.alike
+        if first in values
+    )
+    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth), squares

@@ -67,7 +67,8 @@ class Estimator:
         self._planar = PlanarModel.build(maze, model)
         self._dt = 1.0 / rate_hz
         noise = self._options.plate
-        self._axes = (AxisFilter(model.stage.beta, noise), AxisFilter(model.stage.gamma, noise))
+        stage = model.true_stage
+        self._axes = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))
         self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
         self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
         self._z: Array | None = None  # (8,) ball at the last measured moment
@@ -108,7 +109,7 @@ class Estimator:
         self._filter_plate(observation)
         moment = t - self._model.camera_delay
         if observation.x is not None and observation.y is not None:
-            self._take_sample(moment, np.array([observation.x, observation.y]), t)
+            self._take_sample(moment, np.array(self._model.camera.true(observation.x, observation.y)), t)
         elif self._z is not None:
             self._carry_to(moment)
         return self._state(t, observation.seen)
@@ -131,7 +132,8 @@ class Estimator:
             for start, end, u in self._acting(since, t):
                 for axis, value in zip(self._axes, u, strict=True):
                     axis.predict(value, end - start)
-        for axis, angle in zip(self._axes, (observation.beta, observation.gamma), strict=True):
+        tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
+        for axis, angle in zip(self._axes, tilts, strict=True):
             axis.update(angle)
         self._tilts.append((t, float(self._axes[0].mean[0]), float(self._axes[1].mean[0])))
         while self._tilts[0][0] < t - HISTORY_S:

@@ -172,10 +172,87 @@ class ConstantTorque(Effect):
         return np.full_like(k.theta, self.acceleration)
 
 
+_WAVE = Parameter("rad/s^2", 0.0, -20.0, 20.0)
+
+
+@dataclass(frozen=True)
+class SurfaceProfile(Effect):
+    """+ sum over n of cos_n cos(n theta) + sin_n sin(n theta): a floor that is not flat."""
+
+    cos1: float = 0.0
+    sin1: float = 0.0
+    cos2: float = 0.0
+    sin2: float = 0.0
+    cos3: float = 0.0
+    sin3: float = 0.0
+    name: ClassVar[str] = "surface_profile"
+    parameters: ClassVar[Mapping[str, Parameter]] = {f"{k}{n}": _WAVE for n in (1, 2, 3) for k in ("cos", "sin")}
+
+    def term(self, k: RingKinematics) -> Array:
+        """The sum."""
+        waves = ((1, self.cos1, self.sin1), (2, self.cos2, self.sin2), (3, self.cos3, self.sin3))
+        return np.sum([c * np.cos(n * k.theta) + s * np.sin(n * k.theta) for n, c, s in waves], axis=0)
+
+    def jacobian(self, k: RingKinematics) -> Array:
+        """Only theta counts."""
+        waves = ((1, self.cos1, self.sin1), (2, self.cos2, self.sin2), (3, self.cos3, self.sin3))
+        out = np.zeros((k.theta.size, 6))
+        out[:, 0] = np.sum([n * (s * np.cos(n * k.theta) - c * np.sin(n * k.theta)) for n, c, s in waves], axis=0)
+        return out
+
+
+@dataclass(frozen=True)
+class SurfaceBump(Effect):
+    """+ height e exp((1 - e^2) / 2), e = (theta - centre) / width: off a hill, or, with a negative height, towards a
+    spot."""
+
+    centre: float = 0.0
+    width: float = 0.2
+    height: float = 0.0
+    name: ClassVar[str] = "surface_bump"
+    parameters: ClassVar[Mapping[str, Parameter]] = {
+        "centre": Parameter("rad", 0.0, -2.0 * np.pi, 2.0 * np.pi),
+        "width": Parameter("rad", 0.2, 0.03, 1.5),
+        "height": Parameter("rad/s^2", 0.0, -50.0, 50.0),
+    }
+
+    def _at(self, k: RingKinematics) -> tuple[Array, Array]:
+        e = np.arctan2(np.sin(k.theta - self.centre), np.cos(k.theta - self.centre)) / self.width
+        return e, self.height * np.exp(0.5 - 0.5 * e * e)
+
+    def term(self, k: RingKinematics) -> Array:
+        """The hill's flanks."""
+        e, size = self._at(k)
+        return size * e
+
+    def jacobian(self, k: RingKinematics) -> Array:
+        """Only theta counts."""
+        (e, size), out = self._at(k), np.zeros((k.theta.size, 6))
+        out[:, 0] = size * (1.0 - e * e) / self.width
+        return out
+
+
+@dataclass(frozen=True)
+class GateLoss(Effect):
+    """The share `loss` of its speed that the ball loses in passing an angle. For the eye and for `diagnose`: an
+    acceleration says nothing of it."""
+
+    angle: float = 0.0
+    loss: float = 0.0
+    name: ClassVar[str] = "gate_loss"
+    parameters: ClassVar[Mapping[str, Parameter]] = {
+        "angle": Parameter("rad", 0.0, -2.0 * np.pi, 2.0 * np.pi),
+        "loss": Parameter("1", 0.0, 0.0, 0.9),
+    }
+
+
 EFFECTS: dict[str, type[Effect]] = {
     kind.name: kind
-    for kind in (RollingInertia, TiltOffset, ViscousFriction, DryFriction, QuadraticDrag, ConstantTorque)
-}
+    for kind in (
+        RollingInertia, TiltOffset, ViscousFriction, DryFriction, QuadraticDrag, ConstantTorque, SurfaceProfile,
+        SurfaceBump, GateLoss,
+    )
+}  # fmt: skip
 
 
 def kinematic_terms(k: RingKinematics) -> Array:

@@ -3,7 +3,8 @@
 The process is asked once a step, at the state in which the step begins, and what it says is held over the step, as the
 command is: at 30 Hz that is what the samples it was trained on can tell apart. Numba keeps these functions on disk by
 the date of this file alone: who changes what they call must change this file, too. Signatures are those of
-`ring_dynamics`; the parameters are those of `RingParameters.pack`, then the process (`fast_gp.pack`).
+`ring_dynamics`; the parameters are those of `RingParameters.pack`, the floor's among them, then the
+process (`fast_gp.pack`).
 """
 
 from __future__ import annotations

@@ -5,10 +5,15 @@
     rate_hz: 30
     camera_delay_s: {value: 0.0667, stderr: 0.0004}
     stage: {beta: {gain: {value: 1.0, stderr: 0.001}, ...}, gamma: {...}}
+    camera: {offset_x: {value: 0.001, unit: m}, offset_y: ..., angle: {value: 0.01, unit: rad}}
+    tilt_sensor: {gain_beta: {value: 1.02, unit: "1"}, gain_gamma: ...}
     rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
     processes: {1: {file: ring1.npz, sha256: ..., rows: 4000, kernel: rbf, amplitude: ..., lengthscales: ...}, ...}
     data: [{file: ..., sha256: ...}, ...]
     scores: {...}
+
+`camera`, `tilt_sensor` and the `backlash` of an axis are left out where there is nothing to say: a camera above the
+plate's middle and in line with its axes, a sensor that is calibrated, gears without play.
 
 A plain number may stand for {value: number}. Kinds np and sp have processes, whose arrays lie beside the file
 (`processfile`). Nothing is executed on loading.
@@ -19,9 +24,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -33,14 +38,20 @@ from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import DryFriction, Effect, RollingInertia, ViscousFriction, make_effect
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.processfile import read_process, write_process
+from mazeplan.models.sensors import Camera, TiltSensor
 from mazeplan.models.stage import StageAxis, StageModel
 
+Sensor = TypeVar("Sensor", Camera, TiltSensor)
 FORMAT = 1
 KINDS = ("p", "pi", "np", "sp")
 PACKAGED = resources.PACKAGE / "models" / "packaged"
 AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
+BACKLASH = {"backlash": "rad"}
+CAMERA_UNITS = {"offset_x": "m", "offset_y": "m", "angle": "rad"}
+SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
 WALL_ROLLING = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a sphere that rolls on floor and wall at once
 FREE_ROLLING = 5.0 / 7.0  # 1 / (1 + 2/5): on the floor alone
+DEAD_TIME = 0.005  # s of commands, below which there is no need to call it an effect
 NOMINAL_DRY = 0.05  # m/s^2; a steel ball that stays where it is up to 0.4 deg
 
 
@@ -50,7 +61,8 @@ class RigModel:
 
     stage: both axes; camera_delay: s that the ball's position is behind the tilt sensor; balls: ring number -> model;
     kind: p, pi, np or sp; processes: ring number -> what a Gaussian process adds to the effects (sp), or has
-    in their place (np); rate_hz; data, scores: what it came from and how well it did, as written in the file."""
+    in their place (np); rate_hz; data, scores: what it came from and how well it did, as written in the file;
+    camera, tilt_sensor: what is off with them."""
 
     stage: StageModel
     balls: dict[int, BallModel]
@@ -61,6 +73,8 @@ class RigModel:
     data: tuple[dict[str, Any], ...] = ()
     scores: dict[str, Any] = field(default_factory=dict)
     processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
+    camera: Camera = field(default_factory=Camera)
+    tilt_sensor: TiltSensor = field(default_factory=TiltSensor)
 
     def ball(self, ring: int) -> BallModel:
         """The ball model of a ring; of the nearest ring that has one, when this one has none."""
@@ -68,9 +82,30 @@ class RigModel:
         return self.balls[nearest]
 
     def declared(self, ring: int) -> dict[str, dict[str, float]]:
-        """What it says of a ring, as {effect: {parameter: value}}; the camera's delay as `sensor_delay`."""
+        """What it says of a ring, as {effect: {parameter: value}}; the camera's delay as `sensor_delay`, its angle as
+        `axis_misalignment`. Its offset is not among them: that is for the measured positions."""
         known = {effect.name: effect.values() for effect in self.ball(ring).effects}
-        return {**known, **({"sensor_delay": {"delay": self.camera_delay}} if self.camera_delay else {})}
+        if self.camera_delay:
+            known["sensor_delay"] = {"delay": self.camera_delay}
+        if self.camera.angle:
+            known["axis_misalignment"] = {"angle": self.camera.angle}
+        delay = 0.5 * (self.stage.beta.dead_time + self.stage.gamma.dead_time)
+        if delay > DEAD_TIME:
+            known["command_delay"] = {"delay": delay}
+        if self.stage.beta.backlash or self.stage.gamma.backlash:
+            known["backlash"] = {"beta": self.stage.beta.backlash, "gamma": self.stage.gamma.backlash}
+        if self.tilt_sensor != TiltSensor():
+            known["tilt_gain"] = {"beta": self.tilt_sensor.gain_beta, "gamma": self.tilt_sensor.gain_gamma}
+        return known
+
+    @property
+    def true_stage(self) -> StageModel:
+        """The stage in tilts as they are; `stage` is in tilts as they are measured."""
+        if self.tilt_sensor == TiltSensor():
+            return self.stage
+        gains = self.tilt_sensor.gain_beta, self.tilt_sensor.gain_gamma
+        axes = zip((self.stage.beta, self.stage.gamma), gains, strict=True)
+        return StageModel(*(replace(axis, gain=axis.gain / k, offset=axis.offset / k) for axis, k in axes))
 
     @classmethod
     def nominal(cls, maze: Maze) -> RigModel:
@@ -149,7 +184,8 @@ class _Reader:
 
     def model(self) -> RigModel:
         """The whole file."""
-        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "rings", "processes", "data", "scores")
+        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "processes",
+                 "data", "scores")  # fmt: skip
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
         if root["format"] != FORMAT:
             newer = isinstance(root["format"], int) and root["format"] > FORMAT
@@ -182,7 +218,23 @@ class _Reader:
             data=tuple(self.section(entry, ("data", i), None) for i, entry in enumerate(data)),
             scores=self.section(scores, ("scores",), None),
             processes=self.processes(root.get("processes"), kind),
+            camera=self.numbers(Camera, root.get("camera"), "camera"),
+            tilt_sensor=self.numbers(TiltSensor, root.get("tilt_sensor"), "tilt_sensor"),
         )
+
+    def numbers(self, kind: type[Sensor], node: Any, key: str) -> Sensor:
+        """A section that is a few numbers and nothing else."""
+        if node is None:
+            return kind()
+        names = tuple(f.name for f in fields(kind) if f.name != "stderr")
+        found = {name: self.number(value, key, name) for name, value in self.section(node, (key,), names).items()}
+        try:
+            return kind(
+                **{name: value for name, (value, _) in found.items()},
+                stderr={name: s for name, (_, s) in found.items() if s is not None},
+            )
+        except ValueError as problem:
+            raise self.fail(str(problem), key) from None
 
     def processes(self, node: Any, kind: str) -> dict[int, GaussianProcess]:
         """The processes of a model of kind np or sp; their arrays are read and checked against what the file says."""
@@ -210,7 +262,7 @@ class _Reader:
     def axis(self, node: Any, name: str) -> StageAxis:
         """One axis of the stage."""
         key = ("stage", name)
-        self.section(node, key, tuple(AXIS_UNITS))
+        self.section(node, key, (*AXIS_UNITS, *BACKLASH))
         numbers = {k: self.number(v, *key, k) for k, v in node.items()}
         try:
             return StageAxis(
@@ -243,11 +295,23 @@ def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
     return {**entry, "unit": unit}
 
 
+def _entries(part: StageAxis | Camera | TiltSensor, units: Mapping[str, str]) -> dict[str, Any]:
+    return {k: _entry(getattr(part, k), part.stderr.get(k), unit) for k, unit in units.items()}
+
+
 def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
     """What `save_model` writes; processes: what is said of the arrays beside it."""
     stage = {
-        name: {k: _entry(getattr(axis, k), axis.stderr.get(k), unit) for k, unit in AXIS_UNITS.items()}
+        name: _entries(axis, AXIS_UNITS | (BACKLASH if axis.backlash else {}))
         for name, axis in (("beta", model.stage.beta), ("gamma", model.stage.gamma))
+    }
+    off = {
+        name: _entries(part, units)
+        for name, part, units in (
+            ("camera", model.camera, CAMERA_UNITS),
+            ("tilt_sensor", model.tilt_sensor, SENSOR_UNITS),
+        )
+        if part != type(part)()
     }
     rings = {
         ring: {
@@ -265,6 +329,7 @@ def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] |
         "rate_hz": model.rate_hz,
         "camera_delay_s": _entry(model.camera_delay, model.camera_delay_stderr, "s"),
         "stage": stage,
+        **off,
         "rings": rings,
         **({"processes": processes} if processes else {}),
         "data": [dict(entry) for entry in model.data],

@@ -9,7 +9,8 @@ is what a prediction over the camera delay needs. Plate frame, metres:
 
 k is 5/7 (a solid sphere that rolls) where no wall is touched; along a wall the ball also turns against the wall,
 and k is the
-factor learned for that ring. Contacts are inelastic: the velocity into the wall is lost but for `restitution`.
+factor learned for that ring. What the floor of a ring adds along it (`surface`) comes on top. Contacts are inelastic:
+the velocity into the wall is lost but for `restitution`.
 
 Everything compiled works on two float vectors, so that one compilation serves every maze and model:
 z = (x, y, x_dot, y_dot, beta, beta_dot, gamma, gamma_dot), shape (8,), and the packed `PlanarModel`.
@@ -24,13 +25,17 @@ import numpy as np
 from numba import njit
 
 from mazeplan.maze.geometry import Maze
+from mazeplan.models import surface
 from mazeplan.models.modelfile import RigModel
+from mazeplan.models.surface import force
 from mazeplan.records import Array
 
 GRAVITY = 9.81  # m/s^2
 FREE_ROLLING = 5.0 / 7.0  # solid sphere rolling without slip
 SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
 RESTITUTION = 0.15  # of the velocity into a wall; steel on printed plastic, slow
+FLOOR = 5  # where in the numbers of a ring those of its floor begin
+ROUNDED = 1e-5  # of a factor in a file
 STATE_SIZE = 8
 
 
@@ -38,10 +43,11 @@ STATE_SIZE = 8
 class PlanarModel:
     """Arrays for the compiled functions.
 
-    scalars: (2,) gravity, ball radius m
+    scalars: (3,) gravity, ball radius m, factor where no wall is touched
     stage:   (2, 4) per axis gain, natural frequency rad/s, damping ratio, offset rad
     bias:    (2,) tilt of the table, beta and gamma, rad
-    rings:   (R, 5) per ring, outermost first: inner radius, outer radius, factor at a wall, viscous 1/s, dry m/s^2
+    rings:   (R, 5) per ring, outermost first: inner radius, outer radius, factor at a wall, viscous 1/s, dry m/s^2;
+             (R, 5 + surface.SIZE) where the floor of any adds something
     walls:   (W, 3) per wall between rings: inner radius, outer radius, index of its first gap
     gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width
     """
@@ -57,6 +63,7 @@ class PlanarModel:
     def build(cls, maze: Maze, model: RigModel) -> PlanarModel:
         """The arrays for one maze and one fitted (or nominal) model."""
         rings, bias = [], np.zeros(2)
+        floors = [surface.pack(model.ball(ring.number)) for ring in maze.rings]
         for ring in maze.rings:
             ball = model.ball(ring.number)
             radius = max(ring.track_radius, 0.5 * ring.outer_radius)
@@ -69,6 +76,8 @@ class PlanarModel:
                     ball.parameter("dry_friction", "coefficient", 0.0) * radius,
                 ]
             )
+        if any(floor[0] for floor in floors):
+            rings = [[*ring, *floor] for ring, floor in zip(rings, floors, strict=True)]
         ball = model.ball(1)
         bias[:] = ball.parameter("tilt_offset", "beta", 0.0), ball.parameter("tilt_offset", "gamma", 0.0)
         walls, gaps = [], []
@@ -77,10 +86,10 @@ class PlanarModel:
             gaps.extend([math.cos(o.angle), math.sin(o.angle), 0.5 * o.width] for o in wall.openings)
         stage = [
             [axis.gain, axis.natural_frequency, axis.damping, axis.offset]
-            for axis in (model.stage.beta, model.stage.gamma)
+            for axis in (model.true_stage.beta, model.true_stage.gamma)
         ]
         return cls(
-            scalars=np.array([GRAVITY, maze.ball.radius]),
+            scalars=np.array([GRAVITY, maze.ball.radius, _free_factor(maze, model)]),
             stage=np.array(stage, dtype=float),
             bias=bias,
             rings=np.array(rings, dtype=float),
@@ -91,6 +100,16 @@ class PlanarModel:
     def arrays(self) -> tuple[Array, Array, Array, Array, Array, Array]:
         """The arguments that the compiled functions take behind the state."""
         return self.scalars, self.stage, self.bias, self.rings, self.walls, self.gaps
+
+
+def _free_factor(maze: Maze, model: RigModel) -> float:
+    """The factor of the gravity part away from walls: what the model says of the disc, where that is not the nominal
+    value but for its rounding."""
+    disc = maze.rings[-1]
+    if not disc.is_disc or disc.number not in model.balls:
+        return FREE_ROLLING
+    factor = model.ball(disc.number).parameter("rolling_inertia", "factor", FREE_ROLLING)
+    return FREE_ROLLING if abs(factor - FREE_ROLLING) < ROUNDED else factor
 
 
 @njit(cache=True)
@@ -202,7 +221,7 @@ def stage_step(z, at, u, axis, h):
 @njit(cache=True)
 def ball_step(z, h, scalars, bias, rings, walls, gaps, touching):
     """Advance the ball by h with the plate's tilt as it stands in z; whether it touches a wall afterwards."""
-    g, radius = scalars[0], scalars[1]
+    g, radius, free = scalars[0], scalars[1], scalars[2]
     r = math.sqrt(z[0] * z[0] + z[1] * z[1])
     ring = rings[ring_index(r, rings)]
     b, c = z[4] + bias[0], z[6] + bias[1]
@@ -210,10 +229,13 @@ def ball_step(z, h, scalars, bias, rings, walls, gaps, touching):
     if touching and r > 1e-6:
         nx, ny = z[0] / r, z[1] / r
         radial, along = ax * nx + ay * ny, -ax * ny + ay * nx
-        radial, along = radial * FREE_ROLLING, along * ring[2]
+        radial, along = radial * free, along * ring[2]
         ax, ay = radial * nx - along * ny, radial * ny + along * nx
     else:
-        ax, ay = ax * FREE_ROLLING, ay * FREE_ROLLING
+        ax, ay = ax * free, ay * free
+    if ring.shape[0] > FLOOR and ring[FLOOR] != 0.0 and r > 1e-6:
+        along = r * force(ring, FLOOR, math.atan2(z[1], z[0]))
+        ax, ay = ax - along * z[1] / r, ay + along * z[0] / r
     vx, vy = z[2] + h * ax, z[3] + h * ay
     speed = math.sqrt(vx * vx + vy * vy)
     keep = max(0.0, 1.0 - h * ring[3])

@@ -6,12 +6,12 @@ Point mass at radius r in the plate frame, R = Ry(beta) Rx(gamma); rolling and f
     theta_dd =  beta_dd sin(gamma) + 2 beta_d gamma_d cos(gamma) sin(theta)^2
               + (gamma_d^2 - beta_d^2 cos(gamma)^2) sin(theta) cos(theta)
               - k (g/r) [sin(beta') sin(theta) + sin(gamma') cos(beta') cos(theta)]
-              - c theta_d - d tanh(theta_d / w) + e
+              - c theta_d - d tanh(theta_d / w) + f(theta) + e
     beta_dd  =  wn^2 (gain u + offset - beta) - 2 zeta wn beta_d        (gamma likewise)
 
 beta' = beta + beta_0 and gamma' = gamma + gamma_0 are the tilts against gravity: the table itself is off level by
-(beta_0, gamma_0). e is held over a step: what a learned model adds (`learned_dynamics`), else 0. tanh stands for the
-sign in dry friction: good for planning, not for identification.
+(beta_0, gamma_0). f is what the floor adds (`surface`). e is held over a step: what a learned model adds
+(`learned_dynamics`), else 0. tanh stands for the sign in dry friction: good for planning, not for identification.
 
 The stage is linear with a held input, so it is exact (zero-order hold, any damping); theta goes by the classical
 Runge-Kutta scheme of order 4 in SUBSTEPS steps on the exact tilt. Against an adaptive integrator one step of 1/30 s
@@ -31,6 +31,8 @@ import numpy as np
 from numba import njit
 
 from mazeplan.errors import ModelError
+from mazeplan.models import surface
+from mazeplan.models.surface import force, slope
 from mazeplan.records import Array
 
 if TYPE_CHECKING:
@@ -78,7 +80,8 @@ class RingParameters:
     radius: m, where the ball's centre travels; rolling_factor: times the gravity part; viscous: 1/s; dry: rad/s^2;
     dry_width: rad/s over which dry friction changes sign; offset_beta, offset_gamma: tilt of the table, rad;
     beta, gamma: the stage; dt: s; gravity: m/s^2; physics: False leaves only what the turning plate does, for models
-    that learned all the rest. Raises ModelError for values out of range.
+    that learned all the rest; surface: what the floor adds, as `surface.pack` has it, or empty. Raises ModelError for
+    values out of range.
     """
 
     radius: float
@@ -93,6 +96,7 @@ class RingParameters:
     dt: float = 1.0 / 30.0
     gravity: float = GRAVITY
     physics: bool = True
+    surface: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("radius", "rolling_factor", "dry_width", "dt", "gravity"):
@@ -109,7 +113,7 @@ class RingParameters:
         ball = model.ball(ring)
         axes = [
             AxisParameters(axis.gain, axis.natural_frequency, axis.damping, axis.offset)
-            for axis in (model.stage.beta, model.stage.gamma)
+            for axis in (model.true_stage.beta, model.true_stage.gamma)
         ]
         return cls(
             radius=radius,
@@ -121,11 +125,12 @@ class RingParameters:
             beta=axes[0],
             gamma=axes[1],
             physics=not (model.kind == "np" and ring in model.processes),
+            surface=tuple(surface.pack(ball)),
         )
 
     def pack(self) -> Array:
         """The vector that the compiled functions read: ball, integration, then per axis its numbers and its table of
-        transition matrices at 0, 1/2, 1, 3/2 ... SUBSTEPS integration steps."""
+        transition matrices at 0, 1/2, 1, 3/2 ... SUBSTEPS integration steps, then what the floor adds."""
         on = 1.0 if self.physics else 0.0
         ball = [
             on * self.rolling_factor * self.gravity / self.radius,
@@ -141,7 +146,7 @@ class RingParameters:
             0.0,
         ]
         axes = [number for axis in (self.beta, self.gamma) for number in _pack_axis(axis, self.dt)]
-        return np.array(ball + axes, dtype=float)
+        return np.array(ball + axes + list(self.surface or np.zeros(surface.SIZE)), dtype=float)
 
 
 def _pack_axis(axis: AxisParameters, dt: float) -> list[float]:
@@ -181,6 +186,12 @@ def _axes(p):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
+def _surface(p):
+    """Where what the floor adds begins in p."""
+    return _AXES + 2 * (_TABLE + _NODE * (2 * int(p[_SUBSTEPS]) + 1))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _node(p, s, u, node):
     """The plate at a node as the ball feels it: beta_d, beta_dd, gamma_d, sin and cos of gamma, beta', gamma'."""
     b, c = _axes(p)
@@ -209,7 +220,11 @@ def _acceleration(p, plate, theta, theta_d):
     centripetal = (gamma_d * gamma_d - beta_d * beta_d * cos_c * cos_c) * sin * cos
     gravity = -p[_DRIVE] * (sin_bg * sin + sin_cg * cos_bg * cos)
     friction = p[_VISCOUS] * theta_d + p[_DRY] * math.tanh(theta_d / p[_WIDTH])
-    return turning + centripetal + gravity - friction + p[EXTRA]
+    total = turning + centripetal + gravity - friction + p[EXTRA]
+    at = _surface(p)
+    if p[at] != 0.0:
+        total += force(p, at, theta)
+    return total
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -219,10 +234,14 @@ def _partials(p, plate, theta, theta_d):
     sin, cos = math.sin(theta), math.cos(theta)
     drive, tanh = p[_DRIVE], math.tanh(theta_d / p[_WIDTH])
     centripetal = gamma_d * gamma_d - beta_d * beta_d * cos_c * cos_c
+    at, floor = _surface(p), 0.0
+    if p[at] != 0.0:
+        floor = slope(p, at, theta)
     return (
         4.0 * beta_d * gamma_d * cos_c * sin * cos
         + centripetal * (cos * cos - sin * sin)
-        - drive * (sin_bg * cos - sin_cg * cos_bg * sin),
+        - drive * (sin_bg * cos - sin_cg * cos_bg * sin)
+        + floor,
         -p[_VISCOUS] - p[_DRY] / p[_WIDTH] * (1.0 - tanh * tanh),
         -drive * (cos_bg * sin - sin_cg * sin_bg * cos),
         2.0 * gamma_d * cos_c * sin * sin - 2.0 * beta_d * cos_c * cos_c * sin * cos,

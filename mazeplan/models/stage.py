@@ -30,7 +30,8 @@ HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
 
 @dataclass(frozen=True)
 class StageAxis:
-    """One axis. natural_frequency rad/s, damping -, gain -, dead_time s, offset rad."""
+    """One axis. natural_frequency rad/s, damping -, gain -, dead_time s, offset rad; backlash: rad, play between the
+    servo and the plate."""
 
     gain: float = 1.0
     natural_frequency: float = 26.0
@@ -38,9 +39,11 @@ class StageAxis:
     dead_time: float = 0.0
     offset: float = 0.0
     stderr: dict[str, float] = field(default_factory=dict, compare=False)
+    backlash: float = 0.0
 
     def __post_init__(self) -> None:
         for name, low, high in (
+            ("backlash", 0.0, 0.2),
             ("gain", 0.05, 20.0),
             ("natural_frequency", 0.5, 500.0),
             ("damping", 0.02, 20.0),
@@ -73,6 +76,19 @@ class StageFit:
     axis: StageAxis
     rms: float
     samples: int
+
+
+def played(u: Array, backlash: float, start: float | None = None) -> Array:
+    """What gears with a play of `backlash` rad pass on of commands u (N,): they follow as late as they can. start: what
+    they passed on before, the first command by default."""
+    if backlash == 0.0:
+        return u
+    half, out = 0.5 * backlash, np.empty(len(u))
+    at = float(u[0]) if start is None else start
+    for i, value in enumerate(u):
+        at = min(max(at, value - half), value + half)
+        out[i] = at
+    return out
 
 
 def step_response(axis: StageAxis, t: Array) -> Array:

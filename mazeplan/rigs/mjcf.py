@@ -27,6 +27,7 @@ SHOULDER = 2e-4  # m of arc per box beside an opening; what they leave open is h
 PLUG_ON, PLUG_OFF = 1, 2
 FLOOR = 0.005  # m, half thickness of the floor
 TORSIONAL = 2e-5  # m, friction against spinning on a spot
+SOLID = 0.4  # inertia of a solid sphere over m r^2
 SOLIMP = "0.95 0.99 0.0005 0.5 2"
 TIME_CONSTANT = 0.004  # s, of contacts
 
@@ -46,6 +47,10 @@ def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
         geoms += _wall(wall, maze.wall_height, settings)
     geoms += [_plug(maze, opening) for opening in maze.openings]
     radius, mass = maze.ball.radius, maze.ball.mass
+    inertia = ""  # MuJoCo's own, of a solid sphere
+    if settings.ball_inertia != SOLID:
+        about = settings.ball_inertia * mass * radius**2
+        inertia = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
     return f"""<mujoco model="{_safe(maze.name)}">
 <compiler angle="radian"/>
 <option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="elliptic" impratio="10"
@@ -58,7 +63,7 @@ def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
 <joint name="gamma" type="hinge" axis="1 0 0" armature="{ARMATURE}"/>
 {chr(10).join(geoms)}
 </body></body>
-<body name="ball"><freejoint name="ball"/>
+<body name="ball">{inertia}<freejoint name="ball"/>
 <geom name="ball" type="sphere" size="{radius}" mass="{mass}" friction="0 0 0"/></body>
 </worldbody>
 <actuator><position joint="beta" kp="{kp}" kv="{kv}"/><position joint="gamma" kp="{kp}" kv="{kv}"/></actuator>

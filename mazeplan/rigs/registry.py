@@ -1,9 +1,13 @@
-"""From what a user writes after `--rig` to a rig: a packaged name, a YAML file, or module:Class."""
+"""From what a user writes after `--rig` to a rig: a packaged name, a YAML file, or module:Class.
+
+Behind a name or file whose settings hold a surprise, @N is the seed of what is drawn: surprise@3.
+"""
 
 from __future__ import annotations
 
 import importlib
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -25,6 +29,7 @@ def rig_names() -> tuple[str, ...]:
 
 def rig_file(spec: str) -> Path | None:
     """The YAML file that a spec stands for, or None for module:Class. Raises SettingsError when there is none."""
+    spec, _ = seeded(spec)
     packaged = PACKAGED / f"{spec}.yaml"
     if spec in rig_names():
         return packaged
@@ -40,10 +45,29 @@ def rig_file(spec: str) -> Path | None:
     )
 
 
+def seeded(spec: str) -> tuple[str, int | None]:
+    """The name or file, and the seed of its surprise where one is written behind it."""
+    found = re.fullmatch(r"(.+)@([0-9]{1,9})", spec)
+    if found is None or Path(spec).is_file():
+        return spec, None
+    return found[1], int(found[2])
+
+
+def with_seed(spec: str, seed: int) -> str:
+    """The spec with a seed for its surprise, where it holds one and names no seed itself."""
+    path = rig_file(spec)
+    if path is None or seeded(spec)[1] is not None:
+        return spec
+    from mazeplan.rigs.settings import read_rig_file
+
+    kind, data, _ = read_rig_file(path)
+    return f"{spec}@{seed}" if kind is None and data.get("surprise") is not None else spec
+
+
 def rig_label(spec: str) -> str:
     """What reports call it: the name, the file's stem, or the class."""
-    path = rig_file(spec)
-    return path.stem if path is not None else spec
+    path, (_, seed) = rig_file(spec), seeded(spec)
+    return spec if path is None else path.stem if seed is None else f"{path.stem}@{seed}"
 
 
 def rig_model_hint(spec: str) -> str | None:
@@ -82,7 +106,11 @@ def make_rig(spec: str, maze: Maze) -> Rig:
         return _from_class(kind, maze, data, file=path, line=tree.line(("class",)))
     from mazeplan.rigs.simulated import SimulatedRig
 
-    settings = settings_from(data, file=path, tree=tree)
+    settings, (_, seed) = settings_from(data, file=path, tree=tree), seeded(spec)
+    if seed is not None:
+        if settings.surprise is None:
+            raise SettingsError(f"got @{seed}, but there is no surprise in these settings", file=path)
+        settings = settings.model_copy(update={"surprise_seed": seed})
     return SimulatedRig(maze if settings.map is None else load_map(_beside(path, settings.map)), settings)
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from mazeplan.errors import SettingsError
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 
+Surprise = Literal["drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp"]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -45,6 +46,7 @@ class SimulatedSettings(Section):
     # camera
     camera_noise_mm: float = Field(default=0.0, ge=0.0, le=20.0, description="1 sigma per axis")
     camera_delay_frames: int = Field(default=0, ge=0, le=15, description="age of the picture, in samples")
+    camera_late_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="what comes to that age")
     ball_lost_probability: Fraction = Field(default=0.0, description="per sample, that the ball is lost")
     ball_lost_frames: int = Field(default=3, ge=1, le=300, description="for how many samples it then is")
     outlier_probability: Fraction = Field(default=0.0, description="per sample, of a wrong position")
@@ -63,7 +65,15 @@ class SimulatedSettings(Section):
     servo_slew_deg_s: float = Field(default=120.0, ge=5.0, le=2000.0, description="fastest change of the set point")
     command_delay_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="before the servo hears a command")
     backlash_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="play between servo and plate")
+    backlash_axis: Literal["both", "beta", "gamma"] = Field(default="both", description="which servo has it")
     deadband_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="smallest change of command that is obeyed")
+    # ball and plate
+    ball_inertia: float = Field(default=0.4, ge=0.1, le=0.6667, description="of m r^2: 2/5 solid, 2/3 hollow")
+    magnet_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="strongest pull of a magnet under the plate")
+    magnet_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="x, y of the magnet")
+    magnet_depth_mm: float = Field(default=15.0, ge=3.0, le=50.0, description="below the ball's centre")
+    warp_mm: float = Field(default=0.0, ge=0.0, le=5.0, description="height at the edge of a plate bent to a saddle")
+    warp_deg: float = Field(default=0.0, ge=-180.0, le=180.0, description="direction in which the edge is highest")
     # contact
     rolling_friction_m: float = Field(default=2e-5, ge=0.0, le=1e-3, description="stiction angle = this / ball radius")
     floor_friction: float = Field(default=0.3, ge=0.0, le=2.0, description="sliding; low: the ball slips")
@@ -71,6 +81,8 @@ class SimulatedSettings(Section):
     contact_damping_ratio: float = Field(default=1.0, ge=0.02, le=5.0, description="below 1 the ball bounces off walls")
     wall_segments: int = Field(default=360, ge=192, le=1440, description="boxes per full circle of wall")
     faults: tuple[Fault, ...] = ()
+    surprise: Surprise | None = Field(default=None, description="one thing that is not as it was; drawn: any of them")
+    surprise_seed: int = Field(default=0, ge=0, description="of what is drawn, and of its size and place")
 
 
 def settings_from(

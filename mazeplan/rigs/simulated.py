@@ -23,10 +23,13 @@ from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array, Observation
 from mazeplan.rigs.faults import FaultBox
+from mazeplan.rigs.forces import PlateForces
 from mazeplan.rigs.mjcf import SUBSTEPS, mjcf
 from mazeplan.rigs.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.surprise import answer, surprised
 
 CHUNKS = 5  # per sample; 1/150 s at 30 Hz
+AXES = ("beta", "gamma")
 TOLERANCE = 1e-9  # rad, of the tilt limit
 _WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -48,7 +51,9 @@ class SimulatedRig:
 
     def __init__(self, maze: Maze, settings: Mapping[str, Any] | SimulatedSettings | None = None) -> None:
         self.maze = maze
-        self.settings = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
+        given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
+        self.surprise = answer(given, maze)  # for who asks afterwards
+        self.settings = surprised(given, maze)
         self.rate_hz = self.settings.rate_hz
         self._model: mujoco.MjModel | None = None
         self._data: mujoco.MjData | None = None
@@ -72,7 +77,16 @@ class SimulatedRig:
         self._target = self._ctrl = np.zeros(2)
         self._queue: deque[tuple[float, Array]] = deque()
         self._played = np.zeros(2)
+        both = self.settings.backlash_axis == "both"
+        play = [
+            math.radians(self.settings.backlash_deg) * (both or self.settings.backlash_axis == axis) for axis in AXES
+        ]
+        self._half_play = 0.5 * np.array(play)
+        self._forces = PlateForces(self.settings, self.maze)
         self._seen: deque[Array] = deque(maxlen=self.settings.camera_delay_frames + 1)
+        late = 1e-3 * self.settings.camera_late_ms * self.rate_hz * CHUNKS
+        self._late = late - math.floor(late)  # of a chunk
+        self._path = deque([self.truth()[:2]] * (math.floor(late) + 2), maxlen=math.floor(late) + 2)
         self._faults = FaultBox(self.settings.faults, model, data, self.maze)
 
     def close(self) -> None:
@@ -94,7 +108,7 @@ class SimulatedRig:
                 self._step(data)
         t = self._samples / self.rate_hz
         self._samples += 1
-        self._seen.append(self.truth()[:2].copy())
+        self._seen.append((1.0 - self._late) * self._path[1] + self._late * self._path[0])
         x, y = self._picture(t)
         noise = math.radians(self.settings.tilt_noise_deg) * self._rng.standard_normal(2)
         return Observation(t, x, y, float(data.qpos[0] + noise[0]), float(data.qpos[1] + noise[1]))
@@ -107,12 +121,15 @@ class SimulatedRig:
             self._target = self._queue.popleft()[1]
         most = math.radians(self.settings.servo_slew_deg_s) * dt
         self._ctrl = self._ctrl + np.clip(self._target - self._ctrl, -most, most)
-        half = 0.5 * math.radians(self.settings.backlash_deg)
-        self._played = np.clip(self._played, self._ctrl - half, self._ctrl + half)
+        self._played = np.clip(self._played, self._ctrl - self._half_play, self._ctrl + self._half_play)
         data.ctrl[:] = self._faults.servo(now, self._played)
         self._faults.before_step(now)
+        if self._forces:
+            plate, _ = self._plate()
+            data.body("ball").xfrc_applied[:3] = plate @ self._forces.on(plate.T @ data.qpos[2:5])
         mujoco.mj_step(self._model, data, nstep=SUBSTEPS // CHUNKS)
         self._faults.after_step(float(data.time))
+        self._path.append(self.truth()[:2])
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit."""

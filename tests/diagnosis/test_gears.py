@@ -1,0 +1,37 @@
+"""Play between servo and plate, from commands and tilt."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from plant import commands
+
+from mazeplan.diagnosis.gears import fit_with_play
+
+DT = 1.0 / 30.0
+
+
+def plate(u, play, rng):
+    """Tilt (N,) of a servo with play, in small steps, and noise of 0.05 deg."""
+    out, at, angle, rate, h = np.empty(len(u)), 0.0, 0.0, 0.0, DT / 20
+    for k, value in enumerate(u):
+        out[k] = angle
+        at = at + max(value - 0.5 * play - at, 0.0) - max(at - value - 0.5 * play, 0.0)
+        for _ in range(20):
+            rate += h * (400.0 * (at - angle) - 36.0 * rate)
+            angle += h * rate
+    return out + math.radians(0.05) * rng.standard_normal(len(u))
+
+
+@pytest.mark.parametrize("play", [0.0, 0.006, 0.0175])
+def test_play_is_found_to_within_its_error(play):
+    rng = np.random.default_rng(3)
+    u = commands(rng, 1800)[:, 0]
+    found = fit_with_play(u, plate(u, play, rng), DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    if not play:
+        assert found.backlash == 0.0
+        return
+    assert found.backlash == pytest.approx(play, abs=max(5.0 * found.stderr["backlash"], 3e-4))
+    assert found.gain == pytest.approx(1.0, abs=0.01)

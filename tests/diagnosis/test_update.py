@@ -1,0 +1,111 @@
+"""From what was found to a new model: the entries that change, and no others."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import yaml
+
+from mazeplan.diagnosis.update import base_model, merged, updated
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import load_model, model_document, save_model
+
+MAZE = load_map("cme")
+TOY = load_model("toy")
+
+
+def effect(name, **numbers):
+    """An entry as in a diagnosis: parameter = (value, stderr)."""
+    return {"name": name, "parameters": {k: {"value": v, "stderr": s, "unit": "1"} for k, (v, s) in numbers.items()}}
+
+
+def changed(old, new, key=()):
+    """Keys at which two documents differ, down to where one of them ends."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        return [k for name in {**old, **new} for k in changed(old.get(name), new.get(name), (*key, name))]
+    return [] if old == new else [key]
+
+
+@pytest.mark.parametrize(
+    ("found", "entries"),
+    [
+        (effect("dry_friction", coefficient=(1.2, 0.1), asymmetry=(0.0, 0.1)), {("rings", 2, "dry_friction")}),
+        (effect("surface_bump", centre=(1.0, 0.1), width=(0.2, 0.1), height=(-2.0, 0.1)),
+         {("rings", 2, "surface_bump")}),
+        (effect("surface_profile", cos2=(1.0, 0.1)), {("rings", 2, "surface_profile")}),
+        (effect("tilt_offset", beta=(0.01, 0.001), gamma=(0.02, 0.001)),
+         {("rings", ring, "tilt_offset") for ring in range(1, 6)}),
+        (effect("sensor_delay", delay=(0.145, 0.001)), {("camera_delay_s",)}),
+        (effect("camera_offset", x=(0.001, 1e-4), y=(-0.002, 1e-4)), {("camera",)}),
+        (effect("axis_misalignment", angle=(0.03, 1e-3)), {("camera",)}),
+        (effect("tilt_gain", beta=(1.1, 0.01), gamma=(0.9, 0.01)), {("tilt_sensor",)}),
+        (effect("backlash", beta=(0.017, 1e-3), gamma=(0.0, 0.0)), {("stage", "beta", "backlash")}),
+        (effect("command_delay", delay=(0.03, 0.001)),
+         {("stage", axis, "dead_time") for axis in ("beta", "gamma")}),
+        (effect("friction_drift", rate=(1e-3, 1e-4), start=(0.0, 0.1)), set()),
+    ],
+    ids=lambda value: value["name"] if isinstance(value, dict) else "",
+)  # fmt: skip
+def test_the_new_file_differs_by_one_entry_and_can_be_read(tmp_path, found, entries):
+    new = updated(TOY, MAZE, {2: [found]})
+    old_document, new_document = (yaml.safe_load(yaml.dump(model_document(m))) for m in (TOY, new))
+    prefixes = {next((e for e in entries if key[: len(e)] == e), key) for key in changed(old_document, new_document)}
+    assert prefixes == entries
+    save_model(new, tmp_path)
+    again = load_model(tmp_path)
+    assert model_document(again) == model_document(new)
+    assert set(again.processes) == set(TOY.processes)
+
+
+def test_declared_by_the_new_model_is_what_was_found():
+    found = [
+        effect("sensor_delay", delay=(0.145, 0.001)),
+        effect("tilt_gain", beta=(1.1, 0.01), gamma=(0.9, 0.01)),
+        effect("axis_misalignment", angle=(0.03, 1e-3)),
+        effect("backlash", beta=(0.017, 1e-3), gamma=(0.0, 0.0)),
+        effect("surface_bump", centre=(1.0, 0.1), width=(0.2, 0.1), height=(-2.0, 0.1)),
+    ]
+    declared = updated(TOY, MAZE, {3: found}).declared(3)
+    for entry in found:
+        assert declared[entry["name"]] == pytest.approx({k: p["value"] for k, p in entry["parameters"].items()})
+
+
+def test_the_mean_of_several_rings_is_weighted_by_their_errors():
+    found = {1: [effect("sensor_delay", delay=(0.10, 0.001))], 2: [effect("sensor_delay", delay=(0.20, 0.002))]}
+    delay = merged(found, "sensor_delay")["delay"]
+    assert delay["value"] == pytest.approx(0.12)
+    assert delay["stderr"] == pytest.approx(1.0 / math.hypot(1000.0, 500.0))
+    assert updated(TOY, MAZE, found).camera_delay == pytest.approx(0.12)
+
+
+def test_a_hollow_ball_is_hollow_in_every_ring():
+    solid, shell = (1.0 / (1.0 + 2.0 * c) for c in (0.4, 2.0 / 3.0))  # along a wall
+    old = updated(TOY, MAZE, {ring: [effect("rolling_inertia", factor=(solid, 0.01))] for ring in (1, 2, 3, 4)})
+    new = updated(old, MAZE, {2: [effect("rolling_inertia", factor=(shell, 0.01))]}, common=True)
+    assert new.ball(1).parameter("rolling_inertia", "factor", 0.0) == pytest.approx(shell)
+    assert new.ball(5).parameter("rolling_inertia", "factor", 0.0) == pytest.approx(1.0 / (1.0 + 2.0 / 3.0), rel=1e-3)
+    alone = updated(old, MAZE, {2: [effect("rolling_inertia", factor=(shell, 0.01))]})
+    assert alone.ball(1) == old.ball(1)
+
+
+def test_more_friction_is_as_many_metres_per_second_squared_in_every_ring():
+    had = [TOY.ball(ring).parameter("dry_friction", "coefficient", 0.0) for ring in (1, 3)]
+    new = updated(TOY, MAZE, {1: [effect("dry_friction", coefficient=(had[0] + 0.5, 0.01))]}, common=True)
+    more = new.ball(3).parameter("dry_friction", "coefficient", 0.0) - had[1]
+    assert more == pytest.approx(0.5 * MAZE.track_radius(1) / MAZE.track_radius(3))
+
+
+def test_values_outside_what_a_model_may_have_become_the_nearest():
+    new = updated(
+        TOY, MAZE, {1: [effect("sensor_delay", delay=(-0.01, 0.001)), effect("quadratic_drag", coefficient=(-1, 1))]}
+    )
+    assert new.camera_delay == 0.0
+    assert new.ball(1).parameter("quadratic_drag", "coefficient", 1.0) == 0.0
+
+
+def test_declarations_alone_make_a_model_of_one_ring():
+    declared = {"rolling_inertia": {"factor": 0.6}, "sensor_delay": {"delay": 0.05}}
+    model = base_model(MAZE, 2, declared, None)
+    assert model.declared(2) == declared
+    assert list(model.balls) == [2]
