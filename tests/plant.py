@@ -17,11 +17,13 @@ SETTINGS = {  # what is in the plant without any effect
     "dry": 0.0, "viscous": 0.35, "quadratic": 0.0, "offset": (0.0, 0.0), "factor": 5 / 7, "torque": 0.0, "drift": 0.0,
     "bump": (0.0, 1.0, 0.0), "hum": (0.0, 0.0), "gate": (0.0, 0.0), "lean": 0.0, "wave": (0.0, 0.0, 0.0, 0.0),
     "memory": (0.0, 1.0), "cross": (0.0, 0.0),
+    "wall": 0.0, "gates": (0.0, 0.0, 0.0),
 }  # fmt: skip
 STARTS = dict(zip(SETTINGS, np.cumsum([0] + [np.size(v) for v in SETTINGS.values()]).tolist(), strict=False))
 VISCOUS, QUADRATIC, OFFSET, FACTOR, TORQUE = (STARTS[n] for n in ("viscous", "quadratic", "offset", "factor", "torque"))
 DRIFT, BUMP, HUM, GATE, LEAN = (STARTS[name] for name in ("drift", "bump", "hum", "gate", "lean"))
 WAVE, MEMORY, CROSS = (STARTS[name] for name in ("wave", "memory", "cross"))
+WALL, GATES = STARTS["wall"], STARTS["gates"]
 
 
 def commands(rng, n, amplitude=0.06):
@@ -37,9 +39,10 @@ def commands(rng, n, amplitude=0.06):
 def play(seed=0, seconds=120.0, radius=0.0925, camera=3e-4, sensor=8e-4, process=0.0, u=None, **effects):
     """Columns t, theta, r, beta, gamma, u_beta, u_gamma of a record. effects by name: dry, viscous, quadratic, offset
     (2,), factor, torque, delay (s), angle (of the camera), camera_offset (2,), drift, bump (centre, width, height),
-    wave (cos and sin of theta, of 2 theta), gate (angle, share of the speed lost), gain (2,); and, which no library
-    has: hum (Hz, size), lean (friction that grows with the tilt), memory (pull of the speed's past, s), cross (speed
-    times beta, times gamma)."""
+    wave (cos and sin of theta, of 2 theta), gate (angle, share of the speed lost), gain (2,), wall (friction
+    coefficient at the walls), gates (side 1 outer or -1 inner, angle of the first of four, share of the speed lost
+    by a ball that lies against that wall); and, which no library has: hum (Hz, size), lean (friction that grows with
+    the tilt), memory (pull of the speed's past, s), cross (speed times beta, times gamma)."""
     rng = np.random.default_rng(seed)
     n = round(seconds * RATE)
     u = commands(rng, n) if u is None else np.asarray(u, dtype=float)
@@ -100,11 +103,16 @@ def _run(u, s, radius, th, kicks, late):
             middle = (th + 0.5 * h * w, w + 0.5 * h * a, past + 0.5 * h * (w - past) / s[MEMORY + 1])
             a = _pull(*middle, time + 0.5 * h, bm, gm, bdm, gdm, bddm, radius, s)
             past += h * (w - past) / s[MEMORY + 1]
-            free, most = w + h * a, h * s[0]
+            press = w * w + 9.81 / radius * 5 / 9 * (math.sin(b) * math.cos(th) - math.sin(g) * math.sin(th))
+            free, most = w + h * a, h * (s[0] + s[WALL] * abs(press))
             new = 0.0 if abs(free) <= most else free - math.copysign(most, free)
             before, th, w = th, th + 0.5 * h * (w + new), new + kicks[k * FINE + i]
             turn = 2 * math.pi
             if s[GATE + 1] > 0.0 and math.floor((before - s[GATE]) / turn) != math.floor((th - s[GATE]) / turn):
                 w *= 1.0 - s[GATE + 1]
+            if s[GATES] * press > 0.0:
+                quarter, at = 0.5 * math.pi, s[GATES + 1]
+                if math.floor((before - at) / quarter) != math.floor((th - at) / quarter):
+                    w *= 1.0 - s[GATES + 2]
             b, g, bd, gd = b + h * bdm, g + h * gdm, bd + h * bddm, gd + h * gddm
     return angles, tilt

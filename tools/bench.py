@@ -27,6 +27,7 @@ from bench_improve import improve_section
 from bench_models import measured_section, toy_section, training_section
 from bench_moves import moves_section
 from bench_predictability import predictability_section
+from bench_real import real_section
 from bench_solver import solver_section
 
 from mazeplan.settings import load_settings
@@ -154,6 +155,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         emps_section(quick),
         baselines_section(quick),
         improve_section(quick),
+        real_section(quick),
     ]
 
 
@@ -174,7 +176,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "training": lambda quick: training_section(), "solver": timed_solver_section,
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
-    "baselines": baselines_section, "improve": improve_section,
+    "baselines": baselines_section, "improve": improve_section, "real": real_section,
 }  # fmt: skip
 
 

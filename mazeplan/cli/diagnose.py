@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from mazeplan.data.table import Table
     from mazeplan.diagnosis.diagnose import Diagnosis
-    from mazeplan.diagnosis.library import Candidate
+    from mazeplan.diagnosis.library import Candidate, Gates
     from mazeplan.diagnosis.report import Diagnosed
     from mazeplan.maze.geometry import Maze
 
@@ -83,7 +83,7 @@ def _of_ball(
     from mazeplan.cli.arguments import positive
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
-    from mazeplan.diagnosis.library import ring_library
+    from mazeplan.diagnosis.library import Gates, ring_library, wall_library
     from mazeplan.diagnosis.record import centred, record_of, turned_round
     from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model
@@ -92,20 +92,21 @@ def _of_ball(
     if model is not None:
         table = centred(table, load_model(model).camera)
     known: dict[str, dict[str, float]] = {}
+    gates = None
     if radius is None:
         number = _ring(table, maze, ring)
-        where, rows = maze.track_radius(number), _in_ring(table, maze, number)
+        where, rows, gates = maze.track_radius(number), _in_ring(table, maze, number), gates_of(maze, number)
         known = load_model(model).declared(number) if model is not None else {}
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
         known = load_model(model).declared(ring or 1) if model is not None else {}
-    declare_known(known, declare, ring_library())
+    declare_known(known, declare, [*ring_library(), *wall_library(gates or Gates())])
     table, odd = turned_round(table, where)
     further = None
     if test is not None:
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
-    done = run(record_of(table, rows, odd), where, known, ring=number, test=further, progress=say)
+    done = run(record_of(table, rows, odd), where, known, ring=number, gates=gates, test=further, progress=say)
     return done, {
         **done.document(),
         "ring": number,
@@ -151,6 +152,16 @@ def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title
         print(f"report: {document['report']}")
         if document.get("model") is not None:
             print(f"model:  {document['model']}")
+
+
+def gates_of(maze: Maze, number: int) -> Gates:
+    """Openings in the walls of a ring."""
+    from mazeplan.diagnosis.library import Gates
+
+    openings = maze.openings_of(number)
+    return Gates(
+        tuple(o.angle for o in openings if o.inner == number), tuple(o.angle for o in openings if o.outer == number)
+    )
 
 
 def _all(table: Table) -> np.ndarray:

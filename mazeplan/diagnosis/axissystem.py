@@ -66,6 +66,10 @@ class AxisSystem:
         )  # fmt: skip
         return problem, np.array(p)
 
+    def volume(self, values: Values, rows: np.ndarray) -> float:
+        """Nothing changes what was measured."""
+        return 0.0
+
     def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
         """What moving each of some parameters (effect, name, step) changes."""
         return plain_moves(self, candidates, values, steps)

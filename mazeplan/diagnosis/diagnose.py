@@ -1,6 +1,6 @@
 """Diagnose a record of a ball in one ring: stage, camera, ball, one after the other; a verdict that can be checked.
 
-The search and every fit see the first 70 % of the samples only; before and after are measured on the rest.
+The search and every fit see 70 % of the samples only; before and after are measured on the rest (`holdout`).
 """
 
 from __future__ import annotations
@@ -18,14 +18,16 @@ from mazeplan.diagnosis.evidence import Evidence, evidence_of
 from mazeplan.diagnosis.fit import Likelihood, fit
 from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
-from mazeplan.diagnosis.library import Candidate, ring_library, stage_errors
+from mazeplan.diagnosis.holdout import SEEN, seen_and_held
+from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
 from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
+from mazeplan.diagnosis.remainder import Remainder, remainder
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
-from mazeplan.diagnosis.scores import Score, score
+from mazeplan.diagnosis.scores import Score, matched_target, ring_of, score
 from mazeplan.diagnosis.search import Finding, search
+from mazeplan.diagnosis.windows import by_windows
 
-SEEN = 0.7  # share of the record that search and fits see
 GAP = 30  # samples; a ball that was away for longer begins anew
 DELAY = 0.005  # s; a command delay worth a word
 
@@ -48,11 +50,20 @@ class Diagnosis:
     evidence: tuple[Evidence, Evidence]
     apart: tuple[dict[str, str], ...] = ()
     test: tuple[Score, Score] | None = None
+    held: str = ""
+    remainder: Remainder | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a reader of the numbers should know."""
-        return (f"Tilt: {self.tilt_source}.", *self.notes)
+        learned = ()
+        if self.remainder is not None:
+            learned = (
+                f"nRMSE of theta_dd with what is left learned by a Gaussian process, without a name: "
+                f"{self.remainder.nrmse:.4f}.",
+            )
+        scored = f"Scores are of {self.held}, which search and fits did not see."
+        return (scored, f"Tilt: {self.tilt_source}.", *learned, *self.notes)
 
     def document(self) -> dict[str, Any]:
         """The JSON of it."""
@@ -71,6 +82,8 @@ class Diagnosis:
             "after": self.after.document(),
             "noise_floor": round(self.after.floor, 5) if math.isfinite(self.after.floor) else None,
             "held_out": round(1.0 - SEEN, 3),
+            "held_out_rows": self.held,
+            **({"remainder": self.remainder.document()} if self.remainder is not None else {}),
             "tilt": self.tilt_source,
             "notes": list(self.notes),
             **(
@@ -139,14 +152,14 @@ def diagnose(
     declared: Values,
     *,
     ring: int | None = None,
+    gates: Gates | None = None,
     test: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
-    """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; test: a further
-    record, for scores only."""
+    """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; gates: those of the
+    ring by the map, where one is known; test: a further record, for scores only."""
     tell = progress or (lambda text: None)
-    seen = np.cumsum(np.isfinite(record.theta))  # samples of the ball: it may be elsewhere for most of the record
-    rows = seen <= SEEN * seen[-1]
+    rows, held, which = seen_and_held(record)
     tell("stage")
     stage = fit_stage(record, rows)
     tilt = plate_motion(record, stage)
@@ -154,28 +167,47 @@ def diagnose(
     circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    named = [_from_declared(c, declared) for c in ring_library()]
-    library = [*named, *anonymous_library(), *placebos()]
+    named = [_from_declared(c, declared) for c in ring_library() if circle is None or c.acts != CAMERA]
+    library = [*named, *wall_library(gates or Gates()), *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
-    record, rows = _with_ball(record, rows)
+    record, (rows, held) = _with_ball(record, rows, held)
     plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
-    finding = search(straight, library, tell, along=along)
+    if record.u is None and matched_target(ring_of(straight)) is not None:
+        finding, judge = by_windows(straight, library, rows, tell)
+    else:
+        finding, judge = search(straight, library, tell, along=along), straight
     tell("scores on what was held out")
-    effects += [_entry(straight, finding, c, ~rows) for c in finding.final.candidates if c.named]
+    effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
-        verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, ~rows),
-        score(straight, finding.final, ~rows), tilt.source, (*record.notes, *_chance(finding)),
+        verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, held),
+        score(straight, finding.final, held), tilt.source, (*record.notes, *_chance(finding)),
         (evidence_of(plain, base), evidence_of(straight, finding.final)),
-        tuple(experiment_for(group, ring) for group in finding.alike),
+        tuple(experiment_for(group, ring) for group in finding.alike), held=which,
+        remainder=_remainder(straight, finding, record, rows, held, tell),
     )  # fmt: skip
     if test is None:
         return done
     moved = plate_motion(test, stage)
-    test, every = _with_ball(test, np.ones(len(test), dtype=bool))
+    test, (every,) = _with_ball(test, np.ones(len(test), dtype=bool))
     before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
     return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
+
+
+def _remainder(
+    likelihood: Likelihood,
+    finding: Finding,
+    record: Record,
+    rows: np.ndarray,
+    held: np.ndarray,
+    tell: Callable[[str], None],
+) -> Remainder | None:
+    """What is left, learned without a name, where something is left: an unknown, or blows that the record's own
+    accelerations show."""
+    if finding.unknown is None and matched_target(ring_of(likelihood)) is None:
+        return None
+    return remainder(likelihood, finding.final, record, rows, held, tell)
 
 
 def _from_declared(candidate: Candidate, declared: Values) -> Candidate:
@@ -187,8 +219,8 @@ def _from_declared(candidate: Candidate, declared: Values) -> Candidate:
     return replace(candidate, starts=(tuple(had[name] for name in candidate.parameters),))
 
 
-def _with_ball(record: Record, rows: np.ndarray) -> tuple[Record, np.ndarray]:
-    """The record without the stretches in which the ball is elsewhere, and what is left of rows (N,): they would only
+def _with_ball(record: Record, *masks: np.ndarray) -> tuple[Record, tuple[np.ndarray, ...]]:
+    """The record without the stretches in which the ball is elsewhere, and what is left of masks (N,): they would only
     take time. Gaps of a few samples stay."""
     gone = ~np.isfinite(record.theta)
     edges = np.flatnonzero(np.diff(np.r_[False, gone, False].astype(np.int8)))
@@ -199,8 +231,9 @@ def _with_ball(record: Record, rows: np.ndarray) -> tuple[Record, np.ndarray]:
             if b < len(record):
                 first[b] = True
     parts = {name: getattr(record, name)[keep] for name in ("t", "theta", "beta", "gamma", "segment")}
-    r, u = (None if part is None else part[keep] for part in (record.r, record.u))
-    return replace(record, first=first[keep], r=r, u=u, **parts), rows[keep]
+    r, u, own = (None if part is None else part[keep] for part in (record.r, record.u, record.theta_ddot))
+    kept = replace(record, first=first[keep], r=r, u=u, theta_ddot=own, **parts)
+    return kept, tuple(mask[keep] for mask in masks)
 
 
 def _likelihood(
@@ -218,6 +251,7 @@ def _likelihood(
         theta = straightened(theta, record.r, circle.offset)
 
     system = RingSystem(record.t, theta, record.first, radius, tilt, declared)
+    system.target = record.theta_ddot
     return Likelihood(system, library, rows)
 
 
@@ -257,12 +291,14 @@ def _camera_effect(circle: Circle) -> dict[str, Any]:
     }
 
 
-def _entry(likelihood: Likelihood, finding: Finding, c: Candidate, rows: np.ndarray) -> dict[str, Any]:
-    """An effect for the JSON: sizes, evidence, 40-step error (rad) on some rows without it, all others fitted again,
-    and with it."""
+def _entry(
+    likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Candidate, rows: np.ndarray
+) -> dict[str, Any]:
+    """An effect for the JSON: sizes, evidence, 40-step error (rad) on some rows without it, all others fitted again (by
+    `judge`), and with it."""
     final = finding.final
     rest = [other for other in final.candidates if other is not c]
-    without = fit(likelihood, rest, {other.name: final.values[other.name] for other in rest}, final.q)
+    without = fit(judge, rest, {other.name: final.values[other.name] for other in rest}, final.q)
     before, after = (score(likelihood, found, rows).document()["rollout40"] for found in (without, final))
     return {
         "name": c.name,
@@ -291,11 +327,10 @@ def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Seq
 def model_error(record: Record, radius: float, declared: Values, stage: Stage | None) -> Score:
     """How far a model is off on the rows of a record that search and fits of `diagnose` do not see; only the noise of
     the record is fitted, and what the tilt sensor leaves open of the stage (as `fit_stage` has it)."""
-    seen = np.cumsum(np.isfinite(record.theta))
-    rows = seen <= SEEN * seen[-1]
+    rows, held, _ = seen_and_held(record)
     tilt = plate_motion(record, stage)
     along = [] if stage is None else [stage_errors(stage.directions)]
-    record, rows = _with_ball(record, rows)
+    record, (rows, held) = _with_ball(record, rows, held)
     likelihood = _likelihood(record, tilt, radius, declared, [*ring_library(), *along], rows, None)
     base = fit(likelihood, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
-    return score(likelihood, base, ~rows)
+    return score(likelihood, base, held)

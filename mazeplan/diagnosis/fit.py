@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.diagnosis.kalman import Moves, innovations
-from mazeplan.diagnosis.library import Candidate, Spec
+from mazeplan.diagnosis.library import CAMERA, Candidate, Spec
 from mazeplan.diagnosis.system import System, Values
 from mazeplan.records import Array
 
@@ -40,7 +40,11 @@ class Fit:
 
 
 class Likelihood:
-    """-2 log L of a system on some of its rows."""
+    """-2 log L of a system on some of its rows.
+
+    noisy: whether the process noise plays a part; repeats: how many residuals are worth one independent one."""
+
+    noisy, repeats = True, 1.0
 
     def __init__(self, system: System, library: Sequence[Candidate], rows: np.ndarray) -> None:
         """rows (N,): which count."""
@@ -68,7 +72,13 @@ class Likelihood:
         innovations(problem, p, q, self._stop, self._nu, self._S, self.states, moves, J)
         keep = self.rows & np.isfinite(self._nu)
         root = np.sqrt(self._S[keep])
-        return self._nu[keep] / root, J[keep] / root[:, None]
+        e, J = self._nu[keep] / root, J[keep] / root[:, None]
+        camera = {c.name for c in self.library if c.acts == CAMERA}
+        for j, (effect, name, step) in enumerate(steps):
+            if effect in camera:  # moves what was measured, which no pass of the filter does
+                moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+                J[:, j] = (self.whitened(moved, q)[0] - e) / step
+        return e, J
 
     def filtered(self, values: Values, q: float) -> Array:
         """States (N, 5) of all rows, as `kalman.innovations` leaves them."""
@@ -90,7 +100,11 @@ class Likelihood:
         e, logs, n = self.whitened(values, q)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             out = n * math.log(max(float(np.mean(e * e)), 1e-300)) + logs if n else math.inf
-        return out + self.prior(values) if math.isfinite(out) else math.inf
+        return out + self.prior(values) + self.volume(values) if math.isfinite(out) else math.inf
+
+    def volume(self, values: Values) -> float:
+        """What a change of the measured angles adds."""
+        return self.system.volume(values, self.rows & np.isfinite(self._nu))
 
     def prior(self, values: Values) -> float:
         """What values cost that are off what was known beforehand."""
@@ -104,6 +118,8 @@ class Likelihood:
 
 def best_q(likelihood: Likelihood, values: Values, guess: float | None = None) -> float:
     """Process noise of the largest likelihood, by golden section over decades, or around a guess."""
+    if not likelihood.noisy:
+        return guess or math.sqrt(Q_LOW * Q_HIGH)
     low, high = math.log(Q_LOW), math.log(Q_HIGH)
 
     def at(x: float) -> float:
@@ -166,7 +182,11 @@ def fit(
             break
     e, _, _ = likelihood.whitened(values_of(x), q)
     variance = float(np.mean(e * e))
-    found = values_of(_sigma(J, variance, np.array([spec.prior for *_, spec in names]))) if len(x) else {}
+    found = (
+        values_of(_sigma(J, likelihood.repeats * variance, np.array([spec.prior for *_, spec in names])))
+        if len(x)
+        else {}
+    )
     return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, found, len(x))
 
 
@@ -176,7 +196,7 @@ def forecast(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str
     values = {**current.values, c.name: start}
     steps = [(k.name, name, spec.step) for k in (*current.candidates, c) for name, spec in k.parameters.items()]
     e, J = likelihood.jacobian(values, current.q, steps)
-    n = len(e)
+    n = len(e) / likelihood.repeats
     J = J / np.maximum(np.linalg.norm(J, axis=0), 1e-12)
     left = e - J @ np.linalg.lstsq(J, e, rcond=1e-10)[0]
     here = current.minus2 - likelihood.minus2(values, current.q)  # the start itself may already be better, or worse
@@ -209,7 +229,7 @@ def _gauss_newton(
         e, J = likelihood.jacobian(values_of(x), q, [(c, n, s) for (c, n, _), s in zip(names, inward, strict=True)])
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-12)
         A, g = (J / scale).T @ (J / scale), (J / scale).T @ e
-        variance = float(np.mean(e * e))
+        variance = likelihood.repeats * float(np.mean(e * e))
         A += np.diag(variance / (prior * scale) ** 2)
         g += variance * (x - default) / (prior**2 * scale)
         held = ((x <= low) & (g > 0.0)) | ((x >= high) & (g < 0.0))  # at a bound, and pulled against it

@@ -3,7 +3,10 @@
     r = R + x_0 cos(theta) + y_0 sin(theta)     to first order in the offset
 
 for a camera whose centre is (x_0, y_0) off. A shifted circle also bends theta, so it is straightened before the ball is
-looked at.
+looked at. Where r was not measured, a ball that is known to stay at the track radius R tells the offset by how it
+moves: it was seen at the angle theta of (x_0 + R cos(phi), y_0 + R sin(phi)), hence
+
+    phi = theta + asin((x_0 sin(theta) - y_0 cos(theta)) / R)
 """
 
 from __future__ import annotations
@@ -75,3 +78,27 @@ def straightened(theta: Array, r: Array, offset: tuple[float, float]) -> Array:
     x, y = r * np.cos(theta) - offset[0], r * np.sin(theta) - offset[1]
     turn = np.arctan2(y, x) - theta
     return theta + (turn + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def unbent(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Angle about the true centre of a ball on a circle (radius, m) that was seen at theta by a camera that is off."""
+    return theta + np.arcsin(_sine(theta, radius, offset))
+
+
+def as_seen(phi: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """The way back: theta from the angle about the true centre, on the same turn."""
+    x, y = offset
+    c, s = np.cos(phi), np.sin(phi)
+    return phi + np.arctan2(y * c - x * s, radius + x * c + y * s)
+
+
+def bending(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Derivative of `unbent` by theta."""
+    x, y = offset
+    sine = _sine(theta, radius, offset)
+    return 1.0 + (x * np.cos(theta) + y * np.sin(theta)) / (radius * np.sqrt(1.0 - sine**2))
+
+
+def _sine(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    # an offset near the radius, which only a search on its way may try, has no circle around the camera
+    return np.clip((offset[0] * np.sin(theta) - offset[1] * np.cos(theta)) / radius, -0.9, 0.9)

@@ -5,7 +5,7 @@
 w are the inputs at the nodes of the integration. Terms are called through their addresses, so that a term that a user
 adds needs no new compilation of the filter. Runge-Kutta 4 in SUBSTEPS steps a sample; dry friction by time stepping
 (Moreau): the impulse of a step is taken off the speed, and holds it at nought where it is large enough to. A gate takes
-a share of the speed when its angle is passed.
+a share of the speed when its angle is passed, one in a wall only of a ball that lies against it (`wallterms`).
 
 Covariances are in units of the variance R of one measurement, q (1/s^3) is the intensity of the process noise in them.
 With R eliminated, R^ = mean(n_k^2 / S_k),
@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, types
 
+from mazeplan.diagnosis.wallterms import against, pressing
 from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
 from mazeplan.records import Array, IntArray
 
@@ -53,7 +54,9 @@ class Problem(NamedTuple):
     """What is filtered. y (N,): measured position; seen, first (N,): whether measured, whether a stretch begins; t (N,)
     and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T,): where in p
     the parameters of a term begin; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G,):
-    where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never."""
+    where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never; gate_at (G, 2): what is
+    added to the angle of a gate, and the side of its wall (`wallterms.against`); wall: where in p the friction at the
+    walls is, -1: none; pull: g / R, 1/s^2."""
 
     y: Array
     seen: np.ndarray
@@ -66,6 +69,9 @@ class Problem(NamedTuple):
     dry: int
     gates: IntArray
     turn: float
+    gate_at: Array = np.empty((0, 2))
+    wall: int = -1
+    pull: float = 0.0
 
 
 class _Core(NamedTuple):
@@ -76,11 +82,14 @@ class _Core(NamedTuple):
     terms: Any
     place: Any
     gates: Any
+    gate_at: Any
     row: int
     node: int
     n_terms: int
     n_gates: int
     dry: int
+    wall: int
+    pull: float
     dt: float
 
 
@@ -89,8 +98,8 @@ def _core(problem):
     """The core of a problem."""
     return _Core(
         pointer_to(problem.w, 0), pointer_to(problem.t, 0), pointer_to(problem.terms, 0), pointer_to(problem.place, 0),
-        pointer_to(problem.gates, 0), problem.w.shape[1] * problem.w.shape[2], problem.w.shape[2], len(problem.terms),
-        len(problem.gates), problem.dry, problem.dt,
+        pointer_to(problem.gates, 0), pointer_to(problem.gate_at, 0), problem.w.shape[1] * problem.w.shape[2],
+        problem.w.shape[2], len(problem.terms), len(problem.gates), problem.dry, problem.wall, problem.pull, problem.dt,
     )  # fmt: skip
 
 
@@ -117,6 +126,27 @@ def _passed(a, before, after):
 
 
 @njit(cache=True, error_model="numpy")
+def _resistance(core, p, x, v, w):
+    """Dry friction at floor and walls against a motion in the direction of v, rad/s^2."""
+    most = 0.0
+    if core.dry >= 0:
+        most = max(p[core.dry] + p[core.dry + 1] * math.copysign(1.0, v), 0.0)
+    if core.wall >= 0:
+        most += p[core.wall] * abs(pressing(x, v, w, core.pull))
+    return most
+
+
+@njit(cache=True, error_model="numpy")
+def _gate(core, p, j, x, v, w):
+    """Angle of gate j, and the share of its speed v that a ball at x loses in passing it."""
+    g, side = core.gates[j], core.gate_at[2 * j + 1]
+    loss = p[g + 1]
+    if side != 0.0:
+        loss *= against(pressing(x, v, w, core.pull), core.pull, side)
+    return p[g] + core.gate_at[2 * j], loss
+
+
+@njit(cache=True, error_model="numpy")
 def _advance(core, p, k, x, v):
     """(position, speed, whether it is held at rest) one sample after sample k."""
     h, held = core.dt / SUBSTEPS, False
@@ -130,16 +160,16 @@ def _advance(core, p, k, x, v):
         before, free = x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         x += h * v + h * h / 6.0 * (a1 + a2 + a3)
         v, held = free, False
-        if core.dry >= 0:
-            most = h * max(p[core.dry] + p[core.dry + 1] * math.copysign(1.0, free), 0.0)
+        if core.dry >= 0 or core.wall >= 0:
+            most = h * _resistance(core, p, before, free, w1)
             held = abs(free) <= most
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
         for j in range(core.n_gates):
-            g = core.gates[j]
-            if _passed(p[g], before, x):  # what is left of the step goes slower, too
-                at = p[g] + _whole_turns(p[g], max(before, x))
-                kept = 1.0 - p[g + 1]
+            angle, loss = _gate(core, p, j, before, v, w1)
+            if _passed(angle, before, x):  # what is left of the step goes slower, too
+                at = angle + _whole_turns(angle, max(before, x))
+                kept = 1.0 - loss
                 x, v = at + kept * (x - at), v * kept
     return x, v, held
 
@@ -185,9 +215,9 @@ def _move(core, p, k, before, after, held, moves, d):
         if not held:
             if m < 0:
                 faster = _smooth(core, pj, x, v, t, w) - here
-                if core.dry >= 0:
-                    a, b = core.dry, core.dry + 1
-                    faster -= math.copysign(1.0, v) * (pj[a] - p[a]) + (pj[b] - p[b])
+                if core.dry >= 0 or core.wall >= 0:
+                    more = _resistance(core, pj, x, v, w) - _resistance(core, p, x, v, w)
+                    faster -= math.copysign(1.0, v) * more
                 further = faster
             else:
                 faster = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 0)) - here_0
@@ -195,11 +225,13 @@ def _move(core, p, k, before, after, held, moves, d):
             d[j, 0] += 0.5 * dt * dt * further / step
             d[j, 1] += dt * faster / step
         for i in range(core.n_gates):
-            g = core.gates[i]
-            if _passed(p[g], x0, x1):
-                kept = 1.0 - p[g + 1]
-                d[j, 1] = kept * d[j, 1] - v1 / kept * (pj[g + 1] - p[g + 1]) / step
-                d[j, 0] += p[g + 1] * (pj[g] - p[g]) / step
+            angle, loss = _gate(core, p, i, x, v0, w)
+            if _passed(angle, x0, x1):
+                moved, lost = _gate(core, pj, i, x, v0, w)
+                kept = 1.0 - loss
+                arrived = v1 / kept if abs(kept) > 0.1 else v0
+                d[j, 1] = kept * d[j, 1] - arrived * (lost - loss) / step
+                d[j, 0] += loss * (moved - angle) / step
 
 
 @njit(cache=True, error_model="numpy")
@@ -271,5 +303,41 @@ def accelerations(problem, p, x, v, out):
     core, at = _core(problem), pointer_to(p, 0)
     for k in range(len(x)):
         out[k] = _smooth(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
-        if problem.dry >= 0 and v[k] != 0.0:
-            out[k] -= math.copysign(max(p[problem.dry] + p[problem.dry + 1] * math.copysign(1.0, v[k]), 0.0), v[k])
+        if v[k] != 0.0:
+            out[k] -= math.copysign(_resistance(core, at, x[k], v[k], _at(core, k, 0)), v[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _coast(core, p, k, x, v):
+    """(position, speed) one sample after sample k, as `_advance`, but by the midpoint rule."""
+    h = core.dt / SUBSTEPS
+    for i in range(SUBSTEPS):
+        w, middle = _at(core, k, 2 * i + 1), x + 0.5 * h * v
+        free = v + h * _smooth(core, p, middle, v, core.t[k] + (i + 0.5) * h, w)
+        before, new = x, free
+        if core.dry >= 0 or core.wall >= 0:
+            most = h * _resistance(core, p, middle, free, w)
+            new = 0.0 if abs(free) <= most else free - math.copysign(most, free)
+        x += 0.5 * h * (v + new)
+        v = new
+        for j in range(core.n_gates):
+            angle, loss = _gate(core, p, j, before, v, w)
+            if _passed(angle, before, x):
+                at = angle + _whole_turns(angle, max(before, x))
+                x, v = at + (1.0 - loss) * (x - at), v * (1.0 - loss)
+    return x, v
+
+
+@njit(cache=True, error_model="numpy")
+def coasts(problem, p, starts, out):
+    """Positions (W, steps + 1) from measured samples on into out; the speed at first by the last difference."""
+    core, at = _core(problem), pointer_to(p, 0)
+    for j in range(len(starts)):
+        k = starts[j]
+        x = problem.y[k]
+        v = (x - problem.y[k - 1]) / problem.dt
+        v += 0.5 * problem.dt * _smooth(core, at, x, v, problem.t[k], _at(core, k, 0))
+        out[j, 0] = x
+        for i in range(out.shape[1] - 1):
+            x, v = _coast(core, at, k + i, x, v)
+            out[j, i + 1] = x

@@ -7,13 +7,16 @@ A candidate is a few lines: a compiled term of the acceleration (`terms`), or wh
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mazeplan.diagnosis import terms
+from mazeplan.diagnosis import terms, wallterms
 
 TERM, RING, DRY, GATE, DELAY, STAGE = "term", "ring", "dry", "gate", "delay", "stage"
+WALL, CAMERA = "wall", "camera"
+CALIBRATED = 0.1  # by how much the scale of a tilt sensor is off, one standard deviation: it was held against a level
+GATES = 8  # directions in which gates of a wall are looked for, between one and the next
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,10 @@ class Spec:
 @dataclass(frozen=True)
 class Candidate:
     """An effect that may be missing. acts: term (its compiled function is `term`), ring (parameters of the ring's own
-    equation), dry, gate, delay; starts: where fits begin, each a tuple of values; named: False for what only says that
-    something is there; depends_on: variables, for those; places: parameters that say where, not how large; placebo: it
-    cannot be there, and is tried to see what chance does."""
+    equation), dry, wall, gate, delay, camera; starts: where fits begin, each a tuple of values; named: False for what
+    only says that something is there; depends_on: variables, for those; places: parameters that say where, not how
+    large; placebo: it cannot be there, and is tried to see what chance does; pattern: of gates that have angle and loss
+    in common, what is added to the angle, rad; side: of the wall they are in, 1 outer, -1 inner, 0 not known."""
 
     name: str
     parameters: dict[str, Spec]
@@ -46,6 +50,8 @@ class Candidate:
     depends_on: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     placebo: bool = False
+    pattern: tuple[float, ...] = (0.0,)
+    side: float = 0.0
 
     def first(self) -> list[tuple[float, ...]]:
         """Starts of a fit; the defaults where none are given."""
@@ -71,8 +77,45 @@ def _angles(count: int) -> list[float]:
     return [-math.pi + 2.0 * math.pi * (i + 0.5) / count for i in range(count)]
 
 
+@dataclass(frozen=True)
+class Gates:
+    """Angles (rad) of the gates in the outer and the inner wall of a ring, by the map."""
+
+    outer: tuple[float, ...] = ()
+    inner: tuple[float, ...] = ()
+
+
+def wall_library(gates: Gates) -> list[Candidate]:
+    """What the gates of a ring's walls do: how far the map is turned against the camera, and the share of the speed
+    lost in passing a gate while lying against its wall; above 1 the ball is thrown back."""
+    found = []
+    for name, angles, side in (("outer_gates", gates.outer, 1.0), ("inner_gates", gates.inner, -1.0)):
+        if angles:
+            specs = {
+                "rotation": Spec("rad", 0.0, -2 * math.pi, 2 * math.pi, 0.03),
+                "loss": Spec("1", 0.0, 0.0, 1.8, 1e-3, 0.03),
+            }
+            period = _period(angles)
+            count = max(GATES, round(period / math.radians(5.0)))
+            starts = tuple((period * ((i + 0.5) / count - 0.5), 0.3) for i in range(count))
+            found.append(
+                Candidate(name, specs, GATE, starts=starts, places=("rotation",), pattern=tuple(angles), side=side)
+            )
+    return found
+
+
+def _period(angles: Sequence[float]) -> float:
+    """By how much (rad) gates must be turned to look the same."""
+    turn = 2.0 * math.pi
+    for parts in range(len(angles), 1, -1):
+        moved = [(a + turn / parts - b) % turn for a in angles for b in angles]
+        if sum(min(d, turn - d) < math.radians(1.0) for d in moved) == len(angles):
+            return turn / parts
+    return turn
+
+
 def ring_library() -> list[Candidate]:
-    """Everything that can be named on a ring."""
+    """Everything that can be named on a ring of which no map is known."""
     rad = math.radians
     return [
         Candidate("rolling_inertia", {"factor": Spec("1", 1.0, 0.05, 1.5, 1e-4, 0.007)}, RING),
@@ -86,6 +129,7 @@ def ring_library() -> list[Candidate]:
             DRY,
             starts=((0.1, 0.0),),
         ),
+        Candidate("wall_friction", {"coefficient": Spec("1", 0.0, 0.0, 2.0, 1e-4, 0.01)}, WALL, starts=((0.02,),)),
         Candidate("quadratic_drag", {"coefficient": Spec("1/rad", 0.0, -5.0, 5.0, 1e-4, 0.01)}, term=terms.quadratic),
         Candidate(
             "tilt_offset",
@@ -102,6 +146,15 @@ def ring_library() -> list[Candidate]:
             "surface_profile",
             {f"{kind}{n}": Spec("rad/s^2", 0.0, -20.0, 20.0, 1e-3, 0.06) for n in (1, 2, 3) for kind in ("cos", "sin")},
             term=terms.harmonics,
+        ),
+        Candidate(
+            "surface_ripple",
+            {
+                f"{kind}{n}": Spec("rad/s^2", 0.0, -20.0, 20.0, 1e-3, 0.06)
+                for n in range(wallterms.FIRST_RIPPLE, wallterms.FIRST_RIPPLE + wallterms.RIPPLES)
+                for kind in ("cos", "sin")
+            },
+            term=wallterms.ripples,
         ),
         Candidate(
             "surface_bump",
@@ -132,9 +185,14 @@ def ring_library() -> list[Candidate]:
         ),
         Candidate(
             "tilt_gain",
-            {"beta": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012), "gamma": Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012)},
+            {axis: Spec("1", 1.0, 0.3, 3.0, 1e-4, 0.012, CALIBRATED) for axis in ("beta", "gamma")},
             RING,
         ),
         Candidate("axis_misalignment", {"angle": Spec("rad", 0.0, -0.8, 0.8, 1e-4, 0.005)}, RING),
+        Candidate(
+            "camera_offset",
+            {"x": Spec("m", 0.0, -0.02, 0.02, 1e-5, 4e-4), "y": Spec("m", 0.0, -0.02, 0.02, 1e-5, 4e-4)},
+            CAMERA,
+        ),
         Candidate("sensor_delay", {"delay": Spec("s", 0.0, -0.1, 0.3, 1e-4, 0.004)}, DELAY),
     ]

@@ -21,7 +21,8 @@ STILL = 3e-3  # rad; a plate that tilts by less tells nothing
 @dataclass(frozen=True)
 class Record:
     """One ring. t (N,): s, by counting samples; theta (unwrapped in each stretch), r: NaN where not seen, r None where
-    not measured; first: a stretch begins; beta, gamma, and u (N, 2) or None; notes: what was found odd."""
+    not measured; first: a stretch begins; beta, gamma, and u (N, 2) or None; notes: what was found odd; theta_ddot
+    (N,): the record's own, rad/s^2, None where it brings none."""
 
     t: Array
     dt: float
@@ -33,6 +34,7 @@ class Record:
     u: Array | None
     segment: Array
     notes: tuple[str, ...] = ()
+    theta_ddot: Array | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -105,6 +107,7 @@ def record_of(table: Table, rows: np.ndarray, notes: Sequence[str] = ()) -> Reco
         u,
         np.cumsum(starts),
         tuple(notes),
+        np.where(rows, table["theta_ddot"], np.nan) if "theta_ddot" in table else None,
     )
     return replace(whole, theta=_unwrapped(theta, starts))
 

@@ -89,8 +89,7 @@ class Diagnosed(Protocol):
 
 def write_report(done: Diagnosed, path: Path, title: str) -> None:
     """Write the page: one file, nothing loaded from elsewhere."""
-    seen = "Search and fits saw the first 70 % of the record; scores are of the rest."
-    notes = [seen, *done.remarks]
+    notes = done.remarks
     path.write_text(
         PAGE.format(
             title=html.escape(title),

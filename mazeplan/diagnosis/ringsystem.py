@@ -12,8 +12,9 @@ from scipy.signal import lfilter
 
 from mazeplan.diagnosis import terms
 from mazeplan.diagnosis.anonymous import PAST
+from mazeplan.diagnosis.geometry import as_seen, bending, unbent
 from mazeplan.diagnosis.kalman import NODES, TERM, Moves, Problem
-from mazeplan.diagnosis.library import DELAY, DRY, GATE, RING, STAGE, Candidate
+from mazeplan.diagnosis.library import CAMERA, DELAY, DRY, GATE, RING, STAGE, WALL, Candidate
 from mazeplan.diagnosis.system import Values
 from mazeplan.maths.compiled import address_of, pointer_to
 from mazeplan.records import Array
@@ -98,6 +99,7 @@ class RingSystem:
         what the model has already."""
         self.t, self.theta, self.first, self.radius, self.tilt = t, theta, first, radius, tilt
         self.declared = declared
+        self.target: Array | None = None  # accelerations that the record brings, rad/s^2
         self.dt = float(np.median(np.diff(t)))
         self._beside = np.hstack([self._low_passed(), self._backwards()])
         self._motions: dict[tuple[float, bool], Array] = {}
@@ -162,37 +164,42 @@ class RingSystem:
 
     def build(self, candidates: Sequence[Candidate], values: Values) -> tuple[Problem, Array]:
         """The problem with these effects at these values (of those left out: as declared), and its parameters."""
-        functions, places, p, gates, dry = self._parameters(candidates, values)
+        functions, places, p, gates, dry, wall = self._parameters(candidates, values)
         problem = Problem(
-            self.theta, np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
+            self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
             np.array([self._address(f) for f in functions], dtype=np.int64), np.array(places, dtype=np.int64), dry,
-            np.array(gates, dtype=np.int64), 2.0 * math.pi,
+            np.array([at for at, *_ in gates], dtype=np.int64), 2.0 * math.pi,
+            np.array([where for _, *where in gates], dtype=np.float64).reshape(-1, 2), wall, GRAVITY / self.radius,
         )  # fmt: skip
         return problem, np.array(p)
 
     def _parameters(
         self, candidates: Sequence[Candidate], values: Values
-    ) -> tuple[list[object], list[int], list[float], list[int], int]:
-        """Terms, where in p each has its parameters, p, where gates have theirs, where dry friction has."""
+    ) -> tuple[list[object], list[int], list[float], list[tuple[int, float, float]], int, int]:
+        """Terms, where in p each has its parameters, p, gates (where in p, angle to add, side), where dry friction has
+        its parameters, and where friction at the walls."""
         merged = {**self.declared, **values}
         p: list[float] = [merged.get("axis_misalignment", {}).get("angle", 0.0)]
         functions: list[object] = [terms.ring]
-        places, gates, dry = [0], [], -1
+        gates: list[tuple[int, float, float]] = []
+        places, dry, wall = [0], -1, -1
         known = {c.name: c for c in candidates}
         for effect, numbers in merged.items():
             c = known.get(effect)
-            if c is None or c.acts in (RING, DELAY, STAGE):
+            if c is None or c.acts in (RING, DELAY, STAGE, CAMERA):
                 continue
             at = len(p)
             p.extend(numbers[name] for name in c.parameters)
             if c.acts == DRY:
                 dry = at
+            elif c.acts == WALL:
+                wall = at
             elif c.acts == GATE:
-                gates.append(at)
+                gates += [(at, angle, c.side) for angle in c.pattern]
             else:
                 places.append(at)
                 functions.append(c.term)
-        return functions, places, p, gates, dry
+        return functions, places, p, gates, dry, wall
 
     def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
         """What moving each of some parameters (effect, name, step) changes."""
@@ -219,6 +226,27 @@ class RingSystem:
         out = np.empty((len(self.t), 2, WIDTH))
         _fill(motions, errors, self._beside, p, out)
         return out
+
+    def offset(self, values: Values) -> tuple[float, float] | None:
+        """Where the camera takes the centre of the ring to be (m), None where it is not off."""
+        found = {**self.declared, **values}.get("camera_offset")
+        return None if found is None else (found["x"], found["y"])
+
+    def position(self, values: Values) -> Array:
+        """Angles (N,) about the true centre."""
+        offset = self.offset(values)
+        return self.theta if offset is None else unbent(self.theta, self.radius, offset)
+
+    def seen_at(self, values: Values, angle: Array) -> Array:
+        """Angles as the camera tells them, from angles about the true centre; any shape."""
+        offset = self.offset(values)
+        return angle if offset is None else as_seen(angle, self.radius, offset)
+
+    def volume(self, values: Values, rows: np.ndarray) -> float:
+        """-2 log of the determinant of the change from measured angles to `position`, of some rows: what turns a
+        density of the one into that of the other."""
+        offset = self.offset(values)
+        return 0.0 if offset is None else -2.0 * float(np.sum(np.log(bending(self.theta[rows], self.radius, offset))))
 
     def _address(self, function: object) -> int:
         if id(function) not in self._addresses:

@@ -1,4 +1,20 @@
-"""How well a model does on rows that took no part in search or fit."""
+"""How well a model does on rows that took no part in search or fit.
+
+The target of nRMSE is an acceleration, which nobody measures: it comes from positions by a smoothing, and a model must
+go through the same smoothing, or a perfect one would seem wrong wherever the acceleration changes within its window.
+
+matched     Where the record brings a column theta_ddot that is the Savitzky-Golay second derivative (window 7, order 2)
+            of its theta, that column is the target. The model predicts the positions of the window: from the state that
+            the filter had at its first sample, knowing measurements up to that one and none later, along the tilt. The
+            same weights are put on them as were put on the measured positions,
+
+                sum_j c_j theta_(k+j),   j = -3 .. 3
+
+            which is the model's acceleration averaged with `smoothing.acceleration_kernel`, exactly so where the
+            acceleration is linear between samples, and also right where the ball meets a gate or comes to rest.
+smoothed    Everywhere else: target is the acceleration by a Rauch-Tung-Striebel smoother whose noise is found from the
+            record, and the model's is taken in the state that the same smoother gives.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +23,21 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.signal import savgol_coeffs
 
 from mazeplan.data.smoothing import Smoothing, derivatives
 from mazeplan.diagnosis.fit import Fit, Likelihood
 from mazeplan.diagnosis.kalman import accelerations, roll_out
+from mazeplan.diagnosis.ringsystem import RingSystem
 from mazeplan.maths.angles import difference
+from mazeplan.records import Array
 
 AHEAD = (20, 40)  # samples
 EVERY = 10  # samples from one roll-out's start to the next
 SETTLED = 30  # samples of a stretch before a roll-out may start
+MATCHED = Smoothing(window=7, order=2)
+SAME = 1e-2  # of the target's spread: up to this a column of accelerations is what `MATCHED` makes of theta
+KNOWN = 2  # samples of a stretch from which the filter knows the speed
 
 
 @dataclass(frozen=True)
@@ -38,32 +60,93 @@ class Score:
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
-        return {name: _plain(getattr(self, name)) for name in self.labels}
+        return {name: plain(getattr(self, name)) for name in self.labels}
 
 
-def _plain(value: float) -> float | None:
+def plain(value: float) -> float | None:
+    """Rounded, None where it is not finite."""
     return round(value, 5) if math.isfinite(value) else None
+
+
+def ring_of(likelihood: Likelihood) -> RingSystem:
+    """The system of a likelihood, which must be a ring. Raises TypeError."""
+    if not isinstance(likelihood.system, RingSystem):
+        raise TypeError(f"got a {type(likelihood.system).__name__}, expected a ring")
+    return likelihood.system
 
 
 def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> Score:
     """Scores on some rows (N,)."""
-    system = likelihood.system
+    system = ring_of(likelihood)
+    target, predicted = acceleration_pairs(likelihood, fitted)
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
     starts = score_starts(rows, system.first, problem.seen)
     most = AHEAD[-1]
     out = np.empty((len(starts), most + 2))
     roll_out(problem, p, states, starts, most, out)
-    errors = [np.abs(difference(out[:, n], system.theta[starts + n])) for n in AHEAD]
+    told = system.seen_at(fitted.values, out[:, : most + 1])
+    errors = [np.abs(difference(told[:, n], system.theta[starts + n])) for n in AHEAD]
     floor = np.sqrt(2.0 / math.pi) * fitted.noise * np.sqrt(out[:, most + 1] + 1.0)
     means = [float(np.mean(e)) if len(starts) else math.nan for e in errors]
     return Score(
-        _nrmse(likelihood, fitted, rows),
+        nrmse(target, predicted, rows),
         means[0],
         means[1],
         float(np.mean(floor)) if len(starts) else math.nan,
         len(starts),
     )
+
+
+def nrmse(target: Array, predicted: Array, rows: np.ndarray) -> float:
+    """Root mean square error over the spread of the target, on those of the rows (N,) where both are known."""
+    good = rows & np.isfinite(target) & np.isfinite(predicted)
+    if good.sum() < 10:
+        return math.nan
+    spread = float(np.std(target[good]))
+    return float(np.sqrt(np.mean((predicted - target)[good] ** 2)) / spread) if spread > 0.0 else math.nan
+
+
+def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Array]:
+    """Target and the model's prediction of theta_dd (N,), rad/s^2, both smoothed alike; NaN where not known."""
+    system = ring_of(likelihood)
+    target = matched_target(system)
+    if target is not None:
+        return target, _matched(likelihood, fitted)
+    smooth = derivatives(system.theta, system.dt, Smoothing("rts"), segment=np.cumsum(system.first))
+    problem, p = system.build(likelihood.library, fitted.values)
+    model = np.empty(len(system))
+    rate = np.nan_to_num(smooth.rate)
+    accelerations(problem, p, np.nan_to_num(smooth.value), rate, model)
+    return np.where(np.isfinite(system.theta), smooth.acceleration, np.nan), model
+
+
+def matched_target(system: RingSystem) -> Array | None:
+    """The record's own accelerations (N,), where they are what `MATCHED` makes of theta; else None."""
+    if system.target is None:
+        return None
+    own = derivatives(system.theta, system.dt, MATCHED, segment=np.cumsum(system.first)).acceleration
+    both = np.isfinite(own) & np.isfinite(system.target)
+    if not both.any() or np.max(np.abs(own - system.target)[both]) > SAME * np.std(own[both]):
+        return None
+    return np.where(both, own, np.nan)
+
+
+def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
+    """Predicted positions of each window under the weights of `MATCHED`, (N,)."""
+    system, half = ring_of(likelihood), MATCHED.window // 2
+    states = likelihood.filtered(fitted.values, fitted.q)
+    problem, p = system.build(likelihood.library, fitted.values)
+    n = len(system)
+    begun = np.maximum.accumulate(np.where(system.first, np.arange(n), 0))
+    rows = np.arange(half, n - half)
+    rows = rows[(begun[rows - half] == begun[rows + half]) & (rows - half - begun[rows] >= KNOWN)]
+    out = np.empty((len(rows), MATCHED.window + 1))
+    roll_out(problem, p, states, rows - half, MATCHED.window - 1, out)
+    weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
+    found = np.full(n, np.nan)
+    found[rows] = system.seen_at(fitted.values, out[:, : MATCHED.window]) @ weights
+    return found
 
 
 def score_starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -77,17 +160,3 @@ def score_starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.nd
     for k in AHEAD:
         good &= seen[at + k]
     return at[good]
-
-
-def _nrmse(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> float:
-    """Of theta_dd against the smoothed measurement."""
-    system = likelihood.system
-    smooth = derivatives(system.theta, system.dt, Smoothing("rts"), segment=np.cumsum(system.first))
-    problem, p = system.build(likelihood.library, fitted.values)
-    model = np.empty(len(system))
-    accelerations(problem, p, np.nan_to_num(smooth.value), np.nan_to_num(smooth.rate), model)
-    good = rows & np.isfinite(smooth.acceleration) & np.isfinite(system.theta)
-    if good.sum() < 10:
-        return math.nan
-    spread = float(np.std(smooth.acceleration[good]))
-    return float(np.sqrt(np.mean((model - smooth.acceleration)[good] ** 2)) / spread) if spread > 0.0 else math.nan

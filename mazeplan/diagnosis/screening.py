@@ -17,6 +17,7 @@ from mazeplan.diagnosis.terms import oscillation
 ACCEPT = 15.0  # of -2 log L
 SURE = 3.0  # standard errors
 NAMED, NAMELESS = 4, 2  # candidates that get a full fit in each round
+MORE = 7  # named ones of a record from a real rig, in which many effects are at work at once
 SWING = 1.25  # amplitude of a force that swings with time, in the system's `weakest`
 PEAK = 18.0  # of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
@@ -65,7 +66,8 @@ def promising(
         start = dict(zip(names, starts[0], strict=True))
         found.append((forecast(likelihood, current, c, start) - price(likelihood, c), c, start))
     found.sort(key=lambda entry: -entry[0])
-    named = [entry for entry in found if entry[1].named and entry[0] > 0.0][:NAMED]
+    named = [entry for entry in found if entry[1].named and entry[0] > 0.0]
+    named = named[: NAMED if likelihood.noisy else MORE]
     nameless = [entry for entry in found if not entry[1].named and not entry[1].placebo and entry[0] > 0.0][:NAMELESS]
     chance = [entry for entry in found if entry[1].placebo][:1]
     return [(c, start) for _, c, start in named + nameless + chance]
@@ -73,7 +75,7 @@ def promising(
 
 def price(likelihood: Likelihood, c: Candidate) -> float:
     """What its parameters cost: k log N."""
-    return len(c.parameters) * math.log(max(int(likelihood.rows.sum()), 2))
+    return len(c.parameters) * math.log(max(float(likelihood.rows.sum()) / likelihood.repeats, 2.0))
 
 
 def try_one(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str, float]) -> Trial:

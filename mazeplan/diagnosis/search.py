@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.library import Candidate
 from mazeplan.diagnosis.screening import ACCEPT, Trial, price, promising, swinging, try_one
+from mazeplan.diagnosis.system import Values
 
 KEEP = 10.0  # of -2 log L
 ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within this cannot be told apart
@@ -44,10 +45,13 @@ def search(
     *,
     free: Sequence[Candidate] = (),
     along: Sequence[Candidate] = (),
+    most: int = MOST,
+    start: Values | None = None,
 ) -> Finding:
     """What is missing from the declared model; free: what is known to be there and fitted in every fit; along: what the
-    tilt sensor leaves open of the stage, fitted where it is decided."""
-    return _Search(likelihood, library, tell, free, along).run()
+    tilt sensor leaves open of the stage, fitted where it is decided; most: effects that are added; start:
+    values of what is free, where they are about known."""
+    return _Search(likelihood, library, tell, free, along).run(most, start or {})
 
 
 class _Search:
@@ -64,14 +68,15 @@ class _Search:
         self._loose: dict[int, Fit] = {}
         self._kept: list[Fit] = []  # alive, so that no other takes their place among the keys
 
-    def run(self) -> Finding:
-        """Rounds until nothing more is believed."""
+    def run(self, most: int, known: Values) -> Finding:
+        """Rounds until nothing more is believed, or so many effects were added."""
         start = {c.name: dict(zip(c.parameters, c.first()[0], strict=True)) for c in self._free}
+        start |= known
         current = base = fit(self._likelihood, self._free, start)
         ranked: tuple[Trial, ...] = ()
         alike: list[tuple[str, ...]] = []
         unknown: Trial | None = None
-        while len(current.candidates) < MOST + len(self._free):
+        while len(current.candidates) < most + len(self._free):
             trials = self._trials(current)
             ranked = ranked or tuple(trials)
             named, nameless, group = self._choice(current, trials, base.minus2 - current.minus2)
@@ -95,7 +100,8 @@ class _Search:
         for c, start in promising(self._likelihood, current, self._library):
             self._tell(f"trying {c.name}")
             trials.append(try_one(self._likelihood, current, c, start))
-        trials.append(swinging(self._likelihood, current))
+        if self._likelihood.noisy:  # else neighbours have much in common, and a spectrum tells that alone
+            trials.append(swinging(self._likelihood, current))
         return sorted(trials, key=lambda t: -t.gain)
 
     def _choice(
@@ -110,7 +116,8 @@ class _Search:
         named.sort(key=lambda t: -t.gain)
         first = named[0] if named else None
         nameless = next((t for t in sure if not t.candidate.named), None)
-        if nameless is not None and (first is None or self._ahead(nameless, first)):
+        patient = not self._likelihood.noisy and first is not None  # many effects are at work: first all with a name
+        if nameless is not None and not patient and (first is None or self._ahead(nameless, first)):
             loose = self._confirmed(current, nameless)
             if loose.sure(self._declared) and loose.gain > SHARE * explained:
                 return None, nameless, ()

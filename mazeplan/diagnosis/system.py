@@ -33,6 +33,11 @@ class System(Protocol):
         """The problem with these effects at these values (of those left out: as declared), and its parameters."""
         ...
 
+    def volume(self, values: Values, rows: np.ndarray) -> float:
+        """-2 log of the determinant of the change from what was measured to what the problem has for it, of some rows;
+        0 where effects leave that alone."""
+        ...
+
     def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
         """What moving each of some parameters (effect, name, step) changes."""
         ...

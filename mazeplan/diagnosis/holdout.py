@@ -1,0 +1,29 @@
+"""Which rows search and fits see, and which are held out for the scores."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mazeplan.data.split import block_split
+from mazeplan.diagnosis.record import Record
+
+SEEN = 0.7  # share of the record that search and fits see
+BLOCK_S = 10.0  # s
+GUARD = 8  # rows at a border that are neither: the window of a derivative, and the state of the filter, reach across
+LONGEST = 0.5  # of the record: with a stretch longer than this it counts as one piece
+
+
+def seen_and_held(record: Record) -> tuple[np.ndarray, np.ndarray, str]:
+    """Rows that are seen, rows that are held out (N,), and in words which.
+
+    Of an uninterrupted record the last part is held out: a model is to predict what comes later. A record in many
+    pieces has no such order: nobody knows how long ago the last one was, and the ball is in different places in each.
+    So blocks all over it are held out."""
+    known = np.isfinite(record.theta)
+    lengths = np.diff(np.append(np.flatnonzero(record.first), len(record)))
+    if record.u is None and lengths.max() < LONGEST * len(record):
+        split = block_split(record.segment, record.dt, block_s=BLOCK_S, test_share=1.0 - SEEN, guard=GUARD)
+        return split.train, split.test, f"blocks of {BLOCK_S:g} s all over the record"
+    seen = np.cumsum(known)  # samples of the ball: it may be elsewhere for most of the record
+    rows = seen <= SEEN * seen[-1]
+    return rows, ~rows, f"the last {1.0 - SEEN:.0%} of the record"

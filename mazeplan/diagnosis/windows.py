@@ -1,0 +1,173 @@
+"""Fits to accelerations that a record brings, smoothed: by predicting the positions of each window of the smoothing.
+
+A filter that predicts one sample ahead weighs errors by what it takes for noise. Where a ball hits the edges of gates,
+those blows pass for white noise in the acceleration, so strong that nothing slower than a sample counts any more. Here
+the residual is what is to be explained,
+
+    e_k = sum_j c_j theta_(k+j) - sum_j c_j theta^_(k+j),    j = -3 .. 3
+
+with the weights c of a Savitzky-Golay second derivative and positions theta^ predicted from the first sample of the
+window on (`scores`, matched). Neighbouring windows share samples: for white noise in the acceleration, which the
+smoothing averages with weights w, n of them are worth n sum(w^2). What no effect explains comes in blows, so that
+errors have long tails: Student's distribution with nu degrees of freedom and scale s, eliminated,
+
+    -2 log L = n sum(w^2) [ 2 log s + (nu + 1) mean log(1 + e^2 / (nu s^2)) ]
+
+which weighs residuals by (nu + 1) / (nu + e^2 / s^2). So are found forces that act all the time. Blows
+themselves count for little then; what takes a share of them is found with nu infinite, least squares.
+
+Derivatives by what makes the path jump (friction at rest, gates, the camera) are differences; those by a smooth force
+are the force itself, averaged as the smoothing does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+
+from mazeplan.data.smoothing import acceleration_kernel
+from mazeplan.diagnosis.fit import Likelihood, best_q
+from mazeplan.diagnosis.kalman import accelerations, coasts
+from mazeplan.diagnosis.library import RING, TERM, Candidate
+from mazeplan.diagnosis.ringsystem import RingSystem, Values
+from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target, ring_of
+from mazeplan.diagnosis.search import Finding, search
+from mazeplan.records import Array, IntArray
+
+MANY = 10  # effects looked for: in a record of a real rig many are at work at once
+TAILS = 4.0  # degrees of freedom nu
+EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
+SMOOTH = (TERM, RING)  # what changes the acceleration without jumps
+KEPT = 100  # residuals kept, so that the same values are not tried twice
+
+
+class WindowLikelihood(Likelihood):
+    """-2 log L of smoothed accelerations on some rows; the process noise plays no part in it."""
+
+    noisy = False
+
+    def __init__(
+        self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray, tails: float = TAILS
+    ) -> None:
+        """rows (N,): which count; tails: degrees of freedom of Student's distribution. Raises ValueError
+        for a record without accelerations of its own."""
+        super().__init__(system, library, rows)
+        self.tails = tails
+        self.ring, target = system, matched_target(system)
+        if target is None:
+            raise ValueError("the record brings no accelerations by the smoothing that is known")
+        half = MATCHED.window // 2
+        begun = np.maximum.accumulate(np.where(system.first, np.arange(len(system)), 0))
+        at = np.flatnonzero(rows & np.isfinite(target))
+        self.windows: IntArray = at[at - half - begun[at] >= KNOWN][::EVERY]
+        self.target: Array = target[self.windows]
+        self.weights = savgol_coeffs(MATCHED.window, MATCHED.order, deriv=2, delta=system.dt, use="dot")
+        self.kernel = acceleration_kernel(MATCHED.window, MATCHED.order)
+        self.worth = EVERY * float(np.sum(self.kernel**2))
+        self.repeats = 1.0 / self.worth
+        self._kept: dict[str, Array] = {}
+
+    def residuals(self, values: Values) -> Array:
+        """e (n,), rad/s^2."""
+        key = repr(values)
+        if key not in self._kept:
+            if len(self._kept) >= KEPT:
+                del self._kept[next(iter(self._kept))]
+            problem, p = self.system.build(self.library, values)
+            out = np.empty((len(self.windows), MATCHED.window))
+            coasts(problem, p, self.windows - MATCHED.window // 2, out)
+            self._kept[key] = self.target - self.ring.seen_at(values, out) @ self.weights
+        return self._kept[key]
+
+    def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
+        """Residuals times the square roots of their weights, rad/s^2; 0; how many independent ones they are worth."""
+        e = self.residuals(values)
+        return e * np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails)), 0.0, len(e) * self.worth
+
+    def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
+        """Weighted residuals e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
+        e = self.residuals(values)
+        root = np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails))
+        J = np.empty((len(e), len(steps)))
+        acts = {c.name: c.acts for c in self.library}
+        here = self._averaged(values)
+        for j, (effect, name, step) in enumerate(steps):
+            moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
+            if acts[effect] in SMOOTH:
+                J[:, j] = (here - self._averaged(moved)) / step
+            else:
+                J[:, j] = (self.residuals(moved) - e) / step
+        return root * e, root[:, None] * J
+
+    def _averaged(self, values: Values) -> Array:
+        """Acceleration along the measured path, averaged over each window as the smoothing does (n,). What it changes
+        of the path within a window is a few percent of its own effect: enough for the direction of a step."""
+        system, half = self.ring, MATCHED.window // 2
+        problem, p = system.build(self.library, values)
+        x = np.nan_to_num(problem.y)
+        out = np.empty(len(x))
+        accelerations(problem, p, x, np.gradient(x, system.dt), out)
+        return out[self.windows[:, None] + np.arange(-half, half + 1)] @ self.kernel
+
+    def minus2(self, values: Values, q: float) -> float:
+        """-2 log L with the scale eliminated; inf where it is not finite."""
+        e = self.residuals(values)
+        if not np.isfinite(e).all():
+            return math.inf
+        s = spread_of(e, self.tails)
+        tails = 0.0
+        if math.isfinite(self.tails):
+            tails = (self.tails + 1.0) * float(np.mean(np.log1p(e * e / (self.tails * s * s))))
+        return len(e) * self.worth * (2.0 * math.log(s) + tails) + self.prior(values)
+
+
+def weights_of(e: Array, spread: float, tails: float = TAILS) -> Array:
+    """Weights (n,) of residuals: what squares must be multiplied with so that they fall as -2 log L does."""
+    if not math.isfinite(tails):
+        return np.ones(len(e))
+    return (tails + 1.0) / (tails + (e / spread) ** 2)
+
+
+def spread_of(e: Array, tails: float = TAILS) -> float:
+    """The most likely scale of residuals (n,) by Student's distribution, rad/s^2."""
+    if not math.isfinite(tails):
+        return math.sqrt(max(float(np.mean(e * e)), 1e-12))
+    square = max(float(np.median(e * e)), 1e-12)
+    for _ in range(30):
+        new = float(np.mean(weights_of(e, math.sqrt(square), tails) * e * e))
+        done = abs(new - square) < 1e-7 * square
+        square = max(new, 1e-12)
+        if done:
+            break
+    return math.sqrt(square)
+
+
+def by_windows(
+    likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
+) -> tuple[Finding, Likelihood]:
+    """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
+    first forces that act all the time, then what takes a share of the blows. Noises of the final model are found by its
+    filter, for roll-outs."""
+    system = ring_of(likelihood)
+    tell("forces")
+    steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
+    had, values = steady.final.candidates, steady.final.values
+    tell("blows")
+    rest = [c for c in library if c.name not in values and c.named]
+    squares = WindowLikelihood(system, library, rows, math.inf)
+    found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
+    values = found.final.values
+    q = best_q(likelihood, values)
+    e, *_ = likelihood.whitened(values, q)
+    final = replace(found.final, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    worth = {**steady.worth, **found.worth}
+    groups = (
+        (first, *(name for name in others if name not in values))  # those that joined later were told apart
+        for first, *others in steady.alike + found.alike
+        if first in values
+    )
+    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth), squares
