@@ -23,7 +23,7 @@ from mazeplan.diagnosis.diagnose import SEEN, Diagnosis, diagnose, model_error
 from mazeplan.diagnosis.merge import Evidence, Merged, evidence, merge
 from mazeplan.diagnosis.record import Record, centred, record_of
 from mazeplan.diagnosis.scores import Score
-from mazeplan.diagnosis.update import merged, updated
+from mazeplan.diagnosis.update import Parameters, merged, updated
 from mazeplan.errors import ModelError, TableError
 from mazeplan.evaluate import Campaign, evaluate, summary
 from mazeplan.maze.geometry import Maze
@@ -182,15 +182,13 @@ def _errors(records: Mapping[int, Record], maze: Maze, model: RigModel, diagnose
 
 def _document(verdict: Merged, diagnoses: Mapping[int, Diagnosis], before: Score, after: Score) -> dict[str, Any]:
     """As `diagnose --json`, for all rings at once."""
-    effects = []
-    for name in verdict.names:
-        rings = [ring for ring, found in verdict.found.items() if any(e["name"] == name for e in found)]
-        effects.append(
-            {
-                "name": name, "parameters": merged(verdict.found, name), "rings": rings,
-                "before": before.document()["rollout40"], "after": after.document()["rollout40"],
-            }
-        )  # fmt: skip
+    effects = [
+        {
+            "name": name, "parameters": _plain(merged(found, name)), "rings": sorted(found),
+            "before": before.document()["rollout40"], "after": after.document()["rollout40"],
+        }
+        for name, found in _places(verdict)
+    ]  # fmt: skip
     return {
         "verdict": verdict.verdict,
         "sentence": _sentence(verdict, before, after),
@@ -199,7 +197,7 @@ def _document(verdict: Merged, diagnoses: Mapping[int, Diagnosis], before: Score
         "unknown": verdict.unknown,
         "before": before.document(),
         "after": after.document(),
-        "noise_floor": after.floor,
+        "noise_floor": round(after.floor, 5) if np.isfinite(after.floor) else None,
         "held_out": round(1.0 - SEEN, 3),
         "notes": sorted({note for done in diagnoses.values() for note in done.notes}),
         "news": {name: round(gain, 1) for name, gain in verdict.news.items()},
@@ -208,14 +206,32 @@ def _document(verdict: Merged, diagnoses: Mapping[int, Diagnosis], before: Score
     }
 
 
+def _places(verdict: Merged) -> list[tuple[str, dict[int, list[dict[str, Any]]]]]:
+    """What was found by name and rings: of a place in a ring each by itself, else all rings together."""
+    out: list[tuple[str, dict[int, list[dict[str, Any]]]]] = []
+    for name in verdict.names:
+        here = {ring: found for ring, found in verdict.found.items() if any(e["name"] == name for e in found)}
+        apart = name in ("surface_bump", "surface_profile", "gate_loss")
+        out += [(name, {ring: found}) for ring, found in here.items()] if apart else [(name, here)]
+    return out
+
+
+def _plain(parameters: Parameters) -> Parameters:
+    """Without infinite errors, which JSON has no words for."""
+    return {
+        name: {**number, "stderr": number["stderr"] if np.isfinite(number["stderr"]) else None}
+        for name, number in parameters.items()
+    }
+
+
 def _sentence(verdict: Merged, before: Score, after: Score) -> str:
     change = f"40-step error {before.rollout40:.4f} -> {after.rollout40:.4f} rad"
     parts = []
-    for name in verdict.names:
-        numbers = merged(verdict.found, name).items()
+    for name, found in _places(verdict):
+        numbers = merged(found, name).items()
         values = ", ".join(f"{p} {n['value']:.4g} +- {n['stderr']:.2g} {n['unit']}".strip() for p, n in numbers)
-        rings = [str(ring) for ring, found in verdict.found.items() if any(e["name"] == name for e in found)]
-        parts.append(f"{name.replace('_', ' ')} ({values}; seen in ring {', '.join(rings)})")
+        rings = ", ".join(str(ring) for ring in sorted(found))
+        parts.append(f"{name.replace('_', ' ')} ({values}; seen in ring {rings})")
     if verdict.unknown is not None:
         also = f" besides {', '.join(parts)}" if parts else ""
         return f"Something is there that has no name{also}: {verdict.unknown['description']}; {change}."

@@ -25,7 +25,7 @@ def row(seed: int, options: Options) -> tuple[str, bool, dict[str, Any]]:
         (entry,) = improve(rig, Path(folder), options, tell=lambda text: print(text, file=sys.stderr))
     done, navigation = entry["diagnosis"], entry["navigation"]
     truth = make_rig(rig, load_map("cme")).surprise  # type: ignore[attr-defined]
-    names = [e["name"] for e in done["effects"]]
+    names = list(dict.fromkeys(e["name"] for e in done["effects"]))
     right = names == [truth.effect]
     cells = [str(seed), f"{truth.kind}: {truth.effect}", ", ".join(names) or done["verdict"], "yes" if right else "no"]
     cells += [f"{done[when]['rollout40']:.3f}" for when in ("before", "after")]

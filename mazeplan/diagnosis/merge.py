@@ -22,6 +22,7 @@ from typing import Any
 
 from mazeplan.diagnosis.diagnose import Diagnosis, describe_unknown
 from mazeplan.diagnosis.library import ring_library
+from mazeplan.diagnosis.screening import SURE, Trial
 
 NEWS = 45.0  # of -2 log L, summed over rings
 CAUTION = 2.0  # times what the old log shows
@@ -63,12 +64,21 @@ def evidence(diagnoses: Mapping[int, Diagnosis], samples: int) -> Evidence:
     """What the diagnoses of the rings of one log say of each effect."""
     gains: dict[str, float] = {}
     for done in diagnoses.values():
-        here = {t.candidate.name: t.gain for t in done.finding.ranked if not t.candidate.placebo}
+        here = {t.candidate.name: t.gain for t in done.finding.ranked if not t.candidate.placebo and _sized(t)}
         for name, worth in done.finding.worth.items():
             here[name] = max(here.get(name, 0.0), worth)
         for name, gain in here.items():
             gains[name] = gains.get(name, 0.0) + max(gain, 0.0)
     return Evidence(samples, gains)
+
+
+def _sized(trial: Trial) -> bool:
+    """Whether a term that says where, or since when, also says how much: a drift that does not drift is friction."""
+    if not trial.candidate.named or not trial.candidate.places:
+        return True
+    name = trial.candidate.name
+    values, stderr = trial.fit.values[name], trial.fit.stderr[name]
+    return any(abs(values[p]) > SURE * stderr[p] for p in trial.candidate.parameters if p not in trial.candidate.places)
 
 
 def merge(diagnoses: Mapping[int, Diagnosis], samples: int, reference: Evidence | None = None) -> Merged:

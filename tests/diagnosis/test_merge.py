@@ -14,7 +14,12 @@ def ring(gains, effects=()):
     ranked = [
         SimpleNamespace(
             candidate=SimpleNamespace(
-                name=name, parameters={"p": SimpleNamespace(unit="1")}, depends_on=("beta",), placebo=False
+                name=name,
+                parameters={"p": SimpleNamespace(unit="1")},
+                depends_on=("beta",),
+                placebo=False,
+                named=True,
+                places=(),
             ),
             gain=gain,
             fit=SimpleNamespace(values={name: {"p": gain}}, stderr={name: {"p": 1.0}}),
