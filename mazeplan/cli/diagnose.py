@@ -46,6 +46,10 @@ def diagnose(
     system: Annotated[
         str, typer.Option("--system", help="ring: a ball in its ring; emps: a drive axis, benchmark EMPS.")
     ] = "ring",
+    effects: Annotated[
+        str | None,
+        typer.Option("--effects", metavar="MODULE:FUNCTION", help="Effects of your own: a function that returns them."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for report.json, report.html and model.")
     ] = None,
@@ -55,16 +59,17 @@ def diagnose(
     if system == "emps":
         from mazeplan.cli.diagnose_axis import diagnose_drive
 
-        ball = {"--ring": ring, "--radius": radius, "--map": map_, "--model": model}
+        ball = {"--ring": ring, "--radius": radius, "--map": map_, "--model": model, "--effects": effects}
         for option, value in ball.items():
             if value is not None:
                 raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
         diagnose_drive(log, declare or [], test, output, as_json)
     elif system == "ring":
-        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme")
+        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme", effects)
         if output is not None:
             known, number = document["declared"], document["ring"]
             document["model"] = _new_model(done, model, known, number, map_ or "cme", output)
+            document["notes"] += _not_in_it(done)
         finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
     else:
         raise InputError(f"--system: got {system!r}, expected ring or emps")
@@ -78,9 +83,11 @@ def _of_ball(
     ring: int | None,
     test: Path | None,
     map_: str,
+    effects: str | None,
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Diagnosis of a ball in its ring, and its document."""
     from mazeplan.cli.arguments import positive
+    from mazeplan.cli.owneffects import own_effects
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
     from mazeplan.diagnosis.library import Gates, ring_library, wall_library
@@ -100,13 +107,16 @@ def _of_ball(
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
         known = load_model(model).declared(ring or 1) if model is not None else {}
-    declare_known(known, declare, [*ring_library(), *wall_library(gates or Gates())])
+    library = [*ring_library(), *wall_library(gates or Gates())]
+    own = own_effects(effects, [c.name for c in library])
+    declare_known(known, declare, [*library, *own])
     table, odd = turned_round(table, where)
     further = None
     if test is not None:
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
-    done = run(record_of(table, rows, odd), where, known, ring=number, gates=gates, test=further, progress=say)
+    ball = record_of(table, rows, odd)
+    done = run(ball, where, known, ring=number, gates=gates, more=own, test=further, progress=say)
     return done, {
         **done.document(),
         "ring": number,
@@ -115,6 +125,12 @@ def _of_ball(
         "model": None,
         "report": None,
     }
+
+
+def _not_in_it(done: Diagnosis) -> list[str]:
+    from mazeplan.diagnosis.update import without_place
+
+    return [f"the new model lacks {name}: a model file has no place for it" for name in without_place(done.effects)]
 
 
 def _new_model(

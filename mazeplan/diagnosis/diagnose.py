@@ -153,11 +153,12 @@ def diagnose(
     *,
     ring: int | None = None,
     gates: Gates | None = None,
+    more: Sequence[Candidate] = (),
     test: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; gates: those of the
-    ring by the map, where one is known; test: a further record, for scores only."""
+    ring by the map, where one is known; more: effects beyond the library's; test: a further record, for scores only."""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record)
     tell("stage")
@@ -168,7 +169,7 @@ def diagnose(
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
     named = [_from_declared(c, declared) for c in ring_library() if circle is None or c.acts != CAMERA]
-    library = [*named, *wall_library(gates or Gates()), *anonymous_library(), *placebos()]
+    library = [*named, *wall_library(gates or Gates()), *more, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     record, (rows, held) = _with_ball(record, rows, held)

@@ -224,14 +224,16 @@ def _move(core, p, k, before, after, held, moves, d):
                 further = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 1)) - here_1
             d[j, 0] += 0.5 * dt * dt * further / step
             d[j, 1] += dt * faster / step
-        for i in range(core.n_gates):
-            angle, loss = _gate(core, p, i, x, v0, w)
-            if _passed(angle, x0, x1):
-                moved, lost = _gate(core, pj, i, x, v0, w)
-                kept = 1.0 - loss
-                arrived = v1 / kept if abs(kept) > 0.1 else v0
-                d[j, 1] = kept * d[j, 1] - arrived * (lost - loss) / step
-                d[j, 0] += loss * (moved - angle) / step
+    for i in range(core.n_gates):
+        angle, loss = _gate(core, p, i, x, v0, w)
+        if not _passed(angle, x0, x1):
+            continue
+        kept = 1.0 - loss
+        arrived = v1 / kept if abs(kept) > 0.1 else v0
+        for j in range(len(moves.step)):
+            moved, lost = _gate(core, pointer_to(moves.p, j * moves.p.shape[1]), i, x, v0, w)
+            d[j, 1] = kept * d[j, 1] - arrived * (lost - loss) / moves.step[j]
+            d[j, 0] += loss * (moved - angle) / moves.step[j]
 
 
 @njit(cache=True, error_model="numpy")

@@ -169,7 +169,7 @@ def ring_library() -> list[Candidate]:
         ),
         Candidate(
             "gate_loss",
-            {"angle": Spec("rad", 0.0, -2 * math.pi, 2 * math.pi, 0.03), "loss": Spec("1", 0.0, 0.0, 0.9, 1e-3, 0.03)},
+            {"angle": Spec("rad", 0.0, -2 * math.pi, 2 * math.pi, 0.03), "loss": Spec("1", 0.0, 0.0, 0.9, 1e-3, 0.02)},
             GATE,
             starts=tuple((angle, 0.1) for angle in _angles(24)),
             places=("angle",),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit, forecast
 from mazeplan.diagnosis.kalman import accelerations
-from mazeplan.diagnosis.library import Candidate, Spec
+from mazeplan.diagnosis.library import GATE, Candidate, Spec
 from mazeplan.diagnosis.system import Values
 from mazeplan.diagnosis.terms import oscillation
 
@@ -18,6 +19,7 @@ ACCEPT = 15.0  # of -2 log L
 SURE = 3.0  # standard errors
 NAMED, NAMELESS = 4, 2  # candidates that get a full fit in each round
 MORE = 7  # named ones of a record from a real rig, in which many effects are at work at once
+ANGLES = 90  # at which a gate is looked for
 SWING = 1.25  # amplitude of a force that swings with time, in the system's `weakest`
 PEAK = 18.0  # of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
@@ -55,6 +57,8 @@ def promising(
     for c in library:
         names, declared = list(c.parameters), likelihood.system.declared.get(c.name)
         starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first()
+        if c.acts == GATE and "angle" in c.parameters and len(starts) > 1:
+            starts = [_gate_start(likelihood, current, c, starts[0][-1])]
         if len(starts) > 1:  # held fixed first, with either sign of the last parameter
             low = list(c.parameters.values())[-1].low
             starts = [(*v[:-1], sign * v[-1]) for v in starts for sign in (1.0, -1.0) if sign * v[-1] >= low]
@@ -71,6 +75,20 @@ def promising(
     nameless = [entry for entry in found if not entry[1].named and not entry[1].placebo and entry[0] > 0.0][:NAMELESS]
     chance = [entry for entry in found if entry[1].placebo][:1]
     return [(c, start) for _, c, start in named + nameless + chance]
+
+
+def _gate_start(likelihood: Likelihood, current: Fit, c: Candidate, loss: float) -> tuple[float, float]:
+    """Angle of the gate that explains most by one linear step, all around at once, and a loss to start from."""
+    angles = np.linspace(-math.pi, math.pi, ANGLES, endpoint=False)
+    gates = [replace(c, name=f"{c.name} {i}") for i in range(ANGLES)]
+    closed = {g.name: {"angle": float(a), "loss": 0.0} for g, a in zip(gates, angles, strict=True)}
+    wide = copy(likelihood)
+    wide.library = [*likelihood.library, *gates]
+    steps = [(g.name, "loss", c.parameters["loss"].step) for g in gates]
+    e, J = wide.jacobian({**current.values, **closed}, current.q, steps)
+    slopes = J.T @ e  # the fit falls where a loss takes the residual along
+    worth = np.where(slopes < 0.0, slopes**2 / np.maximum(np.sum(J * J, axis=0), 1e-300), 0.0)
+    return float(angles[int(np.argmax(worth))]), loss
 
 
 def price(likelihood: Likelihood, c: Candidate) -> float:

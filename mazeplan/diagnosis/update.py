@@ -10,6 +10,7 @@
 | tilt_gain | tilt_sensor |
 | command_delay, backlash | stage |
 | friction_drift | none: it was a process in time, and the record is over |
+| wall_friction, gates of a wall, surface_ripple, effects of a user's own | none: planning does not know them |
 
 What was found in several rings is their mean, weighted by the standard errors. A value outside what the model allows
 becomes the nearest that it may be. Processes stay as they are: what they add was learned on top of the old effects, at
@@ -34,7 +35,13 @@ Parameters = dict[str, dict[str, Any]]  # parameter -> {"value", "stderr", "unit
 Found = Mapping[int, Sequence[Mapping[str, Any]]]  # ring -> effects as in the JSON of a diagnosis
 LONGEST = 0.5  # s, of a delay
 SOLID = 0.4  # inertia of a solid sphere over m r^2
+ELSEWHERE = ("sensor_delay", "camera_offset", "axis_misalignment", "tilt_gain", "command_delay", "backlash")
 OF_THE_BALL = ("rolling_inertia", "dry_friction", "viscous_friction")
+
+
+def without_place(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of effects that a model file has no entry for, so that a new model lacks them."""
+    return [str(e["name"]) for e in effects if e["name"] not in (*ELSEWHERE, *EFFECTS)]
 
 
 def base_model(

@@ -37,7 +37,7 @@ def test_failing_to_arrive_is_one_and_names_the_reason(monkeypatch, capsys):
     [
         (["--from", "ring9"], "ring1 to ring5"),
         (["--map", "nowhere"], "packaged map"),
-        (["--rig", "nowhere"], "ideal, rough, toy"),
+        (["--rig", "nowhere"], "ideal, rough, surprise, toy"),
         (["--rig", "no.such.module:Rig"], "no.such.module"),
         (["--model", "nowhere"], "model.yaml"),
         (["--behavior", "nowhere"], "navigate"),

@@ -1,0 +1,57 @@
+"""Derivatives of the innovations that run along in the filter, against differences of whole passes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plant import play
+
+from mazeplan.data.table import Table
+from mazeplan.diagnosis.fit import Likelihood
+from mazeplan.diagnosis.library import ring_library, stage_errors
+from mazeplan.diagnosis.platemotion import fit_stage, plate_motion
+from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.ringsystem import RingSystem
+
+DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
+
+
+@pytest.fixture(scope="module")
+def likelihood():
+    record = record_of(Table(play(seed=3, seconds=60.0)), np.ones(1800, dtype=bool))
+    rows = np.ones(1800, dtype=bool)
+    stage = fit_stage(record, rows)
+    assert stage is not None
+    system = RingSystem(record.t, record.theta, record.first, 0.0925, plate_motion(record, stage), DECLARED)
+    return Likelihood(system, [*ring_library(), stage_errors(stage.directions)], rows)
+
+
+SMOOTH = ["rolling_inertia", "viscous_friction", "quadratic_drag", "tilt_offset", "constant_torque", "surface_profile",
+          "surface_bump", "friction_drift", "tilt_gain", "axis_misalignment", "sensor_delay", "stage"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_derivatives_are_those_of_whole_passes(likelihood, name):
+    candidate = next(c for c in likelihood.library if c.name == name)
+    start = {key: spec.default for key, spec in candidate.parameters.items()}
+    if name == "surface_bump":
+        start |= {"centre": 1.0, "width": 0.4, "height": 0.5}
+    if name in DECLARED:
+        start = dict(DECLARED[name])
+    steps = [(name, key, spec.step) for key, spec in candidate.parameters.items()]
+    values = {name: start}
+    _, J = likelihood.jacobian(values, 30.0, steps)
+    for j, (_, key, step) in enumerate(steps):
+        up, down = ({name: {**start, key: start[key] + sign * step}} for sign in (1.0, -1.0))
+        slope = (likelihood.whitened(up, 30.0)[0] - likelihood.whitened(down, 30.0)[0]) / (2.0 * step)
+        off = np.linalg.norm(J[:, j] - slope) / np.linalg.norm(slope)
+        assert off < 0.1, (key, off)
+
+
+def test_directions_of_the_stage_are_one_standard_error_long(likelihood):
+    """The tilt that each of them moves is worth one unit of the sensor's -2 log L, or less where it is cut."""
+    tilt = likelihood.system.tilt
+    assert len(tilt.by_stage) == 10
+    for name, change in tilt.by_stage.items():
+        moved = change[::6, 0 if name.startswith("beta") else 3]
+        assert 0.0 < np.sum(moved**2) / 8e-4**2 < 2.0
