@@ -20,10 +20,11 @@ from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_collection
 from mazeplan.data.table import Table, read_table
 from mazeplan.diagnosis.diagnose import SEEN, Diagnosis, diagnose, model_error
+from mazeplan.diagnosis.library import ring_library
 from mazeplan.diagnosis.merge import Evidence, Merged, evidence, merge
 from mazeplan.diagnosis.record import Record, centred, record_of
 from mazeplan.diagnosis.scores import Score
-from mazeplan.diagnosis.update import Parameters, merged, updated
+from mazeplan.diagnosis.update import Parameters, merged, updated, without_place
 from mazeplan.errors import ModelError, TableError
 from mazeplan.evaluate import Campaign, evaluate, summary
 from mazeplan.maze.geometry import Maze
@@ -136,10 +137,11 @@ def samples_in(records: Mapping[int, Record]) -> int:
 def diagnose_rings(
     records: Mapping[int, Record], maze: Maze, model: RigModel, tell: Callable[[str], None]
 ) -> dict[int, Diagnosis]:
-    """The diagnosis of each ring with what the model says of it."""
-    out = {}
+    """The diagnosis of each ring with what the model says of it, by effects that a model can have: of others, however
+    true, navigation would not become better."""
+    out, without = {}, without_place(c.name for c in ring_library())
     for ring, record in records.items():
-        done = diagnose(record, maze.track_radius(ring), model.declared(ring))
+        done = diagnose(record, maze.track_radius(ring), model.declared(ring), without=without)
         tell(f"ring {ring}: {done.sentence()}")
         out[ring] = done
     return out

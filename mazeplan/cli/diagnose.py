@@ -130,7 +130,10 @@ def _of_ball(
 def _not_in_it(done: Diagnosis) -> list[str]:
     from mazeplan.diagnosis.update import without_place
 
-    return [f"the new model lacks {name}: a model file has no place for it" for name in without_place(done.effects)]
+    return [
+        f"the new model lacks {name}: a model file has no place for it"
+        for name in without_place(e["name"] for e in done.effects)
+    ]
 
 
 def _new_model(

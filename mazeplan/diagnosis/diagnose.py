@@ -6,7 +6,7 @@ The search and every fit see 70 % of the samples only; before and after are meas
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -154,11 +154,13 @@ def diagnose(
     ring: int | None = None,
     gates: Gates | None = None,
     more: Sequence[Candidate] = (),
+    without: Container[str] = (),
     test: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; gates: those of the
-    ring by the map, where one is known; more: effects beyond the library's; test: a further record, for scores only."""
+    ring by the map, where one is known; more: effects beyond the library's; without: names of
+    effects that are not looked for; test: a further record, for scores only."""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record)
     tell("stage")
@@ -169,7 +171,8 @@ def diagnose(
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
     named = [_from_declared(c, declared) for c in ring_library() if circle is None or c.acts != CAMERA]
-    library = [*named, *wall_library(gates or Gates()), *more, *anonymous_library(), *placebos()]
+    named = [c for c in (*named, *wall_library(gates or Gates()), *more) if c.name not in without]
+    library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     known = [*library, *along]
     record, (rows, held) = _with_ball(record, rows, held)

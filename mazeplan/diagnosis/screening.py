@@ -17,7 +17,7 @@ from mazeplan.diagnosis.terms import oscillation
 
 ACCEPT = 15.0  # of -2 log L
 SURE = 3.0  # standard errors
-NAMED, NAMELESS = 4, 2  # candidates that get a full fit in each round
+NAMED, NAMELESS = 6, 2  # candidates that get a full fit in each round
 MORE = 7  # named ones of a record from a real rig, in which many effects are at work at once
 ANGLES = 90  # at which a gate is looked for
 SWING = 1.25  # amplitude of a force that swings with time, in the system's `weakest`

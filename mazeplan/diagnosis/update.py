@@ -20,7 +20,7 @@ the edges and joints of the maze, which are where they were.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,9 +39,9 @@ ELSEWHERE = ("sensor_delay", "camera_offset", "axis_misalignment", "tilt_gain", 
 OF_THE_BALL = ("rolling_inertia", "dry_friction", "viscous_friction")
 
 
-def without_place(effects: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Names of effects that a model file has no entry for, so that a new model lacks them."""
-    return [str(e["name"]) for e in effects if e["name"] not in (*ELSEWHERE, *EFFECTS)]
+def without_place(names: Iterable[str]) -> list[str]:
+    """Those names of effects that a model file has no entry for, so that a new model would lack them."""
+    return [name for name in names if name not in (*ELSEWHERE, *EFFECTS)]
 
 
 def base_model(

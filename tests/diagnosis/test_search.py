@@ -1,0 +1,72 @@
+"""How the search decides: placebos, two effects at once, gates all around, short records."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plant import play
+
+from mazeplan.data.table import Table
+from mazeplan.diagnosis.anonymous import placebos
+from mazeplan.diagnosis.diagnose import diagnose
+from mazeplan.diagnosis.record import record_of
+
+DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
+
+
+def found(radius=0.0925, **what):
+    columns = play(radius=radius, **what)
+    record = record_of(Table(columns), np.ones(len(columns["t"]), dtype=bool))
+    return diagnose(record, radius, DECLARED)
+
+
+def names(done):
+    return sorted(e["name"] for e in done.effects)
+
+
+def test_placebos_run_along_and_lose():
+    done = found(seed=3, dry=0.3)
+    known = {c.name for c in placebos()}
+    gains = {t.candidate.name: t.gain for t in done.finding.ranked}
+    tried = known & set(gains)
+    assert tried
+    assert max(gains[name] for name in tried) < 0.1 * gains["dry_friction"]
+    assert any(note.startswith("placebo") for note in done.notes)
+
+
+def test_two_effects_of_which_an_unnamed_one_takes_a_share_of_both():
+    done = found(seed=302, seconds=200.0, radius=0.0488, viscous=0.44, factor=5 / 7 * 1.045)
+    assert done.verdict != "unknown_effect", done.sentence()
+    assert names(done) == ["rolling_inertia", "viscous_friction"]
+
+
+def test_what_came_first_is_exchanged_when_another_explains_more_beside_the_second():
+    done = found(seed=305, seconds=200.0, radius=0.0488, bump=(1.0, 0.3, 0.3), offset=(0.0015, -0.0015))
+    assert names(done) == ["surface_bump", "tilt_offset"], done.sentence()
+
+
+def test_a_scale_of_both_tilts_is_not_taken_for_the_ball_or_the_other_way_round():
+    assert names(found(seed=0, seconds=300.0, factor=5 / 7 * 1.015)) == ["rolling_inertia"]
+    assert names(found(seed=0, gain=(1.05, 0.95))) == ["tilt_gain"]
+
+
+@pytest.mark.parametrize("angle", [-2.0, 0.81, 3.1])
+def test_a_gate_is_found_wherever_it_is(angle):
+    done = found(seed=4, gate=(angle, 0.1), seconds=150.0)
+    assert names(done) == ["gate_loss"], done.sentence()
+    (effect,) = done.effects
+    assert effect["parameters"]["angle"]["value"] == pytest.approx(angle, abs=0.05)
+    assert effect["before"] > 1.5 * effect["after"]
+    assert effect["evidence"] > 15.0
+
+
+def test_twenty_seconds_are_enough_for_what_is_large_and_name_nothing_else():
+    assert names(found(seed=5, seconds=20.0, dry=0.5)) == ["dry_friction"]
+    assert found(seed=5, seconds=20.0).verdict == "nothing_missing"
+
+
+def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones():
+    done = found(seed=7, seconds=200.0, memory=(1.0, 0.5))
+    assert done.verdict == "unknown_effect"
+    assert done.effects == ()
+    assert "past of theta_dot" in done.document()["unknown"]["depends_on"]
