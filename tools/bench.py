@@ -26,6 +26,7 @@ from bench_emps import emps_section
 from bench_improve import improve_section
 from bench_models import measured_section, toy_section, training_section
 from bench_moves import moves_section
+from bench_plant import plant_section
 from bench_predictability import predictability_section
 from bench_real import real_section
 from bench_solver import solver_section
@@ -152,6 +153,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         toy_section(mazeplan, quick),
         predictability_section(quick),
         diagnose_section(quick),
+        plant_section(quick),
         emps_section(quick),
         baselines_section(quick),
         improve_section(quick),
@@ -176,6 +178,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "training": lambda quick: training_section(), "solver": timed_solver_section,
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
+    "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
 }  # fmt: skip
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from bench_models import data_folder
-from bench_plant import DECLARED, plant_section
+from bench_plant import DECLARED
 
 from mazeplan.data.table import read_table
 from mazeplan.diagnosis.diagnose import Diagnosis, diagnose
@@ -42,7 +42,7 @@ def in_words(done: Diagnosis) -> str:
     return "; ".join(parts + ([unknown["description"]] if unknown else [])) or "-"
 
 
-def diagnose_section(quick: bool, seeds: int = 10) -> list[str]:
+def diagnose_section(quick: bool) -> list[str]:
     """Everything, as lines of Markdown."""
     lines = [
         "## Diagnosis",
@@ -56,7 +56,7 @@ def diagnose_section(quick: bool, seeds: int = 10) -> list[str]:
         lines += ["The logs with an undeclared effect are not on this machine."]
     else:
         lines += ["### Logs with one undeclared effect each", "", *undeclared_rows(folder, quick)]
-    return [*lines, "", *plant_section(quick, seeds)]
+    return lines
 
 
 if __name__ == "__main__":

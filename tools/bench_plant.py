@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ import plant  # noqa: E402  # pyright: ignore[reportMissingImports]
 DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
 RADII = {"1": 0.0925, "2": 0.0689, "3": 0.0488}  # m, about those of rings 1 to 3
 SECONDS, NOISE = 300.0, 0.4  # NOISE: rad/s^1.5, of the process where there is any
+KEPT = ROOT / "build" / "plant.jsonl"
 SIZES = (1, 3, 10)  # times the smallest size that is to be found
 
 
@@ -222,31 +223,50 @@ def summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> list[str]:
     return lines
 
 
-def plant_section(quick: bool, seeds: int = 10, only: Sequence[str] = ()) -> list[str]:
-    """The table, as lines of Markdown."""
+def key(job: Job) -> str:
+    """What tells jobs apart."""
+    return json.dumps(asdict(job), sort_keys=True)
+
+
+def kept_outcomes() -> dict[str, Outcome]:
+    """Outcomes of an earlier run."""
+    if not KEPT.exists():
+        return {}
+    lines = [json.loads(line) for line in KEPT.read_text().splitlines()]
+    jobs = [Job(**{f.name: line[f.name] for f in fields(Job)}) for line in lines]
+    found = [Outcome(**{f.name: line[f.name] for f in fields(Outcome)}) for line in lines]
+    return {key(job): outcome for job, outcome in zip(jobs, found, strict=True)}
+
+
+def plant_section(
+    quick: bool, seeds: int = 10, only: Sequence[str] = (), workers: int = 2, keep: bool = False
+) -> list[str]:
+    """The table, as lines of Markdown; keep: what an earlier run left in build/plant.jsonl is not run again."""
     jobs = [job for job in jobs_of(1 if quick else seeds) if not only or any(name in job.group for name in only)]
-    kept = ROOT / "build" / "plant.jsonl"
-    kept.parent.mkdir(exist_ok=True)
-    outcomes: list[Outcome] = []
-    with ProcessPoolExecutor(2) as pool, kept.open("w") as file:
-        for i, (job, found) in enumerate(zip(jobs, pool.map(run, jobs), strict=False)):
-            outcomes.append(found)
+    KEPT.parent.mkdir(exist_ok=True)
+    outcomes = kept_outcomes() if keep else {}
+    # as they come back from the file
+    left = [job for job in jobs if key(Job(**json.loads(key(job)))) not in outcomes]
+    with ProcessPoolExecutor(workers) as pool, KEPT.open("a" if keep else "w") as file:
+        for i, (job, found) in enumerate(zip(left, pool.map(run, left), strict=False)):
+            outcomes[key(job)] = found
             right, wrong = judged(job, found)
-            file.write(json.dumps({**asdict(job), **asdict(found), "right": right, "wrong": wrong}) + "\n")
+            file.write(json.dumps({**asdict(job), **asdict(found)}) + "\n")
             file.flush()
             if not right or wrong:
                 print(f"{job.group} ring {job.ring} seed {job.seed}: {found.sentence}", file=sys.stderr)
             elif i % 50 == 0:
-                print(f"{i + 1} of {len(jobs)}", file=sys.stderr)
+                print(f"{i + 1} of {len(left)}", file=sys.stderr)
+    done = [outcomes[key(job)] for job in jobs]
     return [
-        "### A plant of its own",
+        "## Diagnosis of a plant of its own (simulated)",
         "",
-        f"tests/plant.py, which shares nothing with the models; simulated, {SECONDS:g} s, camera noise 0.3 mm, tilt"
-        f" noise 8e-4 rad, process noise {NOISE} rad/s^1.5 where there is any; `x k`: k times the smallest size.",
+        f"tests/plant.py, which shares nothing with the models: {SECONDS:g} s, camera noise 0.3 mm, tilt noise 8e-4",
+        f"rad, process noise {NOISE} rad/s^1.5 where there is any; `x k`: k times the smallest size; {seeds} seeds.",
         "",
-        *summary(jobs, outcomes),
+        *summary(jobs, done),
         "",
-        *rows_of(jobs, outcomes),
+        *rows_of(jobs, done),
     ]
 
 
@@ -254,5 +274,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--only", nargs="*", default=())
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--keep", action="store_true", help="go on with build/plant.jsonl")
     given = parser.parse_args()
-    print("\n".join(plant_section(False, given.seeds, given.only)))
+    print("\n".join(plant_section(False, given.seeds, given.only, given.workers, given.keep)))
