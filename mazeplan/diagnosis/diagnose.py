@@ -17,6 +17,7 @@ from mazeplan.diagnosis.anonymous import anonymous_library, placebos
 from mazeplan.diagnosis.evidence import Evidence, evidence_of
 from mazeplan.diagnosis.fit import Likelihood, fit
 from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
+from mazeplan.diagnosis.gears import SMALLEST_BAND
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
 from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
@@ -260,7 +261,7 @@ def _likelihood(
 
 
 def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]]:
-    """Delay of commands and play of gears, where they are not what was declared."""
+    """Delay of commands, play of gears and dead bands, where they are not what was declared."""
     if stage is None:
         return []
     found: list[dict[str, Any]] = []
@@ -271,14 +272,16 @@ def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]
     if abs(delay - known) > max(DELAY, 5.0 * sigma):
         entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
         found.append(entry)
-    had = declared.get("backlash", {})
-    play = dict(zip(("beta", "gamma"), stage.axes, strict=True))
-    if any(abs(axis.backlash - had.get(name, 0.0)) > SMALLEST_PLAY for name, axis in play.items()):
+    axes = dict(zip(("beta", "gamma"), stage.axes, strict=True))
+    for effect, smallest in (("backlash", SMALLEST_PLAY), ("deadband", SMALLEST_BAND)):
+        had, sizes = declared.get(effect, {}), {name: getattr(axis, effect) for name, axis in axes.items()}
+        if all(abs(size - had.get(name, 0.0)) < smallest for name, size in sizes.items()):
+            continue
         numbers = {
-            name: {"value": axis.backlash, "stderr": axis.stderr.get("backlash", 0.0), "unit": "rad"}
-            for name, axis in play.items()
+            name: {"value": size, "stderr": axes[name].stderr.get(effect, 0.0), "unit": "rad"}
+            for name, size in sizes.items()
         }
-        found.append({"name": "backlash", "parameters": numbers})
+        found.append({"name": effect, "parameters": numbers})
     return found
 
 

@@ -1,9 +1,9 @@
-"""Play between servo and plate, seen in commands and measured tilt: the plate follows only when the gears have turned
-through it.
+"""Play between servo and plate, and a dead band of the servo, seen in commands and measured tilt.
 
-    passed on_k = clip(passed on_(k-1), u_k - b/2, u_k + b/2)
+    play:       passed on_k = clip(passed on_(k-1), u_k - b/2, u_k + b/2)
+    dead band:  obeyed_k = u_k where |u_k - obeyed_(k-1)| >= d, else obeyed_(k-1)
 
-The axis is fitted to what the gears pass on, for a b that makes it fit best.
+The axis is fitted to what is passed on, for a b or a d that makes it fit best; of the two the one that fits better.
 """
 
 from __future__ import annotations
@@ -15,14 +15,51 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from mazeplan.models.stage import StageFit, fit_axis, played, simulate_axis
+from mazeplan.models.stage import StageAxis, StageFit, fit_axis, obeyed, played, simulate_axis
 from mazeplan.records import Array
 
 TRIED = 0.005  # rad, with which the first look is taken
 MOST = 0.08  # rad
 ENOUGH = 2400  # samples to find it by; a clearance of a fraction of a degree shows in every reversal
 SMALLEST = 2e-3  # rad; play worth a word
+SMALLEST_BAND, BANDS = 1e-3, 24  # rad; a dead band worth a word, and how many are tried
+STRIDE = (MOST / SMALLEST_BAND) ** (1.0 / (BANDS - 1))
 SURE = 15.0  # of -2 log L
+
+
+def fit_with_gears(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit:
+    """The axis with the play or the dead band that its record shows, if any, as `fit_with_play`."""
+    with_play = fit_with_play(u, angle, dt, first, rows)
+    with_band = _fit_with_band(u, angle, dt, first, rows)
+    return with_band if with_band is not None and with_band.rms < with_play.rms else with_play
+
+
+def _fit_with_band(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit | None:
+    """The axis with a dead band; None where the record shows none. What is obeyed changes by jumps with the band, so it
+    is looked for on a grid."""
+    breaks = first[rows].astype(float)
+    plain = fit_axis(u[rows], angle[rows], dt, breaks)
+
+    def off(axis: StageAxis, band: float) -> float:
+        return float(np.std((angle - simulate_axis(axis, obeyed(u, band), dt))[rows]))
+
+    bands, level = np.geomspace(SMALLEST_BAND, MOST, BANDS), off(plain.axis, 0.0)
+    if 2.0 * plain.samples * math.log(level / min(off(plain.axis, band) for band in bands)) < SURE:
+        return None
+    few = rows & (np.cumsum(rows) <= ENOUGH)  # an axis that was fitted without the band has the lag that it makes
+
+    def refitted(band: float) -> float:
+        return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float)).rms
+
+    coarse = min(bands[bands < 0.5 * np.ptp(u)], key=refitted)
+    axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks).axis
+    fine = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS)
+    band, width = float(min(fine, key=lambda b: off(axis, b))), float(fine[1] - fine[0])
+    found = fit_axis(obeyed(u, band)[rows], angle[rows], dt, breaks)
+    if 2.0 * plain.samples * math.log(plain.rms / found.rms) < SURE:
+        return None
+    stderr = {**found.axis.stderr, "deadband": width}
+    return replace(found, axis=replace(found.axis, deadband=band, stderr=stderr))
 
 
 def fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit:

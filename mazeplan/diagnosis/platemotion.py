@@ -11,11 +11,11 @@ import numpy as np
 from numba import njit
 
 from mazeplan.data.smoothing import Smoothing, derivatives
-from mazeplan.diagnosis.gears import fit_with_play
+from mazeplan.diagnosis.gears import fit_with_gears
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import Tilt
 from mazeplan.models.ring_dynamics import stage_transition
-from mazeplan.models.stage import StageAxis, StageFit, played
+from mazeplan.models.stage import StageAxis, StageFit, passed_on
 from mazeplan.records import Array
 
 FINE = 6  # grid points a sample
@@ -46,14 +46,14 @@ def fit_stage(record: Record, rows: np.ndarray) -> Stage | None:
         return None
     try:
         fits = [
-            fit_with_play(record.u[:, i], angle, record.dt, record.first & rows, rows)
+            fit_with_gears(record.u[:, i], angle, record.dt, record.first & rows, rows)
             for i, angle in enumerate((record.beta, record.gamma))
         ]
     except ValueError:
         return None
     directions = {}
     for i, (name, found) in enumerate(zip(("beta", "gamma"), fits, strict=True)):
-        for j, change in enumerate(_directions(played(record.u[:, i], found.axis.backlash)[rows], found, record.dt)):
+        for j, change in enumerate(_directions(passed_on(record.u[:, i], found.axis)[rows], found, record.dt)):
             directions[f"{name}_{j + 1}"] = (i, change)
     return Stage(fits[0], fits[1], directions)
 
@@ -89,7 +89,7 @@ def plate_motion(record: Record, stage: Stage | None) -> Tilt:
     if record.u is None or stage is None:
         return from_sensor(record.t, record.beta, record.gamma, record.segment)
     axes = stage.axes
-    u = played(record.u[:, 0], axes[0].backlash), played(record.u[:, 1], axes[1].backlash)
+    u = passed_on(record.u[:, 0], axes[0]), passed_on(record.u[:, 1], axes[1])
     base, by_stage = from_commands(record.t, *u, *axes), {}
     for name, (i, change) in stage.directions.items():
         moved, sign = _changed(axes[i], change)

@@ -31,7 +31,7 @@ HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
 @dataclass(frozen=True)
 class StageAxis:
     """One axis. natural_frequency rad/s, damping -, gain -, dead_time s, offset rad; backlash: rad, play between the
-    servo and the plate."""
+    servo and the plate; deadband: rad, change of command below which nothing happens."""
 
     gain: float = 1.0
     natural_frequency: float = 26.0
@@ -40,10 +40,12 @@ class StageAxis:
     offset: float = 0.0
     stderr: dict[str, float] = field(default_factory=dict, compare=False)
     backlash: float = 0.0
+    deadband: float = 0.0
 
     def __post_init__(self) -> None:
         for name, low, high in (
             ("backlash", 0.0, 0.2),
+            ("deadband", 0.0, 0.2),
             ("gain", 0.05, 20.0),
             ("natural_frequency", 0.5, 500.0),
             ("damping", 0.02, 20.0),
@@ -89,6 +91,22 @@ def played(u: Array, backlash: float, start: float | None = None) -> Array:
         at = min(max(at, value - half), value + half)
         out[i] = at
     return out
+
+
+def obeyed(u: Array, deadband: float) -> Array:
+    """What of commands u (N,) a servo obeys that stays where it is unless they change by `deadband` rad."""
+    if deadband == 0.0:
+        return u
+    out, at = np.empty(len(u)), float(u[0])
+    for i, value in enumerate(u):
+        at = float(value) if abs(value - at) >= deadband else at
+        out[i] = at
+    return out
+
+
+def passed_on(u: Array, axis: StageAxis) -> Array:
+    """What reaches the plate of commands u (N,): those that are obeyed, behind the play of the gears."""
+    return played(obeyed(u, axis.deadband), axis.backlash)
 
 
 def step_response(axis: StageAxis, t: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plant import commands
 
-from mazeplan.diagnosis.gears import fit_with_play
+from mazeplan.diagnosis.gears import fit_with_gears, fit_with_play
 
 DT = 1.0 / 30.0
 
@@ -35,3 +35,26 @@ def test_play_is_found_to_within_its_error(play):
         return
     assert found.backlash == pytest.approx(play, abs=max(5.0 * found.stderr["backlash"], 3e-4))
     assert found.gain == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("band", [0.0, 0.004, 0.01])
+def test_a_dead_band_is_found_and_is_no_play(band):
+    rng = np.random.default_rng(4)
+    u = commands(rng, 1800)[:, 0]
+    at, kept = u[0], np.empty(1800)
+    for k, value in enumerate(u):
+        at = value if abs(value - at) >= band else at
+        kept[k] = at
+    angle = plate(kept, 0.0, rng)
+    found = fit_with_gears(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    assert found.backlash == 0.0
+    assert found.deadband == pytest.approx(band, rel=0.05, abs=1e-9)
+
+
+def test_play_is_no_dead_band():
+    rng = np.random.default_rng(5)
+    u = commands(rng, 1800)[:, 0]
+    angle = plate(u, 0.0175, rng)
+    found = fit_with_gears(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    assert found.deadband == 0.0
+    assert found.backlash > 0.015

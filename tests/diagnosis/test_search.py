@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plant import play
+from plant import commands, play
 
 from mazeplan.data.table import Table
 from mazeplan.diagnosis.anonymous import placebos
@@ -70,3 +70,15 @@ def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones():
     assert done.verdict == "unknown_effect"
     assert done.effects == ()
     assert "past of theta_dot" in done.document()["unknown"]["depends_on"]
+
+
+def test_a_servo_that_ignores_small_changes_is_named_and_nothing_of_the_ball():
+    u = commands(np.random.default_rng(9), 3600)
+    kept = u.copy()
+    for k in range(1, len(u)):
+        kept[k] = np.where(np.abs(u[k] - kept[k - 1]) >= 0.008, u[k], kept[k - 1])
+    columns = play(seed=9, seconds=120.0, u=kept)
+    columns |= {"u_beta": u[:, 0], "u_gamma": u[:, 1]}
+    done = diagnose(record_of(Table(columns), np.ones(3600, dtype=bool)), 0.0925, DECLARED)
+    assert names(done) == ["deadband"], done.sentence()
+    assert done.effects[0]["parameters"]["gamma"]["value"] == pytest.approx(0.008, rel=0.1)
