@@ -166,11 +166,12 @@ def reference_of(model: RigModel) -> Evidence | None:
 
 def _errors(records: Mapping[int, Record], maze: Maze, model: RigModel, diagnoses: Mapping[int, Diagnosis]) -> Score:
     """Scores of all rings together, weighted by their samples."""
-    scores = {
-        ring: model_error(record, maze.track_radius(ring), model.declared(ring), diagnoses[ring].stage)
-        for ring, record in records.items()
-        if ring in diagnoses
-    }
+    scores = {}
+    for ring, record in records.items():
+        if ring in diagnoses:
+            fitted = diagnoses[ring].stage
+            stage = None if fitted is None else fitted.with_play_of(model.stage)
+            scores[ring] = model_error(record, maze.track_radius(ring), model.declared(ring), stage)
     weights = {ring: float(np.isfinite(record.theta).sum()) for ring, record in records.items()}
 
     def mean(name: str) -> float:

@@ -274,7 +274,8 @@ def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]
         found.append(entry)
     axes = dict(zip(("beta", "gamma"), stage.axes, strict=True))
     for effect, smallest in (("backlash", SMALLEST_PLAY), ("deadband", SMALLEST_BAND)):
-        had, sizes = declared.get(effect, {}), {name: getattr(axis, effect) for name, axis in axes.items()}
+        sizes: dict[str, float] = {name: getattr(axis, effect) for name, axis in axes.items()}
+        had = declared.get(effect, {})
         if all(abs(size - had.get(name, 0.0)) < smallest for name, size in sizes.items()):
             continue
         numbers = {

@@ -43,7 +43,8 @@ def _fit_with_band(u: Array, angle: Array, dt: float, first: np.ndarray, rows: n
     def off(axis: StageAxis, band: float) -> float:
         return float(np.std((angle - simulate_axis(axis, obeyed(u, band), dt))[rows]))
 
-    bands, level = np.geomspace(SMALLEST_BAND, MOST, BANDS), off(plain.axis, 0.0)
+    bands: list[float] = np.geomspace(SMALLEST_BAND, MOST, BANDS).tolist()
+    level = off(plain.axis, 0.0)
     if 2.0 * plain.samples * math.log(level / min(off(plain.axis, band) for band in bands)) < SURE:
         return None
     few = rows & (np.cumsum(rows) <= ENOUGH)  # an axis that was fitted without the band has the lag that it makes
@@ -51,10 +52,10 @@ def _fit_with_band(u: Array, angle: Array, dt: float, first: np.ndarray, rows: n
     def refitted(band: float) -> float:
         return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float)).rms
 
-    coarse = min(bands[bands < 0.5 * np.ptp(u)], key=refitted)
+    coarse = min((band for band in bands if band < 0.5 * float(np.ptp(u))), key=refitted)
     axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks).axis
-    fine = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS)
-    band, width = float(min(fine, key=lambda b: off(axis, b))), float(fine[1] - fine[0])
+    fine: list[float] = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS).tolist()
+    band, width = min(fine, key=lambda b: off(axis, b)), fine[1] - fine[0]
     found = fit_axis(obeyed(u, band)[rows], angle[rows], dt, breaks)
     if 2.0 * plain.samples * math.log(plain.rms / found.rms) < SURE:
         return None

@@ -15,7 +15,7 @@ from mazeplan.diagnosis.gears import fit_with_gears
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import Tilt
 from mazeplan.models.ring_dynamics import stage_transition
-from mazeplan.models.stage import StageAxis, StageFit, passed_on
+from mazeplan.models.stage import StageAxis, StageFit, StageModel, passed_on
 from mazeplan.records import Array
 
 FINE = 6  # grid points a sample
@@ -38,6 +38,14 @@ class Stage:
     def axes(self) -> tuple[StageAxis, StageAxis]:
         """The fitted axes."""
         return self.beta.axis, self.gamma.axis
+
+    def with_play_of(self, model: StageModel) -> Stage:
+        """With the play that a model has, not the one that was found."""
+        beta, gamma = (
+            replace(found, axis=replace(found.axis, backlash=axis.backlash))
+            for found, axis in ((self.beta, model.beta), (self.gamma, model.gamma))
+        )
+        return replace(self, beta=beta, gamma=gamma)
 
 
 def fit_stage(record: Record, rows: np.ndarray) -> Stage | None:
