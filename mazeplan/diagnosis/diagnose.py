@@ -272,7 +272,7 @@ def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]
     if abs(delay - known) > max(DELAY, 5.0 * sigma):
         entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
         found.append(entry)
-    axes = dict(zip(("beta", "gamma"), stage.axes, strict=True))
+    axes: dict[str, Any] = dict(zip(("beta", "gamma"), stage.axes, strict=True))
     for effect, smallest in (("backlash", SMALLEST_PLAY), ("deadband", SMALLEST_BAND)):
         sizes: dict[str, float] = {name: getattr(axis, effect) for name, axis in axes.items()}
         had = declared.get(effect, {})
