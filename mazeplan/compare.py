@@ -20,6 +20,7 @@ from mazeplan.data.table import Table
 from mazeplan.errors import InputError, TableError
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.discrete import fit_discrete, roll_out_discrete
+from mazeplan.models.eccentric import Centre, find_centre, smoothing_of, straightened
 from mazeplan.models.features import paper_features
 from mazeplan.models.fitting import FitOptions, fit_kind
 from mazeplan.models.gp_training import TrainingOptions
@@ -62,13 +63,27 @@ class CompareOptions:
 
 @dataclass(frozen=True)
 class RingData:
-    """One ring: samples of training and test records (the same where a record is split), and which rows are whose."""
+    """One ring: samples of training and test records (the same where a record is split), and which rows are whose;
+    centre: of the rings, where the camera counts the angle about another point: then models are fitted in the ball's
+    own angle, and `seen` has the test samples as they were measured, by which they are scored."""
 
     train: RingSamples
     test: RingSamples
     train_rows: IntArray
     test_mask: np.ndarray
     block: IntArray
+    centre: Centre | None = None
+    seen: tuple[RingSamples, RingSamples] | None = None
+
+    def pairs(self, model: AccelerationModel, rows: IntArray, train: bool = False) -> tuple[Array, Array]:
+        """theta_dd as measured in some rows, and as predicted."""
+        samples = self.train if train else self.test
+        truth, predicted = samples.theta_ddot[rows], model.mean(samples.at(rows))
+        if self.centre is None or self.seen is None:
+            return truth, predicted
+        seen = self.seen[0 if train else 1]
+        measured = seen.theta_ddot[rows]
+        return measured, measured + (predicted - truth) / self.centre.slope(seen.k.theta[rows])
 
     @property
     def test_rows(self) -> IntArray:
@@ -87,6 +102,7 @@ class RingScores:
     delay: float
     signs: tuple[int, int]
     windows: Windows
+    centre: tuple[float, float]
     nrmse_train: dict[str, float]
     nrmse_test: dict[str, float]
     rollout: dict[str, dict[str, float]]
@@ -107,6 +123,7 @@ class RingScores:
             "n_train": self.n_train, "n_test": self.n_test, "rates": self.rates, "delay_s": round(self.delay, 4),
             "signs": {"beta": self.signs[0], "gamma": self.signs[1]},
             "windows": len(self.windows), "windows_chosen": self.windows.chosen,
+            "centre_m": rounded(list(self.centre)),
             "nrmse_train": rounded(self.nrmse_train), "nrmse_test": rounded(self.nrmse_test),
             "rollout": rounded(self.rollout), "interval95": rounded(self.interval),
             **({"curve": rounded(self.curve)} if self.curve else {}),
@@ -139,7 +156,8 @@ def compare(
             continue
         samples = oriented(train[ring], signs)
         try:
-            data = prepare(samples, oriented(test[ring], signs) if tests else None, options)
+            other = oriented(test[ring], signs) if tests else None
+            data = prepare(samples, other, replace(options, samples=chosen))
         except TableError as problem:  # the ball has only passed through
             short = f"; ring {ring}: {problem}"
             tell(f"ring {ring} is left out: {problem}")
@@ -224,7 +242,16 @@ def prepare(train: RingSamples, test: RingSamples | None, options: CompareOption
     held = int(np.sum(split.test & other.good))
     if len(rows) < FEWEST or not held:
         raise TableError(f"got {len(rows)} rows to train and {held} to test on, expected at least {FEWEST} and 1")
-    return RingData(train, other, rows, split.test, split.block)
+    data = RingData(train, other, rows, split.test, split.block)
+    smoothing = smoothing_of(train, rows, options.smoothing)
+    centre = None if smoothing is None else find_centre(train, rows, smoothing)
+    if smoothing is None or centre is None:
+        return data
+    rates = options.samples.rates
+    moved = straightened(train, centre, rates, smoothing)
+    there = moved if test is None else straightened(other, centre, rates, smoothing)
+    good = np.flatnonzero(split.train & moved.good)
+    return replace(data, train=moved, test=there, train_rows=good, centre=centre, seen=(train, other))
 
 
 def _starts(
@@ -256,8 +283,8 @@ def _score(
         tell(kind)
         models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=lambda t, k=kind: tell(f"{k}, {t}"))
         model = models[kind].model
-        nrmse_train[kind] = nrmse(*_pairs(model, data.train, train_rows))
-        truth, predicted = _pairs(model, data.test, data.test_rows)
+        nrmse_train[kind] = nrmse(*data.pairs(model, train_rows, train=True))
+        truth, predicted = data.pairs(model, data.test_rows)
         nrmse_test[kind] = nrmse(truth, predicted)
         pairs = np.stack([truth, predicted], axis=1)
         blocks = data.block[data.test_rows]
@@ -272,6 +299,7 @@ def _score(
             for n in CHECKED:
                 blocks = data.block[windows.start]
                 interval[str(n)][kind] = block_bootstrap(done.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
+    radius = data.test.k.radius
     curve = _curve(data, train_rows, options, tell) if options.curve else {}
     return RingScores(
         ring,
@@ -281,6 +309,7 @@ def _score(
         options.samples.delay,
         signs,
         windows,
+        (0.0, 0.0) if data.centre is None else (data.centre.x * radius, data.centre.y * radius),
         nrmse_train,
         nrmse_test,
         rollout,
@@ -304,12 +333,15 @@ def _roll(
         return None
     theta, rate = _starts(model, data, windows, rates, misfit)
     if kind == "npd":
-        return roll_out_discrete(fit_discrete(data.train, rows, options.fit), data.test, windows.start, theta, rate)
-    return (roll_out_delayed if rates == "delayed" else roll_out)(model.mean, data.test, windows.start, theta, rate)
-
-
-def _pairs(model: AccelerationModel, samples: RingSamples, rows: IntArray) -> tuple[Array, Array]:
-    return samples.theta_ddot[rows], model.mean(samples.at(rows))
+        done = roll_out_discrete(fit_discrete(data.train, rows, options.fit), data.test, windows.start, theta, rate)
+    else:
+        way = roll_out_delayed if rates == "delayed" else roll_out
+        done = way(model.mean, data.test, windows.start, theta, rate)
+    if data.centre is None or data.seen is None:
+        return done
+    angle = data.centre.seen(done.angle)
+    there = data.seen[1].k.theta[windows.start[:, None] + np.arange(angle.shape[1])]
+    return Rollout(angle, np.abs(angle - there))
 
 
 def nrmse(truth: Array, predicted: Array) -> float:
@@ -328,5 +360,5 @@ def _curve(
         for kind in curve:
             tell(f"learning curve, {kind} on {len(some)} rows")
             model = fit_kind(kind, data.train, some, options.fit).model
-            curve[kind].append((len(some), nrmse(*_pairs(model, data.test, data.test_rows))))
+            curve[kind].append((len(some), nrmse(*data.pairs(model, data.test_rows))))
     return curve
