@@ -128,6 +128,9 @@ def report(scores: list[RingScores]) -> None:
     notes = {name for s in scores for name, sign in zip(("beta", "gamma"), s.signs, strict=True) if sign < 0}
     for name in sorted(notes):
         print(f"note: {name} is counted the other way round in these data (gravity pulls uphill); it was turned round")
+    off = [f"ring {s.ring} {1e3 * s.centre[0]:.1f}, {1e3 * s.centre[1]:.1f}" for s in scores if any(s.centre)]
+    if off:
+        print(f"note: the camera counts the angle about another point than the rings' centre, in mm: {'; '.join(off)}")
     s = scores[0]
     print(f"rates: {s.rates}; ball {1e3 * s.delay:.0f} ms behind the tilt")
     print(f"training rows: {', '.join(str(x.n_train) for x in scores)}")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from plant import play
 
+from mazeplan.cli.compare import report
 from mazeplan.compare import CompareOptions, compare
 from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.table import Table
@@ -69,10 +70,12 @@ def test_accelerations_of_another_make_are_left_alone():
     assert smoothing_of(other, np.flatnonzero(other.good), Smoothing()) is None
 
 
-def test_compare_predicts_better_and_is_scored_in_the_measured_angle():
+def test_compare_predicts_as_well_in_the_measured_angle_and_tells_the_centre(capsys):
     table = record(seconds=90.0)
     (scores,) = compare([table], [], load_map("cme"), CompareOptions(kinds=("pi",)))
     assert scores.centre == pytest.approx((OFF[0] * RADIUS, OFF[1] * RADIUS), abs=1e-3)
+    report([scores])
+    assert "another point than the rings' centre, in mm: ring 1 5." in capsys.readouterr().out
     (right,) = compare([record((0.0, 0.0), 90.0)], [], load_map("cme"), CompareOptions(kinds=("pi",)))
     assert right.centre == (0.0, 0.0)
     assert scores.nrmse_test["pi"] < right.nrmse_test["pi"] + 0.03
