@@ -24,6 +24,7 @@ def row(seed: int, options: Options) -> tuple[str, bool, dict[str, Any]]:
     with tempfile.TemporaryDirectory() as folder:
         (entry,) = improve(rig, Path(folder), options, tell=lambda text: print(text, file=sys.stderr))
     done, navigation = entry["diagnosis"], entry["navigation"]
+    # only simulated rigs have one, which the protocol of rigs does not know
     truth = make_rig(rig, load_map("cme")).surprise  # type: ignore[attr-defined]
     names = list(dict.fromkeys(e["name"] for e in done["effects"]))
     right = names == [truth.effect]

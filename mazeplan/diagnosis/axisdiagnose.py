@@ -16,12 +16,13 @@ from mazeplan.data.drivelog import DriveLog
 from mazeplan.diagnosis.axislibrary import LOAD, axis_anonymous, axis_library
 from mazeplan.diagnosis.axisscores import AxisScore, axis_score
 from mazeplan.diagnosis.axissystem import scale_of, thinned
-from mazeplan.diagnosis.diagnose import SEEN, effect_words, verdict_of
+from mazeplan.diagnosis.diagnose import SEEN, verdict_of
 from mazeplan.diagnosis.evidence import Evidence, evidence_of
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.library import Candidate
 from mazeplan.diagnosis.search import Finding, search
 from mazeplan.diagnosis.system import Values
+from mazeplan.diagnosis.wording import describe_unknown, what_is_missing
 from mazeplan.records import Array
 
 MEMORY = 0.1  # s, over which what is left of the residual may be coloured
@@ -49,7 +50,7 @@ class AxisDiagnosis:
         unknown = None
         if self.finding.unknown is not None:
             depends = list(self.finding.unknown.candidate.depends_on)
-            unknown = {"depends_on": depends, "description": describe_unknown(self.finding)}
+            unknown = {"depends_on": depends, "description": described(self.finding)}
         out = {
             "verdict": self.verdict,
             "sentence": self.sentence(),
@@ -77,26 +78,14 @@ class AxisDiagnosis:
             f"force error {before.nrmse:.2%} -> {after.nrmse:.2%}, "
             f"{run} {1e3 * before.free_run:.3g} -> {1e3 * after.free_run:.3g} mm off"
         )
-        names = [effect_words(effect) for effect in self.effects]
-        if self.verdict == "unknown_effect":
-            also = f" besides {', '.join(names)}" if names else ""
-            return f"Something is there that has no name{also}: {describe_unknown(self.finding)}; {change}."
-        tail = ""
-        if self.verdict == "ambiguous":
-            tail = " (this record cannot tell " + "; ".join(" from ".join(g) for g in self.finding.alike) + ")"
-        return f"The model lacks {', '.join(names)}{tail}: {change}."
+        unknown = described(self.finding)
+        return what_is_missing(self.verdict, self.effects, self.finding, unknown, change)
 
 
-def describe_unknown(finding: Finding) -> str:
-    """What an unnamed term looks like, in words."""
-    trial = finding.unknown
-    if trial is None:
-        return ""
-    if trial.candidate.name == "oscillation":
-        values = trial.fit.values["oscillation"]
-        size = math.hypot(values["cos"], values["sin"]) * trial.fit.values.get(LOAD, {}).get("mass", math.nan)
-        return f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} N"
-    return f"a force that depends on the {trial.candidate.depends_on[0]} ({trial.candidate.name})"
+def described(finding: Finding) -> str:
+    """What an unnamed term looks like, as a force."""
+    mass = math.nan if finding.unknown is None else finding.unknown.fit.values.get(LOAD, {}).get("mass", math.nan)
+    return describe_unknown(finding, "N", mass)
 
 
 def diagnose_axis(

@@ -28,6 +28,7 @@ from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, matched_target, ring_of, score
 from mazeplan.diagnosis.search import Finding, search
 from mazeplan.diagnosis.windows import by_windows
+from mazeplan.diagnosis.wording import describe_unknown, what_is_missing
 
 GAP = 30  # samples; a ball that was away for longer begins anew
 DELAY = 0.005  # s; a command delay worth a word
@@ -52,6 +53,7 @@ class Diagnosis:
     apart: tuple[dict[str, str], ...] = ()
     test: tuple[Score, Score] | None = None
     held: str = ""
+    share: float = 1.0 - SEEN
     remainder: Remainder | None = None
 
     @property
@@ -82,7 +84,7 @@ class Diagnosis:
             "before": self.before.document(),
             "after": self.after.document(),
             "noise_floor": round(self.after.floor, 5) if math.isfinite(self.after.floor) else None,
-            "held_out": round(1.0 - SEEN, 3),
+            "held_out": round(self.share, 3),
             "held_out_rows": self.held,
             **({"remainder": self.remainder.document()} if self.remainder is not None else {}),
             "tilt": self.tilt_source,
@@ -105,14 +107,8 @@ class Diagnosis:
             same = f"nRMSE of theta_dd {before.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
         if self.verdict == "nothing_missing":
             return f"Nothing is missing: {same}."
-        names = [effect_words(effect) for effect in self.effects]
-        if self.verdict == "unknown_effect":
-            also = f" besides {', '.join(names)}" if names else ""
-            return f"Something is there that has no name{also}: {describe_unknown(self.finding)}; {change}."
-        tail = ""
-        if self.verdict == "ambiguous":
-            tail = " (this record cannot tell " + "; ".join(" from ".join(g) for g in self.finding.alike) + ")"
-        return f"The model lacks {', '.join(names)}{tail}: {change}."
+        unknown = describe_unknown(self.finding)
+        return what_is_missing(self.verdict, self.effects, self.finding, unknown, change)
 
 
 def _chance(finding: Finding) -> tuple[str, ...]:
@@ -125,26 +121,6 @@ def _chance(finding: Finding) -> tuple[str, ...]:
     if finding.final.candidates and rest and max(rest) > 0.0:
         lost += f", the best candidate {max(rest):.0f}"
     return (lost,)
-
-
-def effect_words(effect: dict[str, Any]) -> str:
-    """An effect with its sizes."""
-    numbers = ", ".join(
-        f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
-    )
-    return f"{effect['name'].replace('_', ' ')} ({numbers})"
-
-
-def describe_unknown(finding: Finding) -> str:
-    """What an unnamed term looks like, in words."""
-    trial = finding.unknown
-    if trial is None:
-        return ""
-    if trial.candidate.name == "oscillation":
-        values = trial.fit.values["oscillation"]
-        size = math.hypot(values["cos"], values["sin"])
-        return f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} rad/s^2"
-    return f"a force that depends on {', '.join(trial.candidate.depends_on)} ({trial.candidate.name})"
 
 
 def diagnose(
@@ -164,6 +140,8 @@ def diagnose(
     effects that are not looked for; test: a further record, for scores only."""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record)
+    known = np.isfinite(record.theta)
+    share = float((held & known).sum() / max(((held | rows) & known).sum(), 1))
     tell("stage")
     stage = fit_stage(record, rows)
     tilt = plate_motion(record, stage)
@@ -175,9 +153,9 @@ def diagnose(
     named = [c for c in (*named, *wall_library(gates or Gates()), *more) if c.name not in without]
     library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
-    known = [*library, *along]
+    everything = [*library, *along]
     record, (rows, held) = _with_ball(record, rows, held)
-    plain, straight = (_likelihood(record, tilt, radius, declared, known, rows, c) for c in (None, circle))
+    plain, straight = (_likelihood(record, tilt, radius, declared, everything, rows, c) for c in (None, circle))
     if record.u is None and matched_target(ring_of(straight)) is not None:
         finding, judge = by_windows(straight, library, rows, tell)
     else:
@@ -189,7 +167,7 @@ def diagnose(
         verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, held),
         score(straight, finding.final, held), tilt.source, (*record.notes, *_chance(finding)),
         (evidence_of(plain, base), evidence_of(straight, finding.final)),
-        tuple(experiment_for(group, ring) for group in finding.alike), held=which,
+        tuple(experiment_for(group, ring) for group in finding.alike), held=which, share=share,
         remainder=_remainder(straight, finding, record, rows, held, tell),
     )  # fmt: skip
     if test is None:

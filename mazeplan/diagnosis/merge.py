@@ -20,9 +20,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mazeplan.diagnosis.diagnose import Diagnosis, describe_unknown
+from mazeplan.diagnosis.diagnose import Diagnosis
 from mazeplan.diagnosis.library import ring_library
 from mazeplan.diagnosis.screening import SURE, Trial
+from mazeplan.diagnosis.wording import describe_unknown
 
 NEWS = 45.0  # of -2 log L, summed over rings
 CAUTION = 2.0  # times what the old log shows

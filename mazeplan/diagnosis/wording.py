@@ -1,0 +1,43 @@
+"""What was found, in words: the same for every system."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from mazeplan.diagnosis.search import Finding
+
+
+def effect_words(effect: dict[str, Any]) -> str:
+    """An effect with its sizes."""
+    numbers = ", ".join(
+        f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
+    )
+    return f"{effect['name'].replace('_', ' ')} ({numbers})"
+
+
+def describe_unknown(finding: Finding, unit: str = "rad/s^2", times: float = 1.0) -> str:
+    """What an unnamed term looks like; the size of an oscillation `times` what it is as an acceleration, in `unit`."""
+    trial = finding.unknown
+    if trial is None:
+        return ""
+    if trial.candidate.name == "oscillation":
+        values = trial.fit.values["oscillation"]
+        size = times * math.hypot(values["cos"], values["sin"])
+        return f"a force that swings at {values['frequency']:.3f} Hz, {size:.3g} {unit}"
+    return f"a force that depends on {', '.join(trial.candidate.depends_on)} ({trial.candidate.name})"
+
+
+def what_is_missing(
+    verdict: str, effects: Sequence[dict[str, Any]], finding: Finding, unknown: str, change: str
+) -> str:
+    """The sentence where something was found; unknown: its description; change: the error before and after."""
+    names = [effect_words(effect) for effect in effects]
+    if verdict == "unknown_effect":
+        also = f" besides {', '.join(names)}" if names else ""
+        return f"Something is there that has no name{also}: {unknown}; {change}."
+    tail = ""
+    if verdict == "ambiguous":
+        tail = " (this record cannot tell " + "; ".join(" from ".join(g) for g in finding.alike) + ")"
+    return f"The model lacks {', '.join(names)}{tail}: {change}."
