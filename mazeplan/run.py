@@ -34,7 +34,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import (
     LEVEL,
     Command,

@@ -29,7 +29,7 @@ from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import Array, Plan, StopReason
 
 RINGS, MEASURED = (1, 2, 3, 4), 1  # the ring on which solvers are compared

@@ -2,7 +2,7 @@
 
     minimise  sum_{k<T} l_k(s_k, u_k) + l_T(s_T)   subject to   s_{k+1} = f(s_k, u_k),  low <= u_k <= high
 
-Tassa, Mansard, Todorov, ICRA 2014, with as much of the second derivatives of f as the last candidate has shown. Each
+Tassa, Mansard, Todorov, ICRA 2014, with as much of the second derivatives of f as candidates have shown. Each
 iteration linearises along the trajectory, solves a box-limited quadratic problem in each step backwards, and rolls the
 new policy out with steps alpha until the cost falls by enough of what was expected. The cost never rises. Why it
 stopped (`Plan.reason`):
@@ -38,35 +38,38 @@ from mazeplan.records import Array, Certificate, Plan, StopReason
 
 @dataclass(frozen=True)
 class IlqgOptions:
-    """horizon: steps; max_iterations; tolerance: of the cost, relative; control_tolerance: rad;
-    min_ratio: of reduction got to reduction expected; mu: regularisation to start with, added to the control
-    Hessian, between mu_min and mu_max and changed by mu_factor (which itself grows while it is raised or lowered
-    again and again); alphas: step lengths tried in turn; deadline_ms: of one solve. Raises SettingsError.
+    """horizon: steps; max_iterations; tolerance: of the cost, relative, and warm_tolerance: the same for a former plan
+    that is followed on, and will be improved again a tick later; control_tolerance: rad; min_ratio: of reduction got to
+    reduction expected; mu: regularisation to start with, added to the control Hessian, between mu_min and mu_max and
+    changed by mu_factor (which itself grows while it is raised or lowered again and again); shorter: factor from one
+    step length to the next that is tried; tries: how many are; deadline_ms: of one solve. Raises SettingsError.
     """
 
     horizon: int = 40
     max_iterations: int = 100
-    tolerance: float = 1e-5
+    tolerance: float = 5e-5
+    warm_tolerance: float = 3e-4
     control_tolerance: float = 1e-7
     min_ratio: float = 1e-4
     mu: float = 0.0
     mu_min: float = 1e-6
     mu_max: float = 1e10
     mu_factor: float = 1.6
-    alphas: tuple[float, ...] = (1.0, 0.6, 0.3, 0.1, 0.03, 0.01, 0.001)
+    shorter: float = 0.4
+    tries: int = 8
     deadline_ms: float = math.inf
 
     def __post_init__(self) -> None:
-        for name in ("horizon", "max_iterations"):
+        for name in ("horizon", "max_iterations", "tries"):
             if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
                 raise SettingsError(f"got {getattr(self, name)!r}, expected a whole number >= 1", key=name)
-        for name in ("tolerance", "control_tolerance", "min_ratio", "mu", "mu_min", "deadline_ms"):
+        for name in ("tolerance", "warm_tolerance", "control_tolerance", "min_ratio", "mu", "mu_min", "deadline_ms"):
             if not getattr(self, name) >= 0.0:
                 raise SettingsError(f"got {getattr(self, name)!r}, expected a number >= 0", key=name)
         if not self.mu_factor > 1.0 or not self.mu_max > self.mu_min:
             raise SettingsError("expected mu_factor > 1 and mu_max > mu_min", key="mu_factor")
-        if not self.alphas or not all(0.0 < alpha <= 1.0 for alpha in self.alphas):
-            raise SettingsError(f"got {self.alphas!r}, expected step lengths in (0, 1]", key="alphas")
+        if not 0.0 < self.shorter < 1.0:
+            raise SettingsError(f"got {self.shorter!r}, expected a number between 0 and 1", key="shorter")
 
 
 @dataclass(frozen=True)
@@ -143,7 +146,8 @@ class Planner:
             o.mu_min,
             o.mu_max,
             o.mu_factor,
-            np.array(o.alphas, dtype=float),
+            o.shorter,
+            o.tries,
         )
 
     def solve(
@@ -154,12 +158,14 @@ class Planner:
         *,
         t0: float = 0.0,
         deadline_ms: float | None = None,
+        tolerance: float | None = None,
         trace: Callable[[int, float], None] | None = None,
     ) -> Plan:
         """A plan from s0 (n,).
 
         warm: a former plan, shifted to t0 and followed with its gains as the first guess; or controls (T, 2); or
         None for zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
+        tolerance: of the cost, relative, in place of that of the options.
         trace(iteration, cost) is told of every cost on the way, the first included.
         """
         began = self._clock()
@@ -172,7 +178,8 @@ class Planner:
         if code != workspace.GO_ON:  # cold, or the guess leads nowhere: start again from level
             w.states[:] = s0
             code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
-        reason, done = self._improve(q, code, end, trace)
+        rules = self._rules if tolerance is None else self._rules._replace(tolerance=tolerance)
+        reason, done = self._improve(q, rules, code, end, trace)
         if reason is StopReason.NOT_FINITE:
             w.K[:] = 0.0
             w.controls[:] = np.clip(0.0, w.low, w.high)
@@ -187,7 +194,7 @@ class Planner:
         return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt, seal)
 
     def _improve(
-        self, q: Array, code: int, end: float, trace: Callable[[int, float], None] | None
+        self, q: Array, rules: workspace.Rules, code: int, end: float, trace: Callable[[int, float], None] | None
     ) -> tuple[StopReason, int]:
         """Iterate until a rule says stop; the reason and how many iterations were made."""
         w, options = self._w, self.options
@@ -199,11 +206,11 @@ class Planner:
             if done and now + longest > end:
                 reason = StopReason.DEADLINE
                 break
-            code = core.iterate(w, self._f, self._p, q, self._rules)
+            code = core.iterate(w, self._f, self._p, q, rules)
             done, before, now = done + 1, now, self._clock()
             longest = max(longest, now - before)
         if code != workspace.NOT_FINITE:
-            code = max(code, core.finish(w, self._f, self._p, q, self._rules))
+            code = max(code, core.finish(w, self._f, self._p, q, rules))
         if trace is not None:
             trace(done, float(w.numbers[workspace.COST]))
         return _REASONS.get(code, reason), done

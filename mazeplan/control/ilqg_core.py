@@ -3,9 +3,11 @@
 Everything works in place on one `Workspace`, so that an iteration allocates nothing, and calls dynamics and cost
 through their addresses (`mazeplan.maths.compiled`), so that one cached compilation serves every model. The method
 is control-limited DDP: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014. Of the
-second derivatives of the dynamics only what the last candidate has shown is used: along the way s it moved, A turned by
-D, so that V f_ss is about V D s / |s|^2 there (a secant), and counts where it is positive. Without it, a learned model
-that is rough makes most full steps fail.
+second derivatives of the dynamics only what candidates have shown is used: where one moved by s and turned A by D, the
+curvature M that stands for V f_ss should give M s = V D = y (a secant). M is kept from one candidate to the next and
+never negative: if s' y falls short of s' M s, M shrinks to it; what then is missing, r = y - M s, comes in as
+r r' / r' s (the symmetric update of rank one; Nocedal, Wright, "Numerical Optimization", 2006, 6.2), or along s alone
+where that would be ill-conditioned. Without it, a learned model that is rough makes most full steps fail.
 
 Compiled functions cannot raise for numbers: what happened is returned as one of the codes below.
 """
@@ -18,6 +20,7 @@ from numba import njit
 
 from mazeplan.control.ilqg_workspace import (
     ALL_STALE,
+    ALPHA,
     CONVERGED,
     COST,
     COST_STALE,
@@ -28,7 +31,6 @@ from mazeplan.control.ilqg_workspace import (
     FINAL_DERIVATIVES,
     FREE,
     FRESH,
-    FULL_STEPS,
     GO_ON,
     GOT,
     LARGEST,
@@ -47,6 +49,7 @@ from mazeplan.control.ilqg_workspace import (
 from mazeplan.maths.boxqp import box_qp
 from mazeplan.maths.compiled import caller
 
+ILL_CONDITIONED = 0.03  # cosine between what is missing and the move
 _step, _linearise = caller(STEP), caller(LINEARISE)
 _running, _running_derivatives = caller(RUNNING), caller(RUNNING_DERIVATIVES)
 _final, _final_derivatives = caller(FINAL), caller(FINAL_DERIVATIVES)
@@ -85,21 +88,22 @@ def begin(w, f, p, q, reference, mu):
     """First roll-out, with the feedback K around the reference states (T+1, n); sets cost and regularisation."""
     w.k[:] = 0.0
     cost = roll_out(w, f, p, q, reference, 0.0, True)
-    _take(w, True)
+    _take(w)
     w.numbers[COST], w.numbers[MU], w.numbers[FACTOR] = cost, mu, 1.0
     w.numbers[EXPECTED] = w.numbers[GOT] = w.numbers[SECANT] = 0.0
+    w.numbers[ALPHA] = 1.0
+    w.bend[:] = 0.0
     return GO_ON if math.isfinite(cost) else NOT_FINITE
 
 
 @njit(cache=True, error_model="numpy")
-def _take(w, derived):
+def _take(w):
     """The candidate becomes the trajectory."""
     w.states[:] = w.new_states
     w.controls[:] = w.new_controls
-    if derived:
-        w.A[:] = w.new_a
-        w.B[:] = w.new_b
-    w.numbers[STALE] = COST_STALE if derived else ALL_STALE
+    w.A[:] = w.new_a
+    w.B[:] = w.new_b
+    w.numbers[STALE] = COST_STALE
 
 
 @njit(cache=True, error_model="numpy")
@@ -128,20 +132,35 @@ def _secant(w):
 
 
 @njit(cache=True, error_model="numpy")
-def _bend(w, t):
-    """Add to Qxx the curvature V f_xx along the last move, as far as it is positive."""
+def _learn_bend(w, t):
+    """Bring the curvature M of the step into line with what the last candidate has shown."""
     n = w.V.shape[0]
-    length = bend = 0.0
+    M, r, s = w.bend[t], w.missing, w.moved[t]
+    sy = sMs = ss = 0.0
     for j in range(n):
-        d = w.moved[t, j]
-        length += d * d
+        r[j] = known = 0.0
         for i in range(n):
-            bend += w.V[i] * w.turned[t, i, j] * d
-    if bend > 0.0 and length > 1e-12:
-        bend /= length * length
+            r[j] += w.V[i] * w.turned[t, i, j]
+            known += M[j, i] * s[i]
+        sy += r[j] * s[j]
+        sMs += known * s[j]
+        ss += s[j] * s[j]
+    if not ss > 1e-12:
+        return
+    if sMs > 0.0 and sy < sMs:
+        M *= max(sy, 0.0) / sMs
+    rs = rr = 0.0
+    for j in range(n):
         for i in range(n):
-            for j in range(n):
-                w.Qxx[i, j] += bend * w.moved[t, i] * w.moved[t, j]
+            r[j] -= M[j, i] * s[i]
+        rs += r[j] * s[j]
+        rr += r[j] * r[j]
+    if not rs > 0.0:
+        return
+    along = rs <= ILL_CONDITIONED * math.sqrt(rr * ss)
+    for i in range(n):
+        for j in range(n):
+            M[i, j] += s[i] * s[j] * rs / (ss * ss) if along else r[i] * r[j] / rs
 
 
 @njit(cache=True, error_model="numpy")
@@ -180,7 +199,10 @@ def _expand(w, t):
             w.Qux[0, i] += B[m, 0] * w.VA[m, i]
             w.Qux[1, i] += B[m, 1] * w.VA[m, i]
     if w.numbers[SECANT] > 0.0:
-        _bend(w, t)
+        _learn_bend(w, t)
+        for i in range(n):
+            for j in range(n):
+                w.Qxx[i, j] += w.bend[t, i, j]
     return g0, g1, h00, h01, h11
 
 
@@ -277,23 +299,25 @@ def policy(w, f, p, q, rules):
 @njit(cache=True, error_model="numpy")
 def finish(w, f, p, q, rules):
     """Gains of the trajectory as it stands, whatever candidates there were on the way. Returns a code."""
+    if w.numbers[SECANT] == 0.0 and w.numbers[STALE] == FRESH:
+        return GO_ON  # there were none, and the policy has been made
     w.numbers[SECANT] = 0.0
     return policy(w, f, p, q, rules)
 
 
 @njit(cache=True, error_model="numpy")
-def _try(w, f, p, q, rules, alpha, derive):
+def _try(w, f, p, q, rules, alpha):
     """Roll a candidate out and take it if its cost is low enough. Returns its reduction, or NaN where it was not."""
     n = w.numbers
     expected = -alpha * (n[SLOPE] + alpha * n[CURVATURE])
-    reduction = n[COST] - roll_out(w, f, p, q, w.states, alpha, derive)
-    if derive and math.isfinite(reduction):
+    reduction = n[COST] - roll_out(w, f, p, q, w.states, alpha, True)
+    if math.isfinite(reduction):
         _secant(w)
     if not (reduction > rules.min_ratio * expected and reduction > 0.0):
         return math.nan
-    _take(w, derive)
+    _take(w)
     n[COST] -= reduction
-    n[EXPECTED], n[GOT] = expected, reduction
+    n[EXPECTED], n[GOT], n[ALPHA] = expected, reduction, alpha
     _softer(w, rules)
     return reduction
 
@@ -302,22 +326,22 @@ def _try(w, f, p, q, rules, alpha, derive):
 def iterate(w, f, p, q, rules):
     """One iteration: policy, then a line search; only a lower cost replaces the trajectory. Returns a code.
 
-    The first candidates are linearised on the way: those taken need no second pass, and those refused tell how the
-    dynamics bend, with which the policy is made anew before the step is shortened."""
+    Candidates are linearised on the way: those taken need no second pass, and those refused tell how the dynamics bend,
+    with which the policy is made anew for a shorter step. The first step is twice as long as the last one taken, at
+    most a full one: where steps had to be short, the next ones mostly have to be, too."""
     n = w.numbers
-    small = rules.tolerance * (1.0 + abs(n[COST]))
-    for i, alpha in enumerate(rules.alphas):
-        full = i < FULL_STEPS
-        if full:
-            code = policy(w, f, p, q, rules)
-            if code != GO_ON:
-                return code
-            expected = -(n[SLOPE] + n[CURVATURE])
-            if n[MU] <= rules.mu_min and (n[LARGEST] < rules.control_tolerance or expected < small):
-                return CONVERGED
-        reduction = _try(w, f, p, q, rules, rules.alphas[0] if full else alpha, full)
+    small, alpha = rules.tolerance * (1.0 + abs(n[COST])), min(1.0, 2.0 * n[ALPHA])
+    for _ in range(rules.tries):
+        code = policy(w, f, p, q, rules)
+        if code != GO_ON:
+            return code
+        expected = -(n[SLOPE] + n[CURVATURE])
+        if n[MU] <= rules.mu_min and (n[LARGEST] < rules.control_tolerance or expected < small):
+            return CONVERGED
+        reduction = _try(w, f, p, q, rules, alpha)
         if math.isfinite(reduction):
-            return CONVERGED if reduction < small and n[MU] <= rules.mu_min else GO_ON
+            return CONVERGED if reduction < small and n[MU] <= rules.mu_min and alpha > 0.5 else GO_ON
+        alpha *= rules.shorter
     return GO_ON if _harder(w, rules) else NO_DESCENT
 
 

@@ -18,10 +18,9 @@ FINAL = REAL(VECTOR, VECTOR)  # s, p
 FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_xx
 
 GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
-COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG, SECANT = range(12)
-NUMBERS = 12
+COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG, SECANT, ALPHA = range(13)
+NUMBERS = 13
 FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # which derivatives are those of the trajectory: all, dynamics, none
-FULL_STEPS = 2
 
 
 class Functions(NamedTuple):
@@ -44,7 +43,8 @@ class Rules(NamedTuple):
     mu_min: float
     mu_max: float
     mu_factor: float
-    alphas: Array
+    shorter: float
+    tries: int
 
 
 class Workspace(NamedTuple):
@@ -52,7 +52,8 @@ class Workspace(NamedTuple):
 
     states (T+1, n), controls (T, 2): the trajectory; new_states, new_controls: a candidate; low, high (2,): limits;
     A (T, n, n), B (T, n, 2), lx (T+1, n), lu (T, 2), lxx (T+1, n, n), luu (T, 2, 2): derivatives along the trajectory;
-    new_a, new_b: along the candidate; moved (T, n), turned (T, n, n): its states and A less the trajectory's;
+    new_a, new_b: along the candidate; moved (T, n), turned (T, n, n): its states and A less the trajectory's; bend
+    (T, n, n): what such moves have told of the curvature of the dynamics, missing (n,): what they tell it lacks;
     k (T, 2), K (T, 2, n): correction and feedback; V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n): of the
     backward pass; numbers: cost, regularisation and so on, at the indices above.
     """
@@ -69,6 +70,8 @@ class Workspace(NamedTuple):
     new_b: Array
     moved: Array
     turned: Array
+    bend: Array
+    missing: Array
     lx: Array
     lu: Array
     lxx: Array
@@ -101,6 +104,8 @@ def make_workspace(horizon: int, n: int, low: Array, high: Array) -> Workspace:
         new_b=z((T, n, 2)),
         moved=z((T, n)),
         turned=z((T, n, n)),
+        bend=z((T, n, n)),
+        missing=z(n),
         lx=z((T + 1, n)),
         lu=z((T, 2)),
         lxx=z((T + 1, n, n)),

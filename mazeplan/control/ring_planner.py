@@ -1,8 +1,9 @@
 """Plans along one ring: the solver on the ring's dynamics and cost.
 
-A cold start on a model with a process begins with a plan on the effects alone, which is a tenth of the work, and goes
-on from there: the process changes what the effects plan by little, but it bends the cost everywhere on the way there.
-Where the settings give what is not known a price, only the second part pays it.
+A cold start begins with the commands of a simple law (`first_guess`). On a model with a process a plan on the effects
+alone comes next, which is a tenth of the work and need not be exact: the process changes what the effects plan by
+little, but it bends the cost everywhere on the way there. Where the settings give what is not known a price, only the
+last part pays it.
 """
 
 from __future__ import annotations
@@ -17,14 +18,15 @@ import numpy as np
 from mazeplan.control import cost as ring_cost
 from mazeplan.control import uncertain_cost
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.first_guess import first_guess
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.maths.angles import nearest
 from mazeplan.models import learned_dynamics, ring_dynamics
 from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import Array, Plan
 
-COARSE = 1e-3  # tolerance of the plan on the effects alone
+COARSE, COARSE_SUBSTEPS = 3e-3, 1  # tolerance and integration of the plan on the effects alone
 SHARE = 0.5  # of the deadline that it may take
 
 RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
@@ -58,6 +60,7 @@ class RingPlanner:
             return Planner(dynamics, cost, -limit, limit, options, dt=parameters.dt, clock=clock)
 
         self._doubts = np.zeros(0)  # what the cost of what is not known needs behind the wishes
+        self._effects = parameters.pack()
         effects = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
         self._coarse = None
         if process is None:
@@ -69,7 +72,8 @@ class RingPlanner:
                 self._doubts = uncertain_cost.pack(self.cost, process)
             self._planner = planner(learned, options, UNCERTAIN_COST if len(self._doubts) else RING_COST)
             if parameters.physics:  # else there are no effects to plan with
-                self._coarse = planner(effects, replace(options, tolerance=max(COARSE, options.tolerance)))
+                rough = replace(effects, parameters=parameters.pack(COARSE_SUBSTEPS))
+                self._coarse = planner(rough, replace(options, tolerance=max(COARSE, options.tolerance)))
 
     @property
     def options(self) -> IlqgOptions:
@@ -95,9 +99,15 @@ class RingPlanner:
         if warm is not None:
             warm = self._same_turn(warm, float(state[0]), t0)
         wishes = self.cost.pack(goal_theta, goal_theta_dot, lean)
-        if warm is None and self._coarse is not None:
-            return self._from_effects(self._coarse, state, wishes, t0, deadline_ms)
-        return self._planner.solve(state, self._with_doubts(wishes), warm, t0=t0, deadline_ms=deadline_ms)
+        if warm is not None:
+            wide, q = self.options.warm_tolerance, self._with_doubts(wishes)
+            return self._planner.solve(state, q, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide)
+        guess = first_guess(
+            self._effects, state, self.options.horizon, goal_theta, goal_theta_dot, lean, self.tilt_limit
+        )
+        if self._coarse is not None:
+            return self._from_effects(self._coarse, state, wishes, guess, t0, deadline_ms)
+        return self._planner.solve(state, self._with_doubts(wishes), guess, t0=t0, deadline_ms=deadline_ms)
 
     def _with_doubts(self, wishes: Array) -> Array:
         """The vector of the cost with which the process is planned with."""
@@ -106,10 +116,12 @@ class RingPlanner:
         self._doubts[: len(wishes)] = wishes
         return self._doubts
 
-    def _from_effects(self, coarse: Planner, state: Array, wishes: Array, t0: float, deadline_ms: float | None) -> Plan:
+    def _from_effects(
+        self, coarse: Planner, state: Array, wishes: Array, guess: Array, t0: float, deadline_ms: float | None
+    ) -> Plan:
         """A cold start: the plan of the effects, improved with the process. Times and iterations are those of both."""
         deadline = self.options.deadline_ms if deadline_ms is None else deadline_ms
-        first = coarse.solve(state, wishes, t0=t0, deadline_ms=SHARE * deadline)
+        first = coarse.solve(state, wishes, guess, t0=t0, deadline_ms=SHARE * deadline)
         warm = first if first.ok else None
         left = max(0.0, deadline - first.ms)
         plan = self._planner.solve(state, self._with_doubts(wishes), warm, t0=t0, deadline_ms=left)
@@ -117,7 +129,7 @@ class RingPlanner:
 
     def _same_turn(self, warm: Plan, theta: float, t0: float) -> Plan | None:
         """The former plan moved by whole turns to where the ball is now; None if it cannot be used."""
-        if not warm.ok or not math.isfinite(theta):
+        if not (warm.ok and math.isfinite(theta) and np.isfinite(warm.controls).all()):
             return None
         k = min(max(0, round((t0 - warm.t0) / warm.dt)), len(warm.controls))
         planned = float(warm.states[k, 0])

@@ -14,7 +14,7 @@ from mazeplan.data.smoothing import Smoothing, derivatives
 from mazeplan.diagnosis.gears import fit_with_gears
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import Tilt
-from mazeplan.models.ring_dynamics import stage_transition
+from mazeplan.models.ring_parameters import stage_transition
 from mazeplan.models.stage import StageAxis, StageFit, StageModel, passed_on
 from mazeplan.records import Array
 

@@ -1,4 +1,9 @@
-"""exp for loops that the compiler is to turn into vector instructions: a polynomial, no call."""
+"""exp for loops that the compiler is to turn into vector instructions: a polynomial, no call.
+
+`exp_below` is good to the last digits. `exp2_below` is for the innermost loop of planning, where a row of a process
+costs little else: powers of two need no multiplication to find the exponent, nine coefficients instead of twelve leave
+an error of 1e-12, and even and odd powers are summed side by side.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +25,34 @@ def _double_of_bits(context, bits):
         return builder.bitcast(arguments[0], ir.DoubleType())
 
     return types.float64(types.int64), generate
+
+
+@intrinsic
+def _bits_of_double(context, x):
+    """The 64 bits of this float64."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.bitcast(arguments[0], ir.IntType(64))
+
+    return types.int64(types.float64), generate
+
+
+# 2^r on [-1/2, 1/2] with the smallest largest error there, 8.1e-13 (Chebyshev interpolation in 40 digits, mpmath)
+_C0, _C1, _C2, _C3 = 1.0, 0.69314718054593345493, 0.2402265069581298821, 0.055504109412059329931
+_C4, _C5, _C6 = 0.0096181291594025581885, 0.0013333450568000645685, 1.5403455852453839442e-4
+_C7, _C8 = 1.5310079402249297437e-5, 1.3255224878668816975e-6
+_ROUND = 1.5 * 2.0**52  # added to a small number, it leaves the nearest whole one in the last bits
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})  # no reordering: x + _ROUND - _ROUND is not x
+def exp2_below(x):
+    """2^x of x in [-1000, 0], within 2e-12 relative."""
+    t = x + _ROUND
+    r = x - (t - _ROUND)
+    s = r * r
+    even = _C0 + s * (_C2 + s * (_C4 + s * (_C6 + s * _C8)))
+    odd = _C1 + s * (_C3 + s * (_C5 + s * _C7))
+    return _double_of_bits(_bits_of_double(even + r * odd) + (_bits_of_double(t) << 52))  # pyright: ignore
 
 
 @njit(cache=True, error_model="numpy", fastmath=True, inline="always")

@@ -6,24 +6,27 @@ left out together change the mean by less than `TOLERANCE`. A process that is ro
 low-rank approximations of it fail.
 
 Everything sits in one float64 vector, so that the solver can pass it on. Rows are stored by column, centred and over
-length scales, with -|x|^2 / 2 beside them, so that one multiplication a column is all that a row costs:
+units in which the kernel is a power of two, with -|x|^2 / 2 beside them, so that one multiplication a column is all
+that a row costs:
 
-    -|x - z|^2 / 2 = -|x|^2 / 2 + x z - |z|^2 / 2
+    exp(-|d|^2 / 2 l^2) = 2^(-|x - z|^2 / 2),   -|x - z|^2 / 2 = -|x|^2 / 2 + x z - |z|^2 / 2,   x, z in l sqrt(ln 2)
 
-and exp is a polynomial without a call, so that the compiler can use vector instructions on one loop over the rows.
+and that power is a polynomial without a call, so that the compiler can use vector instructions on one loop over the
+rows.
 """
 
 from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from mazeplan.errors import ModelError
-from mazeplan.maths.exponential import exp_below
-from mazeplan.models.gaussian_process import GaussianProcess, Term, kernel, prior_variance
+from mazeplan.maths.exponential import exp2_below
+from mazeplan.models.gaussian_process import GaussianProcess, kernel, prior_variance
 from mazeplan.records import Array, IntArray
 
 TOLERANCE = 2e-7  # rad/s^2, bound on what culling changes; the derivatives' bound is as small in their own units
@@ -34,6 +37,8 @@ _COUNT, _AMPLITUDE, _SCALES, _CENTRE, _TABLE = 0, 1, 2, 2 + D, 2 + 2 * D
 HEAD = _TABLE + BINS * (1 + 2 * RANGES)
 COLUMNS = D + 2  # of a row: inputs, alpha, -|x|^2 / 2
 SCRATCH = 2 * D
+LN2 = math.log(2.0)
+UNIT = math.sqrt(LN2)  # of the inputs, in length scales
 
 
 def pack(gp: GaussianProcess) -> Array:
@@ -45,14 +50,16 @@ def pack(gp: GaussianProcess) -> Array:
     term = h.only
     bins = _bin_of(np.arctan2(gp.inputs[:, 3], gp.inputs[:, 4]))
     order = np.argsort(bins, kind="stable")
-    rows, alpha, n = gp.inputs[order] / term.lengthscales, gp.alpha[order], len(gp)
+    scales = np.full(D, np.inf)  # of inputs that the kernel does not look at: over it they are nothing
+    scales[list(term.columns)] = term.lengthscales * UNIT
+    rows, alpha, n = gp.inputs[order] / scales, gp.alpha[order], len(gp)
     starts = np.searchsorted(bins[order], np.arange(BINS + 1)).astype(np.int64)
     weights = np.add.reduceat(np.append(np.abs(alpha), 0.0), np.minimum(starts[:-1], n)) * (np.diff(starts) > 0)
     head = np.zeros(HEAD)
-    head[_COUNT], head[_AMPLITUDE], head[_SCALES:_CENTRE] = n, term.amplitude**2, term.lengthscales
+    head[_COUNT], head[_AMPLITUDE], head[_SCALES:_CENTRE] = n, term.amplitude**2, scales
     head[_CENTRE:_TABLE] = centre = rows.mean(axis=0)
     rows = rows - centre  # or the squares would lose digits
-    reach = _reach(term, weights)
+    reach = _reach(scales[3:5] / UNIT, term.amplitude, weights)
     for i in range(BINS):
         ranges = _joined(reach[i], starts)
         at = _TABLE + i * (1 + 2 * RANGES)
@@ -65,17 +72,18 @@ def _bin_of(angle: Array) -> IntArray:
     return np.minimum(((angle + math.pi) * (BINS / (2.0 * math.pi))).astype(np.int64), BINS - 1)
 
 
-def _reach(h: Term, weights: Array) -> np.ndarray:
-    """Which bins of rows (columns) matter for which bin of queries, (BINS, BINS) bool."""
+def _reach(lengthscales: Array, amplitude: float, weights: Array) -> np.ndarray:
+    """Which bins of rows (columns) matter for which bin of queries, (BINS, BINS) bool. lengthscales: of sine and cosine
+    of theta; weights (BINS,): sums of |alpha|."""
     edge, fine = 2.0 * math.pi / BINS, np.linspace(0.0, 1.0, 5)
     at = -math.pi + edge * (np.arange(BINS)[:, None] + fine)  # (BINS, 5): points across each bin
-    points = np.stack([np.sin(at) / h.lengthscales[3], np.cos(at) / h.lengthscales[4]], axis=-1)
+    points = np.stack([np.sin(at), np.cos(at)], axis=-1) / lengthscales
     # within a quarter of a bin of one of the points, on either side: so much nearer two rows may be
-    slack = 2.0 * edge / 8.0 / min(h.lengthscales[3], h.lengthscales[4])
+    slack = 2.0 * edge / 8.0 / lengthscales.min()
     flat = points.reshape(-1, 2)
     distance = np.sqrt(np.maximum(((flat[:, None] - flat[None]) ** 2).sum(-1), 0.0))
     nearest = np.maximum(distance.reshape(BINS, 5, BINS, 5).min(axis=(1, 3)) - slack, 0.0)
-    most = h.amplitude**2 * np.exp(-0.5 * nearest**2) * np.maximum(nearest, 1.0) * weights[None]
+    most = amplitude**2 * np.exp(-0.5 * nearest**2) * np.maximum(nearest, 1.0) * weights[None]
     order = np.argsort(most, axis=1)
     tail = np.cumsum(np.take_along_axis(most, order, axis=1), axis=1)
     needed = np.zeros((BINS, BINS), dtype=bool)
@@ -101,42 +109,63 @@ def _joined(needed: np.ndarray, starts: IntArray) -> list[tuple[int, int]]:
     return ranges
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _rows(p, base, size, lo, hi, z, gradient, wanted):
-    """Sum over the rows lo:hi of alpha k, and of alpha k times row inputs into gradient (D,) where it is wanted.
+def _loop(nine: bool) -> Any:
+    """The sum over rows, compiled for all nine inputs or without the cosines of the tilt (6 and 8).
 
-    The nine inputs are written out: a loop over them inside would not be vectorised."""
-    x0, x1, x2 = p[base + lo : base + hi], p[base + size + lo : base + size + hi], p[base + 2 * size + lo :]
-    x3, x4, x5 = p[base + 3 * size + lo :], p[base + 4 * size + lo :], p[base + 5 * size + lo :]
-    x6, x7, x8 = p[base + 6 * size + lo :], p[base + 7 * size + lo :], p[base + 8 * size + lo :]
-    alpha, half = p[base + D * size + lo :], p[base + (D + 1) * size + lo :]
-    z0, z1, z2, z3, z4, z5, z6, z7, z8 = z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8]
-    c = -0.5 * (z0 * z0 + z1 * z1 + z2 * z2 + z3 * z3 + z4 * z4 + z5 * z5 + z6 * z6 + z7 * z7 + z8 * z8)
-    total = 0.0
-    if not wanted:
+    The inputs are written out: a loop over them inside would not be vectorised."""
+
+    @njit(cache=True, error_model="numpy", fastmath=True)
+    def rows(p, base, size, lo, hi, z, gradient, wanted):
+        x0, x1, x2 = p[base + lo : base + hi], p[base + size + lo : base + size + hi], p[base + 2 * size + lo :]
+        x3, x4, x5 = p[base + 3 * size + lo :], p[base + 4 * size + lo :], p[base + 5 * size + lo :]
+        x6, x7, x8 = p[base + 6 * size + lo :], p[base + 7 * size + lo :], p[base + 8 * size + lo :]
+        alpha, half = p[base + D * size + lo :], p[base + (D + 1) * size + lo :]
+        z0, z1, z2, z3, z4, z5, z6, z7, z8 = z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8]
+        c = -0.5 * (z0 * z0 + z1 * z1 + z2 * z2 + z3 * z3 + z4 * z4 + z5 * z5 + z6 * z6 + z7 * z7 + z8 * z8)
+        total = 0.0
+        if not wanted:
+            for j in range(hi - lo):
+                e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
+                e += x5[j] * z5 + x7[j] * z7
+                if nine:
+                    e += x6[j] * z6 + x8[j] * z8
+                total += alpha[j] * exp2_below(max(e, -1000.0))
+            return total
+        g0 = g1 = g2 = g3 = g4 = g5 = g6 = g7 = g8 = 0.0
         for j in range(hi - lo):
             e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
-            e += x5[j] * z5 + x6[j] * z6 + x7[j] * z7 + x8[j] * z8
-            total += alpha[j] * exp_below(max(e, -700.0))
+            e += x5[j] * z5 + x7[j] * z7
+            if nine:
+                e += x6[j] * z6 + x8[j] * z8
+            v = alpha[j] * exp2_below(max(e, -1000.0))
+            total += v
+            g0 += v * x0[j]
+            g1 += v * x1[j]
+            g2 += v * x2[j]
+            g3 += v * x3[j]
+            g4 += v * x4[j]
+            g5 += v * x5[j]
+            g7 += v * x7[j]
+            if nine:
+                g6 += v * x6[j]
+                g8 += v * x8[j]
+        for d, g in enumerate((g0, g1, g2, g3, g4, g5, g6, g7, g8)):
+            gradient[d] += g
         return total
-    g0 = g1 = g2 = g3 = g4 = g5 = g6 = g7 = g8 = 0.0
-    for j in range(hi - lo):
-        e = c + half[j] + x0[j] * z0 + x1[j] * z1 + x2[j] * z2 + x3[j] * z3 + x4[j] * z4
-        e += x5[j] * z5 + x6[j] * z6 + x7[j] * z7 + x8[j] * z8
-        v = alpha[j] * exp_below(max(e, -700.0))
-        total += v
-        g0 += v * x0[j]
-        g1 += v * x1[j]
-        g2 += v * x2[j]
-        g3 += v * x3[j]
-        g4 += v * x4[j]
-        g5 += v * x5[j]
-        g6 += v * x6[j]
-        g7 += v * x7[j]
-        g8 += v * x8[j]
-    for d, g in enumerate((g0, g1, g2, g3, g4, g5, g6, g7, g8)):
-        gradient[d] += g
-    return total
+
+    return rows
+
+
+_rows, _rows_without_cosines = _loop(True), _loop(False)
+
+
+@njit(cache=True, error_model="numpy")
+def _some_rows(p, at, lo, hi, z, gradient, wanted):
+    """Sum over the rows lo:hi of alpha k, and of alpha k times row inputs into gradient (D,) where it is wanted."""
+    base, size = at + HEAD, int(p[at + _COUNT])
+    if p[at + _SCALES + 6] == math.inf and p[at + _SCALES + 8] == math.inf:
+        return _rows_without_cosines(p, base, size, lo, hi, z, gradient, wanted)
+    return _rows(p, base, size, lo, hi, z, gradient, wanted)
 
 
 @njit(cache=True, error_model="numpy")
@@ -156,12 +185,12 @@ def _sum(p, at, s, z, gradient, wanted):
     if not math.isfinite(s[0] + s[1] + s[2] + s[3] + s[4] + s[5]):  # has no bin; and sums below assume numbers
         gradient[:D] = math.nan
         return math.nan
-    rows, here = int(p[at + _COUNT]), _place(p, at, s, z)
+    here = _place(p, at, s, z)
     gradient[:D] = 0.0
     table, total = at + _TABLE + here * (1 + 2 * RANGES), 0.0
     for r in range(int(p[table])):
         lo, hi = int(p[table + 1 + 2 * r]), int(p[table + 2 + 2 * r])
-        total += _rows(p, at + HEAD, rows, lo, hi, z, gradient, wanted)
+        total += _some_rows(p, at, lo, hi, z, gradient, wanted)
     return total
 
 
@@ -183,7 +212,7 @@ def _nearest_row(p, base, size, lo, hi, z, best):
 
 @njit(cache=True, error_model="numpy")
 def nearest(p, at, s, gap):
-    """-|x - z|^2 / 2 of the row x nearest to the state s (6,), in length scales, and x - z into gap (D,).
+    """-|x - z|^2 / 2 of the row x nearest to the state s (6,), both in length scales, and x - z into gap (D,).
 
     Only rows are looked at that matter for the mean; -inf where there is none."""
     z, _ = _scratch(p, at)
@@ -194,8 +223,8 @@ def nearest(p, at, s, gap):
         best, found = _nearest_row(p, at + HEAD, rows, lo, hi, z, best)
         row = found if found >= 0 else row
     for d in range(D):
-        gap[d] = p[at + HEAD + d * rows + row] - z[d] if row >= 0 else 0.0
-    return best
+        gap[d] = UNIT * (p[at + HEAD + d * rows + row] - z[d]) if row >= 0 else 0.0
+    return LN2 * best
 
 
 @njit(cache=True, error_model="numpy")
@@ -219,7 +248,7 @@ def mean_and_gradient(p, at, s, by_state):
     total = _sum(p, at, s, z, gradient, True)
     a2 = p[at + _AMPLITUDE]
     for d in range(D):
-        gradient[d] = a2 * (gradient[d] - total * z[d]) / p[at + _SCALES + d]
+        gradient[d] = LN2 * a2 * (gradient[d] - total * z[d]) / p[at + _SCALES + d]
     by_state[0] = gradient[3] * math.cos(s[0]) - gradient[4] * math.sin(s[0])
     by_state[1], by_state[3], by_state[5] = gradient[0], gradient[1], gradient[2]
     by_state[2] = gradient[5] * math.cos(s[2]) - gradient[6] * math.sin(s[2])
@@ -239,10 +268,10 @@ def variance_and_derivatives(p, at, s, noise2, gap, by_state, bend):
     known = a2 * c * a2 * c / (a2 + noise2)
     for i, d in enumerate((3, 0, 5, 1, 7, 2)):
         if i % 2:  # a rate: an input itself
-            scale = 1.0 / p[at + _SCALES + d]
+            scale = UNIT / p[at + _SCALES + d]
             slope, steep = gap[d] * scale, scale * scale
         else:  # an angle, by sine and cosine
-            sine, cosine = math.sin(s[i]) / p[at + _SCALES + d + 1], math.cos(s[i]) / p[at + _SCALES + d]
+            sine, cosine = UNIT * math.sin(s[i]) / p[at + _SCALES + d + 1], UNIT * math.cos(s[i]) / p[at + _SCALES + d]
             slope, steep = gap[d] * cosine - gap[d + 1] * sine, sine * sine + cosine * cosine
         by_state[i], bend[i] = -2.0 * known * slope, 2.0 * known * steep
     return a2 - known

@@ -78,7 +78,7 @@ class Hyperparameters:
 
     @property
     def only(self) -> Term:
-        """The one term that looks at all inputs; raises ModelError where there are more, or an odd one."""
+        """The one term; raises ModelError where there are more, or an odd one."""
         if len(self.terms) != 1 or self.terms[0].flip:
             raise ModelError(f"got {len(self.terms)} terms, expected a plain kernel", key="kernel")
         return self.terms[0]

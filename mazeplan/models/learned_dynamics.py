@@ -15,7 +15,7 @@ from numba import njit
 from mazeplan.models import fast_gp, ring_dynamics
 from mazeplan.models.fast_gp import mean, mean_and_gradient
 from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.ring_dynamics import BY_ANGLE, BY_RATE, EXTRA, RingParameters
+from mazeplan.models.ring_parameters import BY_ANGLE, BY_RATE, EXTRA, RingParameters
 from mazeplan.records import Array
 
 PHYSICS = len(RingParameters(0.1).pack())  # numbers of the ring's own parameters

@@ -18,7 +18,7 @@ import numpy as np
 
 from mazeplan.errors import ModelError
 from mazeplan.models.features import INPUTS
-from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
+from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
 
 UNITS = {"theta_dot": "rad/s", "beta_dot": "rad/s", "gamma_dot": "rad/s"}  # sin and cos: 1
 MOST_ROWS = 20_000
@@ -30,13 +30,15 @@ NAMES = ("inputs", "alpha", "lengthscales", "amplitude", "noise", "family")
 
 def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str, Any]:
     """Write ringN.npz into the folder; what model.yaml says of it. Inputs are kept in single precision: the file is
-    half as large, and alpha is what belongs to them as they are read back (see `rounded`)."""
+    half as large, and alpha is what belongs to them as they are read back (see `rounded`). columns: inputs that the
+    kernel looks at; all of them in files from before there was a choice."""
     h, only, path = process.hyper, process.hyper.only, folder / f"ring{ring}.npz"
     stream = io.BytesIO()
     np.savez_compressed(
         stream,
         inputs=process.inputs.astype(np.float32),
         alpha=process.alpha,
+        columns=np.array(only.columns, dtype=np.int64),
         lengthscales=np.asarray(only.lengthscales, dtype=np.float64),
         amplitude=np.array(only.amplitude),
         noise=np.array(h.noise),
@@ -63,8 +65,8 @@ def _told(process: GaussianProcess) -> dict[str, Any]:
         "amplitude": {"value": short(only.amplitude), "unit": "rad/s^2"},
         "noise": {"value": short(h.noise), "unit": "rad/s^2"},
         "lengthscales": {
-            name: {"value": short(float(scale)), "unit": UNITS.get(name, "1")}
-            for name, scale in zip(INPUTS, only.lengthscales, strict=True)
+            INPUTS[column]: {"value": short(float(scale)), "unit": UNITS.get(INPUTS[column], "1")}
+            for column, scale in zip(only.columns, only.lengthscales, strict=True)
         },
     }
 
@@ -110,6 +112,7 @@ def _process(content: bytes, name: str) -> GaussianProcess:
             if missing:
                 raise ValueError(f"it lacks {', '.join(missing)}")
             held = {key: arrays[key] for key in NAMES}
+            held["columns"] = arrays["columns"] if "columns" in arrays.files else np.arange(len(INPUTS))
     except Exception as problem:  # zipfile, zlib and numpy raise a dozen kinds for a damaged or malicious file
         raise ValueError(f"{name} is no such file of arrays: {' '.join(str(problem).split())}") from None
     inputs, alpha = held["inputs"], held["alpha"]
@@ -118,17 +121,16 @@ def _process(content: bytes, name: str) -> GaussianProcess:
     good &= inputs.dtype == np.float32 and alpha.dtype == np.float64
     if not good or not (np.isfinite(inputs).all() and np.isfinite(alpha).all()):
         raise ValueError(f"{name}: got inputs {inputs.shape}, alpha {alpha.shape}, expected (N, 9) and (N,), finite")
-    shapes = {"lengthscales": (len(INPUTS),), "amplitude": (), "noise": ()}
+    columns = tuple(held["columns"].tolist()) if held["columns"].dtype == np.int64 else ()
+    if not columns or columns != tuple(sorted(set(columns) & set(range(len(INPUTS))))):
+        raise ValueError(f"{name}: got columns {columns}, expected some of 0 to {len(INPUTS) - 1}, growing")
+    shapes = {"lengthscales": (len(columns),), "amplitude": (), "noise": ()}
     numbers = all(held[key].shape == shape and held[key].dtype == np.float64 for key, shape in shapes.items())
     if not numbers or held["family"].dtype.kind != "U" or held["family"].nbytes > MOST_NAME:
         raise ValueError(f"{name}: the hyperparameters are not those of a process")
     try:
-        hyper = Hyperparameters.plain(
-            held["lengthscales"],
-            float(held["amplitude"]),
-            float(held["noise"]),
-            family=str(held["family"]),
-        )
+        term = Term(columns, held["lengthscales"], float(held["amplitude"]))
+        hyper = Hyperparameters((term,), float(held["noise"]), np.zeros(0), str(held["family"]))
     except ModelError as problem:
         raise ValueError(f"{name}: {problem}") from None
     none = np.zeros((0, 0))

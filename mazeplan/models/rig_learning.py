@@ -29,7 +29,7 @@ from mazeplan.models.effects import (
     gravity_part,
     kinematic_terms,
 )
-from mazeplan.models.features import DRY_WIDTH, effect_features, inputs
+from mazeplan.models.features import DRY_WIDTH, PLANNED_TERMS, effect_features, inputs
 from mazeplan.models.fitting import FitOptions, honest_noise
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, train
@@ -97,7 +97,8 @@ def _learn_ring(
     k, target = samples.at(rows), samples.theta_ddot[rows]
     base = planned(ball, k) if kind == "sp" else kinematic_terms(k)
     features = effect_features(k) if kind == "sp" else np.zeros((len(rows), 0))
-    training = train(inputs(k), features, target - base, replace(options.training, seed=options.seed), progress=tell)
+    chosen = replace(options.training, seed=options.seed, terms=PLANNED_TERMS)
+    training = train(inputs(k), features, target - base, chosen, progress=tell)
     hyper = honest_noise(training, inputs(k), features, target - base)
     if kind == "sp":
         hyper = replace(hyper, weight_sigma=_known(ball, hyper.weight_sigma))

@@ -12,7 +12,7 @@ from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.errors import SettingsError
 from mazeplan.maths.lqr import riccati
-from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import StopReason
 
 
@@ -178,8 +178,9 @@ def test_plans_do_not_share_memory():
         ({"tolerance": -1.0}, "tolerance: got -1.0, expected a number >= 0"),
         ({"deadline_ms": math.nan}, "deadline_ms"),
         ({"mu_factor": 1.0}, "mu_factor"),
-        ({"alphas": ()}, "alphas"),
-        ({"alphas": (1.0, 0.0)}, "alphas"),
+        ({"shorter": 1.0}, "shorter"),
+        ({"shorter": 0.0}, "shorter"),
+        ({"tries": 0}, "tries"),
     ],
 )
 def test_bad_options_are_refused(change, message):

@@ -17,7 +17,7 @@ from mazeplan.models import learned_dynamics, ring_dynamics
 from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
-from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import StopReason
 
 P = RingParameters(0.0689)

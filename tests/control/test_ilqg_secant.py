@@ -27,43 +27,83 @@ def bent(seed: int, sign: float):
     return w, along, true * sign * np.sign(true[0])
 
 
-@pytest.mark.parametrize("seed", range(4))
+def eigenvalues(M):
+    return np.linalg.eigvalsh(M)
+
+
+@pytest.mark.parametrize("seed", range(8))
 def test_the_curvature_along_the_move_is_exact_for_quadratic_dynamics(seed):
     w, along, true = bent(seed, 1.0)
     assert w.numbers[SECANT] == 1.0
-    before = np.diag([1.0, 2.0, 3.0, 4.0])
-    w.Qxx[:] = before
-    core._bend(w, 0)
-    added = w.Qxx - before
-    d = along[0]
-    assert d @ added @ d == pytest.approx(true[0], rel=1e-9)
-    np.testing.assert_allclose(added, added.T, atol=1e-12)
-    assert np.linalg.matrix_rank(added, tol=1e-9) == 1
-    across = np.linalg.svd(d[None])[2][1:]  # nothing is known of other directions
-    np.testing.assert_allclose(across @ added, 0.0, atol=1e-9)
+    core._learn_bend(w, 0)
+    M, d = w.bend[0], along[0]
+    assert d @ M @ d == pytest.approx(true[0], rel=1e-9)
+    np.testing.assert_allclose(M, M.T, atol=1e-12)
+    assert np.linalg.matrix_rank(M, tol=1e-9) == 1
+    assert eigenvalues(M).min() > -1e-9
+
+
+def test_the_secant_equation_holds_where_it_is_well_conditioned():
+    held = 0
+    for seed in range(8):
+        w, along, _ = bent(seed, 1.0)
+        y = np.einsum("i,ij->j", w.V, w.turned[0])
+        core._learn_bend(w, 0)
+        d = along[0]
+        if y @ d > core.ILL_CONDITIONED * np.linalg.norm(y) * np.linalg.norm(d):
+            np.testing.assert_allclose(w.bend[0] @ d, y, atol=1e-9)
+            held += 1
+        else:  # of rank one along the move alone: nothing is known of other directions
+            across = np.linalg.svd(d[None])[2][1:]
+            np.testing.assert_allclose(across @ w.bend[0], 0.0, atol=1e-9)
+    assert held >= 5
+
+
+def test_what_earlier_moves_have_told_is_kept():
+    """Convex dynamics, moves in as many directions as there are: the whole curvature is known."""
+    rng = np.random.default_rng(9)
+    w = make_workspace(T, N, np.full(2, -1.0), np.full(2, 1.0))
+    root = rng.normal(size=(N, N))
+    H = root @ root.T
+    w.V[0] = 1.0
+    for move in np.linalg.qr(rng.normal(size=(N, N)))[0]:
+        w.moved[0] = move
+        w.turned[0, 0] = H @ move
+        core._learn_bend(w, 0)
+        assert eigenvalues(w.bend[0]).min() > -1e-9
+    np.testing.assert_allclose(w.bend[0], H, atol=1e-9)
+
+
+def test_knowledge_that_no_longer_holds_shrinks_to_what_the_move_shows():
+    w = make_workspace(T, N, np.full(2, -1.0), np.full(2, 1.0))
+    w.V[0], w.moved[0, 0] = 1.0, 0.5
+    w.bend[0] = 4.0 * np.eye(N)
+    w.turned[0, 0, 0] = 1.0 * 0.5  # a curvature of one where four was believed
+    core._learn_bend(w, 0)
+    np.testing.assert_allclose(w.bend[0], np.eye(N), atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_only_what_is_convex_counts(seed):
     w, _, true = bent(seed, -1.0)
     assert true[0] < 0.0
-    w.Qxx[:] = np.eye(N)
-    core._bend(w, 0)
-    assert (w.Qxx == np.eye(N)).all()
+    w.bend[0] = np.eye(N)
+    core._learn_bend(w, 0)
+    assert (w.bend[0] == 0.0).all()
 
 
 def test_a_candidate_that_did_not_move_tells_nothing():
     w, _, _ = bent(0, 1.0)
     w.moved[:] = 0.0
-    w.Qxx[:] = np.eye(N)
-    core._bend(w, 0)
-    assert (w.Qxx == np.eye(N)).all()
+    w.bend[0] = np.eye(N)
+    core._learn_bend(w, 0)
+    assert (w.bend[0] == np.eye(N)).all()
 
 
 def test_what_is_taken_brings_its_derivatives_along():
     w, _, _ = bent(1, 1.0)
     w.numbers[STALE] = FRESH
-    core._take(w, True)
+    core._take(w)
     assert (w.states == w.new_states).all()
     assert (w.new_a == w.A).all()
     assert w.numbers[STALE] != FRESH, "those of the cost are still the old ones"

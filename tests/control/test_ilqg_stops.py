@@ -36,7 +36,7 @@ class Ticking:
         return self.now
 
 
-@pytest.mark.parametrize("deadline", [0.0, 4.0, 8.5])
+@pytest.mark.parametrize("deadline", [0.0, 3.0, 5.5])
 def test_a_deadline_ends_the_search_before_it_is_over(deadline):
     planner = ring_planner(clock=Ticking(1.0))
     full = ring_planner().plan(np.zeros(6), 1.0)
@@ -119,6 +119,6 @@ def test_a_useless_former_plan_is_dropped():
     planner = ring_planner()
     fresh = planner.plan(np.zeros(6), 0.5)
     bad: Plan = replace(fresh, controls=np.full((40, 2), np.nan))
-    assert planner.plan(np.zeros(6), 0.5, warm=bad).cost == pytest.approx(fresh.cost)
+    assert planner.plan(np.zeros(6), 0.5, warm=bad).cost == fresh.cost
     failed = replace(fresh, reason=StopReason.NOT_FINITE)
     assert planner.plan(np.zeros(6), 0.5, warm=failed).cost == fresh.cost

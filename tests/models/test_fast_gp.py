@@ -12,7 +12,7 @@ from finite_differences import jacobian
 from numba import njit
 
 from mazeplan.errors import ModelError
-from mazeplan.maths.exponential import exp_below
+from mazeplan.maths.exponential import exp2_below, exp_below
 from mazeplan.models import fast_gp
 from mazeplan.models.effects import RingKinematics
 from mazeplan.models.fast_gp import BINS, HEAD, RANGES, D, evaluate, nearest_variance, pack
@@ -206,9 +206,9 @@ def test_what_culling_leaves_out_is_within_its_bound():
     n, order = len(gp), np.argsort(fast_gp._bin_of(np.arctan2(gp.inputs[:, 3], gp.inputs[:, 4])), kind="stable")
     rows, alpha = gp.inputs[order] / h.lengthscales, gp.alpha[order]
     columns, centred = packed[HEAD : HEAD + n * fast_gp.COLUMNS].reshape(fast_gp.COLUMNS, n), rows - rows.mean(axis=0)
-    np.testing.assert_array_equal(columns[:D], centred.T)
+    np.testing.assert_allclose(columns[:D], centred.T / math.sqrt(math.log(2.0)))
     np.testing.assert_array_equal(columns[D], alpha)
-    np.testing.assert_allclose(columns[D + 1], -0.5 * (centred**2).sum(axis=1))
+    np.testing.assert_allclose(columns[D + 1], -0.5 * (columns[:D] ** 2).sum(axis=0))
     left_out = 0
     for theta in rng.uniform(-math.pi, math.pi, 300):
         at = np.array([math.sin(theta), math.cos(theta)]) / h.lengthscales[3:5]
@@ -224,9 +224,7 @@ def test_what_culling_leaves_out_is_within_its_bound():
 @pytest.mark.parametrize("pair", [(0.02, 0.02), (0.05, 0.3), (0.1, 0.02)])
 def test_the_bound_holds_wherever_in_their_bins_query_and_rows_are(pair):
     """The worst of 17 x 17 places in every two bins, for value and derivative by a scaled input."""
-    lengths, rng = SCALES.copy(), np.random.default_rng(20)
-    lengths[3:5] = pair
-    term, fine = Term(tuple(range(9)), lengths, 2.0), np.linspace(0.0, 1.0, 17)
+    rng, fine = np.random.default_rng(20), np.linspace(0.0, 1.0, 17)
     at = -math.pi + 2.0 * math.pi / BINS * (np.arange(BINS)[:, None] + fine)
     flat = np.stack([np.sin(at) / pair[0], np.cos(at) / pair[1]], axis=-1).reshape(-1, 2)
     nearest = np.full((BINS, BINS), np.inf)
@@ -236,7 +234,7 @@ def test_the_bound_holds_wherever_in_their_bins_query_and_rows_are(pair):
     worst = 4.0 * np.exp(-0.5 * nearest**2) * np.maximum(nearest, 1.0)
     for size in np.geomspace(1.0, 1e4, 12):
         weights = size * rng.uniform(0.0, 1.0, BINS)
-        needed = fast_gp._reach(term, weights)
+        needed = fast_gp._reach(np.array(pair), 2.0, weights)
         assert needed.mean() < 0.7  # and not by leaving out nothing
         assert np.where(needed, 0.0, worst * weights).sum(axis=1).max() <= fast_gp.TOLERANCE
 
@@ -274,6 +272,34 @@ def exp_of(x):
 def test_exp_is_that_of_the_library():
     x = np.concatenate([np.linspace(-700.0, 0.0, 125), [-1e-300, -1e-9, -0.34657359027997264, 1e-12]])
     np.testing.assert_allclose(exp_of(x), np.exp(x), rtol=4e-14)  # above 0 only by rounding
+
+
+@njit
+def exp2_of(x):
+    out = np.empty_like(x)
+    for i in range(len(x)):
+        out[i] = exp2_below(x[i])
+    return out
+
+
+def test_powers_of_two_are_those_of_the_library():
+    x = np.concatenate([np.linspace(-1000.0, 0.0, 5001), [-1e-300, -1e-9, -0.5, -0.5 - 1e-15, -1.5, 1e-12]])
+    np.testing.assert_allclose(exp2_of(x), np.exp2(x), rtol=2e-12)
+
+
+@pytest.mark.parametrize("columns", [(0, 1, 2, 3, 4, 5, 7), (0, 3, 4), (0, 1, 2, 3, 4, 5, 6, 7), (0, 5, 7)])
+def test_a_kernel_that_does_not_look_at_all_inputs(columns):
+    """The loop without the cosines of the tilt is one of its own; other inputs left out are carried along."""
+    rng = np.random.default_rng(21)
+    states = drawn(rng, 300)
+    x, y = inputs(kinematics(states)), np.sin(3.0 * states[:, 0]) + states[:, 1] + 9.0 * states[:, 2]
+    hyper = Hyperparameters((Term(columns, SCALES[list(columns)], 2.0),), 0.3, np.zeros(0))
+    gp = GaussianProcess.condition(hyper, x, np.zeros((len(x), 0)), y)
+    agree(gp, drawn(rng, 200))
+    packed, gap = pack(gp), np.empty(D)
+    for state in drawn(rng, 20):
+        exact_one = nearest_variance(gp, inputs(kinematics(state[None])), rows=1)[0]
+        assert fast_gp.variance(packed, 0, state, 0.09, gap) == pytest.approx(exact_one, abs=1e-6)
 
 
 def test_another_kernel_is_refused():

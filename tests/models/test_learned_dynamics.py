@@ -16,7 +16,7 @@ from mazeplan.models.effects import DryFriction, RingKinematics, RollingInertia,
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_dynamics import AxisParameters, RingParameters
+from mazeplan.models.ring_parameters import AxisParameters, RingParameters
 from mazeplan.models.stage import StageModel
 
 SPREAD = np.array([math.pi, 4.0, 0.09, 0.8, 0.09, 0.8])  # of start states: rad, rad/s

@@ -100,6 +100,42 @@ def test_a_model_with_processes_comes_back_as_it_was(folder):
             back.variance(x)
 
 
+def seven(seed=3):
+    """A process that does not look at the cosines of the tilt."""
+    rng = np.random.default_rng(seed)
+    x, columns = rounded(rng.standard_normal((40, 9))), (0, 1, 2, 3, 4, 5, 7)
+    hyper = Hyperparameters((Term(columns, np.exp(0.5 * rng.standard_normal(7)), 1.5),), 0.3, np.zeros(0))
+    return GaussianProcess.condition(hyper, x, np.zeros((40, 0)), np.sin(x[:, 0]) + x[:, 3])
+
+
+def test_a_kernel_may_look_at_some_inputs_only(tmp_path):
+    gp = seven()
+    save_model(replace(MODEL, processes={1: gp}), tmp_path)
+    back = load_model(tmp_path).processes[1]
+    x = np.random.default_rng(7).standard_normal((50, 9))
+    np.testing.assert_allclose(back.mean(x), gp.mean(x), atol=1e-9)
+    assert back.hyper.only.columns == (0, 1, 2, 3, 4, 5, 7)
+    told = (tmp_path / "model.yaml").read_text()
+    assert "sin_beta" in told
+    assert "cos_beta" not in told
+
+
+def test_a_file_without_columns_is_of_a_kernel_that_looks_at_all(folder):
+    held = arrays(folder)
+    assert held.pop("columns").tolist() == list(range(9))
+    put(folder, saved(**held))
+    x = np.random.default_rng(8).standard_normal((50, 9))
+    np.testing.assert_allclose(load_model(folder).processes[1].mean(x), MODEL.processes[1].mean(x), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "columns", [np.arange(10), np.array([0, 0, 1]), np.array([2, 1]), np.array([], dtype=int), np.array([0.0, 1.0])]
+)
+def test_columns_that_are_none_are_refused(folder, columns):
+    put(folder, saved(**{**arrays(folder), "columns": columns}))
+    refused(folder, "processes.1", "columns", "expected some of 0 to 8")
+
+
 def test_saving_again_what_was_loaded_changes_nothing(folder, tmp_path):
     save_model(load_model(folder), tmp_path / "again")
     x = np.random.default_rng(6).standard_normal((50, 9))

@@ -30,7 +30,7 @@ from mazeplan.models.gaussian_process import Hyperparameters
 from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.modelfile import RigModel, load_model, save_model
 from mazeplan.models.rig_learning import FEWEST, _condition, learn_processes, planned
-from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.models.stage import StageModel
 
 pytest.importorskip("gpytorch", reason="learning needs torch and gpytorch")

@@ -14,7 +14,8 @@ from mazeplan.errors import ModelError
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import RollingInertia, TiltOffset, ViscousFriction, make_effect
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_dynamics import AxisParameters, RingParameters, linearise, stage_transition, step
+from mazeplan.models.ring_dynamics import linearise, step
+from mazeplan.models.ring_parameters import AxisParameters, RingParameters, stage_transition
 from mazeplan.models.stage import StageAxis, StageModel
 
 PLAIN = RingParameters(0.0689)

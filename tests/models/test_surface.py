@@ -13,7 +13,7 @@ from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import ConstantTorque, RingKinematics, SurfaceBump, SurfaceProfile
 from mazeplan.models.modelfile import load_model
 from mazeplan.models.planar import PlanarModel, predict_given_tilt
-from mazeplan.models.ring_dynamics import RingParameters
+from mazeplan.models.ring_parameters import RingParameters
 
 MAZE = load_map("cme")
 FLOOR = BallModel((ConstantTorque(0.2), SurfaceProfile(0.1, -0.2, 0.3, 0.5, -0.1, 0.2), SurfaceBump(1.0, 0.2, -2.0)))

@@ -1,0 +1,55 @@
+"""Commands to begin a cold plan with: a simple law followed on the effects of the ring's model.
+
+From level commands the solver would first have to find that it must accelerate, and then that it must brake. The law
+knows: it wishes for a speed from which the ball can still brake, and turns the plate for the acceleration to it,
+
+    v = sign(e) min(RATE |e| + |v_g|, sqrt(v_g^2 + 2 a SHARE |e|)),    theta_dd = GAIN (v - theta_dot)
+
+e: angle left to the goal, v_g: speed wished there, a: what the tilt limit gives. The plate is late, so that the law
+looks LEAD ahead. A roll-out costs a fifth of an iteration and saves more than half of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from mazeplan.models.ring_dynamics import step
+from mazeplan.models.ring_parameters import BETA_0, DRIVE, GAMMA_0
+from mazeplan.records import Array
+
+RATE, GAIN = 6.0, 14.0  # 1/s
+SHARE = 0.8  # of the deceleration that the tilt limit gives
+LEAD = 0.1  # s; about the lag of the stage
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(p, s, goal, goal_speed, lean, limit, out, controls):
+    """The law from s (6,), which is overwritten; p: of the effects."""
+    for t in range(controls.shape[0]):
+        theta = s[0] + LEAD * s[1]
+        left = goal - theta
+        arriving = goal_speed if goal_speed * left > 0.0 else 0.0
+        brakes = math.sqrt(arriving * arriving + 2.0 * SHARE * p[DRIVE] * limit * abs(left))
+        speed = math.copysign(min(RATE * abs(left) + abs(arriving), brakes), left)
+        along = GAIN * (speed - s[1]) / p[DRIVE]
+        sin, cos = math.sin(theta), math.cos(theta)
+        controls[t, 0] = min(max(lean * cos - along * sin - p[BETA_0], -limit), limit)
+        controls[t, 1] = min(max(-lean * sin - along * cos - p[GAMMA_0], -limit), limit)
+        step(s, controls[t], p, out)
+        s[:] = out
+
+
+def first_guess(
+    packed: Array, state: Array, horizon: int, goal: float, goal_speed: float, lean: float, limit: float
+) -> Array:
+    """Commands (horizon, 2), rad, inside the tilt limit (rad).
+
+    packed: `RingParameters.pack()`; state (6,); goal: rad, on the turn to be taken; goal_speed: rad/s; lean: outwards,
+    rad. Level commands where the effects know of no gravity."""
+    controls = np.zeros((horizon, 2))
+    if packed[DRIVE] > 0.0:
+        _follow(packed, np.array(state, dtype=float), goal, goal_speed, lean, limit, np.empty(6), controls)
+    return controls
