@@ -163,6 +163,29 @@ def test_what_is_fitted_sees_no_test_row(table, monkeypatch):
         assert not set(rows.tolist()) & set(held.tolist())
 
 
+def test_accelerations_are_predicted_by_the_mean_and_roll_outs_by_what_is_typical(table, monkeypatch):
+    class Still:
+        """A ball that nothing moves."""
+
+        def mean(self, k):
+            return np.zeros(len(k.theta))
+
+    fit, asked = module.fit_kind, []
+
+    def other(kind, samples, rows, options):
+        asked.append(options.heavy_tails)
+        return replace(fit(kind, samples, rows, options), robust=Still())
+
+    plain = compare([table], [], MAZE, ONE)
+    monkeypatch.setattr(module, "fit_kind", lambda *a, progress: other(*a))
+    moved = compare([table], [], MAZE, ONE)
+    assert asked
+    assert all(asked)
+    for before, after in zip(plain, moved, strict=True):
+        assert after.nrmse_test == before.nrmse_test
+        assert after.rollout["pi"]["40"] > 2.0 * before.rollout["pi"]["40"]
+
+
 def test_test_logs_are_what_is_scored(table):
     """With a test log of rubbish the test scores are rubbish and the training scores are not."""
     rng = np.random.default_rng(0)

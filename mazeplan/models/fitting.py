@@ -15,6 +15,7 @@ from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_te
 from mazeplan.models.features import FEATURES, INPUT_SETS, LOCAL_TERMS, STATE_TERMS, inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, TrainingOptions, train
+from mazeplan.models.heavy_tails import typical
 from mazeplan.models.learned import AccelerationModel, ForestBall, GaussianBall, LinearBall, PhysicsBall
 from mazeplan.models.linear import fit_linear
 from mazeplan.models.samples import RingSamples
@@ -31,20 +32,28 @@ LEAF = 5  # samples in a leaf of the forest: fewer and it learns the noise
 @dataclass(frozen=True)
 class FitOptions:
     """most: training rows of a process, spread evenly; inputs: state (what a planner can use), or local (what predicts
-    best); training: of its hyperparameters; seed: of forest and starts."""
+    best); heavy_tails: what is typical, too (see `heavy_tails`); training: of its hyperparameters; seed: of forest and
+    starts."""
 
     most: int = MOST
     inputs: str = "state"
+    heavy_tails: bool = False
     training: TrainingOptions = field(default_factory=TrainingOptions)
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model, and for processes how its hyperparameters were found."""
+    """A model, for processes how its hyperparameters were found, and with heavy tails the same for what is typical."""
 
     model: AccelerationModel
     training: Training | None = None
+    robust: AccelerationModel | None = None
+
+    @property
+    def typical(self) -> AccelerationModel:
+        """What is judged by absolute errors: the robust model where there is one."""
+        return self.model if self.robust is None else self.robust
 
 
 def fit_kind(
@@ -66,8 +75,12 @@ def fit_kind(
         return Fitted(ForestBall(fit_forest(inputs(k), target, options.seed)))
     if kind in ("np", "sp"):
         features = "" if kind == "np" else "effects" if options.inputs == "state" else "wall"
-        process, training = fit_process(k, target - kinematic_terms(k), features, options, progress)
-        return Fitted(GaussianBall(process, features, options.inputs), training)
+        rest = target - kinematic_terms(k)
+        process, training = fit_process(k, rest, features, options, progress)
+        model, robust = GaussianBall(process, features, options.inputs), None
+        if options.heavy_tails:
+            robust = replace(model, process=typical(process, rest[uniform_downsample(len(rest), options.most)]))
+        return Fitted(model, training, robust)
     raise InputError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
 
 

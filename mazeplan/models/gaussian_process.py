@@ -2,7 +2,7 @@
 
     f(x) = phi(x) w + g(x),   w ~ N(0, S),   g ~ GP(0, k),   k(x, x') = sum of a^2 c(r)
     r^2 = sum_d ((x_d - x'_d) / l_d)^2 over the columns of a term
-    y = f(x) + e,             e ~ N(0, s^2)
+    y = f(x) + e,             e ~ N(0, s^2), or with an s of each row's own
     c(r) = exp(-r^2 / 2)      rbf: smooth
     c(r) = exp(-r)            exponential: continuous but rough, as forces at the edges of openings are
 
@@ -128,14 +128,18 @@ class GaussianProcess:
         return len(self.alpha)
 
     @classmethod
-    def condition(cls, hyper: Hyperparameters, inputs: Array, features: Array, y: Array) -> GaussianProcess:
-        """The process given y (N,) at inputs (N, D) with features (N, M), M may be 0. Raises ModelError when the
-        covariance is not positive definite."""
+    def condition(
+        cls, hyper: Hyperparameters, inputs: Array, features: Array, y: Array, noise: Array | None = None
+    ) -> GaussianProcess:
+        """The process given y (N,) at inputs (N, D) with features (N, M), M may be 0; noise: standard deviation of each
+        row's (N,), units of y, where it is not that of the hyperparameters. Raises ModelError when the covariance is
+        not positive definite."""
         n, S = len(y), hyper.weight_sigma**2
         if not (len(inputs) == len(features) == n and features.shape[1] == len(S)):
             raise ModelError(f"got {len(inputs)} inputs, {len(features)} x {features.shape[1]} features for {n} values")
         C = kernel(inputs, inputs, hyper)
-        C[np.diag_indices(n)] += hyper.noise**2 + JITTER * max(term.amplitude for term in hyper.terms) ** 2
+        deviation, most = hyper.noise if noise is None else noise, max(term.amplitude for term in hyper.terms)
+        C[np.diag_indices(n)] += deviation**2 + JITTER * most**2
         whole = C + (features * S) @ features.T
         try:
             factor = cho_factor(whole, lower=True, overwrite_a=True)

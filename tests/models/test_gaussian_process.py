@@ -66,6 +66,20 @@ def dense(hyper, x, phi, y, at, phi_at):
     return cross @ inverse @ y, variance, gain @ y, S - gain @ phi @ S, whole
 
 
+def test_each_row_may_have_a_noise_of_its_own():
+    x, phi, y, at, phi_at = data()
+    hyper = Hyperparameters(SUM, 0.3, SIGMA)
+    noise = np.random.default_rng(1).uniform(0.1, 3.0, len(y))
+    process = GaussianProcess.condition(hyper, x, phi, y, noise)
+    S = np.diag(SIGMA**2)
+    whole = dense_kernel(x, x, hyper) + phi @ S @ phi.T + np.diag(noise**2)
+    cross = dense_kernel(at, x, hyper) + phi_at @ S @ phi.T
+    np.testing.assert_allclose(process.mean(at, phi_at), cross @ np.linalg.solve(whole, y), rtol=1e-7, atol=1e-7)
+    assert process.log_likelihood(y) == pytest.approx(log_density(y, whole))
+    same = GaussianProcess.condition(hyper, x, phi, y, np.full(len(y), 0.3))
+    np.testing.assert_allclose(same.alpha, GaussianProcess.condition(hyper, x, phi, y).alpha, rtol=1e-12)
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_mean_and_variance_are_those_of_scikit_learn(family):
     x, _, y, at, _ = data()

@@ -143,6 +143,21 @@ def test_pi_finds_the_weights():
     assert (np.abs(model.mean(k) - truth(k, dry=0.0)) < 4.5 * np.sqrt(model.variance(k))).all()
 
 
+@pytest.mark.parametrize("kind", ["np", "sp"])
+def test_with_heavy_tails_what_is_typical_is_fitted_too(kind):
+    """Every thirtieth row is struck, always in the same direction."""
+    part, at = samples(300, ripple=1.5), states(100, 5)
+    struck = replace(part, theta_ddot=part.theta_ddot + 40.0 * (np.arange(300) % 30 == 0))
+    training = TrainingOptions(first=150, rows=150, starts=1, iterations=8, refinement=4)
+    options = FitOptions(most=200, inputs="local", heavy_tails=True, training=training)
+    found = fit_kind(kind, struck, np.arange(300), options)
+    right = truth(at, 1.5)
+    assert np.mean(np.abs(found.typical.mean(at) - right)) < 0.8 * np.mean(np.abs(found.model.mean(at) - right))
+    plain = fit_kind(kind, struck, np.arange(300), replace(options, heavy_tails=False))
+    assert plain.typical is plain.model
+    np.testing.assert_array_equal(plain.model.mean(at), found.model.mean(at))
+
+
 def test_rf_learns_in_steps_the_same_each_time():
     part, at = samples(400), states(100, 5)
     model = fitted("rf", part).model
