@@ -1,7 +1,7 @@
 """What is typical: a process that expects some rows to be far off, by Student's t instead of normal noise.
 
     y_i = f(x_i) + e_i,  e_i = s t_i,  t of nu degrees of freedom: normal with variance s^2 / lambda_i, lambda_i drawn
-    z_i = (y_i - f_i) / spread,        f_i without row i and its neighbours
+    z_i = (y_i - f_i) / spread,        f_i without row i and its neighbours; nu and spread the likeliest for them
     s_i^2 = s^2 (nu + z_i^2) / (nu + 1)
 
 A ball that meets the edge of an opening is thrown back, or it is not: what decides that no model is told. The mean of
@@ -17,16 +17,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 
 from mazeplan.data.split import uniform_downsample
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.records import Array
 
-FREEDOM = 4.0  # degrees of freedom nu; by likelihood, what is left over has 2 to 3 on measured rings, 5 to 7 simulated
+FREEDOM = (1.0, 30.0)  # least and most degrees of freedom nu; measured rings have 2 to 3, simulated ones 5 to 7
 FOLDS = 4
 BLOCK = 10  # rows left out together: a smoothed acceleration spreads a blow over the neighbours
 FEW = 1000  # rows of the process that is asked what it leaves over
-NORMAL = 1.4826  # standard deviation over the median of the absolute value, of a normal distribution
 
 
 def typical(process: GaussianProcess, y: Array) -> GaussianProcess:
@@ -40,8 +40,11 @@ def row_noise(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
     """Standard deviation (N,) of the noise of each row, units of y, for inputs x (N, D), features phi (N, M), M may be
     0, and values y (N,), in order of time."""
     left = left_over(hyper, x, phi, y)
-    spread = max(NORMAL * float(np.median(np.abs(left))), 1e-9 * hyper.noise)  # what fits exactly has none
-    return hyper.noise * np.sqrt((FREEDOM + (left / spread) ** 2) / (FREEDOM + 1.0))
+    if not np.any(left):  # what fits exactly has no tails
+        return np.full(len(y), hyper.noise)
+    found, _, spread = stats.t.fit(left, floc=0.0)
+    nu = float(np.clip(found, *FREEDOM))
+    return hyper.noise * np.sqrt((nu + (left / spread) ** 2) / (nu + 1.0))
 
 
 def left_over(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:

@@ -10,7 +10,7 @@ from mazeplan.models.heavy_tails import FREEDOM, left_over, row_noise, typical
 
 NOISE = 0.1
 HYPER = Hyperparameters.plain(np.array([0.7]), 1.0, NOISE, np.array([2.0]))
-LEAST = NOISE * np.sqrt(FREEDOM / (FREEDOM + 1.0))
+LEAST = NOISE * np.sqrt(FREEDOM[0] / (FREEDOM[0] + 1.0))  # with the heaviest tails
 
 
 def truth(x):
@@ -72,6 +72,17 @@ def test_few_rows_have_a_noise_too(n):
     assert np.isfinite(row_noise(HYPER, x, phi, y)).all()
 
 
-def test_values_that_fit_exactly_have_the_least_noise():
+def test_values_that_fit_exactly_have_no_tails():
     x = np.linspace(-1.0, 1.0, 40)[:, None]
-    np.testing.assert_allclose(row_noise(HYPER, x, x, np.zeros(40)), LEAST)
+    np.testing.assert_allclose(row_noise(HYPER, x, x, np.zeros(40)), NOISE)
+
+
+def test_the_tails_are_those_of_what_is_left():
+    """The lighter they are, the nearer all rows are to the noise of the hyperparameters."""
+    x, phi, y, _ = record(every=0)
+    rng, widest = np.random.default_rng(1), {}
+    for nu in (2.0, 5.0, 1e6):
+        heavy = truth(x) + NOISE * rng.standard_t(nu, len(x))
+        noise = row_noise(HYPER, x, phi, heavy)
+        widest[nu] = noise.max() / noise.min()
+    assert widest[2.0] > 2.0 * widest[5.0] > 2.0 * widest[1e6]
