@@ -79,7 +79,7 @@ def test_values_that_fit_exactly_have_no_tails():
 
 def test_the_tails_are_those_of_what_is_left():
     """The lighter they are, the nearer all rows are to the noise of the hyperparameters."""
-    x, phi, y, _ = record(every=0)
+    x, phi, _, _ = record(every=0)
     rng, widest = np.random.default_rng(1), {}
     for nu in (2.0, 5.0, 1e6):
         heavy = truth(x) + NOISE * rng.standard_t(nu, len(x))
