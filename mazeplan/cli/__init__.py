@@ -5,7 +5,10 @@ Exit status: 0 done, 1 the job ran and did not succeed, 2 bad input or usage (on
 
 from __future__ import annotations
 
+import os
 import sys
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -16,8 +19,20 @@ from mazeplan.errors import MazeplanError
 _UsageError: Any = typer.BadParameter.__base__  # the class is private to typer; its place above BadParameter is not
 
 
+def keep_compiled() -> None:
+    """Where neither the package's folder nor the user's cache may be written, Numba would refuse to compile: then a new
+    folder is used, for this process alone."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    places = [Path(__file__).parent, next(place for place in (cache, *cache.parents) if place.exists())]
+    if "NUMBA_CACHE_DIR" in os.environ or any(os.access(place, os.W_OK) for place in places):
+        return
+    os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="mazeplan-compiled-")
+    print("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that may be written to", file=sys.stderr)
+
+
 def main() -> None:
     """Entry point of the `mazeplan` command: turns deliberate errors into one line and their exit status."""
+    keep_compiled()
     try:
         status = app(standalone_mode=False)  # or typer would print usage errors itself, over several lines
     except MazeplanError as error:

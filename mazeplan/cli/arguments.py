@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+from pathlib import Path
 
 from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
+
+
+def check_folder(option: str, folder: Path) -> None:
+    """Whether a folder could be made and written to, before long work is lost for want of it. Raises InputError."""
+    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK)):
+        why = "may not be written to" if there.is_dir() else "is a file"
+        raise InputError(f"{option}: got {folder}, but {there} {why}; expected a folder that can be made or written to")
 
 
 def positive(option: str, value: float) -> float:

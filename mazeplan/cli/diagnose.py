@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.cli.arguments import check_folder
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
+
+WIDEST = 2.0  # m; of a ring on a table
+FEWEST_IN_RINGS = 0.7  # of the samples of a table that knows no rings; a run's own log has passages in it, too
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,6 +69,8 @@ def diagnose(
                 raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
         diagnose_drive(log, declare or [], test, output, as_json)
     elif system == "ring":
+        if output is not None:
+            check_folder("-o", output)
         done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme", effects)
         if output is not None:
             known, number = document["declared"], document["ring"]
@@ -106,10 +112,14 @@ def _of_ball(
         known = load_model(model).declared(number) if model is not None else {}
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
+        if where > WIDEST:
+            raise InputError(f"--radius: got {radius:g}, expected metres, at most {WIDEST:g}")
         known = load_model(model).declared(ring or 1) if model is not None else {}
     library = [*ring_library(), *wall_library(gates or Gates())]
     own = own_effects(effects, [c.name for c in library])
     declare_known(known, declare, [*library, *own])
+    if radius is None:
+        _check_rings(table, maze)
     table, odd = turned_round(table, where)
     further = None
     if test is not None:
@@ -160,7 +170,8 @@ def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title
         output.mkdir(parents=True, exist_ok=True)
         document["report"] = str(output / "report.html")
         (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
-        write_report(done, output / "report.html", title)
+        further = [note for note in document["notes"] if note not in done.remarks]
+        write_report(done, output / "report.html", title, further)
     if as_json:
         print_json(document)
         return
@@ -196,6 +207,22 @@ def _in_ring(table: Table, maze: Maze, number: int) -> np.ndarray:
     return rings_of(table, maze, None) == number
 
 
+def _check_rings(table: Table, maze: Maze) -> None:
+    """Raises InputError for a table that knows no rings and whose radii are not those of the map's: of the little that
+    is by chance in a ring nothing could be learned."""
+    import numpy as np
+
+    from mazeplan.models.samples import rings_of
+
+    if "ring" in table or "r" not in table:
+        return
+    seen = np.isfinite(table["r"])
+    outside = float(np.mean(rings_of(table, maze, None)[seen] == 0)) if seen.any() else 1.0
+    if outside > 1.0 - FEWEST_IN_RINGS:
+        problem = f"the ball is in no ring of the map in {outside:.0%} of the samples that show it"
+        raise InputError(f"{problem}; expected --radius M, or another --map")
+
+
 def _ring(table: Table, maze: Maze, ring: int | None) -> int:
     """The ring asked for, or that of most rows. Raises InputError where there is none, or it has no channel."""
     import numpy as np
@@ -219,8 +246,12 @@ def declare_known(known: dict[str, dict[str, float]], texts: list[str], candidat
     """Add what `--declare` says. Raises InputError naming what is allowed."""
     library = {c.name: c for c in candidates}
     for text in texts:
-        name, _, value = text.partition("=")
+        name, equals, value = text.partition("=")
         effect, _, parameter = name.partition(".")
+        if not (equals and parameter):
+            raise InputError(
+                f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE, such as dry_friction.coefficient=0.4"
+            )
         if effect not in library:
             raise InputError(f"--declare: got effect {effect!r}, expected one of {', '.join(library)}")
         allowed = library[effect].parameters

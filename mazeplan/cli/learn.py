@@ -39,6 +39,7 @@ def learn(
     """Fit the model of a rig, stage and ball, to logs of it."""
     from dataclasses import replace
 
+    from mazeplan.cli.arguments import check_folder
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import join, read_table
     from mazeplan.maze.mapfile import load_map
@@ -58,6 +59,7 @@ def learn(
     options = FitOptions(most=most, training=TrainingOptions(device=device, starts=2), seed=seed)
     maze = load_map(map_)
     tables = [read_table(log) for log in logs]
+    check_folder("-o", output)
     table = join(tables)
     try:
         fit = fit_rig(table, maze, tuple(table.source for table in tables))

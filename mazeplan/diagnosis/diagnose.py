@@ -101,12 +101,15 @@ class Diagnosis:
         before, after = self.before, self.after
         if math.isfinite(before.rollout40):
             change = f"40-step error {before.rollout40:.4f} -> {after.rollout40:.4f} rad"
+            if after.rollout40 > before.rollout40:
+                change += ", no better on what was held out: a longer record would tell more"
             same = f"40-step error {before.rollout40:.4f} rad, noise alone would cause {before.floor:.4f}"
         else:  # no stretch is long enough
             change = f"nRMSE of theta_dd {before.nrmse:.3f} -> {after.nrmse:.3f}"
             same = f"nRMSE of theta_dd {before.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
         if self.verdict == "nothing_missing":
-            return f"Nothing is missing: {same}."
+            told = math.isfinite(before.rollout40)
+            return f"{'Nothing is missing' if told else 'Nothing was found, which may be the record'}: {same}."
         unknown = describe_unknown(self.finding)
         return what_is_missing(self.verdict, self.effects, self.finding, unknown, change)
 

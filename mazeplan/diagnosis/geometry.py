@@ -42,7 +42,8 @@ class Circle:
 
 
 def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
-    """The circle through measured (theta, r) of some rows; None where there are too few, or only an arc of them."""
+    """The circle through measured (theta, r) of some rows; None where there are too few, only an arc of them,
+    or no scatter at all."""
     keep = rows & np.isfinite(theta) & np.isfinite(r)
     if keep.sum() < FEWEST:
         return None
@@ -53,6 +54,8 @@ def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
     w, *_ = np.linalg.lstsq(X, y, rcond=None)
     left = y - X @ w
     before, after = float(np.std(y)), float(np.std(left))
+    if not after > 0.0:  # radii that were written down, not measured
+        return None
     share = max(1.0, _together(left))
     n = len(y) / share
     evidence = n * float(np.log(before**2 / after**2)) - 2.0 * float(np.log(max(n, 2.0)))

@@ -6,6 +6,7 @@ import base64
 import html
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -87,9 +88,9 @@ class Diagnosed(Protocol):
         ...
 
 
-def write_report(done: Diagnosed, path: Path, title: str) -> None:
-    """Write the page: one file, nothing loaded from elsewhere."""
-    notes = done.remarks
+def write_report(done: Diagnosed, path: Path, title: str, further: Sequence[str] = ()) -> None:
+    """Write the page: one file, nothing loaded from elsewhere. further: notes that are not the diagnosis's own."""
+    notes = [*done.remarks, *further]
     path.write_text(
         PAGE.format(
             title=html.escape(title),

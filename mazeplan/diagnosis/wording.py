@@ -11,10 +11,15 @@ from mazeplan.diagnosis.search import Finding
 
 def effect_words(effect: dict[str, Any]) -> str:
     """An effect with its sizes."""
-    numbers = ", ".join(
-        f"{name} {p['value']:.4g} +- {p['stderr']:.2g} {p['unit']}".strip() for name, p in effect["parameters"].items()
-    )
+    numbers = ", ".join(f"{name} {_size(p)}" for name, p in effect["parameters"].items())
     return f"{effect['name'].replace('_', ' ')} ({numbers})"
+
+
+def _size(parameter: dict[str, Any]) -> str:
+    """A value with its standard error, where the record tells one, and its unit, where it has one."""
+    error, unit = parameter["stderr"], parameter["unit"]
+    known = error is not None and math.isfinite(error)
+    return f"{parameter['value']:.4g}" + (f" +- {error:.2g}" if known else "") + (f" {unit}" if unit != "1" else "")
 
 
 def describe_unknown(finding: Finding, unit: str = "rad/s^2", times: float = 1.0) -> str:

@@ -60,6 +60,29 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(call, 
     assert "http" not in page.replace("http-equiv", ""), "nothing is loaded from elsewhere"
 
 
+@pytest.mark.parametrize(
+    ("radius", "words"),
+    [(0.0985, "in no ring of the map; expected"), (0.0928, "% of the samples that show it; expected")],
+)
+def test_a_table_that_is_not_of_this_map_is_refused(call, tmp_path, radius, words):
+    columns = play(seed=3, seconds=20.0, radius=radius)  # between the channel of ring 1 and its rim, mostly or always
+    noise = 3e-4 * np.random.default_rng(0).standard_normal(len(columns["t"]))
+    write_csv(Table({**columns, "r": radius + noise}), tmp_path / "odd.csv")
+    code, out, err = call(tmp_path / "odd.csv")
+    assert (code, out) == (2, "")
+    assert words in err
+
+
+def test_where_nothing_can_be_written_is_said_before_the_work(call, log, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    code, out, err = call(log, *KNOWN, "-o", file / "report")
+    assert (code, out) == (2, "")
+    assert err.strip() == (
+        f"mazeplan: -o: got {file / 'report'}, but {file} is a file; expected a folder that can be made or written to"
+    )
+
+
 def test_in_words(call, log):
     code, out, err = call(log, *KNOWN)
     assert code == 0, err
@@ -70,6 +93,8 @@ def test_in_words(call, log):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("--declare", "viscous_friction"), "got 'viscous_friction', expected EFFECT.PARAM=VALUE, such as"),
+        (("--radius", "92.5"), "--radius: got 92.5, expected metres, at most 2"),
         (("--declare", "magic.size=1"), "--declare: got effect 'magic', expected one of rolling_inertia"),
         (("--declare", "viscous_friction.size=1"), "got parameter 'size' of viscous_friction, expected one of coeff"),
         (("--declare", "viscous_friction.coefficient=much"), "expected EFFECT.PARAM=VALUE with a number"),
