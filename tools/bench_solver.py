@@ -63,6 +63,12 @@ class Times:
         self.iterations.append(plan.iterations)
         self.reasons[plan.reason] += 1
 
+    def join(self, other: Times) -> None:
+        """Take in the solves of another."""
+        self.ms += other.ms
+        self.iterations += other.iterations
+        self.reasons += other.reasons
+
     def cells(self) -> list[str]:
         """ms and iterations, p50 / p99 each."""
         ms, n = np.percentile(self.ms, (50, 99)), np.percentile(self.iterations, (50, 99))
@@ -147,9 +153,13 @@ def ilqg_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
     runs = [(ring, True, count) for ring in RINGS]
     if MEASURED in model.processes:
         runs.insert(1, (MEASURED, False, max(1, count // 4)))
+    all_cold, all_warm = Times(), Times()
     for ring, culled, n in runs:
         planner, problems = planner_of(maze, model, ring, culled=culled), cases(n, ring)
         cold, warm = measure(planner, problems, ring)
+        if culled:
+            all_cold.join(cold)
+            all_warm.join(warm)
         process = model.processes.get(ring)
         name = f"ring{ring}" + ("" if culled else f", culling off, {n} problems")
         lost = {str(reason): k for reason, k in cold.reasons.items() if reason is not StopReason.CONVERGED}
@@ -162,6 +172,7 @@ def ilqg_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
             ", ".join(f"{reason} {k}" for reason, k in lost.items()) or "none",
         ]
         rows.append(f"| {' | '.join(cells)} |")
+    rows.append(f"| {' | '.join(['all rings', '', *all_cold.cells(), *all_warm.cells(), '', ''])} |")
     return rows
 
 
