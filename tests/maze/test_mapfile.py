@@ -204,7 +204,8 @@ def test_thousands_of_keys_openings_or_rings():
         result = check_text(text)
         assert result.maze is None
         assert 1 <= len(result.errors) <= 50
-        assert time.process_time() - begin < 1.0
+        # by the square of their number it would be minutes; a busy machine under a coverage tool takes one second
+        assert time.process_time() - begin < 10.0
 
 
 @pytest.mark.parametrize(
