@@ -120,7 +120,8 @@ def predictability_section(quick: bool) -> list[str]:
         f"The drives of `mazeplan collect --rig toy --rings --seconds {seconds} --seed 7` once more, the simulator set",
         "back to the beginning of each window and run on under the same commands. In the last column it knows what a",
         "model of angle and rate knows: where the ball is and how fast, as estimated, but not its spin nor its place",
-        "in the channel (those of a ball are taken that rolls along the wall it is pressed to).",
+        "in the channel (those of a ball are taken that rolls along the wall it is pressed to). It follows one",
+        "guess of what is unknown; a model that expects the mean of all can be nearer: these are no lower bounds.",
         "",
         *predictability_rows(seconds, log),
     ]

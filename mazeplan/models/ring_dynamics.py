@@ -244,16 +244,10 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
     for j in range(3):
         t1, t2, t3 = _tilt_tangent(p, b, node, j), _tilt_tangent(p, b, node + 1, j), _tilt_tangent(p, b, node + 2, j)
         by_angle, by_rate = _by_beta(angle, t1, t2, t3), _by_beta(rate, t1, t2, t3)
-        if j < 2:
-            _through(angle, rate, A, 2 + j, by_angle, by_rate)
-        else:
-            _through(angle, rate, B, 0, by_angle, by_rate)
+        _through(angle, rate, A if j < 2 else B, 2 + j if j < 2 else 0, by_angle, by_rate)
         t1, t2, t3 = _tilt_tangent(p, c, node, j), _tilt_tangent(p, c, node + 1, j), _tilt_tangent(p, c, node + 2, j)
         by_angle, by_rate = _by_gamma(angle, t1, t2, t3), _by_gamma(rate, t1, t2, t3)
-        if j < 2:
-            _through(angle, rate, A, 4 + j, by_angle, by_rate)
-        else:
-            _through(angle, rate, B, 1, by_angle, by_rate)
+        _through(angle, rate, A if j < 2 else B, 4 + j if j < 2 else 1, by_angle, by_rate)
     before, speed = p[BY_ANGLE], p[BY_RATE]
     p[BY_ANGLE] = angle[0] * before + angle[1] * speed + angle[2]
     p[BY_RATE] = rate[0] * before + rate[1] * speed + rate[2]
