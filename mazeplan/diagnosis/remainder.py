@@ -3,16 +3,18 @@
     theta_dd - (what the model with all named effects predicts) ~ GP(inputs)
 
 Inputs are the state as an opening sees it (`features.local_inputs`): tilts averaged as the target is, what they were a
-while ago, the angle, and the rate of theta before the first sample of the target's window. None of them looks at what
-is predicted. Kernel and training are those of the ball models (`gp_training`); a rough kernel, since what is left comes
-from edges. It says how much better a model could become that knows more, and names nothing.
+while ago, the angle, and the rate of theta before the first sample of the target's window; and what the named effects
+predict, since where they expect a blow it may come or not. None of them looks at what is predicted. Where the camera
+was found to be off, angle and residual are those about the true centre. Kernel and training are those of the ball
+models (`gp_training`); a rough kernel, since what is left comes from edges. It says how much better a model could
+become that knows more, and names nothing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,8 +58,11 @@ def remainder(
 ) -> Remainder | None:
     """Learned on rows that were seen (N,), scored on those held out; None where torch is missing or rows are few."""
     target, predicted = acceleration_pairs(likelihood, fitted)
-    samples = _samples(record, ring_of(likelihood).radius)
-    left = (target - predicted)[samples.row]
+    system, values = ring_of(likelihood), fitted.values
+    samples = _samples(replace(record, theta=system.position(values)), system.radius)
+    slope = system.slope(values)[samples.row]
+    told = predicted[samples.row] * slope
+    left = target[samples.row] * slope - told
     good = samples.good & np.isfinite(left)
     train, test = (np.flatnonzero(good & rows[samples.row]) for rows in (seen, held))
     if min(len(train), len(test)) < FEWEST:
@@ -66,13 +71,19 @@ def remainder(
     options = FitOptions(most=MOST, inputs="local", training=TRAINING)
     try:
         process, _ = fit_process(
-            samples.at(train), left[train], "", options, lambda text: tell(f"what is left: {text}")
+            samples.at(train),
+            left[train],
+            "",
+            options,
+            lambda text: tell(f"what is left: {text}"),
+            odd=told[train, None],
         )
     except InputError:  # torch is an extra
         return None
     better = np.full(len(target), np.nan)
     rows = samples.row[test]
-    better[rows] = predicted[rows] + process.mean(INPUT_SETS["local"](samples.at(test)))
+    inputs = np.column_stack([INPUT_SETS["local"](samples.at(test)), told[test]])
+    better[rows] = predicted[rows] + process.mean(inputs) / slope[test]
     both = np.isfinite(better)
     before, after = nrmse(target, predicted, both), nrmse(target, better, both)
     return Remainder(before, after, min(len(train), MOST)) if math.isfinite(after) else None

@@ -242,11 +242,15 @@ class RingSystem:
         offset = self.offset(values)
         return angle if offset is None else as_seen(angle, self.radius, offset)
 
+    def slope(self, values: Values) -> Array:
+        """Derivative (N,) of `position` by the measured angle."""
+        offset = self.offset(values)
+        return np.ones(len(self.t)) if offset is None else bending(self.theta, self.radius, offset)
+
     def volume(self, values: Values, rows: np.ndarray) -> float:
         """-2 log of the determinant of the change from measured angles to `position`, of some rows: what turns a
         density of the one into that of the other."""
-        offset = self.offset(values)
-        return 0.0 if offset is None else -2.0 * float(np.sum(np.log(bending(self.theta[rows], self.radius, offset))))
+        return 0.0 if self.offset(values) is None else -2.0 * float(np.sum(np.log(self.slope(values)[rows])))
 
     def _address(self, function: object) -> int:
         if id(function) not in self._addresses:
