@@ -49,6 +49,8 @@ def real_section(quick: bool) -> list[str]:
         "came after figures of held-out rows had been looked at once, and may flatter: the second pass of the search,",
         "for blows; what is known of a tilt sensor's scale; rows and starts of the process, now those of `compare`.",
         "Before them: 0.383 0.622 0.564 0.528 by named effects, 0.326 0.472 0.498 0.381 with what was left learned.",
+        "What edges take of a ball that sinks into an opening was found on rows that are seen, too; held-out rows of",
+        "ring 3 were looked at three times on the way, with the same law, and decided nothing.",
         "",
         "| ring | nRMSE of P | named effects | aimed at | with what is left learned | aimed at | 40 steps, rad | s |",
         "|---" * 8 + "|",

@@ -30,11 +30,12 @@ import numpy as np
 from scipy.signal import savgol_coeffs
 
 from mazeplan.data.smoothing import acceleration_kernel
-from mazeplan.diagnosis.fit import Likelihood, best_q
+from mazeplan.diagnosis.fit import Fit, Likelihood, best_q, fit
 from mazeplan.diagnosis.kalman import accelerations, coasts
 from mazeplan.diagnosis.library import RING, TERM, Candidate
 from mazeplan.diagnosis.ringsystem import RingSystem, Values
 from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target, ring_of
+from mazeplan.diagnosis.screening import ACCEPT, price
 from mazeplan.diagnosis.search import Finding, search
 from mazeplan.records import Array, IntArray
 
@@ -42,6 +43,8 @@ MANY = 10  # effects looked for: in a record of a real rig many are at work at o
 TAILS = 4.0  # degrees of freedom nu
 EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
 SMOOTH = (TERM, RING)  # what changes the acceleration without jumps
+ASIDE = (-0.05, 0.0, 0.05)  # rad, by which a gate that blows at either edge may seem to be turned
+SHARE = 0.1  # of what an effect explains, that other words for it must explain beyond
 KEPT = 100  # residuals kept, so that the same values are not tried twice
 
 
@@ -146,25 +149,52 @@ def spread_of(e: Array, tails: float = TAILS) -> float:
     return math.sqrt(square)
 
 
+def _looked_at(
+    squares: WindowLikelihood, had: Sequence[Candidate], values: Values, closely: Sequence[Candidate]
+) -> tuple[Fit, dict[str, float]]:
+    """What was found, in other words where those of a rival explain more for their parameters; by how much, of -2 log
+    L, by name. The rival is where the other one was."""
+    current, gains = fit(squares, had, {c.name: values[c.name] for c in had}), dict[str, float]()
+    for c, other in [(c, other) for c in had for other in closely if other.name in c.rivals]:
+        rest = [x for x in current.candidates if x is not c]
+        at, known = current.values[c.name]["rotation"], {x.name: current.values[x.name] for x in rest}
+        usual = dict(zip(other.parameters, other.first()[0], strict=True))
+        starts = ({**known, other.name: {**usual, "rotation": at + off}} for off in ASIDE)
+        best = min((fit(squares, [*rest, other], start) for start in starts), key=lambda found: found.minus2)
+        gain = current.minus2 - best.minus2 - price(squares, other) + price(squares, c)
+        without = fit(squares, rest, known).minus2 - current.minus2
+        if gain > max(ACCEPT, SHARE * without):
+            current, gains[other.name] = best, gain
+    return current, gains
+
+
 def by_windows(
-    likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
+    likelihood: Likelihood,
+    library: Sequence[Candidate],
+    rows: np.ndarray,
+    tell: Callable[[str], None],
+    closely: Sequence[Candidate] = (),
 ) -> tuple[Finding, Likelihood]:
     """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
-    first forces that act all the time, then what takes a share of the blows. Noises of the final model are found by its
-    filter, for roll-outs."""
+    first forces that act all the time, then what takes a share of the blows; `closely`: what only blows tell, in place
+    of its rivals. Noises of the final model are found by its filter, for roll-outs."""
     system = ring_of(likelihood)
     tell("forces")
     steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
     had, values = steady.final.candidates, steady.final.values
     tell("blows")
+    squares = WindowLikelihood(system, [*library, *closely], rows, math.inf)
     rest = [c for c in library if c.name not in values and c.named]
-    squares = WindowLikelihood(system, library, rows, math.inf)
     found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
-    values = found.final.values
+    closer, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
+    values = closer.values
     q = best_q(likelihood, values)
     e, *_ = likelihood.whitened(values, q)
-    final = replace(found.final, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    final = replace(closer, q=q, noise=float(np.sqrt(np.mean(e * e))))
     worth = {**steady.worth, **found.worth}
+    for c in closely:
+        if c.name in gains:
+            worth[c.name] = gains[c.name] + sum(worth.get(name, 0.0) for name in c.rivals)
     groups = (
         (first, *(name for name in others if name not in values))  # those that joined later were told apart
         for first, *others in steady.alike + found.alike
