@@ -20,7 +20,15 @@ from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.gears import SMALLEST_BAND
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
-from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, edge_library, ring_library, stage_errors, wall_library
+from mazeplan.diagnosis.library import (
+    CAMERA,
+    Candidate,
+    Gates,
+    closer_library,
+    ring_library,
+    stage_errors,
+    wall_library,
+)
 from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.remainder import Remainder, remainder
@@ -154,7 +162,7 @@ def diagnose(
         effects.append(_camera_effect(circle))
     named = [_from_declared(c, declared) for c in ring_library() if circle is None or c.acts != CAMERA]
     named = [c for c in (*named, *wall_library(gates or Gates()), *more) if c.name not in without]
-    closely = [c for c in edge_library(gates or Gates()) if c.name not in without]
+    closely = [c for c in closer_library(gates or Gates()) if c.name not in without]
     library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
     everything = [*library, *closely, *along]

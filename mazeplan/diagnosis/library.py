@@ -110,12 +110,15 @@ def wall_library(gates: Gates) -> list[Candidate]:
     return found
 
 
-def edge_library(gates: Gates) -> list[Candidate]:
-    """The gates of a ring's walls, looked at more closely: a ball sinks into an opening and meets its far edge. As
-    `wall_library`, with how far behind its middle that is, and how deep the ball sinks; loss: of a ball that sank in by
-    its radius."""
+def closer_library(gates: Gates) -> list[Candidate]:
+    """The gates of a ring's walls, looked at more closely. As `wall_library`, with how sharply a ball changes sides:
+    by 0.1 m/s^2 where the tilt is known to 0.5 degrees, but nobody knows how well it is. And in other words, which must
+    not gain by that: a ball sinks into an opening and meets its far edge, at some reach behind its middle, and the
+    deeper it sank, the more it loses; loss: of a ball that sank in by its radius."""
     found = []
     for plain in wall_library(gates):
+        width = {"width": Spec("m/s^2", wallterms.WIDTH, 2e-3, 1.0, 0.01)}
+        found.append(replace(plain, parameters={**plain.parameters, **width}, places=("rotation", "width")))
         specs = {
             **plain.parameters,
             "reach": Spec("rad", BEHIND, BEHIND, 0.3, 0.03),

@@ -188,8 +188,8 @@ class RingSystem:
     def _parameters(
         self, candidates: Sequence[Candidate], values: Values
     ) -> tuple[list[object], list[int], list[float], list[tuple[int, float, float, float]], int, int]:
-        """Terms, where in p each has its parameters, p, gates (where in p, angle to add, side), where dry friction has
-        its parameters, and where friction at the walls."""
+        """Terms, where in p each has its parameters, p, gates (where in p, angle to add, side, how many parameters
+        follow angle and loss), where dry friction has its parameters, and where friction at the walls."""
         merged = {**self.declared, **values}
         p: list[float] = [merged.get("axis_misalignment", {}).get("angle", 0.0)]
         functions: list[object] = [terms.ring]
@@ -201,13 +201,13 @@ class RingSystem:
             if c is None or c.acts in (RING, DELAY, STAGE, CAMERA):
                 continue
             at = len(p)
-            p.extend(numbers[name] for name in c.parameters)
+            p.extend(numbers[name] for name in c.parameters if name in numbers)
             if c.acts == DRY:
                 dry = at
             elif c.acts == WALL:
                 wall = at
             elif c.acts == GATE:
-                gates += [(at, angle, c.side, float("sinking" in c.parameters)) for angle in c.pattern]
+                gates += [(at, angle, c.side, len(numbers) - 2.0) for angle in c.pattern]
             else:
                 places.append(at)
                 functions.append(c.term)

@@ -27,7 +27,7 @@ from numba import njit
 from mazeplan.diagnosis.terms import RING_AT, RING_COUNT
 
 ROLLING = 5.0 / 9.0
-WIDTH = 0.1  # m/s^2; how sharply a ball changes sides: the tilt is known to about 0.5 degrees, which is as much
+WIDTH = 0.1  # m/s^2; how sharply a ball changes sides, unless that is fitted: the tilt is known to about 0.5 degrees
 GRAVITY = 9.81  # m/s^2
 FREE = 5.0 / 7.0  # of gravity that a ball feels which rolls on the floor alone
 LEAN_AT, LEANS = RING_AT + RING_COUNT, 2  # where in w the tilt of late is, beta and gamma
@@ -43,12 +43,12 @@ def pressing(x, v, w, pull):
 
 
 @njit(cache=True, error_model="numpy")
-def against(normal, pull, side):
+def against(normal, pull, side, width):
     """Share (0 to 1) in which a ball pressed outwards by `normal` = N / R lies against the wall; side: 1 the outer, -1
-    the inner, 0 both."""
+    the inner, 0 both; width: how sharply it changes sides, m/s^2."""
     if side == 0.0:
         return 1.0
-    return 1.0 / (1.0 + math.exp(-side * normal * GRAVITY / (pull * WIDTH)))
+    return 1.0 / (1.0 + math.exp(-side * normal * GRAVITY / (pull * width)))
 
 
 @njit(cache=True, error_model="numpy")

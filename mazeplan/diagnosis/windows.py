@@ -151,21 +151,37 @@ def spread_of(e: Array, tails: float = TAILS) -> float:
 
 def _looked_at(
     squares: WindowLikelihood, had: Sequence[Candidate], values: Values, closely: Sequence[Candidate]
-) -> tuple[Fit, dict[str, float]]:
-    """What was found, in other words where those of a rival explain more for their parameters; by how much, of -2 log
-    L, by name. The rival is where the other one was."""
-    current, gains = fit(squares, had, {c.name: values[c.name] for c in had}), dict[str, float]()
-    for c, other in [(c, other) for c in had for other in closely if other.name in c.rivals]:
+) -> tuple[Fit, dict[str, str], dict[str, float]]:
+    """What was found, in the closer words that explain most for their parameters; the name that each had before, and by
+    how much of -2 log L it explains more, by name. It begins where the other one was."""
+    current = fit(squares, had, {c.name: values[c.name] for c in had})
+    before, gains = dict[str, str](), dict[str, float]()
+    for c in had:
         rest = [x for x in current.candidates if x is not c]
-        at, known = current.values[c.name]["rotation"], {x.name: current.values[x.name] for x in rest}
-        usual = dict(zip(other.parameters, other.first()[0], strict=True))
-        starts = ({**known, other.name: {**usual, "rotation": at + off}} for off in ASIDE)
-        best = min((fit(squares, [*rest, other], start) for start in starts), key=lambda found: found.minus2)
-        gain = current.minus2 - best.minus2 - price(squares, other) + price(squares, c)
+        known, here = {x.name: current.values[x.name] for x in rest}, current.values[c.name]
+        ways = [
+            (x, _closer(squares, rest, x, {**known, c.name: here})) for x in closely if x.name in (c.name, *c.rivals)
+        ]
+        if not ways:
+            continue
+        best, found = min(ways, key=lambda way: way[1].minus2 + price(squares, way[0]))
+        gain = current.minus2 - found.minus2 - price(squares, best) + price(squares, c)
         without = fit(squares, rest, known).minus2 - current.minus2
         if gain > max(ACCEPT, SHARE * without):
-            current, gains[other.name] = best, gain
-    return current, gains
+            current, before[best.name], gains[best.name] = found, c.name, gain
+    return current, before, gains
+
+
+def _closer(squares: WindowLikelihood, rest: Sequence[Candidate], c: Candidate, values: Values) -> Fit:
+    """Fit of a closer look c beside the rest, from where the plain one was: values of all of them."""
+    if c.name in values:
+        usual = {name: spec.default for name, spec in c.parameters.items()}
+        return fit(squares, [*rest, c], {**values, c.name: {**usual, **values[c.name]}})
+    usual = dict(zip(c.parameters, c.first()[0], strict=True))
+    (plain,) = (values[name] for name in c.rivals)
+    known = {x.name: values[x.name] for x in rest}
+    starts = ({**known, c.name: {**usual, "rotation": plain["rotation"] + off}} for off in ASIDE)
+    return min((fit(squares, [*rest, c], start) for start in starts), key=lambda found: found.minus2)
 
 
 def by_windows(
@@ -177,7 +193,7 @@ def by_windows(
 ) -> tuple[Finding, Likelihood]:
     """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
     first forces that act all the time, then what takes a share of the blows; `closely`: what only blows tell, in place
-    of its rivals. Noises of the final model are found by its filter, for roll-outs."""
+    of what says the same more plainly. Noises of the final model are found by its filter, for roll-outs."""
     system = ring_of(likelihood)
     tell("forces")
     steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
@@ -186,15 +202,13 @@ def by_windows(
     squares = WindowLikelihood(system, [*library, *closely], rows, math.inf)
     rest = [c for c in library if c.name not in values and c.named]
     found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
-    closer, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
+    closer, before, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
     values = closer.values
     q = best_q(likelihood, values)
     e, *_ = likelihood.whitened(values, q)
     final = replace(closer, q=q, noise=float(np.sqrt(np.mean(e * e))))
     worth = {**steady.worth, **found.worth}
-    for c in closely:
-        if c.name in gains:
-            worth[c.name] = gains[c.name] + sum(worth.get(name, 0.0) for name in c.rivals)
+    worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
     groups = (
         (first, *(name for name in others if name not in values))  # those that joined later were told apart
         for first, *others in steady.alike + found.alike

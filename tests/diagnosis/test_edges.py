@@ -10,7 +10,7 @@ from numba import njit
 
 from mazeplan.data.smoothing import derivatives
 from mazeplan.diagnosis.fit import fit
-from mazeplan.diagnosis.library import Gates, edge_library, ring_library, wall_library
+from mazeplan.diagnosis.library import Gates, closer_library, ring_library, wall_library
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
 from mazeplan.diagnosis.scores import MATCHED
 from mazeplan.diagnosis.wallterms import LEAN_AT, struck
@@ -44,11 +44,13 @@ def test_an_edge_takes_more_the_deeper_a_ball_has_sunk():
 
 def test_edges_and_gates_of_a_wall_exclude_each_other():
     gates = Gates(outer=QUARTERS, inner=(1.0,))
-    for plain, edge in zip(wall_library(gates), edge_library(gates), strict=True):
+    closer = closer_library(gates)
+    for plain, same, edge in zip(wall_library(gates), closer[::2], closer[1::2], strict=True):
+        assert (same.name, list(same.parameters)) == (plain.name, ["rotation", "loss", "width"])
         assert (edge.name in plain.rivals, plain.name in edge.rivals) == (True, True)
         assert (edge.side, edge.pattern) == (plain.side, plain.pattern)
         assert list(edge.parameters) == ["rotation", "loss", "reach", "sinking"]
-    assert edge_library(Gates()) == []
+    assert closer_library(Gates()) == []
 
 
 @njit
@@ -89,7 +91,7 @@ def test_sizes_of_edges_are_found():
     )
     system = RingSystem(t, theta, first, RADIUS, Tilt(t, motion, "known"), {})
     system.target = derivatives(theta, DT, MATCHED).acceleration
-    (edges,) = edge_library(Gates(outer=QUARTERS))
+    (_, edges) = closer_library(Gates(outer=QUARTERS))
     known = [c for c in ring_library() if c.name in ("rolling_inertia", "viscous_friction")]
     likelihood = WindowLikelihood(system, [*known, edges], np.ones(len(t), dtype=bool), math.inf)
     start = {"rolling_inertia": {"factor": 0.65}, "viscous_friction": {"coefficient": 0.2}}

@@ -19,7 +19,7 @@ from mazeplan.diagnosis.holdout import seen_and_held
 from mazeplan.diagnosis.library import Gates, ring_library, wall_library
 from mazeplan.diagnosis.record import record_of, turned_round
 from mazeplan.diagnosis.scores import MATCHED
-from mazeplan.diagnosis.wallterms import against, pressing, ripples
+from mazeplan.diagnosis.wallterms import WIDTH, against, pressing, ripples
 from mazeplan.diagnosis.windows import spread_of, weights_of
 from mazeplan.maze.mapfile import load_map
 
@@ -42,9 +42,9 @@ def test_a_ball_is_pressed_outwards_by_its_turning_and_by_the_tilt():
     x, v, pull = 0.7, 2.0, 9.81 / RADIUS
     expected = v * v + 5 / 9 * pull * (math.sin(0.03) * math.cos(x) + math.sin(0.02) * math.sin(x))
     assert pressing(x, v, w, pull) == pytest.approx(expected, rel=1e-12)
-    assert against(expected, pull, 1.0) > 0.9
-    assert against(expected, pull, -1.0) == pytest.approx(1.0 - against(expected, pull, 1.0))
-    assert against(expected, pull, 0.0) == 1.0
+    assert against(expected, pull, 1.0, WIDTH) > 0.9
+    assert against(expected, pull, -1.0, WIDTH) == pytest.approx(1.0 - against(expected, pull, 1.0, WIDTH))
+    assert against(expected, pull, 0.0, WIDTH) == 1.0
 
 
 def test_ripples_are_harmonics_from_the_fourth_on():
