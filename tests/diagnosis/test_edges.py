@@ -18,6 +18,7 @@ from mazeplan.diagnosis.windows import WindowLikelihood
 
 RADIUS, DT = 0.0488, 1.0 / 30.0
 PULL = 9.81 / RADIUS
+STILL = Tilt(DT * np.arange(9.0), np.zeros((9, 6)), "level")
 QUARTERS = tuple(0.5 * math.pi * i for i in range(4))
 
 
@@ -104,3 +105,18 @@ def test_sizes_of_edges_are_found():
         near = 0.02 if name in ("rotation", "reach") else 0.06
         assert found.values[edges.name][name] == pytest.approx(value, abs=near)
     assert found.values["rolling_inertia"]["factor"] == pytest.approx(0.6, abs=0.01)
+
+
+def test_gates_change_walls_as_sharply_as_they_are_told():
+    system = RingSystem(DT * np.arange(9.0), np.zeros(9), np.arange(9) == 0, RADIUS, STILL, {})
+    plain, same, edges = *wall_library(Gates(inner=(1.0,))), *closer_library(Gates(inner=(1.0,)))
+    usual = {"rotation": 0.2, "loss": 0.5}
+    for c, values, more in (
+        (plain, usual, 0.0),
+        (same, usual, 0.0),
+        (same, {**usual, "width": 0.03}, 1.0),
+        (edges, {**usual, "reach": 0.1, "sinking": 0.4}, 2.0),
+    ):
+        problem, p = system.build([c], {c.name: values})
+        assert problem.gate_at.tolist() == [[1.0, -1.0, more]]
+        assert p[problem.gates[0] :][: 2 + int(more)].tolist() == list(values.values())

@@ -16,7 +16,7 @@ from mazeplan.data.table import Table, read_table
 from mazeplan.diagnosis.diagnose import diagnose
 from mazeplan.diagnosis.geometry import as_seen, bending, unbent
 from mazeplan.diagnosis.holdout import seen_and_held
-from mazeplan.diagnosis.library import Gates, ring_library, wall_library
+from mazeplan.diagnosis.library import Gates, closer_library, ring_library, wall_library
 from mazeplan.diagnosis.record import record_of, turned_round
 from mazeplan.diagnosis.scores import MATCHED
 from mazeplan.diagnosis.wallterms import WIDTH, against, pressing, ripples
@@ -132,7 +132,7 @@ def test_every_effect_is_listed_with_its_units():
     text = (Path(__file__).parents[2] / "docs" / "effects.md").read_text()
     lines = [line.split("|") for line in text.splitlines() if line.startswith("| ")]
     listed = {name.strip(): line[2] for line in lines for name in line[1].split(",")}
-    for c in (*ring_library(), *wall_library(Gates(QUARTERS, QUARTERS))):
+    for c in (*ring_library(), *wall_library(Gates(QUARTERS, QUARTERS)), *closer_library(Gates(QUARTERS, QUARTERS))):
         assert c.name in listed, c.name
         assert all(f"({spec.unit})" in listed[c.name] for spec in c.parameters.values()), c.name
 
