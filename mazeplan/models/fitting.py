@@ -12,7 +12,7 @@ from mazeplan.data.split import uniform_downsample
 from mazeplan.errors import InputError
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_terms
-from mazeplan.models.features import FEATURES, INPUT_SETS, LOCAL_TERMS, STATE_TERMS, inputs
+from mazeplan.models.features import FEATURES, INPUT_SETS, TERMS, inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, TrainingOptions, train
 from mazeplan.models.heavy_tails import typical
@@ -101,7 +101,7 @@ def fit_process(
 ) -> tuple[GaussianProcess, Training]:
     """A process for targets (N,) in states k, trained and conditioned on at most `options.most` rows of them."""
     picked = uniform_downsample(len(target), options.most)
-    x, terms = INPUT_SETS[options.inputs](k)[picked], LOCAL_TERMS if options.inputs == "local" else STATE_TERMS
+    x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
     phi = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0))
     training = train(
         x, phi, target[picked], replace(options.training, seed=options.seed, terms=terms), progress=progress
