@@ -26,14 +26,12 @@ from mazeplan.records import Command, Failure, FailureKind, Plan, State
 
 @dataclass(frozen=True)
 class TravelOptions:
-    """lean_deg: tilt towards the next ring on the way to an opening; speed_m_s: along the ring, on arrival, and
-    speed_rad_s: its bound, as an angle in the smaller of the two rings; deadline_ms: that a plan may take;
-    planned_choices: openings that are planned to before one is chosen, the deadline shared among them. Raises
-    SettingsError."""
+    """lean_deg: tilt towards the next ring on the way to an opening; speed_m_s: along the ring, on arrival;
+    deadline_ms: that a plan may take; planned_choices: openings that are planned to before one is chosen, the deadline
+    shared among them. Raises SettingsError."""
 
     lean_deg: float = 4.0
     speed_m_s: float = 0.05
-    speed_rad_s: float = 1.5
     deadline_ms: float = 15.0
     planned_choices: int = 3
 

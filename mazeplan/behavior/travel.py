@@ -22,12 +22,12 @@ from mazeplan.control.gate import aligned
 from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan, pd_to_angle
 from mazeplan.errors import SettingsError
 from mazeplan.maths.angles import difference, nearest
-from mazeplan.maze.geometry import Maze, Opening
+from mazeplan.maze.geometry import Opening
 from mazeplan.records import Command, FailureKind, Plan
 
 TRAVEL = {
     "lean_deg": Port(float, None, "tilt towards the next ring on the way, deg; default: of the settings"),
-    "speed": Port(float, None, "speed on arrival along the ring, m/s, at most; default: of the settings"),
+    "speed": Port(float, None, "speed on arrival along the ring, m/s; default: of the settings"),
     "deadline_ms": Port(float, None, "time the planner may take; default: of the settings"),
 }
 
@@ -50,16 +50,6 @@ def lean_to(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
     return math.radians(-travel.lean_deg if inwards else travel.lean_deg)
 
 
-def arrival_speed(maze: Maze, opening: Opening, travel: TravelOptions) -> float:
-    """Speed along the ring, m/s, at which the ball is to come to an opening.
-
-    It keeps this speed in passing, so that it must not be too fast an angle in the smaller of the two rings: there it
-    would run past the next opening. The disc has no openings to be passed by: before it the ring itself counts."""
-    inner = maze.ring(opening.inner)
-    radius = maze.ring(opening.outer).track_radius if inner.is_disc else inner.track_radius
-    return min(travel.speed_m_s, travel.speed_rad_s * radius)
-
-
 def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
     """A plan from here to the opening, in the ring where the ball is; counted and reported.
 
@@ -69,11 +59,12 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
     if warm is not None:  # a plan on its way keeps its side, also when the ball is half a turn away
         turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
         turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
+    arrival = math.copysign(travel.speed_m_s / run.maze.track_radius(here.ring), turn)
     plan = run.planners[here.ring].plan(
         here.planner_vector(),
         here.theta + turn,
         lean=lean_to(run, opening, travel),
-        goal_theta_dot=math.copysign(arrival_speed(run.maze, opening, travel) / run.maze.track_radius(here.ring), turn),
+        goal_theta_dot=arrival,
         warm=warm,
         t0=here.t,
         deadline_ms=travel.deadline_ms,

@@ -12,7 +12,7 @@ from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import LeafOptions, TravelOptions
 from mazeplan.behavior.leaf import Key
-from mazeplan.behavior.travel import arrival_s, arrival_speed, plan_to
+from mazeplan.behavior.travel import arrival_s, plan_to
 from mazeplan.records import Plan, StopReason
 
 
@@ -120,34 +120,3 @@ def test_an_arrival_beyond_the_plan_is_the_way_that_is_left():
     still = Plan(np.zeros((11, 6)), np.zeros((10, 2)), np.zeros((10, 2, 6)), 1.0, StopReason.CONVERGED, 1, 0.1)
     expected = 10.0 / 30.0 + bench.run.graph.travel_s(1, math.radians(45.0))
     assert arrival_s(bench.run, opening, still) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ("name", "fastest", "expected"),
-    [
-        ("1-2@45", 3.0, 0.08),
-        ("1-2@45", 0.8, 0.8 * MAZE.track_radius(2)),
-        ("2-3@90", 0.8, 0.8 * MAZE.track_radius(3)),
-    ],
-)
-def test_the_ball_arrives_no_faster_than_the_smaller_ring_allows(name, fastest, expected, monkeypatch):
-    bench, wishes, opening = patient(), [], MAZE.opening(name)
-    travel = TravelOptions(speed_m_s=0.08, speed_rad_s=fastest, deadline_ms=1e6)
-    planner, radius = bench.run.planners[opening.outer], MAZE.track_radius(opening.outer)
-    whole = planner.plan
-
-    def plan(*given, **wished):
-        wishes.append(wished["goal_theta_dot"] * radius)
-        return whole(*given, **wished)
-
-    monkeypatch.setattr(planner, "plan", plan)
-    for side in (-30.0, 30.0):
-        state = at(opening.outer, math.degrees(opening.angle) + side)
-        bench.run.begin(0.0, state, state)
-        plan_to(bench.run, opening, travel, warm=None)
-    assert wishes == pytest.approx([expected, -expected])
-
-
-def test_before_the_disc_the_ring_itself_counts():
-    travel = TravelOptions(speed_m_s=0.08, speed_rad_s=0.8)
-    assert arrival_speed(MAZE, MAZE.opening("4-5@180"), travel) == pytest.approx(0.8 * MAZE.track_radius(4))
