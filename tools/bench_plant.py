@@ -110,14 +110,14 @@ class Outcome:
 def jobs_of(seeds: int) -> list[Job]:
     """Every record of the table."""
     jobs = [
-        Job(f"{name} x {k}", *_named(name, k), ring, seed)
+        Job(f"{name} x {k}", *sized(name, k), ring, seed)
         for name in NAMES
         for k in SIZES
         for ring in RADII
         for seed in range(seeds)
     ]
     jobs += [
-        Job(f"{name}, process noise", *_named(name, 10), ring, 50 + seed, NOISE)
+        Job(f"{name}, process noise", *sized(name, 10), ring, 50 + seed, NOISE)
         for name in NAMES
         for ring in RADII
         for seed in range(max(seeds // 3, 1))
@@ -127,7 +127,7 @@ def jobs_of(seeds: int) -> list[Job]:
     jobs += [Job("nothing, process noise", {}, {}, rings[i % 3], 200 + i, NOISE) for i in range(4 * seeds)]
     for i in range(3 * seeds):
         pair = PAIRS[i % len(PAIRS)]
-        what, true = ({k: v for n in pair for k, v in _named(n, 3)[j].items()} for j in (0, 1))
+        what, true = ({k: v for n in pair for k, v in sized(n, 3)[j].items()} for j in (0, 1))
         jobs.append(Job("two effects", what, true, rings[i % 3], 300 + i))
     jobs += [
         Job(f"unknown: {name}", what, {}, rings[seed % 3], 400 + seed)
@@ -137,7 +137,8 @@ def jobs_of(seeds: int) -> list[Job]:
     return jobs
 
 
-def _named(name: str, k: float) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
+def sized(name: str, k: float) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
+    """An effect at k times the smallest size: what the plant is told, and names with the parameters to be found."""
     what, parameters = _effect(name, k)
     return what, {name: parameters}
 

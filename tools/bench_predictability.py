@@ -7,7 +7,8 @@ back to the beginning of each of `compare`'s windows and runs on under the same 
     spin, place unknown     angle and rate as they were; the ball lies on the wall that it is pressed to and rolls on it
     both                    what the state of a model holds, and no more
 
-The last is what a model of angle and rate comes to that is otherwise perfect. Used by tools/bench.py.
+The last is one guess of what a model's state does not hold. How good a model of angle, rate and tilt can be is another
+column: `bench_taught`. Used by tools/bench.py.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench_taught import Truth, taught_errors
 
 from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_tour
@@ -50,6 +52,7 @@ class Recorder(SimulatedRig):
         super().__init__(maze, settings)
         self.snapshots: list[Snapshot] = []
         self.angles: list[float] = []
+        self.truths: list[Array] = []  # rows as `Truth.of` takes them
         self.commands: list[tuple[float, float]] = []
 
     def observe(self) -> Observation:
@@ -57,6 +60,8 @@ class Recorder(SimulatedRig):
         seen = super().observe()
         self.snapshots.append(self.snapshot())
         self.angles.append(_angle(self))
+        true, spin = self.truth(), self.ball()[2]
+        self.truths.append(np.array([*true[:2], *true[3:5], spin[2], *true[5:]]))
         self.commands.append((0.0, 0.0))
         return seen
 
@@ -123,6 +128,12 @@ def predictability_section(quick: bool) -> list[str]:
         "in the channel (those of a ball are taken that rolls along the wall it is pressed to). It follows one",
         "guess of what is unknown; a model that expects the mean of all can be nearer: these are no lower bounds.",
         "",
+        "Taught by the truth: the same process, trained on as many rows of the simulator's own angle, rate,",
+        "acceleration and tilt, without noise or smoothing, and begun at the true angle and rate. What is left has",
+        "nothing to do with measurement: the state of such a model does not hold how the ball spins and on which wall",
+        "it lies. Told that too, at every sample of the roll-out (which no prediction could know), it still has",
+        "to learn from as many rows what a blow at an edge does. Mean or typical, whichever is better.",
+        "",
         *predictability_rows(seconds, log),
     ]
 
@@ -138,13 +149,17 @@ def predictability_rows(seconds: int, log: Path) -> list[str]:
     options = CompareOptions()
     found = by_ring([read_table(log)], maze, options, SampleOptions(delay=LATE / recorder.rate_hz))
     rows = [
-        "| theta error after 40 samples, rad | sp | " + " | ".join(f"simulator, {case}" for case in CASES) + " |",
-        "|---" * (len(CASES) + 2) + "|",
+        "| theta error after 40 samples, rad | sp | taught by the truth | told spin and place, too | "
+        + " | ".join(f"simulator, {case}" for case in CASES)
+        + " |",
+        "|---" * (len(CASES) + 4) + "|",
     ]
+    truth = Truth.of(np.array(recorder.truths), 1.0 / recorder.rate_hz)
     for ring in RINGS:
         data = prepare(found[ring], None, options)
         windows = choose_windows(data.test, data.test_mask, np.array([o.angle for o in maze.openings_of(ring)]))
         errors = _errors(recorder, ring, data, windows)
+        errors[1:1] = taught_errors(truth, data, windows, data.test.row - LATE, maze)
         cells = " | ".join(f"{error:.3f}" for error in errors)
         rows.append(f"| ring{ring}: {len(windows)} windows, {windows.chosen} | {cells} |")
     return rows

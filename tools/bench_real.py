@@ -50,7 +50,7 @@ def real_section(quick: bool) -> list[str]:
         "for blows; what is known of a tilt sensor's scale; rows and starts of the process, now those of `compare`.",
         "Before them: 0.383 0.622 0.564 0.528 by named effects, 0.326 0.472 0.498 0.381 with what was left learned.",
         "What edges take of a ball that sinks into an opening was found on rows that are seen, too; held-out rows were",
-        "looked at on the way, of ring 3 four times, of rings 1 and 4 twice, of ring 2 once, and chose nothing. That",
+        "looked at on the way, of ring 3 eight times, of ring 4 three, of rings 1 and 2 twice, and chose nothing. That",
         "blocks of the seen rows decide whether the process knows what is predicted by name came after it had made",
         "those of ring 1 worse once.",
         "",

@@ -47,6 +47,7 @@ LOCAL_TERMS: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = (
     ((0, 3, 4, 9, 10, 7, 8), (-1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0)),
 )
 STATE_TERMS: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ((tuple(range(9)), ()),)
+TERMS = {"state": STATE_TERMS, "local": LOCAL_TERMS}  # by the name of the inputs
 # for planning: without the cosines of the tilt, which differ from one by .4 % and tell nothing but when it was measured
 PLANNED_TERMS: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = (((0, 1, 2, 3, 4, 5, 7), ()),)
 ROLLING = 5.0 / 9.0  # of gravity that a ball feels which rolls on floor and wall

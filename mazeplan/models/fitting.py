@@ -12,7 +12,7 @@ from mazeplan.data.split import uniform_downsample
 from mazeplan.errors import InputError
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_terms
-from mazeplan.models.features import FEATURES, INPUT_SETS, LOCAL_TERMS, STATE_TERMS, inputs
+from mazeplan.models.features import FEATURES, INPUT_SETS, TERMS, inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, TrainingOptions, train
 from mazeplan.models.heavy_tails import typical
@@ -104,7 +104,7 @@ def fit_process(
     """A process for targets (N,) in states k, trained and conditioned on at most `options.most` rows of them; odd
     (N, E): further inputs behind those of the state, for all terms, that change their sign in a mirror."""
     picked = uniform_downsample(len(target), options.most)
-    x, terms = INPUT_SETS[options.inputs](k)[picked], LOCAL_TERMS if options.inputs == "local" else STATE_TERMS
+    x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
     if odd is not None:
         new = tuple(range(x.shape[1], x.shape[1] + odd.shape[1]))
         x = np.hstack([x, odd[picked]])
