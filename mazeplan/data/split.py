@@ -71,7 +71,7 @@ def block_split(
     else:  # test whenever the share of the blocks so far gets one more whole block; the nudge is for .1 + .1 + .1
         due = np.floor((block + 1) * test_share + 1e-9) - np.floor(block * test_share + 1e-9)
         wanted = due > 0.5
-    kept = ~_near_border(wanted, segment, guard)
+    kept = ~near_border(wanted, segment, guard)
     split = Split(kept & ~wanted, kept & wanted, block.astype(np.int64))
     for name, mask in (("train", split.train), ("test", split.test)):
         if not mask.any():
@@ -79,7 +79,7 @@ def block_split(
     return split
 
 
-def _near_border(wanted: np.ndarray, segment: Array, guard: int) -> np.ndarray:
+def near_border(wanted: np.ndarray, segment: Array, guard: int) -> np.ndarray:
     """Rows (N,) with a row of the other set within `guard` rows in their own segment."""
     borders = np.flatnonzero((np.diff(wanted) != 0) & (np.diff(segment) == 0.0)) + 1
     number = np.cumsum(np.diff(segment, prepend=segment[:1]) != 0.0)

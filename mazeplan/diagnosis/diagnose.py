@@ -20,7 +20,15 @@ from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.gears import SMALLEST_BAND
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import SEEN, seen_and_held
-from mazeplan.diagnosis.library import CAMERA, Candidate, Gates, ring_library, stage_errors, wall_library
+from mazeplan.diagnosis.library import (
+    CAMERA,
+    Candidate,
+    Gates,
+    closer_library,
+    ring_library,
+    stage_errors,
+    wall_library,
+)
 from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.remainder import Remainder, remainder
@@ -154,20 +162,21 @@ def diagnose(
         effects.append(_camera_effect(circle))
     named = [_from_declared(c, declared) for c in ring_library() if circle is None or c.acts != CAMERA]
     named = [c for c in (*named, *wall_library(gates or Gates()), *more) if c.name not in without]
+    closely = [c for c in closer_library(gates or Gates()) if c.name not in without]
     library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
-    everything = [*library, *along]
+    everything = [*library, *closely, *along]
     record, (rows, held) = _with_ball(record, rows, held)
     plain, straight = (_likelihood(record, tilt, radius, declared, everything, rows, c) for c in (None, circle))
     if record.u is None and matched_target(ring_of(straight)) is not None:
-        finding, judge = by_windows(straight, library, rows, tell)
+        finding, judge = by_windows(straight, library, rows, tell, closely)
     else:
         finding, judge = search(straight, library, tell, along=along), straight
     tell("scores on what was held out")
     effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
     done = Diagnosis(
-        verdict_of(finding, effects, library), tuple(effects), finding, circle, stage, score(plain, base, held),
+        verdict_of(finding, effects, everything), tuple(effects), finding, circle, stage, score(plain, base, held),
         score(straight, finding.final, held), tilt.source, (*record.notes, *_chance(finding)),
         (evidence_of(plain, base), evidence_of(straight, finding.final)),
         tuple(experiment_for(group, ring) for group in finding.alike), held=which, share=share,

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from mazeplan.data.split import block_split
+from mazeplan.data.split import block_split, near_border
 from mazeplan.diagnosis.record import Record
 
 SEEN = 0.7  # share of the record that search and fits see
 BLOCK_S = 10.0  # s
 GUARD = 8  # rows at a border that are neither: the window of a derivative, and the state of the filter, reach across
+INNER_S, INNER, TRIED = 5.0, 4, (0, 2)  # s; of so many such blocks of seen rows one is tried, two of them in turn
 LONGEST = 0.5  # of the record: with a stretch longer than this it counts as one piece
 
 
@@ -27,3 +30,13 @@ def seen_and_held(record: Record) -> tuple[np.ndarray, np.ndarray, str]:
     seen = np.cumsum(known)  # samples of the ball: it may be elsewhere for most of the record
     rows = seen <= SEEN * seen[-1]
     return rows, ~rows, f"the last {1.0 - SEEN:.0%} of the record"
+
+
+def inner_folds(record: Record, seen: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rows (N,) to learn from and rows to try it on, all of them among those seen: what is chosen by them has not
+    looked at what is held out."""
+    block = np.arange(len(record)) // max(round(INNER_S / record.dt), 1)
+    for which in TRIED:
+        tried = block % INNER == which
+        kept = seen & ~near_border(tried, record.segment.astype(np.float64), GUARD)
+        yield kept & ~tried, kept & tried

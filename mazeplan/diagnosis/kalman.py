@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from mazeplan.diagnosis.wallterms import against, pressing
+from mazeplan.diagnosis.wallterms import WIDTH, against, pressing, struck
 from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
 from mazeplan.records import Array, IntArray
 
@@ -54,9 +54,10 @@ class Problem(NamedTuple):
     """What is filtered. y (N,): measured position; seen, first (N,): whether measured, whether a stretch begins; t (N,)
     and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T,): where in p
     the parameters of a term begin; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G,):
-    where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never; gate_at (G, 2): what is
-    added to the angle of a gate, and the side of its wall (`wallterms.against`); wall: where in p the friction at the
-    walls is, -1: none; pull: g / R, 1/s^2."""
+    where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never; gate_at (G, 3): what is
+    added to the angle of a gate, the side of its wall (`wallterms.against`), and how many parameters follow angle and
+    loss: 1, how sharply a ball changes sides; 2, of the far edge (`wallterms.struck`); wall: where in p the friction at
+    the walls is, -1: none; pull: g / R, 1/s^2."""
 
     y: Array
     seen: np.ndarray
@@ -69,7 +70,7 @@ class Problem(NamedTuple):
     dry: int
     gates: IntArray
     turn: float
-    gate_at: Array = np.empty((0, 2))
+    gate_at: Array = np.empty((0, 3))
     wall: int = -1
     pull: float = 0.0
 
@@ -139,11 +140,16 @@ def _resistance(core, p, x, v, w):
 @njit(cache=True, error_model="numpy")
 def _gate(core, p, j, x, v, w):
     """Angle of gate j, and the share of its speed v that a ball at x loses in passing it."""
-    g, side = core.gates[j], core.gate_at[2 * j + 1]
-    loss = p[g + 1]
+    g, side, more = core.gates[j], core.gate_at[3 * j + 1], core.gate_at[3 * j + 2]
+    angle, loss = p[g] + core.gate_at[3 * j], p[g + 1]
     if side != 0.0:
-        loss *= against(pressing(x, v, w, core.pull), core.pull, side)
-    return p[g] + core.gate_at[2 * j], loss
+        if more > 1.0:
+            angle += math.copysign(p[g + 2], v)
+            loss *= struck(x, v, w, core.pull, p[g + 3], side)
+        else:
+            width = p[g + 2] if more > 0.0 else WIDTH
+            loss *= against(pressing(x, v, w, core.pull), core.pull, side, width)
+    return angle, loss
 
 
 @njit(cache=True, error_model="numpy")

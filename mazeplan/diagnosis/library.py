@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mazeplan.diagnosis import terms, wallterms
@@ -16,6 +16,7 @@ from mazeplan.diagnosis import terms, wallterms
 TERM, RING, DRY, GATE, DELAY, STAGE = "term", "ring", "dry", "gate", "delay", "stage"
 WALL, CAMERA = "wall", "camera"
 CALIBRATED = 0.1  # by how much the scale of a tilt sensor is off, one standard deviation: it was held against a level
+BEHIND = 0.02  # rad that the far edge of an opening, which a ball passes through, is at least behind its middle
 GATES = 8  # directions in which gates of a wall are looked for, between one and the next
 
 
@@ -39,7 +40,8 @@ class Candidate:
     equation), dry, wall, gate, delay, camera; starts: where fits begin, each a tuple of values; named: False for what
     only says that something is there; depends_on: variables, for those; places: parameters that say where, not how
     large; placebo: it cannot be there, and is tried to see what chance does; pattern: of gates that have angle and loss
-    in common, what is added to the angle, rad; side: of the wall they are in, 1 outer, -1 inner, 0 not known."""
+    in common, what is added to the angle, rad; side: of the wall they are in, 1 outer, -1 inner, 0 not known;
+    rivals: names of others that say the same in another way."""
 
     name: str
     parameters: dict[str, Spec]
@@ -52,6 +54,7 @@ class Candidate:
     placebo: bool = False
     pattern: tuple[float, ...] = (0.0,)
     side: float = 0.0
+    rivals: tuple[str, ...] = ()
 
     def first(self) -> list[tuple[float, ...]]:
         """Starts of a fit; the defaults where none are given."""
@@ -99,8 +102,31 @@ def wall_library(gates: Gates) -> list[Candidate]:
             count = max(GATES, round(period / math.radians(5.0)))
             starts = tuple((period * ((i + 0.5) / count - 0.5), 0.3) for i in range(count))
             found.append(
-                Candidate(name, specs, GATE, starts=starts, places=("rotation",), pattern=tuple(angles), side=side)
-            )
+                Candidate(
+                    name, specs, GATE, starts=starts, places=("rotation",), pattern=tuple(angles), side=side,
+                    rivals=(name.replace("gates", "edges"),),
+                )
+            )  # fmt: skip
+    return found
+
+
+def closer_library(gates: Gates) -> list[Candidate]:
+    """The gates of a ring's walls, looked at more closely. As `wall_library`, with how sharply a ball changes sides:
+    by 0.1 m/s^2 where the tilt is known to 0.5 degrees, but nobody knows how well it is. And in other words, which must
+    not gain by that: a ball sinks into an opening and meets its far edge, at some reach behind its middle, and the
+    deeper it sank, the more it loses; loss: of a ball that sank in by its radius."""
+    found = []
+    for plain in wall_library(gates):
+        width = {"width": Spec("m/s^2", wallterms.WIDTH, 2e-3, 1.0, 0.01)}
+        found.append(replace(plain, parameters={**plain.parameters, **width}, places=("rotation", "width")))
+        specs = {
+            **plain.parameters,
+            "reach": Spec("rad", BEHIND, BEHIND, 0.3, 0.03),
+            "sinking": Spec("1", 0.0, 0.0, 1.0, 1e-2),  # one that sinks in further by its turning alone leaves the ring
+        }
+        starts = tuple((rotation, 0.5, 0.05, 0.6) for rotation, _ in plain.starts)
+        name, places = plain.name.replace("gates", "edges"), ("rotation", "reach", "sinking")
+        found.append(replace(plain, name=name, parameters=specs, starts=starts, places=places, rivals=(plain.name,)))
     return found
 
 

@@ -3,22 +3,25 @@
     theta_dd - (what the model with all named effects predicts) ~ GP(inputs)
 
 Inputs are the state as an opening sees it (`features.local_inputs`): tilts averaged as the target is, what they were a
-while ago, the angle, and the rate of theta before the first sample of the target's window. None of them looks at what
-is predicted. Kernel and training are those of the ball models (`gp_training`); a rough kernel, since what is left comes
-from edges. It says how much better a model could become that knows more, and names nothing.
+while ago, the angle, and the rate of theta before the first sample of the target's window. Where the named effects
+expect a blow it may come or not, so what they predict is an input, too, if blocks of the seen rows are predicted better
+with it. None of them looks at what is predicted. Where the camera was found to be off, angle and residual are those
+about the true centre. Kernel and training are those of the ball models (`gp_training`); a rough kernel, since what is
+left comes from edges. It says how much better a model could become that knows more, and names nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mazeplan.data.table import Table
 from mazeplan.diagnosis.fit import Fit, Likelihood
+from mazeplan.diagnosis.holdout import inner_folds
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.scores import MATCHED, acceleration_pairs, nrmse, plain, ring_of
 from mazeplan.errors import InputError
@@ -26,11 +29,12 @@ from mazeplan.models.features import INPUT_SETS
 from mazeplan.models.fitting import FitOptions, fit_process
 from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
-from mazeplan.records import Array
+from mazeplan.records import Array, IntArray
 
 MOST = 5000  # rows of the process
 FEWEST = 200  # rows from which something can be learned
 TRAINING = TrainingOptions(first=900, rows=2000, starts=2, refinement=40, family="exponential")  # as `compare` has it
+QUICK = replace(TRAINING, first=400, rows=1000, starts=1, iterations=15, refinement=25)  # to choose by
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,33 @@ class Remainder:
         return {"before": plain(self.before), "nrmse": plain(self.nrmse), "rows": self.rows}
 
 
+@dataclass(frozen=True)
+class _Left:
+    """What the named effects leave, about the true centre: states of n rows; told, left (n,): what they predict and
+    what is left, rad/s^2; good (n,): rows in which both are known."""
+
+    samples: RingSamples
+    told: Array
+    left: Array
+    good: np.ndarray
+
+    def among(self, rows: np.ndarray) -> IntArray:
+        """Indices of the good ones among rows (N,) of the record."""
+        return np.flatnonzero(self.good & rows[self.samples.row])
+
+    def learned(
+        self, train: IntArray, test: IntArray, knows: bool, training: TrainingOptions, tell: Callable[[str], None]
+    ) -> Array:
+        """What is left in some rows (K,), by a process that learned on others; knows: what is told, too."""
+        options = FitOptions(most=MOST, inputs="local", training=training)
+        odd = self.told[:, None] if knows else np.empty((len(self.told), 0))
+        process, _ = fit_process(
+            self.samples.at(train), self.left[train], "", options, lambda text: tell(f"what is left: {text}"),
+            odd=odd[train],
+        )  # fmt: skip
+        return process.mean(np.hstack([INPUT_SETS["local"](self.samples.at(test)), odd[test]]))
+
+
 def remainder(
     likelihood: Likelihood,
     fitted: Fit,
@@ -56,26 +87,42 @@ def remainder(
 ) -> Remainder | None:
     """Learned on rows that were seen (N,), scored on those held out; None where torch is missing or rows are few."""
     target, predicted = acceleration_pairs(likelihood, fitted)
-    samples = _samples(record, ring_of(likelihood).radius)
-    left = (target - predicted)[samples.row]
-    good = samples.good & np.isfinite(left)
-    train, test = (np.flatnonzero(good & rows[samples.row]) for rows in (seen, held))
+    system, values = ring_of(likelihood), fitted.values
+    samples = _samples(replace(record, theta=system.position(values)), system.radius)
+    slope = system.slope(values)[samples.row]
+    told = predicted[samples.row] * slope
+    left = target[samples.row] * slope - told
+    what = _Left(samples, told, left, samples.good & np.isfinite(left))
+    train, test = what.among(seen), what.among(held)
     if min(len(train), len(test)) < FEWEST:
         return None
     tell("what is left, by a Gaussian process")
-    options = FitOptions(most=MOST, inputs="local", training=TRAINING)
     try:
-        process, _ = fit_process(
-            samples.at(train), left[train], "", options, lambda text: tell(f"what is left: {text}")
-        )
+        knows = _better_told(what, list(inner_folds(record, seen)), tell)
+        found = what.learned(train, test, knows, TRAINING, tell)
     except InputError:  # torch is an extra
         return None
     better = np.full(len(target), np.nan)
     rows = samples.row[test]
-    better[rows] = predicted[rows] + process.mean(INPUT_SETS["local"](samples.at(test)))
+    better[rows] = predicted[rows] + found / slope[test]
     both = np.isfinite(better)
     before, after = nrmse(target, predicted, both), nrmse(target, better, both)
     return Remainder(before, after, min(len(train), MOST)) if math.isfinite(after) else None
+
+
+def _better_told(what: _Left, folds: Sequence[tuple[np.ndarray, np.ndarray]], tell: Callable[[str], None]) -> bool:
+    """Whether a process that knows what the named effects predict leaves less on blocks of the seen rows."""
+    pairs = [(what.among(learn), what.among(tried)) for learn, tried in folds]
+    if min(len(rows) for pair in pairs for rows in pair) < FEWEST:
+        return False
+    without, told = (
+        sum(
+            float(np.sum((what.left[tried] - what.learned(learn, tried, knows, QUICK, tell)) ** 2))
+            for learn, tried in pairs
+        )
+        for knows in (False, True)
+    )
+    return told < without
 
 
 def _samples(record: Record, radius: float) -> RingSamples:

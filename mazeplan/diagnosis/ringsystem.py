@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from mazeplan.diagnosis import terms
+from mazeplan.diagnosis import terms, wallterms
 from mazeplan.diagnosis.anonymous import PAST
 from mazeplan.diagnosis.geometry import as_seen, bending, unbent
 from mazeplan.diagnosis.kalman import NODES, TERM, Moves, Problem
@@ -21,7 +22,8 @@ from mazeplan.records import Array
 
 GRAVITY = 9.81  # m/s^2
 KEPT_MOTIONS, KEPT_INPUTS = 4, 4  # motions of the plate, and inputs made of them, that are kept
-WIDTH = terms.RING_AT + terms.RING_COUNT
+WIDTH = wallterms.LEAN_AT + wallterms.LEANS
+BESIDE = terms.RING_AT - terms.PAST_AT  # inputs between the plate's motion and the coefficients of `ring`
 AVERAGE = np.array([[1.0, 4.0, 2.0, 4.0, 1.0], [2.0, 6.0, 2.0, 2.0, 0.0]]) / 12.0  # Simpson: of f, of 2 (1 - s) f
 RING_SLOTS = {  # parameters of `ring_coefficients`, with what they are without the effect
     ("rolling_inertia", "factor"): 1.0, ("tilt_offset", "beta"): 0.0, ("tilt_offset", "gamma"): 0.0,
@@ -68,7 +70,7 @@ def _hermite(motion, start, h, times, out):
 @njit(cache=True, error_model="numpy")
 def _fill(motions, errors, beside, p, out):
     """Inputs (N, nodes, W) from motions (1 + S, N, nodes, 6), relative errors (S,) of the stage's parameters, what
-    stands beside them (N, 5): past speeds, inputs of placebos, and the parameters of `ring_coefficients`."""
+    stands beside them (N, 7): past speeds, inputs of placebos, tilts of late; the parameters of `ring_coefficients`."""
     for k in range(out.shape[0]):
         for i in range(out.shape[1]):
             w = pointer_to(out, (k * out.shape[1] + i) * out.shape[2])
@@ -78,8 +80,10 @@ def _fill(motions, errors, beside, p, out):
                 if errors[j] != 0.0:
                     for c in range(6):
                         w[c] += errors[j] * motions[1 + j, k, i, c]
-            for c in range(beside.shape[1]):
+            for c in range(BESIDE):
                 w[terms.PAST_AT + c] = beside[k, c]
+            for c in range(wallterms.LEANS):
+                w[wallterms.LEAN_AT + c] = beside[k, BESIDE + c]
             terms.ring_coefficients(w, pointer_to(p, 0))
 
 
@@ -101,7 +105,7 @@ class RingSystem:
         self.declared = declared
         self.target: Array | None = None  # accelerations that the record brings, rad/s^2
         self.dt = float(np.median(np.diff(t)))
-        self._beside = np.hstack([self._low_passed(), self._backwards()])
+        self._beside = np.hstack([self._low_passed(), self._backwards(), self._leaning()])
         self._motions: dict[tuple[float, bool], Array] = {}
         self._averages: dict[tuple[float, bool], Array] = {}
         self._inputs: dict[tuple[float, ...], Array] = {}
@@ -123,6 +127,14 @@ class RingSystem:
     def _backwards(self) -> Array:
         """Tilts (N, 2) of the record played backwards: what no ball can feel, for placebos."""
         return self.tilt.at(np.asarray(self.t[::-1]))[:, [0, 3]]
+
+    def _leaning(self) -> Array:
+        """Tilts (N, 2) of late, low-passed from the beginning of each stretch on."""
+        tilts, keep = self.tilt.at(self.t)[:, [0, 3]], math.exp(-self.dt / wallterms.LEAN_S)
+        out = tilts.copy()
+        for a, b in pairwise([*np.flatnonzero(self.first), len(self.t)]):
+            out[a:b] = lfilter([1.0 - keep], [1.0, -keep], tilts[a:b], axis=0, zi=keep * tilts[a : a + 1])[0]
+        return out
 
     def _motion(self, delay: float, stage: bool = True) -> Array:
         """Motion of the plate (1 + S, N, NODES, 6) from each sample on, `delay` s earlier; behind it, if wanted, its
@@ -169,19 +181,19 @@ class RingSystem:
             self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
             np.array([self._address(f) for f in functions], dtype=np.int64), np.array(places, dtype=np.int64), dry,
             np.array([at for at, *_ in gates], dtype=np.int64), 2.0 * math.pi,
-            np.array([where for _, *where in gates], dtype=np.float64).reshape(-1, 2), wall, GRAVITY / self.radius,
+            np.array([where for _, *where in gates], dtype=np.float64).reshape(-1, 3), wall, GRAVITY / self.radius,
         )  # fmt: skip
         return problem, np.array(p)
 
     def _parameters(
         self, candidates: Sequence[Candidate], values: Values
-    ) -> tuple[list[object], list[int], list[float], list[tuple[int, float, float]], int, int]:
-        """Terms, where in p each has its parameters, p, gates (where in p, angle to add, side), where dry friction has
-        its parameters, and where friction at the walls."""
+    ) -> tuple[list[object], list[int], list[float], list[tuple[int, float, float, float]], int, int]:
+        """Terms, where in p each has its parameters, p, gates (where in p, angle to add, side, how many parameters
+        follow angle and loss), where dry friction has its parameters, and where friction at the walls."""
         merged = {**self.declared, **values}
         p: list[float] = [merged.get("axis_misalignment", {}).get("angle", 0.0)]
         functions: list[object] = [terms.ring]
-        gates: list[tuple[int, float, float]] = []
+        gates: list[tuple[int, float, float, float]] = []
         places, dry, wall = [0], -1, -1
         known = {c.name: c for c in candidates}
         for effect, numbers in merged.items():
@@ -189,13 +201,13 @@ class RingSystem:
             if c is None or c.acts in (RING, DELAY, STAGE, CAMERA):
                 continue
             at = len(p)
-            p.extend(numbers[name] for name in c.parameters)
+            p.extend(numbers[name] for name in c.parameters if name in numbers)
             if c.acts == DRY:
                 dry = at
             elif c.acts == WALL:
                 wall = at
             elif c.acts == GATE:
-                gates += [(at, angle, c.side) for angle in c.pattern]
+                gates += [(at, angle, c.side, len(numbers) - 2.0) for angle in c.pattern]
             else:
                 places.append(at)
                 functions.append(c.term)
@@ -242,11 +254,15 @@ class RingSystem:
         offset = self.offset(values)
         return angle if offset is None else as_seen(angle, self.radius, offset)
 
+    def slope(self, values: Values) -> Array:
+        """Derivative (N,) of `position` by the measured angle."""
+        offset = self.offset(values)
+        return np.ones(len(self.t)) if offset is None else bending(self.theta, self.radius, offset)
+
     def volume(self, values: Values, rows: np.ndarray) -> float:
         """-2 log of the determinant of the change from measured angles to `position`, of some rows: what turns a
         density of the one into that of the other."""
-        offset = self.offset(values)
-        return 0.0 if offset is None else -2.0 * float(np.sum(np.log(bending(self.theta[rows], self.radius, offset))))
+        return 0.0 if self.offset(values) is None else -2.0 * float(np.sum(np.log(self.slope(values)[rows])))
 
     def _address(self, function: object) -> int:
         if id(function) not in self._addresses:

@@ -93,11 +93,16 @@ class _Search:
         current, worth = self._drop(self._exchange(current))
         return Finding(base, self._with_stage(current), ranked, tuple(alike), unknown, worth)
 
+    def _open(self, current: Fit) -> list[Candidate]:
+        """What can be added: not what is there already in other words."""
+        there = {c.name for c in current.candidates}
+        return [c for c in self._library if not there.intersection(c.rivals)]
+
     def _trials(self, current: Fit) -> list[Trial]:
         """One more candidate each, the best first."""
         self._tell("screening")
         trials = []
-        for c, start in promising(self._likelihood, current, self._library):
+        for c, start in promising(self._likelihood, current, self._open(current)):
             self._tell(f"trying {c.name}")
             trials.append(try_one(self._likelihood, current, c, start))
         if self._likelihood.noisy:  # else neighbours have much in common, and a spectrum tells that alone
@@ -123,7 +128,8 @@ class _Search:
                 return None, nameless, ()
         if first is None:
             return None, None, ()
-        return first, None, tuple(t.candidate.name for t in named if t.raw > first.raw - ALIKE)
+        alike = (t.candidate.name for t in named if t.raw > first.raw - ALIKE)
+        return first, None, tuple(name for name in alike if name not in first.candidate.rivals)
 
     def _ahead(self, nameless: Trial, first: Trial) -> bool:
         """Whether an unnamed term explains more than the best named candidate and any second one beside it: of two
@@ -164,7 +170,7 @@ class _Search:
             rest = [x for x in current.candidates if x is not c]
             without = fit(self._likelihood, rest, {x.name: current.values[x.name] for x in rest}, current.q)
             self._tell(f"exchanging {c.name}")
-            others = promising(self._likelihood, without, [x for x in self._library if x.named])
+            others = promising(self._likelihood, without, [x for x in self._open(without) if x.named])
             trials = [try_one(self._likelihood, without, x, start) for x, start in others]
             best = max((t for t in trials if t.sure(self._declared)), key=lambda t: t.gain, default=None)
             if best is not None and best.gain > without.minus2 - current.minus2 - price(self._likelihood, c):

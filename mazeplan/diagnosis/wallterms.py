@@ -7,6 +7,15 @@ A ball rests against the outer or the inner wall of its channel, as what presses
 with R the track radius; f is what is left of gravity for a ball that rolls on floor and wall at once, 1 / (1 + 2 2/5).
 The wall takes mu |N| / R off its angular acceleration (Coulomb), and an opening throws back, at its far edge, only a
 ball that lies against the wall it is in.
+
+How much, depends on how deep the ball has sunk into the opening on its way across, b: away from the wall it falls as a
+ball that rolls on the floor does (f = 5/7), and when it meets the edge, the edge takes the part of the speed v that
+goes against it, sin^2 of the angle between edge and middle of the ball, of radius a:
+
+    d = b / a = s N' / (R v^2),    share = 1 - (1 - d)^2
+
+s is d where nothing but its turning presses: width^2 / (2 R a), were the whole width crossed in the air. N' is N by
+what the tilt was of late: a ball needs about a tenth of a second from wall to wall, too.
 """
 
 from __future__ import annotations
@@ -15,9 +24,15 @@ import math
 
 from numba import njit
 
+from mazeplan.diagnosis.terms import RING_AT, RING_COUNT
+
 ROLLING = 5.0 / 9.0
-WIDTH = 0.1  # m/s^2; how sharply a ball changes sides: the tilt is known to about 0.5 degrees, which is as much
+WIDTH = 0.1  # m/s^2; how sharply a ball changes sides, unless that is fitted: the tilt is known to about 0.5 degrees
 GRAVITY = 9.81  # m/s^2
+FREE = 5.0 / 7.0  # of gravity that a ball feels which rolls on the floor alone
+LEAN_AT, LEANS = RING_AT + RING_COUNT, 2  # where in w the tilt of late is, beta and gamma
+LEAN_S = 0.05  # s; time constant of its average
+SLOWEST = 1e-9  # rad^2/s^2
 FIRST_RIPPLE, RIPPLES = 4, 6  # first harmonic, and how many; those below are `terms.harmonics`
 
 
@@ -28,12 +43,22 @@ def pressing(x, v, w, pull):
 
 
 @njit(cache=True, error_model="numpy")
-def against(normal, pull, side):
+def against(normal, pull, side, width):
     """Share (0 to 1) in which a ball pressed outwards by `normal` = N / R lies against the wall; side: 1 the outer, -1
-    the inner, 0 both."""
+    the inner, 0 both; width: how sharply it changes sides, m/s^2."""
     if side == 0.0:
         return 1.0
-    return 1.0 / (1.0 + math.exp(-side * normal * GRAVITY / (pull * WIDTH)))
+    return 1.0 / (1.0 + math.exp(-side * normal * GRAVITY / (pull * width)))
+
+
+@njit(cache=True, error_model="numpy")
+def struck(x, v, w, pull, sinking, side):
+    """Share (0 to 1) of its speed v with which a ball at x runs against the far edge of an opening in the wall on a
+    side (1 outer, -1 inner); sinking: by how much of its radius it sinks in where nothing but its turning presses."""
+    across = math.sin(w[LEAN_AT]) * math.cos(x) - math.sin(w[LEAN_AT + 1]) * math.sin(x)
+    depth = sinking * side * (1.0 + FREE * pull * across / (v * v + SLOWEST))
+    depth = min(max(depth, 0.0), 1.0)
+    return depth * (2.0 - depth)
 
 
 @njit(cache=True)

@@ -30,11 +30,12 @@ import numpy as np
 from scipy.signal import savgol_coeffs
 
 from mazeplan.data.smoothing import acceleration_kernel
-from mazeplan.diagnosis.fit import Likelihood, best_q
+from mazeplan.diagnosis.fit import Fit, Likelihood, best_q, fit
 from mazeplan.diagnosis.kalman import accelerations, coasts
 from mazeplan.diagnosis.library import RING, TERM, Candidate
 from mazeplan.diagnosis.ringsystem import RingSystem, Values
 from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target, ring_of
+from mazeplan.diagnosis.screening import ACCEPT, price
 from mazeplan.diagnosis.search import Finding, search
 from mazeplan.records import Array, IntArray
 
@@ -42,6 +43,8 @@ MANY = 10  # effects looked for: in a record of a real rig many are at work at o
 TAILS = 4.0  # degrees of freedom nu
 EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
 SMOOTH = (TERM, RING)  # what changes the acceleration without jumps
+ASIDE = (-0.05, 0.0, 0.05)  # rad, by which a gate that blows at either edge may seem to be turned
+SHARE = 0.1  # of what an effect explains, that other words for it must explain beyond
 KEPT = 100  # residuals kept, so that the same values are not tried twice
 
 
@@ -146,25 +149,66 @@ def spread_of(e: Array, tails: float = TAILS) -> float:
     return math.sqrt(square)
 
 
+def _looked_at(
+    squares: WindowLikelihood, had: Sequence[Candidate], values: Values, closely: Sequence[Candidate]
+) -> tuple[Fit, dict[str, str], dict[str, float]]:
+    """What was found, in the closer words that explain most for their parameters; the name that each had before, and by
+    how much of -2 log L it explains more, by name. It begins where the other one was."""
+    current = fit(squares, had, {c.name: values[c.name] for c in had})
+    before, gains = dict[str, str](), dict[str, float]()
+    for c in had:
+        rest = [x for x in current.candidates if x is not c]
+        known, here = {x.name: current.values[x.name] for x in rest}, current.values[c.name]
+        ways = [
+            (x, _closer(squares, rest, x, {**known, c.name: here})) for x in closely if x.name in (c.name, *c.rivals)
+        ]
+        if not ways:
+            continue
+        best, found = min(ways, key=lambda way: way[1].minus2 + price(squares, way[0]))
+        gain = current.minus2 - found.minus2 - price(squares, best) + price(squares, c)
+        without = fit(squares, rest, known).minus2 - current.minus2
+        if gain > max(ACCEPT, SHARE * without):
+            current, before[best.name], gains[best.name] = found, c.name, gain
+    return current, before, gains
+
+
+def _closer(squares: WindowLikelihood, rest: Sequence[Candidate], c: Candidate, values: Values) -> Fit:
+    """Fit of a closer look c beside the rest, from where the plain one was: values of all of them."""
+    if c.name in values:
+        usual = {name: spec.default for name, spec in c.parameters.items()}
+        return fit(squares, [*rest, c], {**values, c.name: {**usual, **values[c.name]}})
+    usual = dict(zip(c.parameters, c.first()[0], strict=True))
+    (plain,) = (values[name] for name in c.rivals)
+    known = {x.name: values[x.name] for x in rest}
+    starts = ({**known, c.name: {**usual, "rotation": plain["rotation"] + off}} for off in ASIDE)
+    return min((fit(squares, [*rest, c], start) for start in starts), key=lambda found: found.minus2)
+
+
 def by_windows(
-    likelihood: Likelihood, library: Sequence[Candidate], rows: np.ndarray, tell: Callable[[str], None]
+    likelihood: Likelihood,
+    library: Sequence[Candidate],
+    rows: np.ndarray,
+    tell: Callable[[str], None],
+    closely: Sequence[Candidate] = (),
 ) -> tuple[Finding, Likelihood]:
     """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
-    first forces that act all the time, then what takes a share of the blows. Noises of the final model are found by its
-    filter, for roll-outs."""
+    first forces that act all the time, then what takes a share of the blows; `closely`: what only blows tell, in place
+    of what says the same more plainly. Noises of the final model are found by its filter, for roll-outs."""
     system = ring_of(likelihood)
     tell("forces")
     steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
     had, values = steady.final.candidates, steady.final.values
     tell("blows")
+    squares = WindowLikelihood(system, [*library, *closely], rows, math.inf)
     rest = [c for c in library if c.name not in values and c.named]
-    squares = WindowLikelihood(system, library, rows, math.inf)
     found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
-    values = found.final.values
+    closer, before, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
+    values = closer.values
     q = best_q(likelihood, values)
     e, *_ = likelihood.whitened(values, q)
-    final = replace(found.final, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    final = replace(closer, q=q, noise=float(np.sqrt(np.mean(e * e))))
     worth = {**steady.worth, **found.worth}
+    worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
     groups = (
         (first, *(name for name in others if name not in values))  # those that joined later were told apart
         for first, *others in steady.alike + found.alike

@@ -98,10 +98,17 @@ def fit_process(
     features: str,
     options: FitOptions,
     progress: Callable[[str], None] | None = None,
+    *,
+    odd: Array | None = None,
 ) -> tuple[GaussianProcess, Training]:
-    """A process for targets (N,) in states k, trained and conditioned on at most `options.most` rows of them."""
+    """A process for targets (N,) in states k, trained and conditioned on at most `options.most` rows of them; odd
+    (N, E): further inputs behind those of the state, for all terms, that change their sign in a mirror."""
     picked = uniform_downsample(len(target), options.most)
     x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
+    if odd is not None:
+        new = tuple(range(x.shape[1], x.shape[1] + odd.shape[1]))
+        x = np.hstack([x, odd[picked]])
+        terms = tuple((columns + new, flip + (-1.0,) * len(new) if flip else flip) for columns, flip in terms)
     phi = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0))
     training = train(
         x, phi, target[picked], replace(options.training, seed=options.seed, terms=terms), progress=progress

@@ -1,0 +1,122 @@
+"""A ball sinks into an opening and meets its far edge: how much speed that takes, and that it is found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numba import njit
+
+from mazeplan.data.smoothing import derivatives
+from mazeplan.diagnosis.fit import fit
+from mazeplan.diagnosis.library import Gates, closer_library, ring_library, wall_library
+from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
+from mazeplan.diagnosis.scores import MATCHED
+from mazeplan.diagnosis.wallterms import LEAN_AT, struck
+from mazeplan.diagnosis.windows import WindowLikelihood
+
+RADIUS, DT = 0.0488, 1.0 / 30.0
+PULL = 9.81 / RADIUS
+STILL = Tilt(DT * np.arange(9.0), np.zeros((9, 6)), "level")
+QUARTERS = tuple(0.5 * math.pi * i for i in range(4))
+
+
+def leaning(beta, gamma):
+    w = np.zeros(LEAN_AT + 2)
+    w[LEAN_AT:] = beta, gamma
+    return w
+
+
+def test_an_edge_takes_more_the_deeper_a_ball_has_sunk():
+    level = leaning(0.0, 0.0)
+    by_turning = struck(0.3, 2.0, level, PULL, 0.2, 1.0)
+    assert by_turning == pytest.approx(1.0 - 0.8**2)
+    assert struck(0.3, -5.0, level, PULL, 0.2, 1.0) == pytest.approx(by_turning)  # a faster one has less time to sink
+    assert struck(0.3, 2.0, level, PULL, 0.2, -1.0) == 0.0  # nothing presses it inwards
+    outwards = leaning(0.05 * math.cos(0.3), -0.05 * math.sin(0.3))
+    depth = 0.2 * (1.0 + 5.0 / 7.0 * PULL * 0.05 / 4.0)
+    assert struck(0.3, 2.0, outwards, PULL, 0.2, 1.0) == pytest.approx(1.0 - (1.0 - depth) ** 2, rel=1e-3)
+    assert struck(0.3, 0.1, outwards, PULL, 0.2, 1.0) == 1.0  # sunk in by its radius
+    inwards = leaning(-0.05 * math.cos(0.3), 0.05 * math.sin(0.3))
+    assert struck(0.3, 0.1, inwards, PULL, 0.2, 1.0) == 0.0
+    assert struck(0.3, 0.1, inwards, PULL, 0.2, -1.0) == 1.0
+
+
+def test_edges_and_gates_of_a_wall_exclude_each_other():
+    gates = Gates(outer=QUARTERS, inner=(1.0,))
+    closer = closer_library(gates)
+    for plain, same, edge in zip(wall_library(gates), closer[::2], closer[1::2], strict=True):
+        assert (same.name, list(same.parameters)) == (plain.name, ["rotation", "loss", "width"])
+        assert (edge.name in plain.rivals, plain.name in edge.rivals) == (True, True)
+        assert (edge.side, edge.pattern) == (plain.side, plain.pattern)
+        assert list(edge.parameters) == ["rotation", "loss", "reach", "sinking"]
+    assert closer_library(Gates()) == []
+
+
+@njit
+def rolled(theta, beta, gamma, rotation, loss, reach, sinking, factor):
+    """A ball in a ring, 40 steps a sample, that meets the far edges of four outer gates; written anew."""
+    x, v, fine, mean_b, mean_g = theta[0], 0.0, 40, beta[0], gamma[0]
+    h = DT / fine
+    for k in range(1, len(theta)):
+        keep = math.exp(-DT / 0.05)
+        mean_b, mean_g = keep * mean_b + (1 - keep) * beta[k - 1], keep * mean_g + (1 - keep) * gamma[k - 1]
+        for i in range(fine):
+            b = beta[k - 1] + (beta[k] - beta[k - 1]) * (i + 0.5) / fine
+            g = gamma[k - 1] + (gamma[k] - gamma[k - 1]) * (i + 0.5) / fine
+            v -= h * (factor * PULL * (math.sin(b) * math.sin(x) + math.sin(g) * math.cos(x)) + 0.3 * v)
+            new = x + h * v
+            edge = rotation + math.copysign(reach, v)
+            if math.floor((x - edge) / (math.pi / 2)) != math.floor((new - edge) / (math.pi / 2)):
+                across = math.sin(mean_b) * math.cos(x) - math.sin(mean_g) * math.sin(x)
+                d = min(max(sinking * (1.0 + 5.0 / 7.0 * PULL * across / (v * v)), 0.0), 1.0)
+                v *= 1.0 - loss * (1.0 - (1.0 - d) ** 2)
+            x = new
+        theta[k] = x
+
+
+def test_sizes_of_edges_are_found():
+    t = np.asarray(DT * np.arange(6000), dtype=np.float64)
+    rng = np.random.default_rng(2)
+    tilts = []
+    for _ in range(2):
+        f, phase = rng.uniform(0.05, 0.6, 6), rng.uniform(0.0, 6.28, 6)
+        tilts.append(0.022 * np.sum(np.sin(2.0 * math.pi * f * t[:, None] + phase), axis=1))
+    beta, gamma = tilts
+    theta, true = np.zeros(len(t)), {"rotation": 0.4, "loss": 0.6, "reach": 0.06, "sinking": 0.4}
+    rolled(theta, beta, gamma, true["rotation"], true["loss"], true["reach"], true["sinking"], 0.6)
+    first = np.arange(len(t)) == 0
+    motion = np.column_stack(
+        [f for tilt in tilts for f in (tilt, np.gradient(tilt, DT), np.gradient(np.gradient(tilt, DT), DT))]
+    )
+    system = RingSystem(t, theta, first, RADIUS, Tilt(t, motion, "known"), {})
+    system.target = derivatives(theta, DT, MATCHED).acceleration
+    (_, edges) = closer_library(Gates(outer=QUARTERS))
+    known = [c for c in ring_library() if c.name in ("rolling_inertia", "viscous_friction")]
+    likelihood = WindowLikelihood(system, [*known, edges], np.ones(len(t), dtype=bool), math.inf)
+    start = {"rolling_inertia": {"factor": 0.65}, "viscous_friction": {"coefficient": 0.2}}
+    found = fit(
+        likelihood,
+        [*known, edges],
+        {**start, edges.name: dict(zip(edges.parameters, (0.36, 0.4, 0.03, 0.6), strict=True))},
+    )
+    for name, value in true.items():
+        near = 0.02 if name in ("rotation", "reach") else 0.06
+        assert found.values[edges.name][name] == pytest.approx(value, abs=near)
+    assert found.values["rolling_inertia"]["factor"] == pytest.approx(0.6, abs=0.01)
+
+
+def test_gates_change_walls_as_sharply_as_they_are_told():
+    system = RingSystem(DT * np.arange(9.0), np.zeros(9), np.arange(9) == 0, RADIUS, STILL, {})
+    plain, same, edges = *wall_library(Gates(inner=(1.0,))), *closer_library(Gates(inner=(1.0,)))
+    usual = {"rotation": 0.2, "loss": 0.5}
+    for c, values, more in (
+        (plain, usual, 0.0),
+        (same, usual, 0.0),
+        (same, {**usual, "width": 0.03}, 1.0),
+        (edges, {**usual, "reach": 0.1, "sinking": 0.4}, 2.0),
+    ):
+        problem, p = system.build([c], {c.name: values})
+        assert problem.gate_at.tolist() == [[1.0, -1.0, more]]
+        assert p[problem.gates[0] :][: 2 + int(more)].tolist() == list(values.values())
