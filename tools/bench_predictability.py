@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_taught import Truth, taught_errors
+from bench_taught import DRAWN, FITTED, Truth, taught_errors
 
 from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_tour
@@ -132,7 +132,9 @@ def predictability_section(quick: bool) -> list[str]:
         "acceleration and tilt, without noise or smoothing, and begun at the true angle and rate. What is left has",
         "nothing to do with measurement: the state of such a model does not hold how the ball spins and on which wall",
         "it lies. Told that too, at every sample of the roll-out (which no prediction could know), it still has",
-        "to learn from as many rows what a blow at an edge does. Mean or typical, whichever is better.",
+        "to learn from as many rows what a blow at an edge does. Mean or typical, whichever is better. Begun by",
+        f"pictures: from starts off by what a straight line through {FITTED} noisy pictures is off, {DRAWN} drawn for",
+        "each window: what a filter could know of it at best that knew all forces.",
         "",
         *predictability_rows(seconds, log),
     ]
@@ -148,18 +150,18 @@ def predictability_rows(seconds: int, log: Path) -> list[str]:
     run_tour(recorder, setup, Collection(float(seconds), (1, 2, 3, 4, 5), 7), log)
     options = CompareOptions()
     found = by_ring([read_table(log)], maze, options, SampleOptions(delay=LATE / recorder.rate_hz))
+    columns = ("sp", "taught by the truth", "told spin and place, too", "begun by pictures")
     rows = [
-        "| theta error after 40 samples, rad | sp | taught by the truth | told spin and place, too | "
-        + " | ".join(f"simulator, {case}" for case in CASES)
-        + " |",
-        "|---" * (len(CASES) + 4) + "|",
+        f"| theta error after 40 samples, rad | {' | '.join((*columns, *(f'simulator, {case}' for case in CASES)))} |",
+        "|---" * (len(CASES) + len(columns) + 1) + "|",
     ]
     truth = Truth.of(np.array(recorder.truths), 1.0 / recorder.rate_hz)
     for ring in RINGS:
         data = prepare(found[ring], None, options)
         windows = choose_windows(data.test, data.test_mask, np.array([o.angle for o in maze.openings_of(ring)]))
         errors = _errors(recorder, ring, data, windows)
-        errors[1:1] = taught_errors(truth, data, windows, data.test.row - LATE, maze)
+        noise = 1e-3 * recorder.settings.camera_noise_mm
+        errors[1:1] = taught_errors(truth, data, windows, data.test.row - LATE, maze, noise)
         cells = " | ".join(f"{error:.3f}" for error in errors)
         rows.append(f"| ring{ring}: {len(windows)} windows, {windows.chosen} | {cells} |")
     return rows

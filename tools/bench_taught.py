@@ -4,7 +4,9 @@ It is trained on the same rows as any sp of `compare`, with the same inputs and 
 and tilt are those of the simulator, without noise, delay or smoothing, and a roll-out begins at the true angle and rate
 and goes along the true tilt. What it is off by then is no matter of data or filters: it is what the state of such a
 model does not hold. Told at every sample, in the future of the roll-out too, how the ball spins and where in the
-channel it is, it loses that excuse as well. Used by tools/bench_predictability.py.
+channel it is, it loses that excuse as well; begun where a straight line through FITTED pictures would begin it, which
+no filter can do better that does not know all forces, it loses only that of a perfect start.
+Used by tools/bench_predictability.py.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from mazeplan.models.samples import MatchedKinematics
 from mazeplan.records import Array, IntArray
 
 TAU = 2.0 * np.pi
+FITTED, DRAWN = 20, 20  # samples of a straight line; starts drawn for each window
 SLIDING = 0.3  # rad/s of slip at a wall over which its friction changes sign
 AT_WALL = 0.95  # of the way from the middle of the channel to a wall: there the ball touches it
 
@@ -81,13 +84,25 @@ INPUT_SETS["told"] = told_inputs
 TERMS["told"] = ((LOCAL_TERMS[0][0] + (11, 12, 13, 14), ()), *LOCAL_TERMS[1:])
 
 
-def taught_errors(truth: Truth, data: RingData, windows: Windows, sample: IntArray, maze: Maze) -> tuple[float, float]:
-    """Mean absolute error (rad) after STEPS samples of a process taught by the truth, and of one that is told spin and
-    place, too; by its mean or by what is typical, whichever is better. sample: that each row of the data shows."""
+def taught_errors(
+    truth: Truth, data: RingData, windows: Windows, sample: IntArray, maze: Maze, noise: float
+) -> tuple[float, float, float]:
+    """Mean absolute error (rad) after STEPS samples of a process taught by the truth; of one that is told spin and
+    place, too; and of that from starts as pictures of some noise (m) allow. By its mean or by what is typical,
+    whichever is better. sample: that each row of the data shows."""
     told = _told(truth, data, sample, maze)
     names = {f.name for f in fields(MatchedKinematics)}
     plain = MatchedKinematics(**{name: getattr(told, name) for name in names})
-    return _error("local", plain, truth, data, windows, sample), _error("told", told, truth, data, windows, sample)
+    taught, _ = _errors("local", plain, truth, data, windows, sample, 0.0)
+    return taught, *_errors("told", told, truth, data, windows, sample, noise / maze.track_radius(data.test.ring))
+
+
+def line_covariance(noise: float, dt: float, count: int = FITTED) -> Array:
+    """Covariance (2, 2) of value and slope at the last of `count` samples, dt apart, of a straight line fitted to them;
+    noise: standard deviation of one."""
+    n = count
+    both = 6.0 / (n * (n + 1) * dt)
+    return noise**2 * np.array([[2.0 * (2 * n - 1) / (n * (n + 1)), both], [both, 12.0 / (n * (n * n - 1) * dt**2)]])
 
 
 def _told(truth: Truth, data: RingData, sample: IntArray, maze: Maze) -> Told:
@@ -108,14 +123,28 @@ def _told(truth: Truth, data: RingData, sample: IntArray, maze: Maze) -> Told:
     )  # fmt: skip
 
 
-def _error(
-    inputs: str, k: MatchedKinematics, truth: Truth, data: RingData, windows: Windows, sample: IntArray
-) -> float:
+def _errors(
+    inputs: str,
+    k: MatchedKinematics,
+    truth: Truth,
+    data: RingData,
+    windows: Windows,
+    sample: IntArray,
+    noise: float,
+) -> tuple[float, float]:
+    """From the true start, and from starts that pictures allow; noise: of an angle in one, rad."""
     samples = replace(data.test, k=k, theta_ddot=truth.slope(truth.rate)[sample])
     options = FitOptions(inputs=inputs, heavy_tails=True, training=replace(THOROUGH, family="exponential"))
     rows = data.train_rows[uniform_downsample(len(data.train_rows), options.most)]
     fitted, at = fit_kind("sp", samples, rows, options), windows.start
-    return min(
-        roll_out(model.mean, samples, at, k.theta[at], k.theta_dot[at]).after(STEPS)
-        for model in (fitted.model, fitted.typical)
-    )
+    exact, off = [], []
+    for model in (fitted.model, fitted.typical):
+        exact.append(roll_out(model.mean, samples, at, k.theta[at], k.theta_dot[at]).after(STEPS))
+        rng, found = np.random.default_rng(0), []
+        for _ in range(DRAWN if noise > 0.0 else 0):
+            d = rng.multivariate_normal(np.zeros(2), line_covariance(noise, truth.dt), size=len(at))
+            found.append(
+                roll_out(model.mean, samples, at, k.theta[at] + d[:, 0], k.theta_dot[at] + d[:, 1]).after(STEPS)
+            )
+        off.append(float(np.mean(found)) if found else exact[-1])
+    return min(exact), min(off)
