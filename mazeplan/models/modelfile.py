@@ -35,7 +35,7 @@ from mazeplan.errors import ModelError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import DryFriction, Effect, RollingInertia, ViscousFriction, make_effect
+from mazeplan.models.effects import EFFECTS, DryFriction, Effect, RollingInertia, ViscousFriction, make_effect
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.processfile import read_process, write_process
 from mazeplan.models.sensors import Camera, TiltSensor
@@ -168,11 +168,13 @@ class _Reader:
                 raise self.fail(f"{name} is missing", *key)
         return node
 
-    def number(self, node: Any, *key: str | int) -> tuple[float, float | None]:
-        """(value, standard error) of a number or {value, stderr, unit}."""
+    def number(self, node: Any, *key: str | int, unit: str | None = None) -> tuple[float, float | None]:
+        """(value, standard error) of a number or {value, stderr, unit}; unit: it must be in, if it says one."""
         stderr: float | None = None
         if isinstance(node, dict):
             self.section(node, key, ("value", "stderr", "unit"), ("value",))
+            if unit is not None and str(node.get("unit", unit)) != unit:
+                raise self.fail(f"got {shown(node['unit'])}, expected {unit}", *key, "unit")
             if node.get("stderr") is not None:
                 stderr = self.number(node["stderr"], *key, "stderr")[0]
                 if stderr < 0.0:
@@ -191,7 +193,7 @@ class _Reader:
             newer = isinstance(root["format"], int) and root["format"] > FORMAT
             advice = "; it was written by a newer version of mazeplan" if newer else ""
             raise self.fail(f"got {shown(root['format'])}, expected {FORMAT}{advice}", "format")
-        delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s")
+        delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")
         if not 0.0 <= delay <= 0.5:
             raise self.fail(f"got {delay}, expected 0 to 0.5 s", "camera_delay_s")
         stage = self.section(root["stage"], ("stage",), ("beta", "gamma"), ("beta", "gamma"))
@@ -218,16 +220,17 @@ class _Reader:
             data=tuple(self.section(entry, ("data", i), None) for i, entry in enumerate(data)),
             scores=self.section(scores, ("scores",), None),
             processes=self.processes(root.get("processes"), kind),
-            camera=self.numbers(Camera, root.get("camera"), "camera"),
-            tilt_sensor=self.numbers(TiltSensor, root.get("tilt_sensor"), "tilt_sensor"),
+            camera=self.numbers(Camera, root.get("camera"), "camera", CAMERA_UNITS),
+            tilt_sensor=self.numbers(TiltSensor, root.get("tilt_sensor"), "tilt_sensor", SENSOR_UNITS),
         )
 
-    def numbers(self, kind: type[Sensor], node: Any, key: str) -> Sensor:
+    def numbers(self, kind: type[Sensor], node: Any, key: str, units: Mapping[str, str]) -> Sensor:
         """A section that is a few numbers and nothing else."""
         if node is None:
             return kind()
         names = tuple(f.name for f in fields(kind) if f.name != "stderr")
-        found = {name: self.number(value, key, name) for name, value in self.section(node, (key,), names).items()}
+        known = self.section(node, (key,), names)
+        found = {name: self.number(value, key, name, unit=units[name]) for name, value in known.items()}
         try:
             return kind(
                 **{name: value for name, (value, _) in found.items()},
@@ -263,7 +266,8 @@ class _Reader:
         """One axis of the stage."""
         key = ("stage", name)
         self.section(node, key, (*AXIS_UNITS, *BACKLASH))
-        numbers = {k: self.number(v, *key, k) for k, v in node.items()}
+        units = AXIS_UNITS | BACKLASH
+        numbers = {k: self.number(v, *key, k, unit=units[k]) for k, v in node.items()}
         try:
             return StageAxis(
                 **{k: value for k, (value, _) in numbers.items()},
@@ -279,7 +283,9 @@ class _Reader:
         stderr: dict[str, dict[str, float]] = {}
         for name, parameters in self.section(node, key, None).items():
             self.section(parameters, (*key, name), None)
-            numbers = {k: self.number(v, *key, name, k) for k, v in parameters.items()}
+            known = EFFECTS[name].parameters if name in EFFECTS else {}
+            units = {k: known[k].unit if k in known else None for k in parameters}
+            numbers = {k: self.number(v, *key, name, k, unit=units[k]) for k, v in parameters.items()}
             try:
                 effects.append(make_effect(name, {k: value for k, (value, _) in numbers.items()}))
             except ValueError as problem:

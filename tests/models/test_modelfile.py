@@ -60,6 +60,13 @@ def test_a_person_may_write_plain_numbers(tmp_path):
         ("factor:", "facto:", "expected one of factor"),
         ("value: 0.58", "value: .nan", "rings.1.rolling_inertia.factor"),
         ("value: 0.58", "value: 99", "factor: got 99"),
+        ("unit: rad/s}", "unit: Hz}", "stage.beta.natural_frequency.unit: got 'Hz', expected rad/s"),
+        ("stderr: 0.002, unit: s}", "unit: ms}", "camera_delay_s.unit: got 'ms', expected s"),
+        (
+            "factor: {value: 0.58, stderr: 0.01, unit: '1'}",
+            "factor: {value: 0.58, unit: kg}",
+            "unit: got 'kg', expected 1",
+        ),
         ("value: 24.0", "value: fast", "stage.beta.natural_frequency: got 'fast', expected a finite number"),
         ("value: 0.8,", "value: -1,", "stage.beta: damping: got -1"),
         ("value: 0.066", "value: 7", "camera_delay_s: got 7"),
