@@ -10,6 +10,7 @@ from mazeplan.choices import resolve_model, ring_number
 from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
+from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig
@@ -32,16 +33,16 @@ def navigate(
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
     log: str | Path | None = None,
+    memory: str | Path | None = None,
     display: Display | None = None,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
     start, goal: ring numbers (or "ring1"); rig: a packaged name, a YAML file, "module:Class", or a rig; model:
-    packaged name or
-    folder (None: the rig's own, else a packaged one of its name, else nominal physics); seed: of start angle and
-    simulated noise. settings: YAML file of costs, gains and windows, or Settings (None: the packaged ones);
-    closed: names of openings not to be used. Raises InputError for anything the user gave that cannot be used,
-    RigError when the machine fails.
+    packaged name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); seed: of
+    start angle and simulated noise; settings: YAML file of costs, gains and windows, or Settings (None: the packaged
+    ones); closed: names of openings not to be used; memory: file that keeps what happened at openings for the next
+    run. Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
         raise InputError(f"got {start_angle_deg}, expected a finite number of degrees", key="start angle")
@@ -62,8 +63,12 @@ def navigate(
         tuple(closed),
     )
     how = settings if isinstance(settings, Settings) else load_settings(settings)
-    setup = Setup(maze, chosen, behavior, label, "" if isinstance(model, RigModel | None) else str(model), how)
+    kept = None if memory is None else load_memory(Path(memory), known)
+    setup = Setup(maze, chosen, behavior, label, "" if isinstance(model, RigModel | None) else str(model), how, kept)
     try:
-        return run_job(machine, setup, job, log=log, display=display)
+        result = run_job(machine, setup, job, log=log, display=display)
     finally:
         machine.close()
+    if kept is not None and memory is not None:
+        save_memory(kept, Path(memory), result.time_s)
+    return result

@@ -170,6 +170,7 @@ class FailureKind(StrEnum):
     BALL_LOST = "ball_lost"
     PLAN_FAILED = "plan_failed"
     NO_ROUTE = "no_route"
+    OPENING_CLOSED = "opening_closed"
     OUT_OF_TIME = "out_of_time"
 
 

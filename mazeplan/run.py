@@ -33,6 +33,7 @@ from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map
+from mazeplan.maze.memory import OpeningMemory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import (
@@ -96,7 +97,8 @@ class Job:
 
 @dataclass(frozen=True)
 class Setup:
-    """With what a job is done: maze, model of ball and stage, tree (name or file), and settings."""
+    """With what a job is done: maze, model of ball and stage, tree (name or file), settings, and what is remembered of
+    openings, which the run adds to."""
 
     maze: Maze
     model: RigModel
@@ -104,6 +106,7 @@ class Setup:
     rig_name: str = ""
     model_name: str = ""
     settings: Settings = field(default_factory=load_settings)
+    memory: OpeningMemory | None = None
 
 
 def run_job(
@@ -189,6 +192,7 @@ class Run:
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
         self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
+        self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
@@ -197,9 +201,9 @@ class Run:
         self._warm_up()
 
     def _towards(self, goal: int, closed: Collection[str]) -> tuple[RunContext, BehaviorTree]:
-        """A tree that has not begun, with a route graph and a list of failures of its own."""
+        """A tree that has not begun, with openings closed and failures of its own; what openings did is kept."""
         setup = self._setup
-        graph = RouteGraph(setup.maze)
+        graph = RouteGraph(setup.maze, memory=self._memory)
         for name in closed:
             graph.close(name)
         context = RunContext(
@@ -225,11 +229,11 @@ class Run:
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.
 
-        Tree, routes and failures start afresh; what is known of ball and plate stays."""
+        Tree, closed openings and failures start afresh; what is known of ball, plate and openings stays."""
         self._tree.halt()
         now = self.context.now
         self.context, self._tree = self._towards(goal, closed)
-        self.context.now = now
+        self.context.now = self.context.graph.now = now
 
     def drive(self, log: str | None) -> NavigationResult:
         """Place the ball and run until the tree has succeeded, the time is over, or the tree gave up."""

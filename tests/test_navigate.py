@@ -12,6 +12,7 @@ from mazeplan.choices import resolve_model, ring_number
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import InputError
 from mazeplan.maze.mapfile import load_map
+from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.navigate import navigate
 from mazeplan.records import FailureKind
@@ -118,6 +119,7 @@ def test_closed_openings_are_not_used_and_no_way_is_said():
     assert result.success
     assert result.rings[0].opening != names[0]
     result, _ = go(closed=names, limit=3.0)
+    assert [str(f.kind) for f in result.failures] == ["no_route"]  # said once, and the run is over
     assert not result.success
     assert set(kinds(result)) <= {"no_route", "out_of_time"}
     assert result.reason == "no_route"
@@ -240,3 +242,21 @@ def test_the_estimator_is_told_every_command():
     sent = [command[1:] for command in run._estimator._commands][1:]
     assert sent == rig.commands[-len(sent) :]
     assert len(sent) >= 14
+
+
+def test_what_happened_at_openings_is_kept_for_the_next_run(tmp_path):
+    path, names = tmp_path / "openings.yaml", [opening.name for opening in MAZE.openings]
+    first = navigate(map=MAZE, rig=PlanarRig(MAZE), start_angle_deg=45.0, memory=path)
+    assert first.success
+    passed = {passage.opening for passage in first.rings if passage.opening is not None}
+    kept = load_memory(path, names)
+    assert {name for name, (good, _) in kept.at_end(0.0).items() if good > 0.0} == passed
+    for _ in range(6):
+        kept.record("1-2@45", success=False, now=0.0)
+    save_memory(kept, path, now=0.0)
+    again = navigate(map=MAZE, rig=PlanarRig(MAZE), start_angle_deg=45.0, memory=path)
+    assert first.rings[0].opening == "1-2@45"
+    assert again.rings[0].opening != "1-2@45"
+    path.write_text("format: 1\nopenings: {nowhere: {failures: 1}}\n")
+    with pytest.raises(InputError, match="nowhere: unknown key"):
+        navigate(map=MAZE, rig=PlanarRig(MAZE), memory=path)

@@ -105,7 +105,7 @@ class RunContext:
 
     def begin(self, now: float, state: State, measured: State) -> None:
         """Start a tick."""
-        self.now = now
+        self.now = self.graph.now = now
         self.state, self.measured = self._entered(state), measured
         self.command, self.commanded_by = None, ""
 

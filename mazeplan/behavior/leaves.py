@@ -34,9 +34,10 @@ class Align(MazeLeaf):
         self._began, self._ring, self._still = self.context.now, self.context.here.ring, StillWatch()
 
     def step(self) -> Status:
-        """SUCCESS when aligned or through already; FAILURE stuck, missed_opening, fell_back, wrong_ring."""
+        """SUCCESS when aligned or through already; FAILURE stuck, missed_opening, opening_closed, fell_back,
+        wrong_ring."""
         run, here, opening = self.context, self.context.here, self.current_opening()
-        elsewhere = self.strayed(self._ring, opening.leads_to(self._ring))
+        elsewhere = self.strayed(self._ring, opening.leads_to(self._ring)) or self.shut(opening)
         if elsewhere is not None:
             return elsewhere
         if aligned(here, opening, run.options.gate):
@@ -68,10 +69,10 @@ class PassOpening(MazeLeaf):
         self._began, self._ring = self.context.now, self.context.here.ring
 
     def step(self) -> Status:
-        """SUCCESS in the next ring; FAILURE missed_opening, fell_back, wrong_ring."""
+        """SUCCESS in the next ring; FAILURE missed_opening, opening_closed, fell_back, wrong_ring."""
         run, opening = self.context, self.current_opening()
         target = opening.leads_to(self._ring)
-        elsewhere = self.strayed(self._ring, target)
+        elsewhere = self.strayed(self._ring, target) or self.shut(opening)
         if elsewhere is not None:
             return elsewhere
         if run.now - self._began > self.get("timeout_s"):

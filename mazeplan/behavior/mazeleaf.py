@@ -29,6 +29,12 @@ class MazeLeaf(Leaf):
         """The opening named by the port `opening`."""
         return self.context.maze.opening(self.get("opening"))
 
+    def shut(self, opening: Opening) -> Status | None:
+        """FAILURE if the opening was closed on the way to it, None if it may be used."""
+        if opening.name not in self.context.graph.closed:
+            return None
+        return self.fail_as(FailureKind.OPENING_CLOSED, f"{opening.name} was closed on the way to it")
+
     def strayed(self, start: int, target: int) -> Status | None:
         """SUCCESS if the ball is in the target ring already, FAILURE if in a third one, None if still in the first."""
         ring = self.context.here.ring

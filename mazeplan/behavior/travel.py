@@ -146,10 +146,11 @@ class Track(MazeLeaf):
         self._began, self._ring, self._still, self._ticks = self.context.now, self.context.here.ring, StillWatch(), 0
 
     def step(self) -> Status:
-        """RUNNING on the way, SUCCESS in front of the opening, FAILURE stuck, missed_opening, fell_back, wrong_ring."""
+        """RUNNING on the way, SUCCESS in front of the opening; FAILURE stuck, missed_opening, opening_closed,
+        fell_back, wrong_ring."""
         run, here = self.context, self.context.here
         opening, plan = self.current_opening(), self.get("plan")
-        elsewhere = self.strayed(self._ring, opening.leads_to(self._ring))
+        elsewhere = self.strayed(self._ring, opening.leads_to(self._ring)) or self.shut(opening)
         if elsewhere is not None:
             return elsewhere
         if plan is None or aligned(here, opening, run.options.gate):

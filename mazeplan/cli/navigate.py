@@ -40,6 +40,9 @@ def navigate(
     seed: Seed = 0,
     time_limit: TimeLimit = 20.0,
     log: Annotated[Path | None, typer.Option("--log", help="Write a run log (MCAP).")] = None,
+    memory: Annotated[
+        Path | None, typer.Option("--memory", help="File that keeps what happened at openings for the next run.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Bring the ball from one ring to another."""
@@ -64,6 +67,7 @@ def navigate(
             seed=seed,
             time_limit=positive("--time-limit", time_limit),
             log=log,
+            memory=memory,
             display=progress,
         )
         progress.finished(result)

@@ -9,7 +9,7 @@ half braking:
 
 Passing an opening takes a fixed time, the extra cost given in the map, and for every attempt that is expected beyond
 the first a fixed loss. With probability of success p ~ Beta(prior + successes, prior + failures) the expected
-number of attempts is E[1/p] = (A + B - 1) / (A - 1).
+number of attempts is E[1/p] = (A + B - 1) / (A - 1). Successes and failures fade with time (`memory`).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import networkx as nx
 
 from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening
+from mazeplan.maze.memory import OpeningMemory
 
 GRAVITY = 9.81  # m/s^2
 
@@ -95,13 +96,14 @@ class Choice:
 
 
 class RouteGraph:
-    """The maze as a graph, with what one run has learned about its openings.
+    """The maze as a graph, with what runs have learned about its openings.
 
     `graph` is a networkx MultiGraph: ring numbers, joined by one edge for each opening (key: its name, attribute
-    `opening`). Openings that are closed in the map start closed.
+    `opening`). Openings that are closed in the map start closed. `now` is the rig time (s) for which it answers;
+    whoever runs it moves that on. memory: of earlier runs, or of the same one towards another goal.
     """
 
-    def __init__(self, maze: Maze, options: RouteOptions | None = None) -> None:
+    def __init__(self, maze: Maze, options: RouteOptions | None = None, memory: OpeningMemory | None = None) -> None:
         self.maze = maze
         self.options = options or RouteOptions()
         self.graph = nx.MultiGraph()
@@ -109,7 +111,7 @@ class RouteGraph:
         for opening in maze.openings:
             self.graph.add_edge(opening.outer, opening.inner, key=opening.name, opening=opening)
         self._closed = {opening.name for opening in maze.openings if opening.closed}
-        self._tries: dict[str, tuple[int, int]] = {opening.name: (0, 0) for opening in maze.openings}
+        self.memory, self.now = OpeningMemory() if memory is None else memory, 0.0
         self._acceleration = self.options.rolling_factor * GRAVITY * math.sin(maze.tilt_limit)
         self._states = self._line_graph()
 
@@ -128,16 +130,15 @@ class RouteGraph:
 
     def record(self, name: str, success: bool) -> None:
         """Learn from one attempt at an opening. Raises KeyError if there is none of that name."""
-        successes, failures = self._tries[self.maze.opening(name).name]
-        self._tries[name] = (successes + 1, failures) if success else (successes, failures + 1)
+        self.memory.record(self.maze.opening(name).name, success, self.now)
 
-    def tries(self, name: str) -> tuple[int, int]:
-        """Successes and failures recorded at an opening."""
-        return self._tries[self.maze.opening(name).name]
+    def tries(self, name: str) -> tuple[float, float]:
+        """Successes and failures at an opening, as they count now. Raises KeyError if there is none of that name."""
+        return self.memory.tries(self.maze.opening(name).name, self.now)
 
     def expected_attempts(self, name: str) -> float:
         """How many attempts an opening is expected to take, at least 1."""
-        successes, failures = self._tries[name]
+        successes, failures = self.memory.tries(name, self.now)
         a = self.options.prior_successes + successes
         b = self.options.prior_failures + failures
         return (a + b - 1.0) / (a - 1.0)
@@ -170,9 +171,8 @@ class RouteGraph:
             raise ValueError(f"theta: got {theta}, expected a finite angle in rad")
         if self.maze.ring(start) == self.maze.ring(goal):
             return Route((), 0.0)
-        passages = {
-            name: self.passage_s(name) for name in self._tries if name not in self._closed and name not in avoid
-        }
+        usable = (opening.name for opening in self.maze.openings if opening.name not in self._closed)
+        passages = {name: self.passage_s(name) for name in usable if name not in avoid}
 
         def weight(_: Any, target: Any, edge: dict[str, Any]) -> float | None:
             """Time of an edge; None hides it. Edges from the start and to the goal exist for every ring."""

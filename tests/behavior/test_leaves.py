@@ -335,3 +335,14 @@ def test_two_commands_in_one_tick_are_a_bug(bench):
     bench.run.steer("one", LEVEL)
     with pytest.raises(TwoCommandsError, match="two and one"):
         bench.run.steer("two", LEVEL)
+
+
+@pytest.mark.parametrize("kind", ["Align", "PassOpening", "Track"])
+def test_an_opening_that_is_closed_on_the_way_is_given_up(bench, kind):
+    assert bench.tick(bench.leaf("PlanInRing", opening="1-2@45", plan=Key("plan")), at(1, 20.0)) is Status.SUCCESS
+    more = {"plan": Key("plan")} if kind == "Track" else {}
+    leaf = bench.leaf(kind, opening="1-2@45", **more)
+    assert bench.tick(leaf, at(1, 20.0)) is Status.RUNNING
+    bench.run.graph.close("1-2@45")
+    assert bench.tick(leaf, at(1, 20.0, t=1 / 30)) is Status.FAILURE
+    assert bench.failure() is FailureKind.OPENING_CLOSED

@@ -1,0 +1,109 @@
+"""What happened at the openings of a maze: a Beta posterior of success for each, whose counts fade.
+
+An opening that failed may be stuck for now, not for good: counts of successes and failures lose a part of their weight
+with rig time, by exp(-t / fading_s), and another from run to run, so that what was seen last counts most and an opening
+that nobody tries any more is as good as new after a while. On request they are kept in a file for the next run.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mazeplan.errors import InputError
+from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
+
+FORMAT = 1
+FADING_S = 120.0  # s of rig time in which counts fall to 1/e
+KEPT = 0.8  # of the counts of one run, for the next
+MOST = 1e6  # attempts that a file may speak of
+NOTE = "# What happened at the openings of the map, fading. Written by `mazeplan navigate --memory`; may be deleted.\n"
+
+
+@dataclass
+class OpeningMemory:
+    """Counts of successes and failures by opening. fading_s: rig time in which they fall to 1/e."""
+
+    fading_s: float = FADING_S
+    _counts: dict[str, tuple[float, float, float]] = field(default_factory=dict)  # successes, failures, when
+
+    def record(self, name: str, success: bool, now: float) -> None:
+        """One attempt at an opening at rig time now, s."""
+        successes, failures = self.tries(name, now)
+        self._counts[name] = (successes + success, failures + (not success), now)
+
+    def tries(self, name: str, now: float) -> tuple[float, float]:
+        """Successes and failures of an opening as they count at rig time now, s."""
+        successes, failures, when = self._counts.get(name, (0.0, 0.0, now))
+        kept = math.exp(-max(now - when, 0.0) / self.fading_s)
+        return successes * kept, failures * kept
+
+    def at_end(self, now: float) -> dict[str, tuple[float, float]]:
+        """Successes and failures of all openings that were tried, as they count at rig time now, s."""
+        return {name: self.tries(name, now) for name in self._counts}
+
+
+def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
+    """What a file keeps of earlier runs, faded by one run; nothing where there is no file yet.
+
+    openings: names of those of the map. Raises InputError with file, line and key."""
+    memory = OpeningMemory()
+    if not path.exists():
+        return memory
+    tree = read_yaml(path, error=InputError)
+    names = tuple(openings)
+    root = _mapping(tree, path, (), tree.data, ("format", "openings"))
+    if root.get("format") != FORMAT:
+        raise _wrong(tree, path, ("format",), f"got {shown(root.get('format'))}, expected {FORMAT}")
+    entries = _mapping(tree, path, ("openings",), root.get("openings") or {}, names)
+    for name, entry in entries.items():
+        key = ("openings", name)
+        counts = _mapping(tree, path, key, entry, ("successes", "failures"))
+        successes, failures = (_count(tree, path, key, counts, which) for which in ("successes", "failures"))
+        memory._counts[name] = (KEPT * successes, KEPT * failures, 0.0)
+    return memory
+
+
+def save_memory(memory: OpeningMemory, path: Path, now: float) -> None:
+    """Write what counts at the end of a run, rig time now (s), whole or not at all. Raises InputError."""
+    openings = {
+        name: {"successes": round(successes, 4), "failures": round(failures, 4)}
+        for name, (successes, failures) in sorted(memory.at_end(now).items())
+    }
+    lines = [NOTE, f"format: {FORMAT}\n", "openings:\n" if openings else "openings: {}\n"]
+    for name, counts in openings.items():
+        key = name if re.fullmatch(r"\w[\w@.-]*", name) else yaml.safe_dump(name, default_style='"').strip()
+        lines.append(f"  {key}: {{successes: {counts['successes']}, failures: {counts['failures']}}}\n")
+    beside = path.with_name(path.name + ".part")
+    try:
+        beside.write_text("".join(lines), encoding="utf-8")
+        os.replace(beside, path)
+    except OSError as problem:
+        raise InputError(f"cannot be written: {problem.strerror}", file=path) from None
+
+
+def _wrong(tree: Tree, path: Path, key: Key, problem: str) -> InputError:
+    return InputError(problem, file=path, line=tree.line(key), key=key_path(key) or None)
+
+
+def _mapping(tree: Tree, path: Path, key: Key, node: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
+    if not isinstance(node, dict):
+        raise _wrong(tree, path, key, f"got {shown(node)}, expected a mapping")
+    for name in node:
+        if name not in allowed:
+            raise _wrong(tree, path, (*key, name), f"unknown key, expected one of {', '.join(allowed)}")
+    return node
+
+
+def _count(tree: Tree, path: Path, key: Key, counts: dict[str, Any], which: str) -> float:
+    value = counts.get(which, 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MOST:
+        raise _wrong(tree, path, (*key, which), f"got {shown(value)}, expected a number from 0 to {MOST:g}")
+    return float(value)
