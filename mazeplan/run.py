@@ -157,6 +157,7 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
 
 def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, RingPlanner]:
     """A planner for each channel."""
+    cost = cost.seen_late(model.late_s)
     return {
         ring.number: RingPlanner(
             RingParameters.from_model(model, ring.number, ring.track_radius),
@@ -215,6 +216,7 @@ class Run:
             ahead=self._estimator.ahead,
             on_event=self._on_event,
             options=setup.settings.leaves,
+            late_s=setup.model.late_s,
         )
         tree = load_tree(setup.behavior, REGISTRY, context)
         tree.blackboard.set("goal", goal)

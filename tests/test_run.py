@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.behavior.travel import arrival_speed
+from mazeplan.choices import resolve_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command
 from mazeplan.run import Job, NullDisplay, Run, Setup
@@ -69,3 +72,14 @@ def test_the_tree_commands_no_faster_than_the_slew_limit():
     free, fast = placed(goal=4)
     until_done(free, fast)
     assert np.abs(np.diff(free.commands, axis=0)).max() > 2.0 * slew / 30.0
+
+
+@pytest.mark.parametrize(("rig", "careful"), [("ideal", False), ("toy", True), ("rough", True)])
+def test_what_a_rig_sees_late_makes_a_run_careful(rig, careful):
+    """By the packaged settings, in the price of speed and in the speed of arrival."""
+    run = Run(PlanarRig(MAZE), Setup(MAZE, resolve_model(rig, None, MAZE)), Job(1, 5, 0.3), None, NullDisplay())
+    travel, cost = run.context.options.travel, run.context.options.cost
+    arrival = arrival_speed(run.context, MAZE.opening("1-2@45"), travel)
+    assert all((planner.cost.speed == cost.speed) == careful for planner in run.context.planners.values())
+    assert (arrival == travel.speed_m_s) == careful
+    assert arrival <= travel.fastest_m_s

@@ -38,6 +38,7 @@ SEARCHED = {  # key: lowest, highest, whether its logarithm is searched
     "cost.width_lean": (0.005, 0.08, True),
     "cost.arrival_zone": (0.02, 0.3, True), "cost.past": (0.01, 1.0, True), "cost.final_theta": (0.5, 50.0, True),
     "travel.lean_deg": (1.0, 5.0, False), "travel.speed_m_s": (0.01, 0.15, True),
+    "travel.fastest_m_s": (0.02, 0.15, True), "travel.blind_rad": (0.02, 0.4, True), "cost.prompt": (0.3, 1.0, False),
     "gate.kp": (20.0, 300.0, True), "gate.kd": (11.0, 40.0, True), "gate.push_deg": (3.0, 7.0, False),
     "gate.window_mm": (4.0, 20.0, False), "gate.window_speed_m_s": (0.03, 0.25, True),
     "gate.lead_s": (0.02, 0.14, False),

@@ -26,12 +26,15 @@ from mazeplan.records import Command, Failure, FailureKind, Plan, State
 
 @dataclass(frozen=True)
 class TravelOptions:
-    """lean_deg: tilt towards the next ring on the way to an opening; speed_m_s: along the ring, on arrival;
-    deadline_ms: that a plan may take; planned_choices: openings that are planned to before one is chosen, the deadline
-    shared among them. Raises SettingsError."""
+    """lean_deg: tilt towards the next ring on the way to an opening; speed_m_s: along the ring, on arrival, up to
+    fastest_m_s where the ball turns by no more than blind_rad before the plate answers to what is seen
+    (`arrival_speed`); deadline_ms: that a plan may take; planned_choices: openings that are planned to before one is
+    chosen, the deadline shared among them. Raises SettingsError."""
 
     lean_deg: float = 4.0
     speed_m_s: float = 0.05
+    fastest_m_s: float = 0.075
+    blind_rad: float = 0.0
     deadline_ms: float = 15.0
     planned_choices: int = 3
 
@@ -72,7 +75,8 @@ class RunContext:
     """The shared side of one run. `clock` gives rig time; `on_event(kind, detail)` goes to log and display;
     `ahead(seconds)` is the state that much later if the last command is held; `refused`: the opening that did not take
     a ball which was already taken for one in the next ring; `prepared`: a plan by which this opening was chosen; `law`:
-    what is followed now."""
+    what is followed now; `late_s`: by how much what is seen is older than the moment at which a command acts, s, by the
+    model."""
 
     maze: Maze
     graph: RouteGraph
@@ -96,6 +100,7 @@ class RunContext:
     refused: Opening | None = None
     prepared: tuple[Opening, Plan] | None = None
     law: str = ""
+    late_s: float = 0.0
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 

@@ -33,9 +33,10 @@ TRAVEL = {
 
 
 def travel_options(leaf: MazeLeaf) -> TravelOptions:
-    """Those of the run, with what the ports of a leaf say instead."""
+    """Those of the run, with what the ports of a leaf say instead. A speed of a port is the speed everywhere."""
     ports = {"lean_deg": "lean_deg", "speed_m_s": "speed", "deadline_ms": "deadline_ms"}
     given = {name: leaf.get(port) for name, port in ports.items()}
+    given["blind_rad"] = None if given["speed_m_s"] is None else 0.0
     try:
         return replace(
             leaf.context.options.travel, **{name: value for name, value in given.items() if value is not None}
@@ -50,6 +51,19 @@ def lean_to(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
     return math.radians(-travel.lean_deg if inwards else travel.lean_deg)
 
 
+def arrival_speed(run: RunContext, opening: Opening, travel: TravelOptions) -> float:
+    """Speed along the ring, m/s, at which the ball is to come to an opening.
+
+    It takes this speed along into the next ring, where it runs on until the plate answers to what is seen of it there:
+    as long as what is seen is late, and the plate takes to follow. In that time it may turn by `blind_rad`, which is
+    less of a way in the smaller of the two rings. Slower than speed_m_s is of no use: then it creeps. The disc has no
+    openings that a ball could run past: before it the ring itself counts."""
+    inner = run.maze.ring(opening.inner)
+    radius = run.maze.track_radius(opening.outer if inner.is_disc else opening.inner)
+    blind_s = max(run.late_s + run.options.gate.lead_s, 1e-3)
+    return max(travel.speed_m_s, min(travel.blind_rad * radius / blind_s, travel.fastest_m_s))
+
+
 def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan | None) -> Plan:
     """A plan from here to the opening, in the ring where the ball is; counted and reported.
 
@@ -59,7 +73,7 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
     if warm is not None:  # a plan on its way keeps its side, also when the ball is half a turn away
         turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
         turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
-    arrival = math.copysign(travel.speed_m_s / run.maze.track_radius(here.ring), turn)
+    arrival = math.copysign(arrival_speed(run, opening, travel) / run.maze.track_radius(here.ring), turn)
     plan = run.planners[here.ring].plan(
         here.planner_vector(),
         here.theta + turn,

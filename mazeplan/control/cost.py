@@ -28,7 +28,7 @@ fast. theta - theta* is the plain difference: the caller brings theta* to the ri
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -47,8 +47,8 @@ class CostParameters:
     theta: 1/rad; speed, arrival: s/rad; lean: 1/rad; rate: (s/rad)^2; control: -; control_scale: rad; width_*: in
     the unit of their error (rad, rad/s, rad); arrival_zone: z, rad; past: fraction; final_*: as the weights per
     step; quadratic: the three weights then count e^2 / 2; uncertainty: s^4/rad^2, of the variance of
-    what was learned (`uncertain_cost`), 0: none. The defaults take a ball at 5 degrees of tilt pi/4 along
-    ring 2 of the packaged map in 0.65 s, without overshoot.
+    what was learned (`uncertain_cost`), 0: none; prompt: share, and late_s: s, of `seen_late`. The defaults take a ball
+    at 5 degrees of tilt pi/4 along ring 2 of the packaged map in 0.65 s, without overshoot.
     """
 
     theta: float = 1.0
@@ -68,10 +68,21 @@ class CostParameters:
     final_lean: float = 0.0
     quadratic: bool = False
     uncertainty: float = 0.0
+    prompt: float = 1.0
+    late_s: float = 0.06
 
     def __post_init__(self) -> None:
         widths = ("width_theta", "width_speed", "width_lean", "arrival_zone")
-        check_numbers(self, positive=("control", "control_scale", *widths))
+        check_numbers(self, positive=("control", "control_scale", "late_s", *widths))
+
+    def seen_late(self, late_s: float) -> CostParameters:
+        """The same for a rig on which a command acts so long after what was seen, s.
+
+        The way that a ball runs unseen is its speed times that delay, and by so much more is it off where it met
+        something that no model foretells. So the price of speed grows with the delay: from a share `prompt` of it where
+        nothing is late to the whole from `late_s` on."""
+        share = self.prompt + (1.0 - self.prompt) * min(1.0, late_s / self.late_s)
+        return replace(self, speed=share * self.speed)
 
     def pack(self, goal_theta: float, goal_theta_dot: float = 0.0, lean: float = 0.0) -> Array:
         """The vector that the compiled functions read: the fields above, then the wishes (rad, rad/s, rad)."""

@@ -94,6 +94,4 @@ def estimator_for(
 ) -> Estimator | DelayBank:
     """An estimator with the model's delay where that was identified (or written by a person), else one that finds it
     out."""
-    if model.kind == "p" and model.camera_delay == 0.0 and model.camera_delay_stderr is None and not model.data:
-        return DelayBank(maze, model, options, rate_hz)
-    return Estimator(maze, model, options, rate_hz)
+    return (Estimator if model.delay_known else DelayBank)(maze, model, options, rate_hz)

@@ -81,6 +81,17 @@ class RigModel:
         nearest = min(self.balls, key=lambda number: abs(number - ring))
         return self.balls[nearest]
 
+    @property
+    def delay_known(self) -> bool:
+        """Whether the camera's delay was identified, or written by a person; else a run has to find it out."""
+        return self.kind != "p" or self.camera_delay != 0.0 or self.camera_delay_stderr is not None or bool(self.data)
+
+    @property
+    def late_s(self) -> float:
+        """By how much what is seen is older than the moment at which a command acts, s; infinite where not known."""
+        dead_time = max(self.stage.beta.dead_time, self.stage.gamma.dead_time)
+        return self.camera_delay + dead_time if self.delay_known else math.inf
+
     def declared(self, ring: int) -> dict[str, dict[str, float]]:
         """What it says of a ring, as {effect: {parameter: value}}; the camera's delay as `sensor_delay`, its angle as
         `axis_misalignment`. Its offset is not among them: that is for the measured positions."""

@@ -12,7 +12,8 @@ from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import LeafOptions, TravelOptions
 from mazeplan.behavior.leaf import Key
-from mazeplan.behavior.travel import arrival_s, plan_to
+from mazeplan.behavior.travel import arrival_s, arrival_speed, plan_to
+from mazeplan.control.gate import GateOptions
 from mazeplan.records import Plan, StopReason
 
 
@@ -120,3 +121,60 @@ def test_an_arrival_beyond_the_plan_is_the_way_that_is_left():
     still = Plan(np.zeros((11, 6)), np.zeros((10, 2)), np.zeros((10, 2, 6)), 1.0, StopReason.CONVERGED, 1, 0.1)
     expected = 10.0 / 30.0 + bench.run.graph.travel_s(1, math.radians(45.0))
     assert arrival_s(bench.run, opening, still) == pytest.approx(expected)
+
+
+BLIND = TravelOptions(speed_m_s=0.02, fastest_m_s=0.12, blind_rad=0.1, deadline_ms=1e6)
+LEAD = 0.08
+
+
+def bench_that_sees_late(late_s, travel=BLIND):
+    bench = Bench()
+    bench.run.options, bench.run.late_s = LeafOptions(travel=travel, gate=GateOptions(lead_s=LEAD)), late_s
+    return bench
+
+
+def wished(name, late_s, travel=BLIND):
+    """Arrival speed at an opening, m/s."""
+    return arrival_speed(bench_that_sees_late(late_s).run, MAZE.opening(name), travel)
+
+
+@pytest.mark.parametrize(("name", "ring"), [("1-2@45", 2), ("2-3@90", 3), ("3-4@45", 4), ("4-5@180", 4)])
+@pytest.mark.parametrize("late_s", [0.0, 0.03])
+def test_the_ball_turns_by_so_much_in_the_smaller_ring_before_the_plate_answers(name, ring, late_s):
+    """Before the disc the ring itself counts."""
+    speed = wished(name, late_s)
+    assert BLIND.speed_m_s < speed < BLIND.fastest_m_s
+    assert speed * (late_s + LEAD) / MAZE.track_radius(ring) == pytest.approx(BLIND.blind_rad)
+
+
+def test_the_later_the_slower_down_to_a_speed_that_is_always_allowed():
+    speeds = [wished("1-2@45", late_s) for late_s in np.arange(0.0, 0.4, 0.005)]
+    assert (np.diff(speeds) <= 0.0).all()
+    assert np.abs(np.diff(speeds)).max() < 0.006, "without a jump"
+    assert speeds[0] > 0.05
+    assert speeds[-1] == wished("1-2@45", math.inf) == BLIND.speed_m_s
+
+
+def test_however_prompt_there_is_a_fastest_arrival():
+    assert wished("1-2@45", 0.0, replace(BLIND, blind_rad=5.0)) == BLIND.fastest_m_s
+
+
+def wishes_of_plans(bench, opening, **ports):
+    """Speeds along the ring, m/s, that the planner is asked for on both sides of an opening."""
+    asked, planner, radius = [], bench.run.planners[opening.outer], MAZE.track_radius(opening.outer)
+    whole = planner.plan
+    planner.plan = lambda *a, **k: asked.append(k["goal_theta_dot"] * radius) or whole(*a, **k)
+    leaf = bench.leaf("PlanInRing", opening=opening.name, plan=Key("plan"), **ports)
+    for side in (-30.0, 30.0):
+        assert bench.tick(leaf, at(opening.outer, math.degrees(opening.angle) + side)) is Status.SUCCESS
+    return asked
+
+
+def test_the_planner_is_asked_for_that_speed():
+    asked = wishes_of_plans(bench_that_sees_late(0.03), MAZE.opening("1-2@45"))
+    assert asked == pytest.approx([wished("1-2@45", 0.03), -wished("1-2@45", 0.03)])
+
+
+def test_a_tree_may_ask_for_another_speed():
+    asked = wishes_of_plans(bench_that_sees_late(0.0), MAZE.opening("1-2@45"), speed=0.01)
+    assert asked == pytest.approx([0.01, -0.01])

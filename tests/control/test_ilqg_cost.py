@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -120,3 +121,11 @@ def test_passing_the_goal_at_speed_forgives_the_angle_behind_it_only():
 def test_bad_weights_are_refused(change, message):
     with pytest.raises(SettingsError, match=message):
         CostParameters(**change)
+
+
+def test_the_price_of_speed_grows_with_what_is_seen_late_and_nothing_else_does():
+    cost = CostParameters(speed=0.2, prompt=0.6, late_s=0.05, lean=0.7)
+    prices = [cost.seen_late(late).speed for late in (0.0, 0.025, 0.05, 0.1, math.inf)]
+    assert prices == pytest.approx([0.12, 0.16, 0.2, 0.2, 0.2])
+    assert replace(cost.seen_late(0.0), speed=0.2) == cost
+    assert CostParameters().seen_late(0.0) == CostParameters(), "alike everywhere unless the settings say otherwise"

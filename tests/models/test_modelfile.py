@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -236,3 +237,10 @@ def test_nominal_model_knows_every_ring():
     for ring in model.balls:
         assert model.ball(ring).parameter("tilt_offset", "beta", 0.0) == 0.0
         assert model.ball(ring).parameter("viscous_friction", "coefficient", 0.0) > 0.0
+
+
+def test_how_late_a_rig_is_by_its_model():
+    prompt = replace(MODEL, stage=StageModel(StageAxis(dead_time=0.001), StageAxis(dead_time=0.003)))
+    assert prompt.late_s == pytest.approx(0.066 + 0.003)
+    assert replace(prompt, camera_delay=0.0).late_s == pytest.approx(0.003), "identified, and found to be prompt"
+    assert RigModel.nominal(MAZE).late_s == math.inf, "nobody knows"
