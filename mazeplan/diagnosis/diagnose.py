@@ -206,7 +206,8 @@ def _remainder(
     accelerations show."""
     if finding.unknown is None and matched_target(ring_of(likelihood)) is None:
         return None
-    return remainder(likelihood, finding.final, record, rows, held, tell)
+    fits = [finding.final, *([finding.plainer] if finding.plainer is not None else [])]
+    return remainder(likelihood, fits, record, rows, held, tell)
 
 
 def _from_declared(candidate: Candidate, declared: Values) -> Candidate:

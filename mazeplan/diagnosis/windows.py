@@ -251,6 +251,7 @@ def by_windows(
     q = best_q(likelihood, values)
     e, *_ = likelihood.whitened(values, q)
     final = replace(best, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    plainer = replace(closer, q=q, noise=final.noise) if more else None
     worth = {**steady.worth, **found.worth}
     worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
     worth |= {name: gain + worth.get(name, 0.0) for name, gain in more.items()}
@@ -259,4 +260,5 @@ def by_windows(
         for first, *others in steady.alike + found.alike
         if first in values
     )
-    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth), squares
+    alike = tuple(g for g in groups if len(g) > 1)
+    return replace(steady, final=final, plainer=plainer, alike=alike, worth=worth), squares
