@@ -19,12 +19,13 @@ from mazeplan.diagnosis.fit import Likelihood, fit
 from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.gears import SMALLEST_BAND
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
-from mazeplan.diagnosis.holdout import SEEN, seen_and_held
+from mazeplan.diagnosis.holdout import INNER, SEEN, inner_folds, seen_and_held
 from mazeplan.diagnosis.library import (
     CAMERA,
     Candidate,
     Gates,
     closer_library,
+    finer_library,
     ring_library,
     stage_errors,
     wall_library,
@@ -144,13 +145,14 @@ def diagnose(
     more: Sequence[Candidate] = (),
     without: Container[str] = (),
     test: Record | None = None,
+    fold: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; gates: those of the
-    ring by the map, where one is known; more: effects beyond the library's; without: names of
-    effects that are not looked for; test: a further record, for scores only."""
+    ring by the map, where one is known; more: effects beyond the library's; without: names of effects that are not
+    looked for; test: a further record, for scores only; fold: what is held out (`holdout`), where not as usual."""
     tell = progress or (lambda text: None)
-    rows, held, which = seen_and_held(record)
+    rows, held, which = seen_and_held(record, fold)
     known = np.isfinite(record.theta)
     share = float((held & known).sum() / max(((held | rows) & known).sum(), 1))
     tell("stage")
@@ -165,11 +167,13 @@ def diagnose(
     closely = [c for c in closer_library(gates or Gates()) if c.name not in without]
     library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
-    everything = [*library, *closely, *along]
+    finer = [c for c in finer_library(gates or Gates()) if c.name not in without]
+    everything = [*library, *closely, *finer, *along]
     record, (rows, held) = _with_ball(record, rows, held)
     plain, straight = (_likelihood(record, tilt, radius, declared, everything, rows, c) for c in (None, circle))
     if record.u is None and matched_target(ring_of(straight)) is not None:
-        finding, judge = by_windows(straight, library, rows, tell, closely)
+        folds = list(inner_folds(record, rows, range(INNER)))
+        finding, judge = by_windows(straight, library, rows, tell, closely, finer, folds)
     else:
         finding, judge = search(straight, library, tell, along=along), straight
     tell("scores on what was held out")
@@ -202,7 +206,8 @@ def _remainder(
     accelerations show."""
     if finding.unknown is None and matched_target(ring_of(likelihood)) is None:
         return None
-    return remainder(likelihood, finding.final, record, rows, held, tell)
+    fits = [finding.final, *([finding.plainer] if finding.plainer is not None else [])]
+    return remainder(likelihood, fits, record, rows, held, tell)
 
 
 def _from_declared(candidate: Candidate, declared: Values) -> Candidate:

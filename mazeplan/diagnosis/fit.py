@@ -209,7 +209,8 @@ def _sigma(J: Array, variance: float, prior: Array) -> Array:
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
     root = turn.T / np.maximum(sizes, 1e-12 * sizes[0])
-    return np.sqrt(variance) * np.linalg.norm(root, axis=1) / scale
+    with np.errstate(over="ignore"):  # of a parameter that changes nothing it is infinite
+        return np.sqrt(variance) * np.linalg.norm(root, axis=1) / scale
 
 
 def _gauss_newton(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,17 +11,23 @@ from mazeplan.diagnosis.record import Record
 
 SEEN = 0.7  # share of the record that search and fits see
 BLOCK_S = 10.0  # s
+FOLDS = 4  # ways to hold out blocks of a record in turn
 GUARD = 8  # rows at a border that are neither: the window of a derivative, and the state of the filter, reach across
 INNER_S, INNER, TRIED = 5.0, 4, (0, 2)  # s; of so many such blocks of seen rows one is tried, two of them in turn
 LONGEST = 0.5  # of the record: with a stretch longer than this it counts as one piece
 
 
-def seen_and_held(record: Record) -> tuple[np.ndarray, np.ndarray, str]:
-    """Rows that are seen, rows that are held out (N,), and in words which.
+def seen_and_held(record: Record, fold: int | None = None) -> tuple[np.ndarray, np.ndarray, str]:
+    """Rows that are seen, rows that are held out (N,), and in words which; fold: of FOLDS, so that after all of them
+    each row was held out once.
 
     Of an uninterrupted record the last part is held out: a model is to predict what comes later. A record in many
     pieces has no such order: nobody knows how long ago the last one was, and the ball is in different places in each.
     So blocks all over it are held out."""
+    if fold is not None:
+        wanted = np.arange(len(record)) // max(round(BLOCK_S / record.dt), 1) % FOLDS == fold
+        kept = ~near_border(wanted, record.segment.astype(np.float64), GUARD)
+        return kept & ~wanted, kept & wanted, f"block {fold + 1} of every {FOLDS}, of {BLOCK_S:g} s each"
     known = np.isfinite(record.theta)
     lengths = np.diff(np.append(np.flatnonzero(record.first), len(record)))
     if record.u is None and lengths.max() < LONGEST * len(record):
@@ -32,11 +38,13 @@ def seen_and_held(record: Record) -> tuple[np.ndarray, np.ndarray, str]:
     return rows, ~rows, f"the last {1.0 - SEEN:.0%} of the record"
 
 
-def inner_folds(record: Record, seen: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def inner_folds(
+    record: Record, seen: np.ndarray, tried_blocks: Sequence[int] = TRIED
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Rows (N,) to learn from and rows to try it on, all of them among those seen: what is chosen by them has not
-    looked at what is held out."""
+    looked at what is held out. tried_blocks: which of INNER blocks are tried, one after the other."""
     block = np.arange(len(record)) // max(round(INNER_S / record.dt), 1)
-    for which in TRIED:
+    for which in tried_blocks:
         tried = block % INNER == which
         kept = seen & ~near_border(tried, record.segment.astype(np.float64), GUARD)
         yield kept & ~tried, kept & tried

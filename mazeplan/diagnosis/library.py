@@ -17,6 +17,8 @@ TERM, RING, DRY, GATE, DELAY, STAGE = "term", "ring", "dry", "gate", "delay", "s
 WALL, CAMERA = "wall", "camera"
 CALIBRATED = 0.1  # by how much the scale of a tilt sensor is off, one standard deviation: it was held against a level
 BEHIND = 0.02  # rad that the far edge of an opening, which a ball passes through, is at least behind its middle
+ALIKE = 0.1  # by how much the losses of openings differ that were made in one way, one standard deviation
+FINE = 0.25  # rad/s^2; as large are ripples of high harmonics at a guess, one standard deviation
 GATES = 8  # directions in which gates of a wall are looked for, between one and the next
 
 
@@ -41,7 +43,8 @@ class Candidate:
     only says that something is there; depends_on: variables, for those; places: parameters that say where, not how
     large; placebo: it cannot be there, and is tried to see what chance does; pattern: of gates that have angle and loss
     in common, what is added to the angle, rad; side: of the wall they are in, 1 outer, -1 inner, 0 not known;
-    rivals: names of others that say the same in another way."""
+    own: of a gate each, a parameter that its loss has beyond what all have in common; rivals: names of others that say
+    the same in another way."""
 
     name: str
     parameters: dict[str, Spec]
@@ -54,7 +57,19 @@ class Candidate:
     placebo: bool = False
     pattern: tuple[float, ...] = (0.0,)
     side: float = 0.0
+    own: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
+
+    def numbers(self, values: dict[str, float]) -> list[float]:
+        """Its parameters in order, those that are not among the values as they are without it."""
+        return [values.get(name, spec.default) for name, spec in self.parameters.items()]
+
+    def of_gate(self, values: dict[str, float], i: int) -> list[float]:
+        """Parameters of gate i of the pattern, as many as the values have: angle, loss, and what follows them."""
+        numbers = [values[name] for name in self.parameters if name in values and name not in self.own]
+        if self.own:
+            numbers[1] += values.get(self.own[i], 0.0)
+        return numbers
 
     def first(self) -> list[tuple[float, ...]]:
         """Starts of a fit; the defaults where none are given."""
@@ -128,6 +143,25 @@ def closer_library(gates: Gates) -> list[Candidate]:
         name, places = plain.name.replace("gates", "edges"), ("rotation", "reach", "sinking")
         found.append(replace(plain, name=name, parameters=specs, starts=starts, places=places, rivals=(plain.name,)))
     return found
+
+
+def finer_library(gates: Gates) -> list[Candidate]:
+    """The same effects in more numbers than one can read, each held near nought by what is known beforehand: the loss
+    of each opening of a wall, which were made alike; and the ripples of the floor up to harmonic 17."""
+    found = []
+    for plain in closer_library(gates):
+        if plain.name.endswith("edges"):
+            own = tuple(f"loss{i + 1}" for i in range(len(plain.pattern)))
+            beyond = dict.fromkeys(own, Spec("1", 0.0, -1.0, 1.0, 1e-3, prior=ALIKE))
+            found.append(replace(plain, parameters={**plain.parameters, **beyond}, own=own))
+    first, known = wallterms.FIRST_RIPPLE, wallterms.FIRST_RIPPLE + wallterms.RIPPLES
+    (ripple,) = (c for c in ring_library() if c.name == "surface_ripple")
+    further = {
+        f"{kind}{n}": Spec("rad/s^2", 0.0, -20.0, 20.0, 1e-3, 0.06, FINE)
+        for n in range(known, first + wallterms.FINE_RIPPLES)
+        for kind in ("cos", "sin")
+    }
+    return [*found, replace(ripple, parameters={**ripple.parameters, **further}, term=wallterms.fine_ripples)]
 
 
 def _period(angles: Sequence[float]) -> float:

@@ -5,9 +5,11 @@
 Inputs are the state as an opening sees it (`features.local_inputs`): tilts averaged as the target is, what they were a
 while ago, the angle, and the rate of theta before the first sample of the target's window. Where the named effects
 expect a blow it may come or not, so what they predict is an input, too, if blocks of the seen rows are predicted better
-with it. None of them looks at what is predicted. Where the camera was found to be off, angle and residual are those
-about the true centre. Kernel and training are those of the ball models (`gp_training`); a rough kernel, since what is
-left comes from edges. It says how much better a model could become that knows more, and names nothing.
+with it. None of them looks at what is predicted. Where effects are named in finer words, a second process learns what
+the plainer ones leave, and the two are averaged: what one takes up by chance the other has not. Where the camera was
+found to be off, angle and residual are those about the true centre. Kernel and training are those of the ball models
+(`gp_training`); a rough kernel, since what is left comes from edges. It says how much better a model could become that
+knows more, and names nothing.
 """
 
 from __future__ import annotations
@@ -53,11 +55,12 @@ class Remainder:
 @dataclass(frozen=True)
 class _Left:
     """What the named effects leave, about the true centre: states of n rows; told, left (n,): what they predict and
-    what is left, rad/s^2; good (n,): rows in which both are known."""
+    what is left, rad/s^2; slope (n,): of that angle by the measured one; good (n,): rows in which both are known."""
 
     samples: RingSamples
     told: Array
     left: Array
+    slope: Array
     good: np.ndarray
 
     def among(self, rows: np.ndarray) -> IntArray:
@@ -79,35 +82,48 @@ class _Left:
 
 def remainder(
     likelihood: Likelihood,
-    fitted: Fit,
+    fits: Sequence[Fit],
     record: Record,
     seen: np.ndarray,
     held: np.ndarray,
     tell: Callable[[str], None],
 ) -> Remainder | None:
-    """Learned on rows that were seen (N,), scored on those held out; None where torch is missing or rows are few."""
-    target, predicted = acceleration_pairs(likelihood, fitted)
+    """Learned on rows that were seen (N,), scored on those held out; None where torch is missing or rows are few.
+
+    fits: of the named effects, the one that is reported first."""
+    target, reported = acceleration_pairs(likelihood, fits[0])
+    what = _left(likelihood, fits[0], record, target, reported)
+    train, test = what.among(seen), what.among(held)
+    if min(len(train), len(test)) < FEWEST:
+        return None
+    tell("what is left, by a Gaussian process")
+    predictions = []
+    try:
+        knows = _better_told(what, list(inner_folds(record, seen)), tell)
+        for fitted in fits:
+            _, predicted = acceleration_pairs(likelihood, fitted)
+            what = _left(likelihood, fitted, record, target, predicted)
+            train, test = what.among(seen), what.among(held)
+            better = np.full(len(target), np.nan)
+            rows = what.samples.row[test]
+            better[rows] = predicted[rows] + what.learned(train, test, knows, TRAINING, tell) / what.slope[test]
+            predictions.append(better)
+    except InputError:  # torch is an extra
+        return None
+    better = np.mean(predictions, axis=0)
+    both = np.isfinite(better)
+    before, after = nrmse(target, reported, both), nrmse(target, better, both)
+    return Remainder(before, after, min(len(train), MOST)) if math.isfinite(after) else None
+
+
+def _left(likelihood: Likelihood, fitted: Fit, record: Record, target: Array, predicted: Array) -> _Left:
+    """What is left of a target (N,) by what the named effects predict (N,)."""
     system, values = ring_of(likelihood), fitted.values
     samples = _samples(replace(record, theta=system.position(values)), system.radius)
     slope = system.slope(values)[samples.row]
     told = predicted[samples.row] * slope
     left = target[samples.row] * slope - told
-    what = _Left(samples, told, left, samples.good & np.isfinite(left))
-    train, test = what.among(seen), what.among(held)
-    if min(len(train), len(test)) < FEWEST:
-        return None
-    tell("what is left, by a Gaussian process")
-    try:
-        knows = _better_told(what, list(inner_folds(record, seen)), tell)
-        found = what.learned(train, test, knows, TRAINING, tell)
-    except InputError:  # torch is an extra
-        return None
-    better = np.full(len(target), np.nan)
-    rows = samples.row[test]
-    better[rows] = predicted[rows] + found / slope[test]
-    both = np.isfinite(better)
-    before, after = nrmse(target, predicted, both), nrmse(target, better, both)
-    return Remainder(before, after, min(len(train), MOST)) if math.isfinite(after) else None
+    return _Left(samples, told, left, slope, samples.good & np.isfinite(left))
 
 
 def _better_told(what: _Left, folds: Sequence[tuple[np.ndarray, np.ndarray]], tell: Callable[[str], None]) -> bool:

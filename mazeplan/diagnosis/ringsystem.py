@@ -201,13 +201,17 @@ class RingSystem:
             if c is None or c.acts in (RING, DELAY, STAGE, CAMERA):
                 continue
             at = len(p)
-            p.extend(numbers[name] for name in c.parameters if name in numbers)
+            if c.acts == GATE:
+                for i, angle in enumerate(c.pattern):
+                    mine = c.of_gate(numbers, i)
+                    gates.append((len(p), angle, c.side, len(mine) - 2.0))
+                    p.extend(mine)
+                continue
+            p.extend(c.numbers(numbers))
             if c.acts == DRY:
                 dry = at
             elif c.acts == WALL:
                 wall = at
-            elif c.acts == GATE:
-                gates += [(at, angle, c.side, len(numbers) - 2.0) for angle in c.pattern]
             else:
                 places.append(at)
                 functions.append(c.term)

@@ -28,7 +28,8 @@ SHARE = 0.05  # an unnamed term must bring this share of what named effects brou
 @dataclass(frozen=True)
 class Finding:
     """base: without anything added; final: with all that was found; ranked: trials of the first round, the best first;
-    alike: groups of names that cannot be told apart; unknown: an unnamed term that was accepted."""
+    alike: groups of names that cannot be told apart; unknown: an unnamed term that was accepted; plainer: what `final`
+    was before some of it was said in finer words, where it was."""
 
     base: Fit
     final: Fit
@@ -36,6 +37,7 @@ class Finding:
     alike: tuple[tuple[str, ...], ...]
     unknown: Trial | None
     worth: dict[str, float]
+    plainer: Fit | None = None
 
 
 def search(

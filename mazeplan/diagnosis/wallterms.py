@@ -33,7 +33,7 @@ FREE = 5.0 / 7.0  # of gravity that a ball feels which rolls on the floor alone
 LEAN_AT, LEANS = RING_AT + RING_COUNT, 2  # where in w the tilt of late is, beta and gamma
 LEAN_S = 0.05  # s; time constant of its average
 SLOWEST = 1e-9  # rad^2/s^2
-FIRST_RIPPLE, RIPPLES = 4, 6  # first harmonic, and how many; those below are `terms.harmonics`
+FIRST_RIPPLE, RIPPLES, FINE_RIPPLES = 4, 6, 14  # first harmonic, and how many; those below are `terms.harmonics`
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,11 +62,23 @@ def struck(x, v, w, pull, sinking, side):
 
 
 @njit(cache=True)
-def ripples(x, v, t, w, p):
-    """Sum over n = 4 to 9 of p[2n - 8] cos(n x) + p[2n - 7] sin(n x), rad/s^2."""
+def _rippled(x, p, count):
+    """Sum over n = 4 to 3 + count of p[2n - 8] cos(n x) + p[2n - 7] sin(n x)."""
     c1, s1, total = math.cos(x), math.sin(x), 0.0
     c, s = math.cos(FIRST_RIPPLE * x), math.sin(FIRST_RIPPLE * x)
-    for i in range(RIPPLES):
+    for i in range(count):
         total += p[2 * i] * c + p[2 * i + 1] * s
         c, s = c * c1 - s * s1, s * c1 + c * s1
     return total
+
+
+@njit(cache=True)
+def ripples(x, v, t, w, p):
+    """Harmonics 4 to 9 of a force along the ring, rad/s^2; p: their cosines and sines in turn."""
+    return _rippled(x, p, RIPPLES)
+
+
+@njit(cache=True)
+def fine_ripples(x, v, t, w, p):
+    """Harmonics 4 to 17, likewise."""
+    return _rippled(x, p, FINE_RIPPLES)

@@ -45,6 +45,7 @@ EVERY = 2  # windows from one residual to the next: neighbours share six of seve
 SMOOTH = (TERM, RING)  # what changes the acceleration without jumps
 ASIDE = (-0.05, 0.0, 0.05)  # rad, by which a gate that blows at either edge may seem to be turned
 SHARE = 0.1  # of what an effect explains, that other words for it must explain beyond
+WORTH_IT = 0.99  # of the squares that are left, at most so much with more numbers
 KEPT = 100  # residuals kept, so that the same values are not tried twice
 
 
@@ -184,34 +185,80 @@ def _closer(squares: WindowLikelihood, rest: Sequence[Candidate], c: Candidate, 
     return min((fit(squares, [*rest, c], start) for start in starts), key=lambda found: found.minus2)
 
 
+def refined(
+    squares: WindowLikelihood,
+    found: Fit,
+    finer: Sequence[Candidate],
+    folds: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> tuple[Fit, dict[str, float]]:
+    """The same effects, those in finer words with which less is left on blocks that had no part in the fit; and by how
+    much of -2 log L each explains more, by name. More numbers always fit what is seen better: so blocks decide."""
+    current, gains = found, dict[str, float]()
+    for c in finer:
+        if c.name not in current.values or not folds:
+            continue
+        usual = {name: spec.default for name, spec in c.parameters.items()}
+        start = {**current.values, c.name: {**usual, **current.values[c.name]}}
+        richer = [c if x.name == c.name else x for x in current.candidates]
+        plain = _left(squares, current.candidates, current.values, folds)
+        if _left(squares, richer, start, folds) < WORTH_IT * plain:
+            better = fit(squares, richer, start)
+            gains[c.name] = current.minus2 - better.minus2
+            current = better
+    return current, gains
+
+
+def _left(
+    squares: WindowLikelihood,
+    candidates: Sequence[Candidate],
+    start: Values,
+    folds: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> float:
+    """Sum of squared residuals, (rad/s^2)^2, of rows that were tried, by fits to those that were learned from."""
+    total = 0.0
+    for learn, tried in folds:
+        fitted = fit(WindowLikelihood(squares.ring, squares.library, learn, squares.tails), candidates, start)
+        e = WindowLikelihood(squares.ring, squares.library, tried, squares.tails).residuals(fitted.values)
+        total += float(e @ e)
+    return total
+
+
 def by_windows(
     likelihood: Likelihood,
     library: Sequence[Candidate],
     rows: np.ndarray,
     tell: Callable[[str], None],
     closely: Sequence[Candidate] = (),
+    finer: Sequence[Candidate] = (),
+    folds: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> tuple[Finding, Likelihood]:
     """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:
     first forces that act all the time, then what takes a share of the blows; `closely`: what only blows tell, in place
-    of what says the same more plainly. Noises of the final model are found by its filter, for roll-outs."""
+    of what says the same more plainly; `finer`: what says it in more numbers, where folds (rows (N,) to learn from, to
+    try on) bear it out. Noises of the final model are found by its filter, for roll-outs."""
     system = ring_of(likelihood)
     tell("forces")
     steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
     had, values = steady.final.candidates, steady.final.values
     tell("blows")
-    squares = WindowLikelihood(system, [*library, *closely], rows, math.inf)
+    squares = WindowLikelihood(system, [*library, *closely, *finer], rows, math.inf)
     rest = [c for c in library if c.name not in values and c.named]
     found = search(squares, rest, tell, free=[c for c in had if c.named], most=MANY, start=values)
     closer, before, gains = _looked_at(squares, found.final.candidates, found.final.values, closely)
-    values = closer.values
+    tell("the same in finer words")
+    best, more = refined(squares, closer, finer, folds)
+    values = best.values
     q = best_q(likelihood, values)
     e, *_ = likelihood.whitened(values, q)
-    final = replace(closer, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    final = replace(best, q=q, noise=float(np.sqrt(np.mean(e * e))))
+    plainer = replace(closer, q=q, noise=final.noise) if more else None
     worth = {**steady.worth, **found.worth}
     worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
+    worth |= {name: gain + worth.get(name, 0.0) for name, gain in more.items()}
     groups = (
         (first, *(name for name in others if name not in values))  # those that joined later were told apart
         for first, *others in steady.alike + found.alike
         if first in values
     )
-    return replace(steady, final=final, alike=tuple(g for g in groups if len(g) > 1), worth=worth), squares
+    alike = tuple(g for g in groups if len(g) > 1)
+    return replace(steady, final=final, plainer=plainer, alike=alike, worth=worth), squares

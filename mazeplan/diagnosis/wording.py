@@ -8,10 +8,18 @@ from typing import Any
 
 from mazeplan.diagnosis.search import Finding
 
+LISTED = 6  # amplitudes that a sentence lists
+
 
 def effect_words(effect: dict[str, Any]) -> str:
-    """An effect with its sizes."""
-    numbers = ", ".join(f"{name} {_size(p)}" for name, p in effect["parameters"].items())
+    """An effect with its sizes; of many amplitudes only how large they are together."""
+    parameters = effect["parameters"]
+    waves = [p for name, p in parameters.items() if name.startswith(("cos", "sin"))]
+    if len(waves) > LISTED:
+        rms = math.sqrt(0.5 * sum(p["value"] ** 2 for p in waves))
+        numbers = f"{len(waves)} amplitudes, {rms:.2g} {waves[0]['unit']} root mean square"
+    else:
+        numbers = ", ".join(f"{name} {_size(p)}" for name, p in parameters.items())
     return f"{effect['name'].replace('_', ' ')} ({numbers})"
 
 

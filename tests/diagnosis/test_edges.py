@@ -10,11 +10,11 @@ from numba import njit
 
 from mazeplan.data.smoothing import derivatives
 from mazeplan.diagnosis.fit import fit
-from mazeplan.diagnosis.library import Gates, closer_library, ring_library, wall_library
+from mazeplan.diagnosis.library import Gates, closer_library, finer_library, ring_library, wall_library
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
 from mazeplan.diagnosis.scores import MATCHED
 from mazeplan.diagnosis.wallterms import LEAN_AT, struck
-from mazeplan.diagnosis.windows import WindowLikelihood
+from mazeplan.diagnosis.windows import WindowLikelihood, refined
 
 RADIUS, DT = 0.0488, 1.0 / 30.0
 PULL = 9.81 / RADIUS
@@ -55,7 +55,7 @@ def test_edges_and_gates_of_a_wall_exclude_each_other():
 
 
 @njit
-def rolled(theta, beta, gamma, rotation, loss, reach, sinking, factor):
+def rolled(theta, beta, gamma, rotation, losses, reach, sinking, factor):
     """A ball in a ring, 40 steps a sample, that meets the far edges of four outer gates; written anew."""
     x, v, fine, mean_b, mean_g = theta[0], 0.0, 40, beta[0], gamma[0]
     h = DT / fine
@@ -71,12 +71,14 @@ def rolled(theta, beta, gamma, rotation, loss, reach, sinking, factor):
             if math.floor((x - edge) / (math.pi / 2)) != math.floor((new - edge) / (math.pi / 2)):
                 across = math.sin(mean_b) * math.cos(x) - math.sin(mean_g) * math.sin(x)
                 d = min(max(sinking * (1.0 + 5.0 / 7.0 * PULL * across / (v * v)), 0.0), 1.0)
-                v *= 1.0 - loss * (1.0 - (1.0 - d) ** 2)
+                which = math.floor((max(x, new) - edge) / (math.pi / 2)) % 4
+                v *= 1.0 - losses[which] * (1.0 - (1.0 - d) ** 2)
             x = new
         theta[k] = x
 
 
-def test_sizes_of_edges_are_found():
+def table(losses, noise=0.0):
+    """Its record: rotation 0.4, reach 0.06, sinking 0.4, factor 0.6; noise: of its angles, rad."""
     t = np.asarray(DT * np.arange(6000), dtype=np.float64)
     rng = np.random.default_rng(2)
     tilts = []
@@ -84,27 +86,55 @@ def test_sizes_of_edges_are_found():
         f, phase = rng.uniform(0.05, 0.6, 6), rng.uniform(0.0, 6.28, 6)
         tilts.append(0.022 * np.sum(np.sin(2.0 * math.pi * f * t[:, None] + phase), axis=1))
     beta, gamma = tilts
-    theta, true = np.zeros(len(t)), {"rotation": 0.4, "loss": 0.6, "reach": 0.06, "sinking": 0.4}
-    rolled(theta, beta, gamma, true["rotation"], true["loss"], true["reach"], true["sinking"], 0.6)
+    theta = np.zeros(len(t))
+    rolled(theta, beta, gamma, 0.4, np.array(losses), 0.06, 0.4, 0.6)
     first = np.arange(len(t)) == 0
     motion = np.column_stack(
         [f for tilt in tilts for f in (tilt, np.gradient(tilt, DT), np.gradient(np.gradient(tilt, DT), DT))]
     )
+    theta = theta + noise * rng.standard_normal(len(t))
     system = RingSystem(t, theta, first, RADIUS, Tilt(t, motion, "known"), {})
     system.target = derivatives(theta, DT, MATCHED).acceleration
+    return system
+
+
+KNOWN = [c for c in ring_library() if c.name in ("rolling_inertia", "viscous_friction")]
+START = {"rolling_inertia": {"factor": 0.65}, "viscous_friction": {"coefficient": 0.2}}
+
+
+def found_in(system, *edges):
+    """A likelihood with edges, the last of them fitted."""
+    likelihood = WindowLikelihood(system, [*KNOWN, *edges], np.ones(len(system), dtype=bool), math.inf)
+    (*_, c) = edges
+    start = {**START, c.name: dict(zip(c.parameters, (0.36, 0.4, 0.03, 0.6), strict=False))}
+    return likelihood, fit(likelihood, [*KNOWN, c], start)
+
+
+def test_sizes_of_edges_are_found():
     (_, edges) = closer_library(Gates(outer=QUARTERS))
-    known = [c for c in ring_library() if c.name in ("rolling_inertia", "viscous_friction")]
-    likelihood = WindowLikelihood(system, [*known, edges], np.ones(len(t), dtype=bool), math.inf)
-    start = {"rolling_inertia": {"factor": 0.65}, "viscous_friction": {"coefficient": 0.2}}
-    found = fit(
-        likelihood,
-        [*known, edges],
-        {**start, edges.name: dict(zip(edges.parameters, (0.36, 0.4, 0.03, 0.6), strict=True))},
-    )
-    for name, value in true.items():
+    _, found = found_in(table([0.6] * 4), edges)
+    for name, value in {"rotation": 0.4, "loss": 0.6, "reach": 0.06, "sinking": 0.4}.items():
         near = 0.02 if name in ("rotation", "reach") else 0.06
         assert found.values[edges.name][name] == pytest.approx(value, abs=near)
     assert found.values["rolling_inertia"]["factor"] == pytest.approx(0.6, abs=0.01)
+
+
+@pytest.mark.parametrize(("losses", "differ"), [((0.3, 0.6, 0.9, 0.7), True), ((0.6, 0.6, 0.6, 0.6), False)])
+def test_openings_have_losses_of_their_own_only_where_blocks_bear_it_out(losses, differ):
+    gates = Gates(outer=QUARTERS)
+    (_, edges), (own, ripple) = closer_library(gates), finer_library(gates)
+    system = table(losses, noise=0.002)
+    likelihood, plain = found_in(system, own, edges)
+    likelihood = WindowLikelihood(system, [*KNOWN, edges, own], likelihood.rows, math.inf)
+    fourth = np.arange(len(system)) // 150 % 4
+    folds = [(fourth != k, fourth == k) for k in range(4)]
+    found, gains = refined(likelihood, plain, [own, ripple], folds)
+    assert list(gains) == ([own.name] if differ else [])
+    assert (own in found.candidates) is differ
+    if differ:
+        values = found.values[own.name]
+        for name, loss in zip(own.own, losses, strict=True):
+            assert values["loss"] + values[name] == pytest.approx(loss, abs=0.12)
 
 
 def test_gates_change_walls_as_sharply_as_they_are_told():

@@ -16,10 +16,10 @@ from mazeplan.data.table import Table, read_table
 from mazeplan.diagnosis.diagnose import diagnose
 from mazeplan.diagnosis.geometry import as_seen, bending, unbent
 from mazeplan.diagnosis.holdout import seen_and_held
-from mazeplan.diagnosis.library import Gates, closer_library, ring_library, wall_library
+from mazeplan.diagnosis.library import Gates, closer_library, finer_library, ring_library, wall_library
 from mazeplan.diagnosis.record import record_of, turned_round
 from mazeplan.diagnosis.scores import MATCHED
-from mazeplan.diagnosis.wallterms import WIDTH, against, pressing, ripples
+from mazeplan.diagnosis.wallterms import WIDTH, against, fine_ripples, pressing, ripples
 from mazeplan.diagnosis.windows import spread_of, weights_of
 from mazeplan.maze.mapfile import load_map
 
@@ -51,6 +51,9 @@ def test_ripples_are_harmonics_from_the_fourth_on():
     p = np.arange(1.0, 13.0)
     expected = sum(p[2 * i] * math.cos((4 + i) * 0.3) + p[2 * i + 1] * math.sin((4 + i) * 0.3) for i in range(6))
     assert ripples(0.3, 0.0, 0.0, np.zeros(1), p) == pytest.approx(expected, rel=1e-12)
+    finer = np.concatenate([p, np.zeros(14), [0.5, 0.25]])
+    more = 0.5 * math.cos(17 * 0.3) + 0.25 * math.sin(17 * 0.3)
+    assert fine_ripples(0.3, 0.0, 0.0, np.zeros(1), finer) == pytest.approx(expected + more, rel=1e-12)
 
 
 def test_a_camera_off_the_centre_bends_angles_and_back():
@@ -132,7 +135,8 @@ def test_every_effect_is_listed_with_its_units():
     text = (Path(__file__).parents[2] / "docs" / "effects.md").read_text()
     lines = [line.split("|") for line in text.splitlines() if line.startswith("| ")]
     listed = {name.strip(): line[2] for line in lines for name in line[1].split(",")}
-    for c in (*ring_library(), *wall_library(Gates(QUARTERS, QUARTERS)), *closer_library(Gates(QUARTERS, QUARTERS))):
+    walls = Gates(QUARTERS, QUARTERS)
+    for c in (*ring_library(), *wall_library(walls), *closer_library(walls), *finer_library(walls)):
         assert c.name in listed, c.name
         assert all(f"({spec.unit})" in listed[c.name] for spec in c.parameters.values()), c.name
 
