@@ -242,6 +242,8 @@ class Run:
             status = self.tick(observation)
             if status == "SUCCESS":
                 return self._end(True, "arrived", log)
+            if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
+                return self._end(False, "skipped", log)
             if status == "FAILURE":
                 last = self.context.last_failure
                 return self._end(False, str(last.kind) if last else "failed", log)
@@ -256,7 +258,8 @@ class Run:
         return self.result(success, reason, log)
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
-        """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE or RUNNING.
+        """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
+        SKIPPED.
 
         A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. Raises
         RigError when the rig measured no number."""

@@ -68,9 +68,11 @@ def show(
 
 @app.command("list")
 def list_leaves() -> None:
-    """The leaves that a tree may use, with their ports, and the control nodes."""
+    """The leaves that a tree may use, with their ports, the control nodes, and preconditions."""
+    from mazeplan.behavior.conditions import DECISIONS
+    from mazeplan.behavior.decorators import DECORATORS
     from mazeplan.behavior.leaf import REQUIRED
-    from mazeplan.behavior.nodes import CONTROLS, DECORATORS
+    from mazeplan.behavior.nodes import CONTROLS
     from mazeplan.behavior.registry import REGISTRY
 
     for name, leaf in sorted(REGISTRY.items()):
@@ -82,6 +84,7 @@ def list_leaves() -> None:
             kind = "output" if port.direction == "out" else port.type.__name__
             print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}")
     print("control nodes: " + ", ".join((*CONTROLS, *DECORATORS, "SubTree")))
+    print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
 
 
 @app.command("palette")
