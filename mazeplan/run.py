@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.registry import REGISTRY
+from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
@@ -96,7 +96,8 @@ class Job:
 
 @dataclass(frozen=True)
 class Setup:
-    """With what a job is done: maze, model of ball and stage, tree (name or file), and settings."""
+    """With what a job is done: maze, model of ball and stage, tree (name or file), settings, and the names of modules
+    with leaves of one's own."""
 
     maze: Maze
     model: RigModel
@@ -104,6 +105,7 @@ class Setup:
     rig_name: str = ""
     model_name: str = ""
     settings: Settings = field(default_factory=load_settings)
+    behavior_modules: tuple[str, ...] = ()
 
 
 def run_job(
@@ -135,6 +137,7 @@ def log_header(setup: Setup, job: Job) -> dict[str, Any]:
         "map_name": setup.maze.name,
         "model": setup.model_name or setup.model.kind,
         "behavior": setup.behavior,
+        "behavior_modules": list(setup.behavior_modules),
         "start_ring": job.start,
         "goal_ring": job.goal,
         "seed": job.seed,
@@ -212,7 +215,7 @@ class Run:
             on_event=self._on_event,
             options=setup.settings.leaves,
         )
-        tree = load_tree(setup.behavior, REGISTRY, context)
+        tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
         tree.blackboard.set("goal", goal)
         return context, tree
 

@@ -221,7 +221,7 @@ class _Builder:
     def _suggest(self, kind: str) -> str:
         known = [*CONTROLS, *DECORATORS, "SubTree", *self._registry]
         near = difflib.get_close_matches(kind, known, 1)
-        return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}"
+        return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}, or a leaf of yours"
 
     def _check_children(self, element: Element, path: str, node: type[Node], values: Mapping[str, Any]) -> None:
         n = len(element)
