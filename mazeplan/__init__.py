@@ -1,6 +1,7 @@
 """Plan, learn and navigate a ball through a circular maze on a tilting plate.
 
-`from mazeplan import Maze, Observation, Rig, check_rig, navigate` works; the names load when first used, so that
+`from mazeplan import Maze, Observation, Rig, check_rig, navigate` works, as do MazeLeaf, Port and Status for leaves of
+one's own; the names load when first used, so that
 `import mazeplan` stays cheap.
 """
 
@@ -10,6 +11,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mazeplan.behavior.leaf import Port
+    from mazeplan.behavior.mazeleaf import MazeLeaf
+    from mazeplan.behavior.status import Status
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.mapfile import load_map
     from mazeplan.navigate import navigate
@@ -21,15 +25,20 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Maze": "mazeplan.maze.geometry",
+    "MazeLeaf": "mazeplan.behavior.mazeleaf",
     "NavigationResult": "mazeplan.records",
     "Observation": "mazeplan.records",
+    "Port": "mazeplan.behavior.leaf",
     "Rig": "mazeplan.rigs.interface",
+    "Status": "mazeplan.behavior.status",
     "check_rig": "mazeplan.rigs.conformance",
     "load_map": "mazeplan.maze.mapfile",
     "navigate": "mazeplan.navigate",
 }
 
-__all__ = ["Maze", "NavigationResult", "Observation", "Rig", "check_rig", "load_map", "navigate"]
+__all__ = [
+    "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig", "Status", "check_rig", "load_map", "navigate",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

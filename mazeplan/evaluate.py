@@ -41,6 +41,7 @@ class Campaign:
     seed: int = 0
     time_limit: float = TIME_LIMIT
     settings: str | None = None
+    behavior_modules: tuple[str, ...] = ()
 
 
 def start_angle(index: int) -> float | None:
@@ -62,7 +63,9 @@ def run_one(campaign: Campaign, index: int) -> NavigationResult:
     rig = make_rig(campaign.rig, maze)
     try:
         how = load_settings(campaign.settings)
-        return run_job(rig, Setup(maze, model, campaign.behavior, rig_label(campaign.rig), settings=how), job)
+        label, modules = rig_label(campaign.rig), campaign.behavior_modules
+        setup = Setup(maze, model, campaign.behavior, label, settings=how, behavior_modules=modules)
+        return run_job(rig, setup, job)
     finally:
         rig.close()
 

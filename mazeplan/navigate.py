@@ -27,6 +27,7 @@ def navigate(
     rig: str | Rig = "toy",
     model: str | Path | RigModel | None = None,
     behavior: str = "navigate",
+    behavior_modules: Sequence[str] = (),
     settings: str | Path | Settings | None = None,
     start_angle_deg: float | None = None,
     closed: Sequence[str] = (),
@@ -38,11 +39,12 @@ def navigate(
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
-    start, goal: ring numbers (or "ring1"); rig: a packaged name, a YAML file, "module:Class", or a rig; model:
-    packaged name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); seed: of
-    start angle and simulated noise; settings: YAML file of costs, gains and windows, or Settings (None: the packaged
-    ones); closed: names of openings not to be used; memory: file that keeps what happened at openings for the next
-    run. Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
+    start, goal: ring numbers (or "ring1"); rig: a packaged name, a YAML file, "module:Class", or a rig; model: packaged
+    name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); behavior: packaged
+    tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged ones; settings:
+    YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of openings not to be
+    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise.
+    Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
         raise InputError(f"got {start_angle_deg}, expected a finite number of degrees", key="start angle")
@@ -64,7 +66,8 @@ def navigate(
     )
     how = settings if isinstance(settings, Settings) else load_settings(settings)
     kept = None if memory is None else load_memory(Path(memory), known)
-    setup = Setup(maze, chosen, behavior, label, "" if isinstance(model, RigModel | None) else str(model), how, kept)
+    called = "" if isinstance(model, RigModel | None) else str(model)
+    setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept)
     try:
         result = run_job(machine, setup, job, log=log, display=display)
     finally:

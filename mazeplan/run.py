@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.registry import REGISTRY
+from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
@@ -97,8 +97,8 @@ class Job:
 
 @dataclass(frozen=True)
 class Setup:
-    """With what a job is done: maze, model of ball and stage, tree (name or file), settings, and what is remembered of
-    openings, which the run adds to."""
+    """With what a job is done: maze, model of ball and stage, tree (name or file), settings, names of modules with
+    leaves of one's own, and what is remembered of openings, which the run adds to."""
 
     maze: Maze
     model: RigModel
@@ -106,6 +106,7 @@ class Setup:
     rig_name: str = ""
     model_name: str = ""
     settings: Settings = field(default_factory=load_settings)
+    behavior_modules: tuple[str, ...] = ()
     memory: OpeningMemory | None = None
 
 
@@ -138,6 +139,7 @@ def log_header(setup: Setup, job: Job) -> dict[str, Any]:
         "map_name": setup.maze.name,
         "model": setup.model_name or setup.model.kind,
         "behavior": setup.behavior,
+        "behavior_modules": list(setup.behavior_modules),
         "start_ring": job.start,
         "goal_ring": job.goal,
         "seed": job.seed,
@@ -218,7 +220,7 @@ class Run:
             options=setup.settings.leaves,
             late_s=setup.model.late_s,
         )
-        tree = load_tree(setup.behavior, REGISTRY, context)
+        tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
         tree.blackboard.set("goal", goal)
         return context, tree
 
@@ -248,6 +250,8 @@ class Run:
             status = self.tick(observation)
             if status == "SUCCESS":
                 return self._end(True, "arrived", log)
+            if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
+                return self._end(False, "skipped", log)
             if status == "FAILURE":
                 last = self.context.last_failure
                 return self._end(False, str(last.kind) if last else "failed", log)
@@ -262,7 +266,8 @@ class Run:
         return self.result(success, reason, log)
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
-        """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE or RUNNING.
+        """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
+        SKIPPED.
 
         A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. Raises
         RigError when the rig measured no number."""

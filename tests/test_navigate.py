@@ -143,6 +143,18 @@ def test_pd_tracking_by_the_tree_alone(tmp_path):
     assert result.success
 
 
+def test_a_tree_that_is_skipped_ends_the_run_without_success(tmp_path):
+    from mazeplan import resources
+
+    text = (resources.share("behaviors") / "navigate.xml").read_text()
+    for condition, arrives in (("goal &gt; 4", False), ("goal &lt; 4", True)):
+        tree = tmp_path / "tree.xml"
+        tree.write_text(text.replace('num_attempts="20"', f'num_attempts="20" _skipIf="{condition}"'))
+        result, rig = go(4, 5, behavior=str(tree))
+        assert (result.success, result.reason) == ((True, "arrived") if arrives else (False, "skipped"))
+        assert rig.levelled
+
+
 def test_the_log_tells_the_run(tmp_path):
     path = tmp_path / "run.mcap"
     result, rig = go(log=path)

@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = [block.splitlines() for block in re.findall(r"```console\n(.*?)```", README, re.DOTALL)]
+PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [[line.removeprefix("$ ") for line in block if line.startswith("$ ")] for block in BLOCKS]
 
 
@@ -27,7 +28,9 @@ def run(command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def desk(tmp_path):
     (tmp_path / "runs").mkdir()
-    (tmp_path / "maps").symlink_to(ROOT / "maps")
+    for folder in ("maps", "behaviors"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    (tmp_path / "my_leaves.py").write_text(PYTHON[1], encoding="utf-8")
     return tmp_path
 
 
@@ -43,8 +46,7 @@ def test_commands_of_one_block_run_in_order(block, desk):
 
 
 def test_python_example(desk):
-    blocks = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    done = subprocess.run([sys.executable, "-c", blocks[0]], cwd=desk, capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", PYTHON[0]], cwd=desk, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("True ")
 
@@ -53,9 +55,8 @@ def test_rig_example_has_what_a_rig_needs():
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.interface import Rig
 
-    blocks = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     names: dict = {}
-    exec(blocks[1], names)
+    exec(PYTHON[2], names)
     assert isinstance(names["MyRig"](load_map("cme"), {}), Rig)
 
 

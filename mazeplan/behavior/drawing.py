@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from py_trees.behaviour import Behaviour
-
-from mazeplan.behavior.leaf import Key, Leaf, shown
-from mazeplan.behavior.nodes import CONTROLS, SubTree
-from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.decorators import SubTree
+from mazeplan.behavior.leaf import Key, Leaf, TreeNode, shown
+from mazeplan.behavior.nodes import CONTROLS
+from mazeplan.behavior.tree import BehaviorTree, parts_of
 from mazeplan.errors import InputError
 
 # fill by kind of node, readable in grey and with any colour vision: light blue, light orange, white, light yellow
@@ -25,7 +24,7 @@ SYMBOLS = {
 }  # fmt: skip
 
 
-def _kind(node: Behaviour) -> str:
+def _kind(node: TreeNode) -> str:
     if isinstance(node, Leaf):
         return "condition" if node.category == "Condition" else "leaf"
     if isinstance(node, SubTree):
@@ -33,7 +32,7 @@ def _kind(node: Behaviour) -> str:
     return "control" if type(node).__name__ in CONTROLS else "decorator"
 
 
-def _label(node: Behaviour) -> tuple[str, str]:
+def _label(node: TreeNode) -> tuple[str, str]:
     """(kind of node, own name if it has one)."""
     kind = type(node).__name__
     symbol = SYMBOLS.get(kind, "")
@@ -41,9 +40,12 @@ def _label(node: Behaviour) -> tuple[str, str]:
     return title, "" if node.name == kind else node.name
 
 
-def _ports(node: Behaviour) -> str:
+def _ports(node: TreeNode) -> str:
+    """Ports and preconditions as attributes."""
     values: dict[str, Any] = getattr(node, "_values", {})
-    return " ".join(f"{name}={_written(value)}" for name, value in values.items())
+    ports = [f"{name}={_written(value)}" for name, value in values.items()]
+    given = {} if node.conditions is None else node.conditions.given
+    return " ".join(ports + [f'{name}="{_written(e.text)}"' for name, e in given.items()])
 
 
 def _written(value: Any) -> str:
@@ -58,11 +60,11 @@ def tree_text(tree: BehaviorTree) -> str:
     """The tree, one node a line, with its ports."""
     lines: list[str] = []
 
-    def add(node: Behaviour, lead: str, branch: str, below: str) -> None:
+    def add(node: TreeNode, lead: str, branch: str, below: str) -> None:
         title, name = _label(node)
         lines.append(" ".join(filter(None, (lead + branch + title, f"'{name}'" if name else "", _ports(node)))))
-        for i, child in enumerate(node.children):
-            last = i + 1 == len(node.children)
+        for i, child in enumerate(parts_of(node)):
+            last = i + 1 == len(parts_of(node))
             add(child, lead + below, "└── " if last else "├── ", "    " if last else "│   ")
 
     add(tree.root, "", "", "")
@@ -71,7 +73,7 @@ def tree_text(tree: BehaviorTree) -> str:
 
 @dataclass
 class _Placed:
-    node: Behaviour
+    node: TreeNode
     x: float
     y: float
     parent: _Placed | None
@@ -81,10 +83,10 @@ def _place(tree: BehaviorTree) -> list[_Placed]:
     """Indented outline: one row a node, so that nothing overlaps however wide the tree is."""
     placed: list[_Placed] = []
 
-    def add(node: Behaviour, depth: int, parent: _Placed | None) -> None:
+    def add(node: TreeNode, depth: int, parent: _Placed | None) -> None:
         here = _Placed(node, depth, -len(placed), parent)
         placed.append(here)
-        for child in node.children:
+        for child in parts_of(node):
             add(child, depth + 1, here)
 
     add(tree.root, 0, None)

@@ -16,6 +16,9 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.conditions import Conditions
+from mazeplan.behavior.expression import ExpressionError
+from mazeplan.behavior.status import FINISHED, INVALID, RUNNING, SKIPPED, Result
 from mazeplan.errors import TreeError
 from mazeplan.records import Failure
 
@@ -127,12 +130,13 @@ class Place:
     path: str
 
 
-class Ported:
-    """What leaves and nodes with children share: ports given as literal or {key}, and a place in a file."""
+class TreeNode(Behaviour):
+    """What leaves and nodes with children share: ports given as literal or {key}, preconditions, a place in a file."""
 
     ports: ClassVar[dict[str, Port]] = {}
-    name: str
     place: Place | None = None
+    conditions: Conditions | None = None
+    skipped: bool = False
     _board: Blackboard
     _values: dict[str, Any]
 
@@ -160,11 +164,51 @@ class Ported:
             return TreeError(problem, key=self.name)
         return TreeError(problem, file=self.place.file, line=self.place.line, key=self.place.path)
 
+    @property
+    def result(self) -> Result:
+        """What its last tick ended with; INVALID before the first one, and after it was halted."""
+        return SKIPPED if self.skipped else self.status
 
-FINISHED = (Status.SUCCESS, Status.FAILURE)
+    def tick(self) -> Iterator[Behaviour]:
+        """py_trees: one tick, unless the preconditions decide. Written out because py_trees' own takes twice the time,
+        for its debug log."""
+        decided = None if self.conditions is None else self._decided(self.conditions)
+        if decided is None:
+            result = self.act()
+        else:
+            result = decided
+            self.reset()
+        self.skipped = result is SKIPPED
+        self.status = result if isinstance(result, Status) else INVALID
+        yield self
+
+    def _decided(self, conditions: Conditions) -> Result | None:
+        try:
+            return conditions.decide(self.status is RUNNING)
+        except ExpressionError as problem:
+            raise self.wrong(str(problem)) from None
+
+    def act(self) -> Result:
+        """One tick of the node itself."""
+        raise NotImplementedError(f"{type(self).__name__} has no act")
+
+    def update(self) -> Status:
+        """py_trees: wants one of every node; a tick goes by `act`."""
+        return self.status
+
+    def reset(self) -> None:
+        """Idle from now on: what runs is halted, and what was kept because a child was skipped is forgotten; how the
+        last tick ended can still be read."""
+        if self.status is RUNNING:
+            self.stop(INVALID)
+
+    def stop(self, new_status: Status = INVALID) -> None:
+        """py_trees: halted from outside."""
+        self.skipped = False
+        super().stop(new_status)
 
 
-class Leaf(Ported, Behaviour):
+class Leaf(TreeNode):
     """Base of all leaves. `values`: {port: literal or Key} of the ports given in the tree; `category`: Action, or
     Condition for one that answers at once and changes nothing."""
 
@@ -200,12 +244,11 @@ class Leaf(Ported, Behaviour):
 
     # -- py_trees ---------------------------------------------------------------------------------------------------
 
-    def tick(self) -> Iterator[Behaviour]:
-        """py_trees: one tick. Written out because py_trees' own takes twice the time, for its debug log."""
-        if self.status is not Status.RUNNING:
+    def act(self) -> Result:
+        """One tick: entered if it was idle, then a step."""
+        if self.status is not RUNNING:
             self.initialise()
-        self.status = self.update()
-        yield self
+        return self.update()
 
     def initialise(self) -> None:
         """py_trees: entered."""

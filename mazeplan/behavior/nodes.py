@@ -1,4 +1,5 @@
-"""Control and decorator nodes with the semantics of BehaviorTree.CPP 4, as py_trees behaviours.
+"""Nodes with children, with the semantics of BehaviorTree.CPP 4, as py_trees behaviours: their base and the controls;
+the decorators are in `decorators`.
 
 py_trees' own composites differ where it matters here (retries cost a tick each, timers read the wall clock), so the
 nodes are written on its `Behaviour`, with children in `children`. A child that has finished counts as idle: it starts
@@ -7,7 +8,7 @@ anew when ticked again.
 | node | ticks | result |
 |---|---|---|
 | Sequence | from the child that is running | FAILURE of a child: fails, starts over next time |
-| SequenceWithMemory | the same, but after FAILURE it resumes at the child that failed | |
+| SequenceWithMemory | the same, but after FAILURE or a halt it resumes at the child it was at | |
 | ReactiveSequence | always from the first child | RUNNING of a child: later ones are halted |
 | Fallback, ReactiveFallback | the same with SUCCESS and FAILURE exchanged | |
 | Parallel | all that have not finished | success_count successes, failure_count failures; -1: all, -2: all but 1 |
@@ -17,114 +18,146 @@ anew when ticked again.
 | Delay | its child delay_msec after its start | |
 | Inverter, ForceSuccess, ForceFailure, KeepRunningUntilFailure | | |
 | SubTree | its one child, on a blackboard of its own | |
+
+A child whose preconditions skip it (`conditions`) is SKIPPED: neither success nor failure, and idle, so that they are
+looked at again when it is ticked again.
+
+| node | child SKIPPED |
+|---|---|
+| Sequence, Fallback with their other forms | the next one is ticked; all skipped since it was entered: SKIPPED |
+| Parallel | asked again at the next tick; counts as success for a negative success_count; all at once: SKIPPED |
+| RetryUntilSuccessful, Repeat | SKIPPED at once; the count neither grows nor is reset, if it is ticked again |
+| Timeout, Delay, Inverter, ForceSuccess, ForceFailure, SubTree | SKIPPED; a delay that is over stays over |
+| KeepRunningUntilFailure | RUNNING |
+| none: the root | the tree ends with SKIPPED, which is not success; ticked again, it is asked again |
+
+One thing differs from what BehaviorTree.CPP 4 does, for it is at odds with its own rule that a node is skipped if all
+its children are: its Parallel succeeds then if success_count is negative.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from collections.abc import Sequence as Row
 from typing import Any, ClassVar
 
-from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.leaf import REQUIRED, Port, Ported
+from mazeplan.behavior.leaf import Port, TreeNode
+from mazeplan.behavior.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Result
 
-RUNNING, SUCCESS, FAILURE, INVALID = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.INVALID
 
-
-class Node(Ported, Behaviour):
-    """Base of nodes with children. `most`: children allowed (None: any number from 1)."""
+class Node(TreeNode):
+    """Base of nodes with children. `most`: children allowed (None: any number from 1); `stays`: whether it goes on from
+    where it was after it was skipped because its child was."""
 
     most: ClassVar[int | None] = None
+    stays: ClassVar[bool] = False
 
     def __init__(
         self,
         name: str,
-        children: list[Behaviour],
+        children: Row[TreeNode],
         clock: Callable[[], float],
         blackboard: Blackboard,
         values: Mapping[str, Any],
     ) -> None:
         super().__init__(name)
-        self.children = children
+        self.parts = tuple(children)
+        self.children = list(children)
         for child in children:
             child.parent = self
         self.clock, self._board, self._values = clock, blackboard, dict(values)
+        self._entered = False
 
     @classmethod
     def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
         """What is wrong with these literals for n children, if anything; asked when a file is read."""
         return None
 
-    def tick(self) -> Iterator[Behaviour]:
-        """py_trees: one tick, children first."""
-        if self.status is not RUNNING:
+    def act(self) -> Result:
+        """One tick, children first; when it has finished, no child runs."""
+        if not self._entered:
             self.enter()
-        self.status = self.update()
-        if self.status is not RUNNING:
-            self.halt_children()
-        yield self
+        result = self.run()
+        self._entered = result is RUNNING or (result is SKIPPED and self.stays)
+        if result in FINISHED:
+            self.reset_children()
+        return result
 
     def enter(self) -> None:
         """Called when the node is entered."""
 
-    def update(self) -> Status:
-        """py_trees: the new status."""
-        return self.run()
-
-    def run(self) -> Status:
+    def run(self) -> Result:
         """One tick of the node."""
         # a node without a run is a mistake in the program, as a leaf without a step is
         raise NotImplementedError(f"{type(self).__name__} has no run")
 
-    def tick_child(self, index: int) -> Status:
-        """Tick one child and return its status."""
-        child = self.children[index]
+    def tick_child(self, index: int) -> Result:
+        """Tick one child and return what it ended with."""
+        child = self.parts[index]
         for _ in child.tick():
             pass
-        return child.status
+        return child.result
 
-    def halt_children(self, start: int = 0) -> None:
-        """Halt the children that are running, from `start` on."""
-        for child in self.children[start:]:
-            if child.status is RUNNING:
-                child.stop(INVALID)
+    def reset_children(self, start: int = 0) -> None:
+        """Make the children idle, from `start` on; those that run are halted."""
+        for child in self.parts[start:]:
+            if child.status is RUNNING or child.skipped:
+                child.reset()
+
+    def reset(self) -> None:
+        """Idle from now on, and so are its children."""
+        if self.status is RUNNING:
+            self.stop(INVALID)
+        elif self._entered or self.skipped:
+            self._entered = False
+            self.reset_children()
 
     def stop(self, new_status: Status = INVALID) -> None:
         """py_trees: halted from outside."""
-        self.halt_children()
+        self.reset_children()
+        self._entered = self.skipped = False
         self.status = new_status
 
 
 class _Ordered(Node):
-    """Sequence and Fallback: `go_on` is the result of a child after which the next one is ticked."""
+    """Sequence and Fallback: `go_on` is the result of a child after which the next one is ticked, as it is after one
+    that was skipped."""
 
     go_on: ClassVar[Status] = SUCCESS
     remember_stop: ClassVar[bool] = False
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._current = 0
+        self._current = self._skips = 0
 
     def enter(self) -> None:
         """From the first child, but for the node with memory; an exception may have left another place."""
+        self._skips = 0
         if not self.remember_stop:
             self._current = 0
 
-    def run(self) -> Status:
+    def run(self) -> Result:
         """Tick children in order, from the one that is running."""
-        while self._current < len(self.children):
-            status = self.tick_child(self._current)
-            if status is RUNNING:
+        n = len(self.parts)
+        while self._current < n:
+            result = self.tick_child(self._current)
+            if result is RUNNING:
                 return RUNNING
-            if status is not self.go_on:
+            if result is SKIPPED:
+                self._skips += 1
+            elif result is not self.go_on:
                 if not self.remember_stop:
                     self._current = 0
-                return status
+                return result
             self._current += 1
         self._current = 0
-        return self.go_on
+        if self._skips < n:
+            return self.go_on
+        self.reset_children()
+        return SKIPPED
 
     def stop(self, new_status: Status = INVALID) -> None:
         """Halting forgets the place, but for the node with memory."""
@@ -152,14 +185,18 @@ class Fallback(_Ordered):
 class _Reactive(Node):
     go_on: ClassVar[Status] = SUCCESS
 
-    def run(self) -> Status:
+    def run(self) -> Result:
         """Tick from the first child; halt the later ones when an earlier one stops the row."""
-        for i in range(len(self.children)):
-            status = self.tick_child(i)
-            if status is not self.go_on:
-                self.halt_children(i + 1)
-                return status
-        return self.go_on
+        skips = 0
+        for i, child in enumerate(self.parts):
+            result = self.tick_child(i)
+            if result is SKIPPED:
+                skips += 1
+                child.reset()
+            elif result is not self.go_on:
+                self.reset_children(i + 1)
+                return result
+        return SKIPPED if skips == len(self.parts) else self.go_on
 
 
 class ReactiveSequence(_Reactive):
@@ -190,164 +227,37 @@ class Parallel(Node):
 
     def enter(self) -> None:
         """No child has finished."""
-        self._done: dict[int, Status] = {}
+        self._done: dict[int, Result] = {}
 
-    def run(self) -> Status:
+    def run(self) -> Result:
         """Tick the children that have not finished, until enough of them have."""
-        n = len(self.children)
-        needed, allowed = (_from_end(self.get(port), n) for port in ("success_count", "failure_count"))
+        n, skips = len(self.parts), 0
+        needed, allowed = self._threshold("success_count"), self._threshold("failure_count")
+        relative = self.get("success_count") < 0
         for i in range(n):
             if i not in self._done:
-                status = self.tick_child(i)
-                if status is not RUNNING:
-                    self._done[i] = status
-            successes = sum(status is SUCCESS for status in self._done.values())
+                result = self.tick_child(i)
+                if result is SKIPPED:
+                    skips += 1
+                elif result is not RUNNING:
+                    self._done[i] = result
+            successes = sum(result is SUCCESS for result in self._done.values())
             failures = len(self._done) - successes
-            if successes >= needed:
+            if successes >= needed or (relative and skips < n and successes + skips >= needed):
                 return SUCCESS
             if failures >= allowed or n - failures < needed:
                 return FAILURE
-        return RUNNING
+        return SKIPPED if skips == n else RUNNING
 
-
-def _from_end(threshold: int, n: int) -> int:
-    """A negative threshold counts from the end, as an index does: -1 is n, -2 is n - 1."""
-    return threshold if threshold >= 0 else max(n + threshold + 1, 0)
-
-
-class _Decorator(Node):
-    most: ClassVar[int | None] = 1
-
-
-class _Loop(_Decorator):
-    """Ticks its child again while it returns `again`, at most so many times."""
-
-    again: ClassVar[Status] = FAILURE
-    limit: ClassVar[str] = "num_attempts"
-    reread: ClassVar[bool] = True  # the limit, after each round: the child may have changed it
-
-    def enter(self) -> None:
-        """Count from 0."""
-        self._count = 0
-
-    def run(self) -> Status:
-        """Loop within the tick; without end, at most one round a tick, or it would never return."""
-        limit = self.get(self.limit)
-        while limit < 0 or self._count < limit:
-            status = self.tick_child(0)
-            if status is not self.again:
-                return status
-            self._count += 1
-            if limit < 0:
-                return RUNNING
-            if self.reread:
-                limit = self.get(self.limit)
-        return self.again
-
-
-class RetryUntilSuccessful(_Loop):
-    """Its child again while it fails."""
-
-    ports: ClassVar[dict[str, Port]] = {"num_attempts": Port(int, REQUIRED, "attempts; -1: without end", least=-1)}
-
-
-class Repeat(_Loop):
-    """Its child again while it succeeds."""
-
-    ports: ClassVar[dict[str, Port]] = {"num_cycles": Port(int, REQUIRED, "repetitions; -1: without end", least=-1)}
-    again: ClassVar[Status] = SUCCESS
-    limit: ClassVar[str] = "num_cycles"
-    reread: ClassVar[bool] = False
-
-
-class Timeout(_Decorator):
-    """FAILURE when its child takes too long, in rig time."""
-
-    ports: ClassVar[dict[str, Port]] = {"msec": Port(int, REQUIRED, "limit in ms; 0: none", least=0)}
-
-    def enter(self) -> None:
-        """Start the clock."""
-        self._began = self.clock()
-
-    def run(self) -> Status:
-        """The child's status, until the time is over."""
-        limit = self.get("msec")
-        if limit > 0 and 1e3 * (self.clock() - self._began) >= limit - 1e-6:
-            self.halt_children()
-            return FAILURE
-        return self.tick_child(0)
-
-
-class Delay(_Decorator):
-    """Its child after a while, in rig time."""
-
-    ports: ClassVar[dict[str, Port]] = {"delay_msec": Port(int, REQUIRED, "delay in ms", least=0)}
-
-    def enter(self) -> None:
-        """Start the clock."""
-        self._began = self.clock()
-
-    def run(self) -> Status:
-        """RUNNING until the time is over, then the child's status."""
-        if 1e3 * (self.clock() - self._began) < self.get("delay_msec") - 1e-6:
-            return RUNNING
-        return self.tick_child(0)
-
-
-class Inverter(_Decorator):
-    """SUCCESS and FAILURE exchanged."""
-
-    def run(self) -> Status:
-        """The opposite."""
-        return {SUCCESS: FAILURE, FAILURE: SUCCESS, RUNNING: RUNNING}[self.tick_child(0)]
-
-
-class ForceSuccess(_Decorator):
-    """SUCCESS whatever its child returns."""
-
-    def run(self) -> Status:
-        """RUNNING or SUCCESS."""
-        return RUNNING if self.tick_child(0) is RUNNING else SUCCESS
-
-
-class ForceFailure(_Decorator):
-    """FAILURE whatever its child returns."""
-
-    def run(self) -> Status:
-        """RUNNING or FAILURE."""
-        return RUNNING if self.tick_child(0) is RUNNING else FAILURE
-
-
-class KeepRunningUntilFailure(_Decorator):
-    """RUNNING until its child fails."""
-
-    def run(self) -> Status:
-        """RUNNING or FAILURE."""
-        return FAILURE if self.tick_child(0) is FAILURE else RUNNING
-
-
-class SubTree(_Decorator):
-    """Another tree of the file, on a blackboard scope of its own."""
-
-    def run(self) -> Status:
-        """The status of the tree."""
-        return self.tick_child(0)
+    def _threshold(self, port: str) -> int:
+        """A number of children; a negative one counts from the end, as an index does: -1 is n, -2 is n - 1."""
+        threshold, n = self.get(port), len(self.parts)
+        if threshold > n:
+            raise self.wrong(f"{port}: got {threshold}, expected at most its number of children, {n}")
+        return threshold if threshold >= 0 else max(n + threshold + 1, 0)
 
 
 CONTROLS: dict[str, type[Node]] = {
     kind.__name__: kind
     for kind in (Sequence, SequenceWithMemory, Fallback, ReactiveSequence, ReactiveFallback, Parallel)
-}
-DECORATORS: dict[str, type[Node]] = {
-    kind.__name__: kind
-    for kind in (
-        RetryUntilSuccessful,
-        Repeat,
-        Timeout,
-        Delay,
-        Inverter,
-        ForceSuccess,
-        ForceFailure,
-        KeepRunningUntilFailure,
-    )
 }

@@ -16,7 +16,8 @@ TYPES = {int: "int", float: "double", bool: "bool", str: "std::string", list: "s
 def write_palette(registry: Mapping[str, type[Leaf]]) -> str:
     """TreeNodesModel of all leaves: Action or Condition, with typed ports, defaults and what they are for.
 
-    Control nodes and decorators are left out, as BehaviorTree.CPP itself leaves them out: the editor has its own."""
+    Control nodes, decorators and preconditions are left out, as BehaviorTree.CPP leaves them out: the editor has its
+    own."""
     root = etree.Element("root", BTCPP_format="4")
     model = etree.SubElement(root, "TreeNodesModel")
     for name, leaf in sorted(registry.items()):

@@ -4,55 +4,59 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from py_trees.behaviour import Behaviour
-from py_trees.common import Status
-
 from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.leaf import TreeNode
+from mazeplan.behavior.nodes import Node
+from mazeplan.behavior.status import INVALID, RUNNING, Result
 
 
 class BehaviorTree:
     """Root node and blackboard of one run."""
 
-    def __init__(self, root: Behaviour, blackboard: Blackboard, name: str = "") -> None:
+    def __init__(self, root: TreeNode, blackboard: Blackboard, name: str = "") -> None:
         self.root, self.blackboard, self.name = root, blackboard, name
         self._paths = [(path, node) for path, node in _walk(root, "")]
 
-    def tick(self) -> Status:
-        """Tick once from the root: SUCCESS, FAILURE or RUNNING."""
+    def tick(self) -> Result:
+        """Tick once from the root: SUCCESS, FAILURE, RUNNING, or SKIPPED if its conditions or children say so."""
         for _ in self.root.tick():
             pass
-        return self.root.status
+        return self.root.result
 
     def halt(self) -> None:
         """Halt everything that runs, also what an exception in the middle of a tick has left running."""
-        if self.root.status is Status.RUNNING:
-            self.root.stop(Status.INVALID)
+        self.root.reset()
         for _, node in self._paths:
-            if node.status is Status.RUNNING or getattr(node, "_running", False):
-                node.stop(Status.INVALID)
+            if node.status is RUNNING or getattr(node, "_running", False):
+                node.stop(INVALID)
 
-    def nodes(self) -> Iterator[Behaviour]:
+    def nodes(self) -> Iterator[TreeNode]:
         """All nodes, parents first."""
         return (node for _, node in self._paths)
 
     def snapshot(self) -> list[tuple[str, str]]:
-        """(path, status) of every node."""
-        return [(path, node.status.name) for path, node in self._paths]
+        """(path, how its last tick ended) of every node; INVALID: it was halted since, or never ticked."""
+        return [(path, node.result.name) for path, node in self._paths]
 
     def active_path(self) -> list[str]:
         """Names from the root to the leaf that is running; empty when none is."""
         path, node = [], self.root
-        while node.status is Status.RUNNING:
+        while node.status is RUNNING:
             path.append(node.name)
-            running = [child for child in node.children if child.status is Status.RUNNING]
+            running = [child for child in parts_of(node) if child.status is RUNNING]
             if not running:
                 break
             node = running[0]
         return path
 
 
-def _walk(node: Behaviour, above: str) -> Iterator[tuple[str, Behaviour]]:
+def _walk(node: TreeNode, above: str) -> Iterator[tuple[str, TreeNode]]:
     path = f"{above}/{node.name}" if above else node.name
     yield path, node
-    for child in node.children:
+    for child in parts_of(node):
         yield from _walk(child, path)
+
+
+def parts_of(node: TreeNode) -> tuple[TreeNode, ...]:
+    """The children of a node, none of a leaf."""
+    return node.parts if isinstance(node, Node) else ()

@@ -2,7 +2,8 @@
 
 Read by lxml without DTD, entities or network, after a look at the size; nothing in a file is ever executed. Both
 forms of a node are taken: `<Track speed="1"/>` and `<Action ID="Track" speed="1"/>`. An attribute is a port, or `name`;
-`{key}` refers to the blackboard, `{=}` to the key that is called as the port.
+`{key}` refers to the blackboard, `{=}` to the key that is called as the port; or a precondition (`conditions`), as
+`_skipIf="legs &lt; 2"`.
 """
 
 from __future__ import annotations
@@ -17,8 +18,11 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compile
 
 from mazeplan import resources
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.leaf import REQUIRED, Context, Key, Leaf, Place, Port, shown
-from mazeplan.behavior.nodes import CONTROLS, DECORATORS, Node, SubTree
+from mazeplan.behavior.conditions import DECISIONS, Conditions
+from mazeplan.behavior.decorators import DECORATORS, SubTree
+from mazeplan.behavior.expression import ExpressionError, parse_expression
+from mazeplan.behavior.leaf import REQUIRED, Context, Key, Leaf, Place, Port, TreeNode, shown
+from mazeplan.behavior.nodes import CONTROLS, Node
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.errors import TreeError
 
@@ -150,13 +154,13 @@ class _Builder:
         board = Blackboard()
         return BehaviorTree(self._content(name, board, name, (name,)), board, name)
 
-    def _content(self, tree: str, board: Blackboard, path: str, within: tuple[str, ...]) -> Any:
+    def _content(self, tree: str, board: Blackboard, path: str, within: tuple[str, ...]) -> TreeNode:
         element = self._trees[tree]
         if len(element) != 1:
             raise self.error(element, path, f"a tree has exactly one root node, got {len(element)}")
         return self._node(element[0], board, path, within)
 
-    def _node(self, element: Element, board: Blackboard, above: str, within: tuple[str, ...]) -> Any:
+    def _node(self, element: Element, board: Blackboard, above: str, within: tuple[str, ...]) -> TreeNode:
         kind, attributes = self._kind(element, above)
         name = attributes.pop("name", "") or (attributes.get("ID", "") if kind == "SubTree" else kind)
         if len(name) > MAX_NAME or not name.isprintable():
@@ -167,8 +171,9 @@ class _Builder:
         self._count += 1
         if path.count("/") > MAX_DEPTH or self._count > MAX_NODES:
             raise self.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
+        conditions = self._conditions(element, path, attributes, board)
         if kind == "SubTree":
-            node = self._subtree(element, name, attributes, board, path, within)
+            node: TreeNode = self._subtree(element, name, attributes, board, path, within)
         elif kind in CONTROLS or kind in DECORATORS:
             node_class = CONTROLS.get(kind) or DECORATORS[kind]
             values = self._values(element, path, node_class.ports, attributes, board)
@@ -182,7 +187,7 @@ class _Builder:
             node = leaf(name, self._context, board, self._values(element, path, leaf.ports, attributes, board))
         else:
             raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
-        node.place = Place(self._file, element.sourceline, path)
+        node.place, node.conditions = Place(self._file, element.sourceline, path), conditions
         return node
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
@@ -200,10 +205,23 @@ class _Builder:
                 raise self.error(element, above, f'got <{element.tag} ID="{kind}">, expected <{real} ID="{kind}">')
         return kind, attributes
 
+    def _conditions(
+        self, element: Element, path: str, attributes: dict[str, str], board: Blackboard
+    ) -> Conditions | None:
+        """The preconditions among the attributes, which are taken out; most nodes have none."""
+        given = {}
+        for name in DECISIONS:
+            if name in attributes:
+                try:
+                    given[name] = parse_expression(attributes.pop(name))
+                except ExpressionError as problem:
+                    raise self.error(element, path, f"{name}: {problem}") from None
+        return Conditions(given, board) if given else None
+
     def _suggest(self, kind: str) -> str:
         known = [*CONTROLS, *DECORATORS, "SubTree", *self._registry]
         near = difflib.get_close_matches(kind, known, 1)
-        return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}"
+        return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}, or a leaf of yours"
 
     def _check_children(self, element: Element, path: str, node: type[Node], values: Mapping[str, Any]) -> None:
         n = len(element)
@@ -235,7 +253,8 @@ class _Builder:
     ) -> dict[str, Any]:
         """{port: literal or Key}, checked; of the blackboard, only the literals given to a SubTree are known yet."""
         values: dict[str, Any] = {}
-        self._known(element, path, ("name", *ports, *(("ID",) if element.tag in EXPLICIT else ())))
+        own = ("name", *ports, *(("ID",) if element.tag in EXPLICIT else ()))
+        self._known(element, path, (*own, *DECISIONS))
         for attribute, text in attributes.items():
             if attribute not in ports:  # of another namespace
                 continue
@@ -269,7 +288,7 @@ class _Builder:
         board: Blackboard,
         path: str,
         within: tuple[str, ...],
-    ) -> Any:
+    ) -> SubTree:
         """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
         tree = attributes.pop("ID", "")
         if tree not in self._trees:
@@ -287,7 +306,8 @@ class _Builder:
         literals: dict[str, str] = {}
         for port, text in attributes.items():
             if port.startswith("_"):
-                problem = f"unknown attribute {shown(port)}, expected ID, name, _autoremap or names of the tree's keys"
+                expected = f"ID, name, _autoremap, {', '.join(DECISIONS)} or names of the tree's keys"
+                problem = f"unknown attribute {shown(port)}, expected {expected}"
                 raise self.error(element, path, problem)
             key = self._key(element, path, port, text)
             if key:

@@ -6,9 +6,17 @@ import math
 import os
 import re
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
+
+BehaviorModule = Annotated[
+    list[str] | None,
+    typer.Option("--behavior-module", help="Python module with leaves of your own; repeatable."),
+]
 
 
 def check_folder(option: str, folder: Path) -> None:

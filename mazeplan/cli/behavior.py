@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.cli.arguments import BehaviorModule
 from mazeplan.cli.output import say
 from mazeplan.errors import InputError, TreeError
 
@@ -27,20 +28,23 @@ class _NoRun:
         """Nothing fails."""
 
 
-def _load(source: str) -> BehaviorTree:
-    from mazeplan.behavior.registry import REGISTRY
+def _load(source: str, modules: list[str] | None) -> BehaviorTree:
+    from mazeplan.behavior.ownleaves import registry_with
     from mazeplan.behavior.treefile import load_tree
 
-    return load_tree(source, REGISTRY, _NoRun())
+    return load_tree(source, registry_with(modules or ()), _NoRun())
 
 
 @app.command("check")
-def check(files: Annotated[list[str], typer.Argument(help="XML files, or names of packaged trees.")]) -> None:
+def check(
+    files: Annotated[list[str], typer.Argument(help="XML files, or names of packaged trees.")],
+    behavior_module: BehaviorModule = None,
+) -> None:
     """Read trees and say what is wrong with them, with file and line."""
     bad = 0
     for source in files:
         try:
-            tree = _load(source)
+            tree = _load(source, behavior_module)
         except TreeError as error:
             bad += 1
             say(f"mazeplan: {error}")
@@ -54,11 +58,12 @@ def check(files: Annotated[list[str], typer.Argument(help="XML files, or names o
 def show(
     source: Annotated[str, typer.Argument(help="XML file, or name of a packaged tree.")] = "navigate",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Draw it into a PNG, SVG or PDF file.")] = None,
+    behavior_module: BehaviorModule = None,
 ) -> None:
     """Show a tree as text, or draw it."""
     from mazeplan.behavior.drawing import save_tree_drawing, tree_text
 
-    tree = _load(source)
+    tree = _load(source, behavior_module)
     if output is None:
         print(tree_text(tree))
     else:
@@ -67,14 +72,16 @@ def show(
 
 
 @app.command("list")
-def list_leaves() -> None:
-    """The leaves that a tree may use, with their ports, and the control nodes."""
+def list_leaves(behavior_module: BehaviorModule = None) -> None:
+    """The leaves that a tree may use, with their ports, the control nodes, and preconditions."""
+    from mazeplan.behavior.conditions import DECISIONS
+    from mazeplan.behavior.decorators import DECORATORS
     from mazeplan.behavior.leaf import REQUIRED
-    from mazeplan.behavior.nodes import CONTROLS, DECORATORS
-    from mazeplan.behavior.registry import REGISTRY
+    from mazeplan.behavior.nodes import CONTROLS
+    from mazeplan.behavior.ownleaves import registry_with
 
-    for name, leaf in sorted(REGISTRY.items()):
-        print(f"{name}: {(leaf.__doc__ or '').splitlines()[0]}")
+    for name, leaf in sorted(registry_with(behavior_module or ()).items()):
+        print(f"{name}: {(leaf.__doc__ or 'no docstring').strip().splitlines()[0]}")
         for port_name, port in leaf.ports.items():
             default = (
                 "needed" if port.default is REQUIRED else "" if port.default is None else f"default {port.default}"
@@ -82,17 +89,19 @@ def list_leaves() -> None:
             kind = "output" if port.direction == "out" else port.type.__name__
             print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}")
     print("control nodes: " + ", ".join((*CONTROLS, *DECORATORS, "SubTree")))
+    print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
 
 
 @app.command("palette")
 def palette(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="File; default: stdout.")] = None,
+    behavior_module: BehaviorModule = None,
 ) -> None:
     """The leaves as a TreeNodesModel, for the palette of Groot2."""
+    from mazeplan.behavior.ownleaves import registry_with
     from mazeplan.behavior.palette import write_palette
-    from mazeplan.behavior.registry import REGISTRY
 
-    text = write_palette(REGISTRY)
+    text = write_palette(registry_with(behavior_module or ()))
     if output is None:
         print(text, end="")
         return

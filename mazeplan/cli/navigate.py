@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mazeplan.cli.arguments import BehaviorModule
 from mazeplan.cli.output import print_json, say
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def navigate(
     rig: RigName = "toy",
     model: Model = None,
     behavior: Behavior = "navigate",
+    behavior_module: BehaviorModule = None,
     settings: HowFile = None,
     start_angle: Annotated[
         float | None, typer.Option("--start-angle", help="Start angle in deg; default: by seed.")
@@ -61,6 +63,7 @@ def navigate(
             rig=rig,
             model=model,
             behavior=behavior,
+            behavior_modules=tuple(behavior_module or ()),
             settings=settings,
             start_angle_deg=start_angle,
             closed=close or (),
@@ -82,6 +85,7 @@ def evaluate(
     map_: Map = "cme",
     model: Model = None,
     behavior: Behavior = "navigate",
+    behavior_module: BehaviorModule = None,
     settings: HowFile = None,
     start: From = "ring1",
     goal: To = "centre",
@@ -101,7 +105,8 @@ def evaluate(
     note_missing_model(rig, model, maze)
     to = len(maze.rings) if goal == "centre" else goal
     limit = positive("--time-limit", time_limit)
-    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, limit, settings)
+    modules = tuple(behavior_module or ())
+    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, limit, settings, modules)
     with campaign_progress(runs) as advance:
         outcomes = run(campaign, workers=workers, progress=advance)
     document = summary(outcomes)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Container
-from pathlib import Path
 
 from mazeplan.diagnosis.library import TERM, Candidate
 from mazeplan.errors import InputError
+from mazeplan.usermodule import user_module
 
 
 def own_effects(spec: str | None, taken: Container[str]) -> list[Candidate]:
@@ -19,12 +17,9 @@ def own_effects(spec: str | None, taken: Container[str]) -> list[Candidate]:
     module, _, name = spec.partition(":")
     if not module or not name:
         raise InputError(f"--effects: got {spec!r}, expected MODULE:FUNCTION")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
     try:
-        found = list(getattr(importlib.import_module(module), name)())
-    except (ImportError, AttributeError, TypeError) as problem:
+        found = list(getattr(user_module(module, "--effects"), name)())
+    except (AttributeError, TypeError) as problem:
         raise InputError(f"--effects: {spec!r} gives no effects: {problem}") from None
     for c in found:
         if not isinstance(c, Candidate) or c.acts != TERM or not hasattr(c.term, "get_compile_result"):

@@ -5,18 +5,16 @@ Behind a name or file whose settings hold a surprise, @N is the seed of what is 
 
 from __future__ import annotations
 
-import importlib
-import os
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
-from mazeplan.errors import SettingsError
+from mazeplan.errors import InputError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.interface import Rig
+from mazeplan.usermodule import user_module
 
 PACKAGED = Path(__file__).resolve().parent
 METHODS = ("reset", "observe", "command", "level", "close")
@@ -116,14 +114,11 @@ def make_rig(spec: str, maze: Maze) -> Rig:
 
 def _from_class(spec: str, maze: Maze, settings: dict[str, Any], **where: Any) -> Rig:
     module_name, _, class_name = spec.partition(":")
-    here = os.getcwd()
-    if here not in sys.path:  # as `python -m` does: a rig in the folder where one works
-        sys.path.insert(0, here)
     try:
-        kind = getattr(importlib.import_module(module_name), class_name)
-    except ImportError as problem:
-        raise SettingsError(f"rig {spec!r}: module {module_name!r} cannot be imported: {problem}", **where) from None
-    except (AttributeError, ValueError):
+        kind = getattr(user_module(module_name, f"rig {spec!r}"), class_name)
+    except InputError as problem:
+        raise SettingsError(problem.problem, **where) from None
+    except AttributeError:
         raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
     missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
     if missing or not isinstance(kind, type):

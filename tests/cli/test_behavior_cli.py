@@ -46,6 +46,7 @@ def test_show_list_and_palette(call, tmp_path):
     for name in REGISTRY:
         assert f"{name}: " in out
     assert "opening (str, needed): name of the opening" in out
+    assert "preconditions of any node: _failureIf, _successIf, _skipIf, _while" in out
     palette = tmp_path / "palette.xml"
     assert call("behavior", "palette", "-o", str(palette))[0] == 0
     assert call("behavior", "palette")[1] == palette.read_text()

@@ -40,7 +40,8 @@ def test_an_effect_of_ones_own_is_found_beside_those_of_the_library(folder, monk
 
 @pytest.mark.parametrize(
     ("spec", "words"),
-    [("mine", "expected MODULE:FUNCTION"), ("nowhere:x", "gives no effects"), ("mine:nothing", "gives no effects"),
+    [("mine", "expected MODULE:FUNCTION"), ("nowhere:x", "'nowhere' cannot be imported"),
+     ("mine:nothing", "gives no effects"),
      ("bad:nothing", "expected a Candidate with a term")],
 )  # fmt: skip
 def test_what_gives_none_is_one_line_and_two(folder, monkeypatch, capsys, spec, words):

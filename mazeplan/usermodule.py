@@ -1,0 +1,40 @@
+"""Python modules that users bring: found as `python -m` would find them, in the folder where one works, too."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+from types import ModuleType
+
+from mazeplan.errors import InputError
+
+
+def user_module(name: str, option: str) -> ModuleType:
+    """Import a module. Raises InputError, which begins with the option and tells where it broke, if that fails."""
+    if not all(part.isidentifier() for part in name.split(".")):
+        raise InputError(f"{option}: got {name!r}, expected the name of a Python module, such as my_module")
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as problem:
+        if problem.name is not None and (problem.name == name or name.startswith(f"{problem.name}.")):
+            none = f"there is none of that name in {here} or installed"
+            raise InputError(f"{option}: module {name!r} cannot be imported: {none}") from None
+        raise _broken(name, option, problem) from None
+    except (Exception, SystemExit) as problem:  # whatever a user's code does at import
+        raise _broken(name, option, problem) from None
+
+
+def _broken(name: str, option: str, problem: BaseException) -> InputError:
+    """One line with the place in the user's own code: the innermost one, unless a syntax error names it itself."""
+    frames = [frame for frame in traceback.extract_tb(problem.__traceback__) if "importlib" not in frame.filename]
+    where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
+    if isinstance(problem, SyntaxError) and problem.filename:
+        where = f"{problem.filename}:{problem.lineno}: "
+        problem = SyntaxError(problem.msg)
+    what = " ".join(f"{type(problem).__name__}: {problem}".split())
+    return InputError(f"{option}: module {name!r} cannot be imported: {where}{what}")
