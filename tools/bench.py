@@ -30,6 +30,7 @@ from bench_plant import plant_section
 from bench_predictability import predictability_section
 from bench_real import real_section
 from bench_solver import solver_section
+from bench_trees import trees_section
 
 from mazeplan.settings import load_settings
 
@@ -158,6 +159,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         baselines_section(quick),
         improve_section(quick),
         real_section(quick),
+        trees_section(quick),
     ]
 
 
@@ -180,6 +182,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
+    "trees": trees_section,
 }  # fmt: skip
 
 
