@@ -149,7 +149,12 @@ def test_a_tree_that_is_skipped_ends_the_run_without_success(tmp_path):
     text = (resources.share("behaviors") / "navigate.xml").read_text()
     for condition, arrives in (("goal &gt; 4", False), ("goal &lt; 4", True)):
         tree = tmp_path / "tree.xml"
-        tree.write_text(text.replace('num_attempts="20"', f'num_attempts="20" _skipIf="{condition}"'))
+        tree.write_text(
+            text.replace(
+                '<BehaviorTree ID="Navigate">\n    <Sequence',
+                f'<BehaviorTree ID="Navigate">\n    <Sequence _skipIf="{condition}"',
+            )
+        )
         result, rig = go(4, 5, behavior=str(tree))
         assert (result.success, result.reason) == ((True, "arrived") if arrives else (False, "skipped"))
         assert rig.levelled

@@ -138,7 +138,7 @@ def effect_rows(ring: int, done: Diagnosis) -> list[str]:
 
 
 def _sizes(parameters: dict[str, Any]) -> str:
-    if len(parameters) > 4:
+    if all(name.startswith(("cos", "sin")) for name in parameters):
         rms = float(np.sqrt(sum(p["value"] ** 2 for p in parameters.values()) / 2.0))
         return f"{len(parameters)} amplitudes, {rms:.2g} rad/s^2 root mean square along the ring"
     return "; ".join(
