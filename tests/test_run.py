@@ -13,6 +13,7 @@ from mazeplan.choices import resolve_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command
 from mazeplan.run import Job, NullDisplay, Run, Setup
+from mazeplan.settings import load_settings
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
@@ -76,8 +77,10 @@ def test_the_tree_commands_no_faster_than_the_slew_limit():
 
 @pytest.mark.parametrize(("rig", "careful"), [("ideal", False), ("toy", True), ("rough", True)])
 def test_what_a_rig_sees_late_makes_a_run_careful(rig, careful):
-    """By the packaged settings, in the price of speed and in the speed of arrival."""
-    run = Run(PlanarRig(MAZE), Setup(MAZE, resolve_model(rig, None, MAZE)), Job(1, 5, 0.3), None, NullDisplay())
+    """In the speed of arrival, and in the price of speed where the settings make one of it."""
+    settings = load_settings().with_values({"cost": {"prompt": 0.75}})
+    setup = Setup(MAZE, resolve_model(rig, None, MAZE), settings=settings)
+    run = Run(PlanarRig(MAZE), setup, Job(1, 5, 0.3), None, NullDisplay())
     travel, cost = run.context.options.travel, run.context.options.cost
     arrival = arrival_speed(run.context, MAZE.opening("1-2@45"), travel)
     assert all((planner.cost.speed == cost.speed) == careful for planner in run.context.planners.values())
