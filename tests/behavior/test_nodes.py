@@ -1,4 +1,4 @@
-"""Nodes in time, and when they are halted; what they do tick by tick is in `test_conformance`."""
+"""Nodes in time, and when they are halted; what they do tick by tick is in `test_tree_conformance`."""
 
 from __future__ import annotations
 

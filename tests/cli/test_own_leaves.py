@@ -42,6 +42,9 @@ def call(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tree.xml").write_text(f'{HEAD}<GiveUp ticks="3"/>\n</BehaviorTree></root>', encoding="utf-8")
     monkeypatch.setattr(sys, "path", list(sys.path))  # what is put into it is gone afterwards
+    for name, module in list(sys.modules.items()):  # of other tests, which call theirs by the same names
+        if str(tmp_path.parents[1]) in str(getattr(module, "__file__", None)):
+            monkeypatch.delitem(sys.modules, name)
     before = list(sys.modules)
 
     def run(*arguments):
