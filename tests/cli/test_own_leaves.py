@@ -41,9 +41,11 @@ class Base(MazeLeaf):
 def call(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tree.xml").write_text(f'{HEAD}<GiveUp ticks="3"/>\n</BehaviorTree></root>', encoding="utf-8")
-    monkeypatch.setattr(sys, "path", list(sys.path))  # what is put into it is gone afterwards
-    for name, module in list(sys.modules.items()):  # of other tests, which call theirs by the same names
-        if str(tmp_path.parents[1]) in str(getattr(module, "__file__", None)):
+    others = str(tmp_path.parents[1])  # folders of other tests, which call their modules by the same names
+    path = [folder for folder in sys.path if others not in folder]
+    monkeypatch.setattr(sys, "path", path)  # what is put into it is gone afterwards
+    for name, module in list(sys.modules.items()):
+        if others in str(getattr(module, "__file__", None)):
             monkeypatch.delitem(sys.modules, name)
     before = list(sys.modules)
 
