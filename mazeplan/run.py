@@ -10,11 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -28,11 +26,12 @@ from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunLogWriter
+from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
+from mazeplan.job import Job, Setup, log_header
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
-from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.ring_parameters import RingParameters
@@ -46,68 +45,6 @@ from mazeplan.records import (
     RingPassage,
 )
 from mazeplan.rigs.interface import Rig
-from mazeplan.settings import Settings, load_settings
-
-TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
-
-
-class Display(Protocol):
-    """What shows a run to a person; `NullDisplay` shows nothing."""
-
-    def ring_entered(self, ring: int, t: float) -> None:
-        """The ball is in another ring."""
-
-    def passed(self, ring: int, opening: str, t: float) -> None:
-        """The ball left `ring` by an opening."""
-
-    def event(self, t: float, text: str) -> None:
-        """Something worth a line."""
-
-    def tick(self, t: float, ring: int, text: str) -> None:
-        """One tick is over."""
-
-
-class NullDisplay:
-    """Shows nothing."""
-
-    def ring_entered(self, ring: int, t: float) -> None:
-        """Nothing."""
-
-    def passed(self, ring: int, opening: str, t: float) -> None:
-        """Nothing."""
-
-    def event(self, t: float, text: str) -> None:
-        """Nothing."""
-
-    def tick(self, t: float, ring: int, text: str) -> None:
-        """Nothing."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """One navigation to do: from a ring and angle (rad; None: drawn by seed) to a ring, within time_limit s."""
-
-    start: int
-    goal: int
-    theta: float | None = None
-    seed: int = 0
-    time_limit: float = TIME_LIMIT
-    closed: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Setup:
-    """With what a job is done: maze, model of ball and stage, tree (name or file), settings, names of modules with
-    leaves of one's own, and what is remembered of openings, which the run adds to."""
-
-    maze: Maze
-    model: RigModel
-    behavior: str = "navigate"
-    rig_name: str = ""
-    model_name: str = ""
-    settings: Settings = field(default_factory=load_settings)
-    behavior_modules: tuple[str, ...] = ()
-    memory: OpeningMemory | None = None
 
 
 def run_job(
@@ -127,24 +64,6 @@ def run_job(
         if writer is not None:
             writer.result(result.to_json())
         return result
-
-
-def log_header(setup: Setup, job: Job) -> dict[str, Any]:
-    """What a reader of the log needs to know about the run."""
-    return {
-        "program": "mazeplan",
-        "version": version("mazeplan"),
-        "rig": setup.rig_name,
-        "map": dump_map(setup.maze),
-        "map_name": setup.maze.name,
-        "model": setup.model_name or setup.model.kind,
-        "behavior": setup.behavior,
-        "behavior_modules": list(setup.behavior_modules),
-        "start_ring": job.start,
-        "goal_ring": job.goal,
-        "seed": job.seed,
-        "time_limit_s": job.time_limit,
-    }
 
 
 def plate_of(maze: Maze, model: RigModel) -> Plate:

@@ -21,8 +21,8 @@ from mazeplan.collect import (
 )
 from mazeplan.data.runlog import read_log
 from mazeplan.data.table import read_table
+from mazeplan.job import Setup
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run import Setup
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)

@@ -10,9 +10,11 @@ from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.behavior.travel import arrival_speed
 from mazeplan.choices import resolve_model
+from mazeplan.display import NullDisplay
+from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command
-from mazeplan.run import Job, NullDisplay, Run, Setup
+from mazeplan.run import Run
 from mazeplan.settings import load_settings
 
 MAZE = load_map("cme")
