@@ -9,6 +9,7 @@ from pathlib import Path
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.display import Display
 from mazeplan.errors import InputError
+from mazeplan.goals import Goals
 from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -38,6 +39,7 @@ def navigate(
     log: str | Path | None = None,
     memory: str | Path | None = None,
     display: Display | None = None,
+    goals: Goals | None = None,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
@@ -45,7 +47,9 @@ def navigate(
     name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); behavior: packaged
     tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged ones; settings:
     YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of openings not to be
-    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise.
+    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
+    time_limit: s of rig time for each goal, from when it was given; goals: by which another thread gives other goals
+    meanwhile, closes and opens openings, and stops.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -71,7 +75,7 @@ def navigate(
     called = "" if isinstance(model, RigModel | None) else str(model)
     setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept)
     try:
-        result = run_job(machine, setup, job, log=log, display=display)
+        result = run_job(machine, setup, job, log=log, display=display, goals=goals)
     finally:
         machine.close()
     if kept is not None and memory is not None:

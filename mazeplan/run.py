@@ -19,7 +19,8 @@ import numpy as np
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import load_tree
+from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.winding import WindDown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.play import Gears
 from mazeplan.control.ring_planner import RingPlanner
@@ -29,6 +30,7 @@ from mazeplan.data.runlog import RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
+from mazeplan.goals import SAID, Edit, Goals, Outside, Stop
 from mazeplan.job import Job, Setup, log_header
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
@@ -40,6 +42,7 @@ from mazeplan.records import (
     Command,
     Failure,
     FailureKind,
+    GoalGiven,
     NavigationResult,
     Observation,
     RingPassage,
@@ -48,12 +51,18 @@ from mazeplan.rigs.interface import Rig
 
 
 def run_job(
-    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None
-) -> NavigationResult:
-    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens."""
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
+    goals: Goals | None = None,
+) -> NavigationResult:  # fmt: skip
+    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens.
+
+    goals: where other goals come from meanwhile."""
     with ExitStack() as stack:
+        if goals is not None:
+            goals.begin(setup.maze)
+            stack.callback(goals.end)
         writer = stack.enter_context(RunLogWriter(log, log_header(setup, job))) if log is not None else None
-        run = Run(rig, setup, job, writer, display or NullDisplay())
+        run = Run(rig, setup, job, writer, display or NullDisplay(), outside=goals)
         stack.callback(rig.level)
         try:
             result = run.drive(None if log is None else str(log))
@@ -96,7 +105,7 @@ class Run:
 
     `drive` does a whole navigation; who wants another order of things places the ball and calls `tick` and `aim`.
     segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
-    the tree's commands."""
+    the tree's commands. outside: what `drive` asks at each tick for another goal."""
 
     def __init__(
         self,
@@ -108,6 +117,7 @@ class Run:
         *,
         segment: int | None = None,
         slew: float = math.inf,
+        outside: Outside | None = None,
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
@@ -119,6 +129,9 @@ class Run:
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
         self._ring_since = 0.0
+        self._outside, self._goals = outside, [GoalGiven(job.goal, 0.0)]
+        self._leaves = registry_with(setup.behavior_modules)
+        self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
         self.context, self._tree = self._towards(job.goal, job.closed)
         self._warm_up()
 
@@ -139,7 +152,7 @@ class Run:
             options=setup.settings.leaves,
             late_s=setup.model.late_s,
         )
-        tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
+        tree = self._tree_file.build(self._leaves, context)
         tree.blackboard.set("goal", goal)
         return context, tree
 
@@ -152,21 +165,57 @@ class Run:
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.
 
-        Tree, closed openings and failures start afresh; what is known of ball, plate and openings stays."""
+        Tree, closed openings and budgets of recoveries start afresh; what is known of ball, plate and openings stays,
+        the last command, too: the plate is not levelled."""
+        before = self.context
         self._tree.halt()
-        now = self.context.now
         self.context, self._tree = self._towards(goal, closed)
-        self.context.now = self.context.graph.now = now
+        self.context.carry_on(before)
+
+    def _told_to_stop(self, t: float) -> bool:
+        """Do what was said from outside, at the time of this tick; whether that was to stop."""
+        said = () if self._outside is None else self._outside.take(t)
+        if not said:
+            return False
+        run, goal, closed = self.context, None, {}
+        run.now = run.graph.now = t
+        for message in said:
+            self._on_event(*message.event)
+            if isinstance(message, Stop):
+                return True
+            if isinstance(message, Edit):
+                closed[message.opening] = message.closed
+            else:
+                goal = message.ring
+                closed |= dict.fromkeys(message.closed, True)
+        run.edit(closed)
+        if goal is not None:
+            self._preempt(goal, t)
+        return False
+
+    def _preempt(self, goal: int, t: float) -> None:
+        """Another goal, now, with the openings closed that are closed."""
+        closed = self.context.graph.closed
+        self.aim(goal, closed)
+        for name in self.context.graph.closed - closed:  # those that the map calls closed and somebody opened
+            self.context.graph.reopen(name)
+        self._goals.append(GoalGiven(goal, t))
 
     def drive(self, log: str | None) -> NavigationResult:
-        """Place the ball and run until the tree has succeeded, the time is over, or the tree gave up."""
+        """Place the ball and run until the tree has succeeded, the time is over, the tree gave up, or somebody stopped
+        it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
         theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
         self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         while True:
             observation = self._rig.observe()
+            if self._told_to_stop(observation.t):
+                return self._end(False, "stopped", log, observation)
             status = self.tick(observation)
+            late = observation.t - self._goals[-1].t >= job.time_limit
+            if (status == "RUNNING" and not late) or not (self._outside is None or self._outside.over()):
+                continue
             if status == "SUCCESS":
                 return self._end(True, "arrived", log)
             if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
@@ -174,15 +223,24 @@ class Run:
             if status == "FAILURE":
                 last = self.context.last_failure
                 return self._end(False, str(last.kind) if last else "failed", log)
-            if observation.t >= job.time_limit:
-                detail = f"not in ring {job.goal} after {job.time_limit:g} s"
-                self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
-                return self._end(False, str(FailureKind.OUT_OF_TIME), log)
+            detail = f"not in ring {self.context.goal} after {job.time_limit:g} s"
+            self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
+            return self._end(False, str(FailureKind.OUT_OF_TIME), log)
 
-    def _end(self, success: bool, reason: str, log: str | None) -> NavigationResult:
-        self._tree.halt()
+    def _end(
+        self, success: bool, reason: str, log: str | None, observation: Observation | None = None
+    ) -> NavigationResult:
+        """Halt the tree, wind down and level; what has happened until now. observation: one that no tick has taken."""
+        result = self.result(success, reason, log)
+        winding = WindDown(self._tree, self.sent, self.context.plate)
+        while winding.going:
+            seen, observation = observation or self._rig.observe(), None
+            began = perf_counter()
+            self._see(seen)
+            winding.tick()
+            self._send(seen, self._slewed(winding.towards_level(self.context.command)), began)
         self._rig.level()
-        return self.result(success, reason, log)
+        return result
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
         """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
@@ -192,28 +250,36 @@ class Run:
         RigError when the rig measured no number."""
         began = perf_counter()
         run = self.context
-        if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
-            raise RigError(f"the rig measured no number: {observation}")
-        state = self._estimator.update(observation)
-        measured = self._estimator.filtered or state
-        run.begin(observation.t, state, measured)
-        self._note_ring(observation.t, state.ring)
+        self._see(observation)
         if given is None:
             status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
         else:
             status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
             run.steer(by, given)
+        self._send(observation, command, began, lead=given is None)
+        return status
+
+    def _see(self, observation: Observation) -> None:
+        """Take in an observation and begin the tick. Raises RigError when the rig measured no number."""
+        if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
+            raise RigError(f"the rig measured no number: {observation}")
+        state = self._estimator.update(observation)
+        measured = self._estimator.filtered or state
+        self.context.begin(observation.t, state, measured)
+        self._note_ring(observation.t, state.ring)
+
+    def _send(self, observation: Observation, command: Command, began: float, lead: bool = False) -> None:
+        """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
         self.sent = command
         passed_on = command
         if self._gears.loose:
-            command = self._gears.lead(command) if given is None else command
+            command = self._gears.lead(command) if lead else command
             passed_on = self._gears.sent(command)
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(passed_on, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
         self._write(observation, command)
         self._tick_ms[-1] = 1e3 * (perf_counter() - began)
-        return status
 
     def _slewed(self, wanted: Command) -> Command:
         """As far towards the command wanted as one sample allows."""
@@ -275,6 +341,8 @@ class Run:
             self._log.event(t, kind, detail)
         if kind in ("failure", "recovery"):
             self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
+        elif kind in SAID:
+            self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))
 
     def result(self, success: bool, reason: str, log: str | None) -> NavigationResult:
         """What has happened until now."""
@@ -294,6 +362,7 @@ class Run:
             planner_ms=spread(run.planner_ms),
             log=log,
             tick_ms=spread(self._tick_ms),
+            goals=tuple(self._goals),
         )
 
 
