@@ -47,7 +47,9 @@ def go(acts, *others, goals=None, start=1, goal=5, theta=0.3, limit=20.0, setup=
 
 
 def said(log):
-    return [(e["t"], e["kind"], e["detail"]) for e in log.events if e["kind"] in ("goal", "closed", "opened", "stopped")]
+    return [
+        (e["t"], e["kind"], e["detail"]) for e in log.events if e["kind"] in ("goal", "closed", "opened", "stopped")
+    ]
 
 
 def ticks_between(log, first, last):
@@ -60,13 +62,13 @@ def ticks_between(log, first, last):
 
 def test_another_goal_rules_the_command_of_the_same_tick_and_the_plate_is_not_levelled(tmp_path):
     goals = Goals(MAZE)
-    acts = {20: lambda: goals.aim("ring2"), 60: lambda: goals.aim(4)}
+    acts = {5: lambda: goals.aim("ring2"), 10: lambda: goals.aim(4)}
     result, rig = go(acts, goals=goals, log=tmp_path / "run.mcap")
     log = read_log(tmp_path / "run.mcap")
     assert result.success
     assert rig.ring == 4
     assert [g.ring for g in result.goals] == [5, 2, 4]
-    assert [g.t for g in result.goals] == pytest.approx([0.0, 20 / 30, 2.0])
+    assert [g.t for g in result.goals] == pytest.approx([0.0, 5 / 30, 10 / 30])
     assert [(kind, detail["ring"]) for _, kind, detail in said(log)] == [("goal", 2), ("goal", 4)]
     for t, _, _ in said(log):
         at = log.ticks["t"] == t
@@ -102,9 +104,9 @@ def test_a_goal_given_while_the_ball_falls_into_a_ring_is_planned_for_from_there
     log = read_log(tmp_path / "run.mcap")
     assert rings[k] == 1  # of the ball itself
     assert log.ticks["ring"][k] == 2
-    assert next(e for e in log.events if e["kind"] == "route" and e["t"] == log.ticks["t"][k])["detail"][
-        "openings"
-    ][0].startswith("2-3")
+    assert next(e for e in log.events if e["kind"] == "route" and e["t"] == log.ticks["t"][k])["detail"]["openings"][
+        0
+    ].startswith("2-3")
 
 
 @pytest.mark.parametrize(
@@ -145,7 +147,7 @@ def test_recoveries_are_counted_anew_for_each_goal():
     others = [name for name in FIRST if name != "1-2@45"]
     first, _ = go({}, plug, theta=held[0], limit=4.0, closed=others)
     assert [f.recovery for f in first.failures].count("back_off") == 1
-    acts[round(30 * first.failures[1].t) + 2] = lambda: goals.aim(2)
+    acts[round(30 * first.failures[1].t) + 2] = lambda: goals.aim(4)
     again, _ = go(acts, plug, goals=goals, theta=held[0], limit=4.0, closed=others)
     assert [f.recovery for f in again.failures].count("back_off") == 2
 
@@ -157,7 +159,7 @@ def test_each_goal_has_the_time_limit_of_its_own():
     goals = Goals(MAZE)
     result, rig = go({30: lambda: goals.aim(4), 60: lambda: goals.aim(3)}, glue, goals=goals, limit=1.5)
     assert (result.success, result.reason) == (False, "out_of_time")
-    assert rig.t == pytest.approx(2.0 + 1.5)
+    assert rig.t == pytest.approx(2.0 + 1.5, abs=0.04)
     assert "ring 3" in result.failures[-1].detail
 
 
@@ -217,11 +219,11 @@ def test_openings_stay_closed_for_later_goals_until_they_are_opened():
         3: lambda: goals.close("1-2@45"),
         6: lambda: goals.aim(2, closed=[n for n in FIRST if n not in ("1-2@45", "1-2@135")]),
     }
-    result, _ = go(acts, goals=goals, theta=math.radians(45.0))
+    result, _ = go(acts, goals=goals, theta=math.radians(15.0))
     assert result.success
     assert result.rings[0].opening == "1-2@135"
     acts[9] = lambda: goals.open("1-2@45")
-    result, _ = go(acts, goals=goals, theta=math.radians(45.0))
+    result, _ = go(acts, goals=goals, theta=math.radians(15.0))
     assert result.success
     assert result.rings[0].opening == "1-2@45"
 
@@ -314,17 +316,17 @@ def test_threads_may_all_talk_at_once(tmp_path):
     ready, last = threading.Barrier(5), threading.Event()
 
     def talk(n):
-        ready.wait()
+        ready.wait(10.0)
         for k in range(50):
             assert goals.aim(2 + (n + k) % 3)
             assert goals.close(NAMES[-1 - n])
             assert goals.open(NAMES[-1 - n])
 
     def start():
-        threads.extend(threading.Thread(target=talk, args=(n,)) for n in range(4))
+        threads.extend(threading.Thread(target=talk, args=(n,), daemon=True) for n in range(4))
         for thread in threads:
             thread.start()
-        ready.wait()
+        ready.wait(10.0)
 
     def join():
         for thread in threads:
@@ -341,18 +343,18 @@ def test_threads_may_all_talk_at_once(tmp_path):
 
 
 def test_a_thread_of_the_user_gives_another_goal_through_the_public_names():
-    import mazeplan
+    from mazeplan import Goals
 
-    goals, began = mazeplan.Goals("cme"), threading.Event()
+    goals, began = Goals("cme"), threading.Event()
 
     def person():
-        began.wait()
+        began.wait(10.0)
         goals.aim("ring2")
         goals.aim("ring3")
         seen.set()
 
     seen = threading.Event()
-    thread = threading.Thread(target=person)
+    thread = threading.Thread(target=person, daemon=True)
     thread.start()
 
     class Waiting(PlanarRig):
@@ -363,7 +365,7 @@ def test_a_thread_of_the_user_gives_another_goal_through_the_public_names():
             return super().observe()
 
     rig = Waiting(MAZE)
-    result = mazeplan.navigate("ring1", "ring5", map=MAZE, rig=rig, start_angle_deg=20.0, goals=goals)
+    result = navigate("ring1", "ring5", map=MAZE, rig=rig, start_angle_deg=20.0, goals=goals)
     thread.join()
     assert result.success
     assert rig.ring == 3
