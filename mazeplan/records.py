@@ -198,7 +198,8 @@ class RingPassage:
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    reason is "arrived", a failure kind, or "interrupted". planner_ms: p50, p99 and max of all plans, in ms.
+    reason is "arrived", a failure kind, "skipped", "interrupted" or "rig_failed". planner_ms: p50, p99 and max of all
+    plans, in ms.
     """
 
     success: bool

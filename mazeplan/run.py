@@ -46,6 +46,8 @@ from mazeplan.records import (
 )
 from mazeplan.rigs.interface import Rig
 
+RIG_FAILED = "rig_failed"  # the reason in the log of a run that the machine, or its watchdog, ended
+
 
 def run_job(
     rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None
@@ -60,6 +62,11 @@ def run_job(
         except KeyboardInterrupt:
             if writer is not None:
                 writer.result(run.result(False, "interrupted", str(log)).to_json())
+            raise
+        except RigError as problem:
+            if writer is not None:
+                writer.event(run.context.now, RIG_FAILED, {"detail": str(problem)})
+                writer.result(run.result(False, RIG_FAILED, str(log)).to_json())
             raise
         if writer is not None:
             writer.result(result.to_json())
