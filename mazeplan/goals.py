@@ -6,7 +6,7 @@ the command of that very tick; and it writes an event for each thing said, from 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -158,11 +158,21 @@ class Goals:
         self._waiting, self._running, self._ended = [], False, True
 
 
-class Recorded:
-    """What was said in a run that was logged, said again at the same ticks. events: of the log."""
+class Retold:
+    """What was said in a run that was logged, said again at the same ticks. events: of the log. Raises KeyError,
+    TypeError or ValueError where one is none, or names a ring or an opening that the maze has not."""
 
-    def __init__(self, events: Sequence[dict[str, Any]]) -> None:
-        self._left = [(event["t"], said) for event in events if (said := _said(event["kind"], event["detail"]))]
+    def __init__(self, events: Iterable[dict[str, Any]], maze: Maze) -> None:
+        self._left = [(float(e["t"]), _said(e["kind"], e["detail"])) for e in events if e["kind"] in SAID]
+        mailbox = Goals(maze)
+        for _, said in self._left:  # checked as then
+            try:
+                if isinstance(said, Aim):
+                    mailbox.aim(said.ring, said.closed)
+                elif isinstance(said, Edit):
+                    mailbox.close(said.opening)
+            except SettingsError as problem:
+                raise ValueError(str(problem)) from None
 
     def take(self, t: float) -> Sequence[Message]:
         """What was said at this tick."""
@@ -176,11 +186,11 @@ class Recorded:
         return not any(isinstance(said, Aim) for _, said in self._left)
 
 
-def _said(kind: str, detail: dict[str, Any]) -> Message | None:
+def _said(kind: str, detail: dict[str, Any]) -> Message:
     makers: dict[str, Callable[[], Message]] = {
-        "goal": lambda: Aim(detail["ring"], tuple(detail["closed"])),
+        "goal": lambda: Aim(int(detail["ring"]), tuple(detail["closed"])),
         "closed": lambda: Edit(detail["opening"], True),
         "opened": lambda: Edit(detail["opening"], False),
         "stopped": Stop,
     }
-    return makers[kind]() if kind in makers else None
+    return makers[kind]()

@@ -207,8 +207,8 @@ class GoalGiven:
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    success: in the newest of `goals`; reason is "arrived", a failure kind, "stopped" from outside, or "interrupted".
-    planner_ms: p50, p99 and max of all plans, in ms.
+    success: in the newest of `goals`; reason is "arrived", a failure kind, "stopped" from outside, "skipped",
+    "interrupted" or "rig_failed". planner_ms: p50, p99 and max of all plans, in ms.
     """
 
     success: bool

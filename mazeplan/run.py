@@ -21,22 +21,18 @@ from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.behavior.winding import WindDown
-from mazeplan.control.cost import CostParameters
 from mazeplan.control.play import Gears
-from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.control.tilt import Plate
+from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.control.tracking import plan_step
-from mazeplan.data.runlog import RunLogWriter
+from mazeplan.data.runlog import RunDocuments, RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.goals import SAID, Edit, Goals, Outside, Stop
 from mazeplan.job import Job, Setup, log_header
-from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.parts import planners_of, plate_of
 from mazeplan.records import (
     LEVEL,
     Command,
@@ -48,6 +44,9 @@ from mazeplan.records import (
     RingPassage,
 )
 from mazeplan.rigs.interface import Rig
+
+HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
+RIG_FAILED = "rig_failed"  # the reason in the log of a run that the machine, or its watchdog, ended
 
 
 def run_job(
@@ -61,7 +60,8 @@ def run_job(
         if goals is not None:
             goals.begin(setup.maze)
             stack.callback(goals.end)
-        writer = stack.enter_context(RunLogWriter(log, log_header(setup, job))) if log is not None else None
+        header = None if log is None else log_header(setup, job, rig.rate_hz)
+        writer = None if log is None or header is None else stack.enter_context(RunLogWriter(log, header))
         run = Run(rig, setup, job, writer, display or NullDisplay(), outside=goals)
         stack.callback(rig.level)
         try:
@@ -70,34 +70,14 @@ def run_job(
             if writer is not None:
                 writer.result(run.result(False, "interrupted", str(log)).to_json())
             raise
+        except RigError as problem:
+            if writer is not None:
+                writer.event(run.context.now, RIG_FAILED, {"detail": str(problem)})
+                writer.result(run.result(False, RIG_FAILED, str(log)).to_json())
+            raise
         if writer is not None:
             writer.result(result.to_json())
         return result
-
-
-def plate_of(maze: Maze, model: RigModel) -> Plate:
-    """Limits of the maze and the table's tilt by the model."""
-    ball = model.ball(1)
-    return Plate(
-        maze.tilt_limit,
-        ball.parameter("tilt_offset", "beta", 0.0),
-        ball.parameter("tilt_offset", "gamma", 0.0),
-    )
-
-
-def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, RingPlanner]:
-    """A planner for each channel."""
-    cost = cost.seen_late(model.late_s)
-    return {
-        ring.number: RingPlanner(
-            RingParameters.from_model(model, ring.number, ring.track_radius),
-            maze.tilt_limit,
-            cost=cost,
-            process=model.processes.get(ring.number),
-        )
-        for ring in maze.rings
-        if not ring.is_disc
-    }
 
 
 class Run:
@@ -105,25 +85,28 @@ class Run:
 
     `drive` does a whole navigation; who wants another order of things places the ball and calls `tick` and `aim`.
     segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
-    the tree's commands. outside: what `drive` asks at each tick for another goal."""
+    the tree's commands; watch: for the planner's deadlines; outside: what `drive` asks at each tick for
+    another goal."""
 
     def __init__(
         self,
         rig: Rig,
         setup: Setup,
         job: Job,
-        log: RunLogWriter | None,
+        log: RunDocuments | None,
         display: Display,
         *,
         segment: int | None = None,
         slew: float = math.inf,
         outside: Outside | None = None,
+        watch: Stopwatch | None = None,
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
-        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
+        self._watch = watch or Live()
+        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost, self._watch)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
@@ -161,6 +144,7 @@ class Run:
         self._estimator.warm_up()
         for planner in self._planners.values():
             planner.warm_up()
+        self._watch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.
@@ -230,15 +214,16 @@ class Run:
     def _end(
         self, success: bool, reason: str, log: str | None, observation: Observation | None = None
     ) -> NavigationResult:
-        """Halt the tree, wind down and level; what has happened until now. observation: one that no tick has taken."""
+        """Halt the tree, wind down and level; what has happened until now. observation: one that no tick has taken,
+        for the first one in which the plate goes level."""
         result = self.result(success, reason, log)
         winding = WindDown(self._tree, self.sent, self.context.plate)
-        while winding.going:
+        while winding.going or observation is not None:
             seen, observation = observation or self._rig.observe(), None
             began = perf_counter()
             self._see(seen)
             winding.tick()
-            self._send(seen, self._slewed(winding.towards_level(self.context.command)), began)
+            self._send(seen, self._slewed(winding.towards_level(self.context.command)), HALTED, began)
         self._rig.level()
         return result
 
@@ -256,7 +241,7 @@ class Run:
         else:
             status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
             run.steer(by, given)
-        self._send(observation, command, began, lead=given is None)
+        self._send(observation, command, status, began, lead=given is None)
         return status
 
     def _see(self, observation: Observation) -> None:
@@ -268,7 +253,7 @@ class Run:
         self.context.begin(observation.t, state, measured)
         self._note_ring(observation.t, state.ring)
 
-    def _send(self, observation: Observation, command: Command, began: float, lead: bool = False) -> None:
+    def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
         """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
         self.sent = command
         passed_on = command
@@ -278,7 +263,7 @@ class Run:
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(passed_on, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
-        self._write(observation, command)
+        self._write(observation, command, status)
         self._tick_ms[-1] = 1e3 * (perf_counter() - began)
 
     def _slewed(self, wanted: Command) -> Command:
@@ -289,21 +274,23 @@ class Run:
             min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),
         )
 
-    def _write(self, observation: Observation, command: Command) -> None:
+    def _write(self, observation: Observation, command: Command, status: str) -> None:
         run = self.context
-        leaf = run.commanded_by
+        leaf, cut_off = run.commanded_by, self._watch.taken()
         self._display.tick(observation.t, run.here.ring, leaf)
         if self._log is not None:
             self._log.tick(
                 observation,
                 command,
                 state=run.here,
+                status=status,
                 leaf=leaf,
                 opening=None if run.opening is None else run.opening.name,
                 goal_theta=run.goal_theta,
                 planned_theta=self._planned_theta(),
                 planner_ms=run.planner_ms[-1] if run.planner_ms else None,
                 tick_ms=self._tick_ms[-1],
+                cut_off=cut_off,
                 segment=self._segment,
             )
 

@@ -94,7 +94,7 @@ def test_another_goal_on_the_same_way_costs_no_time():
 
 def test_a_goal_given_while_the_ball_falls_into_a_ring_is_planned_for_from_there(tmp_path):
     """The ball is taken for one in the next ring already; the new tree takes it so, too."""
-    plain, _ = go({}, log=tmp_path / "plain.mcap")
+    go({}, log=tmp_path / "plain.mcap")
     log = read_log(tmp_path / "plain.mcap")
     t = next(e["t"] for e in log.events if e["kind"] == "passed")
     k = int(np.flatnonzero(log.ticks["t"] == t)[0]) + 1
@@ -244,7 +244,8 @@ def test_stop_ends_the_run_level_with_its_reason(tmp_path):
     result, rig = go({25: goals.stop, 26: lambda: pytest.fail("a tick after it")}, goals=goals, log=tmp_path / "a.mcap")
     assert (result.success, result.reason) == (False, "stopped")
     assert result.time_s == pytest.approx(25 / 30)
-    assert len(rig.commands) == 25
+    assert len(rig.commands) == 26
+    assert rig.commands[-1] == (0.0, 0.0)  # at once, in the tick in which it is heard
     assert rig.levelled
     log = read_log(tmp_path / "a.mcap")
     assert said(log) == [(log.events[-1]["t"], "stopped", {})]
@@ -449,6 +450,6 @@ def test_two_leaves_that_command_in_one_tick_are_found_after_another_goal(tmp_pa
     setup = Setup(MAZE, known(MAZE), str(tree), settings=PATIENT, behavior_modules=("greedy_leaves",))
     goals = Goals(MAZE)
     assert go({}, goals=goals, setup=setup)[0].success
-    with pytest.raises(TwoCommandsError, match="Track and Greedy both command the rig at t = 0.333 s"):
+    with pytest.raises(TwoCommandsError, match=r"Track and Greedy both command the rig at t = 0\.333 s"):
         go({10: lambda: goals.aim(2)}, goals=goals, setup=setup)
     assert not goals.aim(3)  # and the mailbox knows that the run is over

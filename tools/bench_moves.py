@@ -30,7 +30,7 @@ from mazeplan.models.modelfile import RigModel
 from mazeplan.records import LEVEL, Array, Command, Plan, State
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.run import planners_of, plate_of
+from mazeplan.parts import planners_of, plate_of
 
 ROOT = Path(__file__).resolve().parent.parent
 RINGS = (1, 2, 3, 4)

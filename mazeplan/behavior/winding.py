@@ -48,11 +48,11 @@ class WindDown:
     def towards_level(self, wanted: Command | None) -> Command:
         """The command that goes out where the leaves want this one (None: none of them commands)."""
         self._ticks += 1
-        most = min(self._most, self._began * max(1.0 - self._ticks / self._whole, 0.0))
         tilt = 0.0 if wanted is None else math.hypot(wanted.u_beta, wanted.u_gamma)
-        if wanted is None or not math.isfinite(tilt) or most == 0.0:
+        if wanted is None or not 0.0 < tilt < math.inf:
             self._most = 0.0
             return LEVEL
-        share = min(1.0, most / tilt) if tilt > 0.0 else 0.0
+        most = min(self._most, self._began * (1.0 - self._ticks / self._whole))
+        share = min(1.0, most / tilt)
         self._most = min(most, tilt)
         return self._plate.clip(share * wanted.u_beta, share * wanted.u_gamma)
