@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan import resources
 from mazeplan.behavior.context import TwoCommandsError
 from mazeplan.behavior.ownleaves import MOST_WIND_DOWN, registry_with
 from mazeplan.data.runlog import read_log
@@ -98,7 +97,7 @@ def test_a_leaf_gets_as_many_ticks_as_it_asks_for_after_its_halt(world, tmp_path
     result, rig = stopped_at(setup, 10, log=tmp_path / "a.mcap")
     assert result.reason == "stopped"
     assert result.time_s == pytest.approx(10 / 30)  # when it was stopped
-    assert module.TOLD == ["halt", *["Slow"] * 4]
+    assert ["halt", *["Slow"] * 4] == module.TOLD
     assert len(rig.commands) == 10 + 4
     log = read_log(tmp_path / "a.mcap")
     assert list(log.ticks["leaf"][-5:]) == ["Slow"] * 5
@@ -110,14 +109,16 @@ def test_a_leaf_gets_as_many_ticks_as_it_asks_for_after_its_halt(world, tmp_path
 def test_no_more_than_its_bound_and_the_plate_goes_level_whatever_it_commands(world, ticks):
     setup, module = world("<Slow/>", ticks=str(ticks))
     _, rig = stopped_at(setup, 10)
-    assert module.TOLD == ["halt", *["Slow"] * ticks]
+    assert ["halt", *["Slow"] * ticks] == module.TOLD
     began = math.hypot(0.06, -0.04)
     assert sizes(rig, 10) == pytest.approx([began * (1.0 - k / ticks) for k in range(1, ticks + 1)])
     assert rig.commands[-1] == (0.0, 0.0)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
-@given(st.lists(st.none() | st.tuples(*[st.floats(-10.0, 10.0) | st.just(math.nan)] * 2), max_size=20), st.integers(1, 20))
+@given(
+    st.lists(st.none() | st.tuples(*[st.floats(-10.0, 10.0) | st.just(math.nan)] * 2), max_size=20), st.integers(1, 20)
+)
 def test_no_command_of_a_wind_down_is_larger_than_the_last_one(wanted, ticks):
     from mazeplan.behavior.blackboard import Blackboard
     from mazeplan.behavior.leaf import Leaf
@@ -159,7 +160,7 @@ def test_the_time_limit_winds_down_too_and_an_own_end_does_not(world):
     goals_free = PlanarRig(MAZE)
     result = run_job(goals_free, setup, Job(1, 5, 0.3, 0, 0.5))
     assert result.reason == "out_of_time"
-    assert module.TOLD == ["halt", *["Slow"] * 4]
+    assert ["halt", *["Slow"] * 4] == module.TOLD
     setup, module = world('<Timeout msec="500"><Slow/></Timeout>')
     rig = PlanarRig(MAZE)
     result = run_job(rig, setup, Job(1, 5, 0.3, 0, 5.0))
