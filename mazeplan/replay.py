@@ -23,7 +23,7 @@ from mazeplan.control.stopwatch import Recorded
 from mazeplan.data.runlog import RunLogMemory
 from mazeplan.data.runlog_reader import read_messages
 from mazeplan.display import NullDisplay
-from mazeplan.errors import LogError
+from mazeplan.errors import LogError, SettingsError
 from mazeplan.job import REPLAY_FORMAT, Job, Setup, file_sha256
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
@@ -139,7 +139,7 @@ def _setup_of(header: dict[str, Any], path: Path, model: str | Path | RigModel |
     memory = kept.get("memory")
     try:
         settings = settings_from_text(kept["settings"])
-    except ValueError as problem:
+    except (ValueError, SettingsError) as problem:
         what = f"of another version: {problem}"
         raise LogError(what, file=path, key="header.replay.settings") from None
     return Setup(
