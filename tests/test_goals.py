@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.behavior.context import TwoCommandsError
-from mazeplan.data.runlog import read_log
-from mazeplan.errors import SettingsError
+from mazeplan.data.runlog import RunLogWriter, read_log
+from mazeplan.data.runlog_reader import read_messages
+from mazeplan.errors import LogError, SettingsError
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.navigate import navigate
+from mazeplan.replay import replay
 from mazeplan.run import run_job
 
 MAZE = load_map("cme")
@@ -266,6 +268,92 @@ def test_stop_goes_before_another_goal():
     assert [g.ring for g in result.goals] == [5]
 
 
+# -- told again ------------------------------------------------------------------------------------------------------
+
+
+def talked_to(path, acts, **more):
+    goals = Goals(MAZE)
+    result, _ = go({k: lambda deed=deed: deed(goals) for k, deed in acts.items()}, goals=goals, log=path, **more)
+    return result
+
+
+def changed(path, kind, **detail):
+    """The log with the first event of a kind telling something else."""
+    header, messages, _ = read_messages(path)
+    event = next(document for topic, document in messages if topic == "/event" and document["kind"] == kind)
+    event["detail"] |= detail
+    with RunLogWriter(path.with_name("changed.mcap"), header) as log:
+        for topic, document in messages:
+            if topic != "/header":
+                log._add(topic, 0.0, document)
+    return path.with_name("changed.mcap")
+
+
+def test_a_run_with_two_other_goals_and_edited_openings_decides_again(tmp_path):
+    path = tmp_path / "run.mcap"
+    acts = {
+        4: lambda goals: goals.aim(3),
+        9: lambda goals: goals.close("1-2@45"),
+        14: lambda goals: goals.open("1-2@45"),
+        25: lambda goals: goals.aim(4, closed=["3-4@0"] if "3-4@0" in NAMES else []),
+    }
+    result = talked_to(path, acts)
+    assert [g.ring for g in result.goals] == [5, 3, 4]
+    outcome = replay(path, model=known(MAZE))
+    assert outcome.identical, outcome.difference
+    assert outcome.reason == "arrived"
+    other = replay(changed(path, "goal", ring=2), model=known(MAZE))
+    assert not other.identical
+    with pytest.raises(LogError, match="goal: got 7, expected ring1 to ring5"):
+        replay(changed(path, "goal", ring=7), model=known(MAZE))
+    with pytest.raises(LogError, match="opening: got '1-2', expected one of"):
+        replay(changed(path, "closed", opening="1-2"), model=known(MAZE))
+
+
+def test_a_run_that_was_stopped_or_went_on_after_it_had_arrived_decides_again(tmp_path):
+    path = tmp_path / "stopped.mcap"
+    assert talked_to(path, {20: lambda goals: goals.stop()}).reason == "stopped"
+    outcome = replay(path, model=known(MAZE))
+    assert outcome.identical, outcome.difference
+    assert (outcome.ticks, outcome.reason) == (21, "stopped")
+    _, rig = go({}, goal=2)
+    goals, last = Goals(MAZE), len(rig.commands)
+
+    class AtTheLastMoment(PlanarRig):
+        def command(self, u_beta, u_gamma):
+            super().command(u_beta, u_gamma)
+            if len(self.commands) == last:
+                goals.aim(3)
+
+    path = tmp_path / "on.mcap"
+    result = run_job(AtTheLastMoment(MAZE), SETUP, Job(1, 2, 0.3), goals=goals, log=path)
+    assert [g.ring for g in result.goals] == [2, 3]
+    outcome = replay(path, model=known(MAZE))
+    assert outcome.identical, outcome.difference
+
+
+def test_a_run_on_the_toy_with_two_other_goals_decides_again(tmp_path):
+    """With the packaged deadline of the planner, and noise, and a camera that is late."""
+    from mazeplan.rigs.registry import make_rig
+
+    goals, path = Goals(MAZE), tmp_path / "run.mcap"
+    toy = make_rig("toy", MAZE)
+    observe, count = toy.observe, iter(range(10_000))
+
+    def observed():
+        k = next(count)
+        if k in (15, 45):
+            goals.aim(3 if k == 15 else 2)
+        return observe()
+
+    toy.observe = observed  # type: ignore[method-assign]
+    result = navigate(1, 5, map=MAZE, rig=toy, model="toy", seed=5, goals=goals, log=path)
+    assert result.success
+    assert [g.ring for g in result.goals] == [5, 3, 2]
+    outcome = replay(path)
+    assert outcome.identical, outcome.difference
+
+
 # -- what cannot be meant, and threads -------------------------------------------------------------------------------
 
 
@@ -418,6 +506,8 @@ def test_whatever_is_said_whenever(tmp_path_factory, talk, mishaps, stop, theta)
     assert rig.levelled
     log = read_log(path)
     assert log.complete
+    outcome = replay(path, model=known(MAZE))
+    assert outcome.identical, outcome.difference
     assert result.success == (result.reason == "arrived")
     if result.success:
         assert rig.ring == result.goals[-1].ring
