@@ -17,6 +17,7 @@ from mazeplan.errors import InputError, TreeError
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
+from mazeplan.replay import replay
 from mazeplan.run import run_job
 
 MAZE = load_map("cme")
@@ -103,6 +104,8 @@ def test_a_leaf_gets_as_many_ticks_as_it_asks_for_after_its_halt(world, tmp_path
     assert list(log.ticks["leaf"][-5:]) == ["Slow"] * 5
     assert list(log.ticks["status"][-5:]) == ["RUNNING", *["HALTED"] * 4]
     assert rig.levelled
+    module.TOLD.clear()
+    assert replay(tmp_path / "a.mcap", model=known(MAZE)).identical
 
 
 @pytest.mark.parametrize("ticks", [1, 6, 15])
