@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -238,6 +239,19 @@ def test_an_opening_that_the_command_closed_can_be_opened_and_stays_so():
     assert result.rings[0].opening == "1-2@45"
 
 
+def test_an_opening_that_the_map_closes_can_be_opened_for_this_goal_and_the_next():
+    openings = tuple(replace(o, closed=o.name in FIRST[:3]) for o in MAZE.openings)
+    maze = replace(MAZE, openings=openings)
+    assert FIRST[0] == "1-2@45"
+    setup, goals = Setup(maze, known(maze), settings=PATIENT), Goals(maze)
+    acts = {2: lambda: goals.aim(2)}
+    result, _ = go(acts, goals=goals, setup=setup)
+    assert result.rings[0].opening == FIRST[3]
+    acts[1] = lambda: goals.open("1-2@45")
+    result, _ = go(acts, goals=goals, setup=setup)
+    assert result.rings[0].opening == "1-2@45"
+
+
 # -- stop ------------------------------------------------------------------------------------------------------------
 
 
@@ -266,6 +280,16 @@ def test_stop_goes_before_another_goal():
     result, _ = go({10: both}, goals=goals)
     assert result.reason == "stopped"
     assert [g.ring for g in result.goals] == [5]
+
+
+def test_nobody_reads_what_is_said_after_a_stop_that_was_read():
+    goals = Goals(MAZE)
+    goals.begin(MAZE)
+    assert goals.stop()
+    assert goals.aim(2)  # not read yet
+    assert len(goals.take(0.0)) == 2
+    assert not goals.aim(2)
+    assert goals.over()
 
 
 # -- told again ------------------------------------------------------------------------------------------------------
