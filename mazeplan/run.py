@@ -21,6 +21,7 @@ from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.gate_rollout import GateRollout
 from mazeplan.control.play import Gears
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.stopwatch import Live, Stopwatch
@@ -35,6 +36,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.models.modelfile import RigModel
+from mazeplan.models.planar import PlanarModel
 from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import (
     LEVEL,
@@ -87,10 +89,11 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
 
 
 def planners_of(
-    maze: Maze, model: RigModel, cost: CostParameters, watch: Stopwatch | None = None
+    maze: Maze, model: RigModel, cost: CostParameters, late_s: float, watch: Stopwatch | None = None
 ) -> dict[int, RingPlanner]:
-    """A planner for each channel; watch: for their deadlines."""
-    cost = cost.seen_late(model.late_s)
+    """A planner for each channel, for a rig on which a command acts late_s after what was seen; watch: for their
+    deadlines."""
+    cost = cost.seen_late(late_s)
     return {
         ring.number: RingPlanner(
             RingParameters.from_model(model, ring.number, ring.track_radius),
@@ -102,6 +105,15 @@ def planners_of(
         for ring in maze.rings
         if not ring.is_disc
     }
+
+
+def rollout_of(setup: Setup, late_s: float) -> GateRollout | None:
+    """What tries commands before openings; None where too much is late for it."""
+    leaves = setup.settings.leaves
+    if late_s > leaves.rollout.late_s:
+        return None
+    plate, planar = plate_of(setup.maze, setup.model), PlanarModel.build(setup.maze, setup.model)
+    return GateRollout(setup.maze, planar, plate, leaves.gate, leaves.rollout)
 
 
 class Run:
@@ -127,8 +139,11 @@ class Run:
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
+        # a plate that is kept from moving fast answers later, by half its range on average
+        self._late_s = setup.model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._watch = watch or Live()
-        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost, self._watch)
+        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost, self._late_s, self._watch)
+        self._rollout = rollout_of(setup, self._late_s)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
@@ -152,7 +167,8 @@ class Run:
             ahead=self._estimator.ahead,
             on_event=self._on_event,
             options=setup.settings.leaves,
-            late_s=setup.model.late_s,
+            late_s=self._late_s,
+            rollout=self._rollout,
         )
         tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
         tree.blackboard.set("goal", goal)
@@ -163,6 +179,8 @@ class Run:
         self._estimator.warm_up()
         for planner in self._planners.values():
             planner.warm_up()
+        if self._rollout is not None:
+            self._rollout.warm_up()
         self._watch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:

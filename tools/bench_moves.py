@@ -90,7 +90,7 @@ class Bench:
     def build(cls, maze: Maze) -> Bench:
         """For the toy and its packaged model. Planners have no deadline, so that the figures repeat."""
         model = resolve_model(None, "toy", maze)
-        planners = {ring: planners_of(maze, model, move_cost(ring, maze))[ring] for ring in RINGS}
+        planners = {ring: planners_of(maze, model, move_cost(ring, maze), model.late_s)[ring] for ring in RINGS}
         for planner in planners.values():
             planner.warm_up()
         return cls(maze, model, plate_of(maze, model), planners)
