@@ -172,6 +172,7 @@ class FailureKind(StrEnum):
     NO_ROUTE = "no_route"
     OPENING_CLOSED = "opening_closed"
     OUT_OF_TIME = "out_of_time"
+    RIG_FAILED = "rig_failed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +184,17 @@ class Failure:
     t: float
     detail: str = ""
     recovery: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """From rig time t, s, on for a while something measured was not believed, or not what it should be.
+
+    what: clock, the time does not go on; gap, it leaps ahead; position, of the ball is no number; ball, is far from where it could
+    be; tilt, is no number or leaps; plate, does not follow the commands."""
+
+    what: str
+    t: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +210,8 @@ class RingPassage:
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    reason is "arrived", a failure kind, or "interrupted". planner_ms: p50, p99 and max of all plans, in ms.
+    reason is "arrived", a failure kind, or "interrupted". planner_ms: p50, p99 and max of all plans, in ms. doubts:
+    what was measured and not believed.
     """
 
     success: bool
@@ -212,9 +225,10 @@ class NavigationResult:
     planner_ms: dict[str, float]
     log: str | None
     tick_ms: dict[str, float] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints (keys fixed by the contract; `tick_ms` is an addition)."""
+        """The document that `navigate --json` prints (keys fixed by the contract; `tick_ms` and `doubts` are additions)."""
         return {
             "success": self.success,
             "reason": self.reason,
@@ -227,4 +241,5 @@ class NavigationResult:
             "planner_ms": self.planner_ms,
             "log": self.log,
             "tick_ms": self.tick_ms,
+            "doubts": [{"t": d.t, "what": d.what} for d in self.doubts],
         }

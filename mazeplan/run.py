@@ -8,7 +8,7 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
@@ -29,6 +29,7 @@ from mazeplan.data.runlog import RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
+from mazeplan.estimation.scrutiny import Scrutiny
 from mazeplan.job import Job, Setup, log_header
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
@@ -50,20 +51,44 @@ from mazeplan.rigs.interface import Rig
 def run_job(
     rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None
 ) -> NavigationResult:
-    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens."""
+    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens. Raises RigError when
+    the rig failed."""
+    result, problem = attempt_job(rig, setup, job, log=log, display=display)
+    if problem is not None:
+        raise problem
+    return result
+
+
+def attempt_job(
+    rig: Rig,
+    setup: Setup,
+    job: Job,
+    *,
+    log: str | Path | None = None,
+    display: Display | None = None,
+    prepare: Callable[[Run], None] | None = None,
+) -> tuple[NavigationResult, RigError | None]:
+    """As `run_job`, but a rig that fails is a result, too: reason rig_failed, and what it raised.
+
+    `prepare` gets the run before the ball is placed."""
     with ExitStack() as stack:
         writer = stack.enter_context(RunLogWriter(log, log_header(setup, job))) if log is not None else None
         run = Run(rig, setup, job, writer, display or NullDisplay())
         stack.callback(rig.level)
+        if prepare is not None:
+            prepare(run)
+        problem, path = None, None if log is None else str(log)
         try:
-            result = run.drive(None if log is None else str(log))
+            result = run.drive(path)
+        except RigError as error:
+            problem, result = error, run.broken(error, path)
         except KeyboardInterrupt:
             if writer is not None:
                 writer.result(run.result(False, "interrupted", str(log)).to_json())
             raise
         if writer is not None:
             writer.result(result.to_json())
-        return result
+        return result, problem
 
 
 def plate_of(maze: Maze, model: RigModel) -> Plate:
@@ -113,8 +138,10 @@ class Run:
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
+        self._scrutiny = Scrutiny(rig.rate_hz)
         self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
+        self._held = LEVEL  # what the rig was told last
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
@@ -184,19 +211,30 @@ class Run:
         self._rig.level()
         return self.result(success, reason, log)
 
+    def broken(self, error: RigError, log: str | None) -> NavigationResult:
+        """What has happened until the rig failed."""
+        self.context.failed(Failure(FailureKind.RIG_FAILED, "rig", self.context.now, str(error)))
+        return self.result(False, str(FailureKind.RIG_FAILED), log)
+
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
         """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
         SKIPPED.
 
-        A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. Raises
-        RigError when the rig measured no number."""
+        A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. A sample
+        that is not newer than the last one changes nothing. Raises RigError when what the rig measures cannot be used
+        for too long (`Scrutiny`)."""
         began = perf_counter()
         run = self.context
-        if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
-            raise RigError(f"the rig measured no number: {observation}")
-        state = self._estimator.update(observation)
+        admitted = self._scrutiny.admit(observation)
+        if admitted is None:
+            self._rig.command(self._held.u_beta, self._held.u_gamma)
+            return "RUNNING"
+        state = self._estimator.update(admitted)
+        doubts = self._scrutiny.judge(self._estimator.doubts, observation.t)
         measured = self._estimator.filtered or state
         run.begin(observation.t, state, measured)
+        for doubt in doubts:
+            self._on_event("doubt", {"what": doubt.what})
         self._note_ring(observation.t, state.ring)
         if given is None:
             status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
@@ -208,6 +246,7 @@ class Run:
         if self._gears.loose:
             command = self._gears.lead(command) if given is None else command
             passed_on = self._gears.sent(command)
+        self._held = command
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(passed_on, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
@@ -294,6 +333,7 @@ class Run:
             planner_ms=spread(run.planner_ms),
             log=log,
             tick_ms=spread(self._tick_ms),
+            doubts=tuple(self._scrutiny.doubts),
         )
 
 
