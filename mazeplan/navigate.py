@@ -17,6 +17,7 @@ from mazeplan.models.modelfile import RigModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
 from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 
@@ -38,6 +39,7 @@ def navigate(
     log: str | Path | None = None,
     memory: str | Path | None = None,
     display: Display | None = None,
+    own_process: bool = False,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
@@ -45,7 +47,8 @@ def navigate(
     name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); behavior: packaged
     tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged ones; settings:
     YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of openings not to be
-    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise.
+    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
+    own_process: whether the watchdog may end the process where nothing else ends a leaf that hangs.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -55,7 +58,7 @@ def navigate(
     for name in closed:
         if name not in known:
             raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
-    machine = make_rig(rig, maze) if isinstance(rig, str) else rig
+    machine = watched(make_rig(rig, maze) if isinstance(rig, str) else rig, own_process=own_process)
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
     job = Job(

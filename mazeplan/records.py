@@ -210,8 +210,8 @@ class RingPassage:
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    reason is "arrived", a failure kind, or "interrupted". planner_ms: p50, p99 and max of all plans, in ms. doubts:
-    what was measured and not believed.
+    reason is "arrived", a failure kind, "skipped" or "interrupted". planner_ms: p50, p99 and max of all plans, in ms.
+    doubts: what was measured and not believed.
     """
 
     success: bool

@@ -36,6 +36,7 @@ class PlanarRig:
     """`mishap(rig)` is called before each sample and may change `z`, `hidden` or `glued`."""
 
     rate_hz = 30.0
+    realtime = False
 
     def __init__(self, maze: Maze, settings=None, mishap: Callable[[PlanarRig], None] | None = None) -> None:
         self.maze, self.mishap = maze, mishap

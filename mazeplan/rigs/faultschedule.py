@@ -160,7 +160,9 @@ def _trials(entries: Sequence[Entry]) -> tuple[Trial, ...]:
     for entry in entries:
         name = entry.name or entry.kind
         if entry.name is None:  # two entries of a kind without names are two trials
-            name = next(n for n in (name, *(f"{name} {k}" for k in range(2, 1 + 2 * len(entries)))) if n not in together)
+            name = next(
+                n for n in (name, *(f"{name} {k}" for k in range(2, 1 + 2 * len(entries)))) if n not in together
+            )
         together.setdefault(name, []).append(entry)
     return tuple(Trial(name, tuple(members)) for name, members in together.items())
 

@@ -54,7 +54,7 @@ class FaultyRig:
     `inject`."""
 
     def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: Orders | None = None) -> None:
-        self.rate_hz = rig.rate_hz
+        self.rate_hz, self.realtime = rig.rate_hz, getattr(rig, "realtime", True)
         self.inside, self._maze, self._faults, self.orders = rig, maze, tuple(faults), orders or Orders()
         for fault in faults:
             if fault.kind.place == "machine" and not isinstance(rig, Injectable):
@@ -121,9 +121,17 @@ class FaultyRig:
         self._closed.set()
         self.inside.close()
 
-    def over_at(self) -> float:
-        """When the last fault that ends is over, s."""
-        return max((fault.until_s for fault in self.begun if math.isfinite(fault.until_s)), default=0.0)
+    def tilt_after(self, seconds: float) -> float:
+        """Where the plate is `seconds` after the last fault that ends, rad, the larger of both axes: by the rig inside,
+        as it is (of a simulated one the truth) and not as faults let it appear."""
+        self._closed.set()
+        until = max([self._now] + [f.until_s for f in self.begun if math.isfinite(f.until_s)]) + seconds
+        tilts: deque[tuple[float, float]] = deque(maxlen=5)
+        for _ in range(math.ceil((until - self._now) * self.rate_hz)):
+            sample = self.inside.observe()
+            truth = getattr(self.inside, "truth", None)
+            tilts.append((sample.beta, sample.gamma) if truth is None else tuple(truth()[5:7]))
+        return float(np.max(np.abs(np.mean(tilts, axis=0))))
 
     def _acting(self) -> list[Drawn]:
         return [fault for fault in self._faults if fault.acts(self._now)]
