@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
 from mazeplan.run import Run, attempt_job
 
+AT_ONCE = ("doubt clock", "rig_failed")
 NAMED = {"arrived", *map(str, FailureKind)}
 BUSY_S = 10.0  # s that a tick may take while `observe_hangs` is tried: the machine may be busy, and it is not on trial
 SETTLE_S = 1.0  # s that the plate has to become level
@@ -73,13 +75,14 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
             result = attempt_job(rig, setup, job, prepare=prepare)[0]
         except RigError as problem:
             result = rig_failed(problem, job, setup.rig_name)
-        return _outcome(result, faulty, trial)
+        noticed_s, noticed_as = _noticed(result, faulty)
+        return Outcome(result, tuple(faulty.begun), noticed_s, noticed_as, _wrong(result, faulty))
     finally:
         with suppress(RigError):
             rig.close()
 
 
-def _outcome(result: NavigationResult, faulty: FaultyRig, trial: Trial) -> Outcome:
+def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
     wrong = [f"command ({u_beta:.4f}, {u_gamma:.4f}) rad" for u_beta, u_gamma in faulty.beyond[:1]]
     if result.reason not in NAMED:
         wrong.append(f"ended with {result.reason!r}")
@@ -87,21 +90,23 @@ def _outcome(result: NavigationResult, faulty: FaultyRig, trial: Trial) -> Outco
         wrong.append("the plate was not levelled")
     elif (tilt := faulty.tilt_after(SETTLE_S)) > LEVEL:
         wrong.append(f"the plate was left at {np.degrees(tilt):.2f} deg")
-    noticed_s, noticed_as = _noticed(result, faulty.begun)
-    return Outcome(result, tuple(faulty.begun), noticed_s, noticed_as, tuple(wrong))
+    return tuple(wrong)
 
 
-def _noticed(result: NavigationResult, faults: Sequence[Drawn]) -> tuple[float | None, str]:
-    """When and as what the first thing was said after the first fault began."""
-    if not faults:
+def _noticed(result: NavigationResult, faulty: FaultyRig) -> tuple[float | None, str]:
+    """When and as what the first thing was said after the first fault began, in time as it really went: that of the rig
+    inside, or of the wall where a call hung."""
+    if not faulty.begun:
         return None, ""
-    began = min(fault.at_s for fault in faults)
-    said = [(failure.t, str(failure.kind)) for failure in result.failures]
-    said += [(doubt.t, f"doubt {doubt.what}") for doubt in result.doubts]
-    # a sample in which a fault is seen may bear a time from just before it
-    after = [(max(0.0, t - began), what) for t, what in said if t >= began - 1e-6 or what == "rig_failed"]
-    after += [(max(0.0, t - began), what) for t, what in said if what == "doubt clock" and t < began <= t + 0.05]
-    return min(after, default=(None, ""))
+    began = min(fault.at_s for fault in faulty.begun)
+    if faulty.hangs_since is not None:
+        return round(monotonic() - faulty.hangs_since, 4), result.reason
+    said = [(faulty.true_time(failure.t), str(failure.kind)) for failure in result.failures]
+    said += [(faulty.true_time(doubt.t), f"doubt {doubt.what}") for doubt in result.doubts]
+    # what is said of a sample that was not taken in bears the time of the one before it
+    before = began - 1.5 / faulty.rate_hz
+    late = [(max(0.0, t - began), what) for t, what in said if t >= (before if what in AT_ONCE else began - 1e-6)]
+    return min(late, default=(None, ""))
 
 
 def evaluate_faults(

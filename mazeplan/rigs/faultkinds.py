@@ -47,7 +47,10 @@ _ALL = (
     Kind("frames_frozen", "camera", "the same picture again and again", (0.3, 1.0)),
     Kind("frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s"),
     Kind("frames_duplicated", "camera", "the last sample once more, with its time", (0.5, 1.5), (0.3, 0.6), "share", (0.0, 1.0)),
-    Kind("frames_out_of_order", "camera", "any of the last samples, with its time", (0.5, 1.5), (2.0, 5.0), "samples", (2.0, 60.0)),
+    Kind(
+        "frames_out_of_order", "camera", "any of the last samples, with its time", (0.5, 1.5), (2.0, 5.0), "samples",
+        (2.0, 60.0),
+    ),
     Kind("axes_swapped", "camera", "x and y exchanged", (1.0, 1.0)),
     Kind("false_ball", "camera", "something at rest elsewhere is taken for the ball", (0.3, 1.0)),
     Kind("position_nan", "camera", "x and y are no numbers", (0.2, 1.0)),

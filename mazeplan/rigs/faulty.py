@@ -11,6 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from time import monotonic
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -49,8 +50,8 @@ class Orders:
 class FaultyRig:
     """See `interface.Rig`; around any rig, with faults drawn from a schedule.
 
-    Afterwards `begun` tells which faults came, `beyond` the commands that were no numbers or beyond the tilt limit, and
-    `levelled` whether the last order was `level`. Raises SettingsError for a fault of the machine in a rig without
+    Afterwards `begun` tells which faults came, `beyond` the commands that were no numbers or beyond the tilt limit,
+    `levelled` whether the last order was `level`, and `hangs_since`, on the monotonic clock, when a call began to hang. Raises SettingsError for a fault of the machine in a rig without
     `inject`."""
 
     def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: Orders | None = None) -> None:
@@ -69,6 +70,8 @@ class FaultyRig:
         self.begun: list[Drawn] = []
         self.beyond: list[tuple[float, float]] = []
         self.levelled = True
+        self.hangs_since: float | None = None
+        self._true: dict[float, float] = {}
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """As the rig inside; the schedule begins anew."""
@@ -93,7 +96,12 @@ class FaultyRig:
             change = CHANGES.get(fault.kind.name)
             if change is not None:
                 sample = change(fault, self._past, sample, self._chance[id(fault)], self._maze)
+        self._true.setdefault(sample.t, self._now)
         return sample
+
+    def true_time(self, t: float) -> float:
+        """When it really was, s, as a sample that bears the time t came for the first time; t if none did."""
+        return self._true.get(t, t)
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Command a tilt, unless a fault loses it or keeps it for a while."""
@@ -141,6 +149,7 @@ class FaultyRig:
     def _begin(self, fault: Drawn, sample: Observation) -> None:
         kind = fault.kind
         if kind.name == "observe_hangs":
+            self.hangs_since = monotonic()
             self._closed.wait(fault.size)
         elif kind.place == "orders":
             for opening in self._chosen(fault, sample):
