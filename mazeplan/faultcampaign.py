@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import monotonic
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.records import FailureKind, NavigationResult
 from mazeplan.rigs.faultschedule import Drawn, Trial
 from mazeplan.rigs.faulty import FaultyRig, Orders
+from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
 from mazeplan.run import Run, attempt_job
@@ -61,10 +62,11 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     orders = Orders()
     faulty = FaultyRig(make_rig(campaign.rig, maze), maze, trial.draw(job.seed), orders)
+    wrapped = cast(Rig, faulty)  # a rig but for how it is made
     if any(kind.name == "observe_hangs" for kind in trial.kinds):
-        rig = WatchedRig(faulty, BUSY_S)
+        rig = cast(Rig, WatchedRig(wrapped, BUSY_S))
     else:
-        rig = watched(faulty, own_process=campaign.own_process)
+        rig = watched(wrapped, own_process=campaign.own_process)
 
     def prepare(run: Run) -> None:
         orders.aimed_at = lambda: None if run.context.opening is None else run.context.opening.name

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from mazeplan.choices import resolve_model, ring_number
+from mazeplan.choices import model_source, resolve_model, ring_number
 from mazeplan.display import Display
 from mazeplan.errors import InputError
 from mazeplan.job import TIME_LIMIT, Job, Setup
@@ -72,7 +72,8 @@ def navigate(
     how = settings if isinstance(settings, Settings) else load_settings(settings)
     kept = None if memory is None else load_memory(Path(memory), known)
     called = "" if isinstance(model, RigModel | None) else str(model)
-    setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept)
+    source = None if isinstance(model, RigModel) else model_source(model, rig if isinstance(rig, str) else None)
+    setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source)
     try:
         result = run_job(machine, setup, job, log=log, display=display)
     finally:

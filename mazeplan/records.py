@@ -190,8 +190,8 @@ class Failure:
 class Doubt:
     """From rig time t, s, on for a while something measured was not believed, or not what it should be.
 
-    what: clock, the time does not go on; gap, it leaps ahead; position, of the ball is no number; ball, is far from where it could
-    be; tilt, is no number or leaps; plate, does not follow the commands."""
+    what: clock, the time does not go on; gap, it leaps ahead; position, of the ball is no number; ball, is far from
+    where it could be; tilt, is no number or leaps; plate, does not follow the commands."""
 
     what: str
     t: float
@@ -228,7 +228,7 @@ class NavigationResult:
     doubts: tuple[Doubt, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints (keys fixed by the contract; `tick_ms` and `doubts` are additions)."""
+        """The document that `navigate --json` prints (keys fixed by the contract; `tick_ms` and `doubts` are added)."""
         return {
             "success": self.success,
             "reason": self.reason,

@@ -23,9 +23,10 @@ from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.play import Gears
 from mazeplan.control.ring_planner import RingPlanner
+from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
-from mazeplan.data.runlog import RunLogWriter
+from mazeplan.data.runlog import RunDocuments, RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
@@ -72,7 +73,9 @@ def attempt_job(
 
     `prepare` gets the run before the ball is placed."""
     with ExitStack() as stack:
-        writer = stack.enter_context(RunLogWriter(log, log_header(setup, job))) if log is not None else None
+        writer = (
+            stack.enter_context(RunLogWriter(log, log_header(setup, job, rig.rate_hz))) if log is not None else None
+        )
         run = Run(rig, setup, job, writer, display or NullDisplay())
         stack.callback(rig.level)
         if prepare is not None:
@@ -101,8 +104,10 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
     )
 
 
-def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, RingPlanner]:
-    """A planner for each channel."""
+def planners_of(
+    maze: Maze, model: RigModel, cost: CostParameters, watch: Stopwatch | None = None
+) -> dict[int, RingPlanner]:
+    """A planner for each channel; watch: for their deadlines."""
     cost = cost.seen_late(model.late_s)
     return {
         ring.number: RingPlanner(
@@ -110,6 +115,7 @@ def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, 
             maze.tilt_limit,
             cost=cost,
             process=model.processes.get(ring.number),
+            watch=watch,
         )
         for ring in maze.rings
         if not ring.is_disc
@@ -121,25 +127,27 @@ class Run:
 
     `drive` does a whole navigation; who wants another order of things places the ball and calls `tick` and `aim`.
     segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
-    the tree's commands."""
+    the tree's commands; watch: for the planner's deadlines."""
 
     def __init__(
         self,
         rig: Rig,
         setup: Setup,
         job: Job,
-        log: RunLogWriter | None,
+        log: RunDocuments | None,
         display: Display,
         *,
         segment: int | None = None,
         slew: float = math.inf,
+        watch: Stopwatch | None = None,
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
-        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
+        self._watch = watch or Live()
+        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost, self._watch)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._held = LEVEL  # what the rig was told last
         self._tick_ms: list[float] = []
@@ -175,6 +183,7 @@ class Run:
         self._estimator.warm_up()
         for planner in self._planners.values():
             planner.warm_up()
+        self._watch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.
@@ -250,7 +259,7 @@ class Run:
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(passed_on, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
-        self._write(observation, command)
+        self._write(observation, command, status)
         self._tick_ms[-1] = 1e3 * (perf_counter() - began)
         return status
 
@@ -262,21 +271,23 @@ class Run:
             min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),
         )
 
-    def _write(self, observation: Observation, command: Command) -> None:
+    def _write(self, observation: Observation, command: Command, status: str) -> None:
         run = self.context
-        leaf = run.commanded_by
+        leaf, cut_off = run.commanded_by, self._watch.taken()
         self._display.tick(observation.t, run.here.ring, leaf)
         if self._log is not None:
             self._log.tick(
                 observation,
                 command,
                 state=run.here,
+                status=status,
                 leaf=leaf,
                 opening=None if run.opening is None else run.opening.name,
                 goal_theta=run.goal_theta,
                 planned_theta=self._planned_theta(),
                 planner_ms=run.planner_ms[-1] if run.planner_ms else None,
                 tick_ms=self._tick_ms[-1],
+                cut_off=cut_off,
                 segment=self._segment,
             )
 

@@ -11,9 +11,9 @@ The camera is late by `RigModel.camera_delay`, the servo acts `dead_time` after 
 
 A sample far outside the innovation's spread is an outlier and is left out; several in a row that agree with one another
 are the truth, and the filter starts again there. So is a tilt that leaps (`plate.TiltGate`); one that is no number is
-not taken in. What was not believed at a sample is told in `doubts`. Without samples the prediction carries on; after `lost_after` s
-the state says `lost`. The ring has hysteresis: it changes when the predicted ball is past the middle of the wall by
-a margin.
+not taken in. What was not believed at a sample is told in `doubts`. Without samples the prediction carries on; after
+`lost_after` s the state says `lost`. The ring has hysteresis: it changes when the predicted ball is past the middle of
+the wall by a margin.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class Scrutiny:
         """What of a sample may be used; None: nothing. Raises RigError when the clock has not gone on for LASTING_S."""
         t, last = observation.t, self._last
         if not math.isfinite(t) or (last is not None and t <= last):
-            self._note({"clock"} | (self._since.keys() - {"clock"}), 0.0 if last is None else last)
+            self._note({"clock"}, 0.0 if last is None else last)
             return None
         self._last = t
         self._found = {"gap"} if last is not None and t - last > GAP * self._dt else set()
@@ -49,13 +49,16 @@ class Scrutiny:
         """Take in what the estimator did not believe of the sample that was admitted last; doubts that begin with it.
 
         Raises RigError when the tilt could not be believed for LASTING_S."""
-        return self._note(self._found | doubts, t)
+        found = self._found | doubts
+        self._since = {what: count for what, count in self._since.items() if what in found}
+        return self._note(found, t)
 
     def _note(self, found: set[str], t: float) -> list[Doubt]:
+        """One more sample of these doubts; the others stay as they are."""
         begun = [Doubt(what, t) for what in sorted(found) if what not in self._since]
         self.doubts += begun
-        self._since = {what: self._since.get(what, 0) + 1 for what in found}
-        for what, problem in FAILED.items():
-            if self._since.get(what, 0) >= self._most:
-                raise RigError(f"the rig failed at t = {t:.3f} s: {problem}")
+        for what in found:
+            self._since[what] = self._since.get(what, 0) + 1
+            if what in FAILED and self._since[what] >= self._most:
+                raise RigError(f"the rig failed at t = {t:.3f} s: {FAILED[what]}")
         return begun

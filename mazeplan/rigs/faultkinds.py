@@ -43,10 +43,13 @@ class Kind:
 
 _ALL = (
     Kind("frames_lost", "camera", "no picture shows the ball", (0.6, 1.5)),
-    Kind("frames_flicker", "camera", "pictures without the ball, so often", (1.0, 2.0), (0.5, 0.8), "share", (0.0, 1.0)),
+    Kind("frames_flicker", "camera", "so many pictures without the ball", (1.0, 2.0), (0.5, 0.8), "share", (0.0, 1.0)),
     Kind("frames_frozen", "camera", "the same picture again and again", (0.3, 1.0)),
     Kind("frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s"),
-    Kind("frames_duplicated", "camera", "the last sample once more, with its time", (0.5, 1.5), (0.3, 0.6), "share", (0.0, 1.0)),
+    Kind(
+        "frames_duplicated", "camera", "the last sample once more, with its time", (0.5, 1.5), (0.3, 0.6), "share",
+        (0.0, 1.0),
+    ),
     Kind(
         "frames_out_of_order", "camera", "any of the last samples, with its time", (0.5, 1.5), (2.0, 5.0), "samples",
         (2.0, 60.0),

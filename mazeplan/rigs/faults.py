@@ -116,12 +116,11 @@ class FaultBox:
         if not (glued or out):
             self._held = None
             return
+        held = here if self._held is None else self._held
         if out:
-            beside = self._maze.walls[0].outer_radius + ASIDE
-            self._held = np.array([beside, 0.0, ASIDE])
-        elif self._held is None:
-            self._held = here
-        self._put(self._held)
+            held = np.array([self._maze.walls[0].outer_radius + ASIDE, 0.0, ASIDE])
+        self._held = held
+        self._put(held)
 
 
 def _axes(fault: Fault) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -28,6 +28,13 @@ from mazeplan.rigs.settings import Fault
 HISTORY = 120  # samples of the rig that are kept for pictures that come late
 TOLERANCE = 1e-9  # rad, of the tilt limit
 FOR_GOOD = 1e6  # s
+IN_THE_MACHINE = {  # kinds of `settings.Fault`, and which value of it is the size
+    "ball_elsewhere": ("teleport", ""), "ball_taken_out": ("removed", ""), "ball_gone": ("removed", ""),
+    "ball_stuck": ("stuck", ""), "ball_pushed": ("push", "speed_m_s"),
+    "gate_blocked": ("blocked", ""), "gates_blocked": ("blocked", ""),
+    "servo_stuck": ("dead_axis", ""), "servo_slow": ("slow_axis", "slew_deg_s"),
+    "servo_offset": ("offset_axis", "offset_deg"), "brown_out": ("brown_out", ""),
+}  # fmt: skip
 
 
 @runtime_checkable
@@ -51,8 +58,8 @@ class FaultyRig:
     """See `interface.Rig`; around any rig, with faults drawn from a schedule.
 
     Afterwards `begun` tells which faults came, `beyond` the commands that were no numbers or beyond the tilt limit,
-    `levelled` whether the last order was `level`, and `hangs_since`, on the monotonic clock, when a call began to hang. Raises SettingsError for a fault of the machine in a rig without
-    `inject`."""
+    `levelled` whether the last order was `level`, and `hangs_since`, on the monotonic clock, when a call began to hang.
+    Raises SettingsError for a fault of the machine in a rig without `inject`."""
 
     def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: Orders | None = None) -> None:
         self.rate_hz, self.realtime = rig.rate_hz, getattr(rig, "realtime", True)
@@ -159,29 +166,25 @@ class FaultyRig:
                 self.inside.inject(injected)
 
     def _in_the_machine(self, fault: Drawn, sample: Observation) -> list[Fault]:
-        rng = np.random.default_rng(fault.seed)
-        degrees, name = float(rng.uniform(-180.0, 180.0)), fault.kind.name
-        when = {"at_s": self._now, "duration_s": min(fault.until_s - self._now, FOR_GOOD)}
-        axes: dict[str, str] = {"axis": "both" if len(fault.axes) == 2 else ("beta", "gamma")[fault.axes[0]]}
-        if name == "ball_elsewhere":
-            rings = [ring.number for ring in self._maze.rings if ring.number != self._ring(sample)]
-            return [Fault(kind="teleport", at_s=self._now, ring=int(rng.choice(rings)), direction_deg=degrees)]
-        if name in ("ball_taken_out", "ball_gone"):
-            return [Fault(kind="removed", **when)]
-        if name == "ball_stuck":
-            return [Fault(kind="stuck", **when)]
-        if name == "ball_pushed":
-            return [Fault(kind="push", at_s=self._now, speed_m_s=fault.size, direction_deg=degrees)]
-        if name in ("gate_blocked", "gates_blocked"):
-            return [Fault(kind="blocked", opening=opening, **when) for opening in self._chosen(fault, sample)]
-        if name == "servo_stuck":
-            return [Fault(kind="dead_axis", **when, **axes)]
-        if name == "servo_slow":
-            return [Fault(kind="slow_axis", slew_deg_s=fault.size, **when, **axes)]
-        if name == "servo_offset":
-            side = 1.0 if fault.seed % 2 else -1.0
-            return [Fault(kind="offset_axis", offset_deg=side * fault.size, **when, **axes)]
-        return [Fault(kind="brown_out", axis="both", **when)]
+        """The same in the words of the simulated rig."""
+        rng, (kind, size_is) = np.random.default_rng(fault.seed), IN_THE_MACHINE[fault.kind.name]
+        rings = [ring.number for ring in self._maze.rings if ring.number != self._ring(sample)]
+        side = -1.0 if kind == "offset_axis" and fault.seed % 2 else 1.0
+        values: dict[str, Any] = {
+            "kind": kind,
+            "at_s": self._now,
+            "duration_s": min(fault.until_s - self._now, FOR_GOOD),
+            "axis": "both" if len(fault.axes) == 2 or kind == "brown_out" else ("beta", "gamma")[fault.axes[0]],
+            "direction_deg": float(rng.uniform(-180.0, 180.0)),
+            "ring": int(rng.choice(rings)),
+        }
+        if size_is:
+            values[size_is] = side * fault.size
+        if kind in ("push", "teleport"):  # at one moment
+            values["duration_s"] = 0.0
+        if kind == "blocked":
+            return [Fault.model_validate({**values, "opening": name}) for name in self._chosen(fault, sample)]
+        return [Fault.model_validate(values)]
 
     def _ring(self, sample: Observation) -> int:
         """Where the ball was seen last; ring 1 where it never was."""

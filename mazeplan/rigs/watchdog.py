@@ -21,7 +21,7 @@ import sys
 import threading
 import traceback
 from time import monotonic
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -34,6 +34,7 @@ SAMPLES = 15  # periods that observe() may take ...
 START_S = 5.0  # s ... and so much longer after reset(), when cameras start
 LEVEL_S, CLOSE_S = 1.0, 2.0  # s
 WAKE_S = 2.0  # s after which a loop that was woken and not heard of is ended with its process
+STDLIB = os.path.dirname(os.__file__) + os.sep
 WAKE = getattr(signal, "SIGUSR2", None)  # not on every system
 
 
@@ -43,7 +44,7 @@ def watched(rig: Rig, *, own_process: bool = False) -> Rig:
     own_process: see `WatchedRig`."""
     if isinstance(rig, WatchedRig) or not getattr(rig, "realtime", True):
         return rig
-    return WatchedRig(rig, own_process=own_process)
+    return cast(Rig, WatchedRig(rig, own_process=own_process))  # a rig but for how it is made
 
 
 class _Call:
@@ -247,6 +248,8 @@ def _main_ident() -> int:
 
 
 def _whereabouts() -> str:
-    """Where the main thread is now, as a person would look for it."""
+    """Where the main thread is now: the innermost place that is none of Python's own."""
     frame = sys._current_frames().get(_main_ident())
+    while frame is not None and frame.f_code.co_filename.startswith(("<", STDLIB)):
+        frame = frame.f_back
     return "" if frame is None else f" ({frame.f_code.co_filename}:{frame.f_lineno})"
