@@ -289,6 +289,7 @@ class Run:
                 tick_ms=self._tick_ms[-1],
                 cut_off=cut_off,
                 segment=self._segment,
+                doubts=" ".join(sorted(self._scrutiny.found)) or None,
             )
 
     def _planned_theta(self) -> float | None:

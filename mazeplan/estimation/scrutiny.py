@@ -22,12 +22,13 @@ FAILED = {
 
 
 class Scrutiny:
-    """Of the samples of one run; `doubts` are those that began, in order."""
+    """Of the samples of one run. `found`: words of `records.Doubt` for the sample that was admitted last; `doubts`:
+    those that began, in order."""
 
     def __init__(self, rate_hz: float) -> None:
         self._dt, self._most = 1.0 / rate_hz, max(2, round(LASTING_S * rate_hz))
         self._last: float | None = None
-        self._found: set[str] = set()  # in the sample that was admitted last
+        self.found: set[str] = set()
         self._since: dict[str, int] = {}  # for how many samples in a row
         self.doubts: list[Doubt] = []
 
@@ -38,10 +39,10 @@ class Scrutiny:
             self._note({"clock"}, 0.0 if last is None else last)
             return None
         self._last = t
-        self._found = {"gap"} if last is not None and t - last > GAP * self._dt else set()
+        self.found = {"gap"} if last is not None and t - last > GAP * self._dt else set()
         x, y = observation.x, observation.y
         if x is not None and y is not None and not (math.isfinite(x) and math.isfinite(y)):
-            self._found.add("position")
+            self.found.add("position")
             return replace(observation, x=None, y=None)
         return observation
 
@@ -49,9 +50,9 @@ class Scrutiny:
         """Take in what the estimator did not believe of the sample that was admitted last; doubts that begin with it.
 
         Raises RigError when the tilt could not be believed for LASTING_S."""
-        found = self._found | doubts
-        self._since = {what: count for what, count in self._since.items() if what in found}
-        return self._note(found, t)
+        self.found |= doubts
+        self._since = {what: count for what, count in self._since.items() if what in self.found}
+        return self._note(self.found, t)
 
     def _note(self, found: set[str], t: float) -> list[Doubt]:
         """One more sample of these doubts; the others stay as they are."""
