@@ -133,13 +133,14 @@ def evaluate_faults(
 def report(trial: Trial, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """What became of the runs of a trial: the row of the table, as `evaluate --faults --json` prints it.
 
-    faulted: runs in which the fault came before the end; noticed: of those; as_expected: runs that arrived, or, where
-    that cannot be expected, ended with a reason that goes with the fault."""
+    faulted: runs in which the fault came before the end; noticed: of those; time_s: mean of those that arrived;
+    as_expected: runs that arrived, or, where that cannot be expected, ended with a reason that goes with the fault."""
     because = "; ".join(dict.fromkeys(kind.because for kind in trial.kinds if kind.because))
     ends = {end for kind in trial.kinds for end in kind.ends if kind.because or not because}
     faulted = [outcome for outcome in outcomes if outcome.faults]
     noticed = [outcome.noticed_s for outcome in faulted if outcome.noticed_s is not None]
-    arrived = sum(outcome.result.success for outcome in outcomes)
+    times = [outcome.result.time_s for outcome in outcomes if outcome.result.success]
+    arrived = len(times)
     stopped = Counter(outcome.result.reason for outcome in outcomes if not outcome.result.success)
     expected = arrived if not because else arrived + sum(count for end, count in stopped.items() if end in ends)
     recoveries = {
@@ -160,6 +161,7 @@ def report(trial: Trial, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "noticed_as": dict(Counter(outcome.noticed_as for outcome in faulted if outcome.noticed_as).most_common()),
         "recoveries": sorted(recoveries),
         "arrived": arrived,
+        "time_s": _rounded(np.mean(times)) if times else None,
         "stopped": dict(stopped.most_common()),
         "as_expected": expected,
         "wrong": [f"seed {outcome.result.seed}: {what}" for outcome in outcomes for what in outcome.wrong],
