@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -22,7 +23,7 @@ from mazeplan.control.stopwatch import Recorded
 from mazeplan.data.runlog import RunLogMemory
 from mazeplan.data.runlog_reader import read_messages
 from mazeplan.display import NullDisplay
-from mazeplan.errors import LogError
+from mazeplan.errors import LogError, SettingsError
 from mazeplan.job import REPLAY_FORMAT, Job, Setup, file_sha256
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
@@ -96,10 +97,8 @@ def replay(log: str | Path, *, model: str | Path | RigModel | None = None, behav
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
     run = Run(cast(Rig, script), setup, job, script.log, NullDisplay(), watch=script.watch)
-    try:
+    with suppress(_OverError):
         script.log.result(run.drive(None).to_json())
-    except _OverError:
-        pass
     return script.outcome(str(header.get("version", "")))
 
 
@@ -140,7 +139,7 @@ def _setup_of(header: dict[str, Any], path: Path, model: str | Path | RigModel |
     memory = kept.get("memory")
     try:
         settings = settings_from_text(kept["settings"])
-    except ValueError as problem:
+    except (ValueError, SettingsError) as problem:
         what = f"of another version: {problem}"
         raise LogError(what, file=path, key="header.replay.settings") from None
     return Setup(
@@ -239,11 +238,10 @@ class _Script:
     def outcome(self, recorded_by: str) -> Replay:
         """The whole comparison."""
         difference = self._difference()
-        now = self.log.messages[: self._same]
-        topics = [topic for topic, _ in now]
+        topics = [topic for topic, _ in self.log.messages[: self._same]]
         cut_off = sum(len(_cuts(tick)) for tick in self._ticks[: topics.count("/tick")])
-        counts = (topics.count(topic) for topic in ("/tick", "/plan", "/event"))
-        return Replay(*counts, cut_off, self._reason, recorded_by, difference)
+        ticks, plans, events = (topics.count(topic) for topic in ("/tick", "/plan", "/event"))
+        return Replay(ticks, plans, events, cut_off, self._reason, recorded_by, difference)
 
     def _difference(self) -> Difference | None:
         alike, then = self._alike(), self.recorded
@@ -261,8 +259,8 @@ class _Script:
         number = min(number, max(len(self._ticks) - 1, 0))
         t = self._ticks[number]["t"] if self._ticks else 0.0
         documents = (None if a is None else a[1], None if b is None else b[1])
-        decisions = (_decided(messages, number) for messages in (then, self.log.messages))
-        return Difference(t, number, told, _differing(a, b), *decisions, documents)
+        decided = _decided(then, number), _decided(self.log.messages, number)
+        return Difference(t, number, told, _differing(a, b), *decided, documents)
 
 
 def _observation(document: dict[str, Any]) -> Observation:
@@ -302,9 +300,8 @@ def _near(a: Any, b: Any, near: float) -> bool:
         return a.keys() == b.keys() and all(_near(a[key], b[key], near) for key in a)
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(_near(x, y, near) for x, y in zip(a, b, strict=True))
-    if isinstance(a, float) or isinstance(b, float):
-        numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in (a, b))
-        return numbers and math.isclose(a, b, rel_tol=NEAR, abs_tol=near)
+    if isinstance(a, float) and isinstance(b, float):  # JSON holds a float as one, 0.0 for 0
+        return math.isclose(a, b, rel_tol=NEAR, abs_tol=near)
     return type(a) is type(b) and a == b
 
 

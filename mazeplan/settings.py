@@ -46,7 +46,8 @@ class Settings:
 
 
 def settings_from_text(text: str) -> Settings:
-    """What `Settings.text` told. Raises ValueError for any other text, or one of another version's."""
+    """What `Settings.text` told. Raises ValueError for any other text, or one of another version's,
+    SettingsError for values out of their range."""
     return _filled(Settings(), json.loads(text))
 
 
