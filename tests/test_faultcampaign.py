@@ -147,7 +147,7 @@ def outcome(reason="arrived", failures=(), doubts=(), noticed=None, seed=0, wron
     none = {"p50": 0.0, "p99": 0.0, "max": 0.0}
     result = NavigationResult(
         reason == "arrived", reason, 3.0, seed, "r", (RingPassage(1, 3.0, None),), tuple(failures), 0, none, None, none,
-        tuple(doubts),
+        doubts=tuple(doubts),
     )  # fmt: skip
     drawn = trial(fault).draw(seed)
     return Outcome(result, drawn, noticed, "ball_lost" if noticed is not None else "", tuple(wrong))
