@@ -13,7 +13,7 @@ from mazeplan.rigs.registry import rig_model_hint
 def ring_number(ring: int | str, maze: Maze) -> int:
     """1 for 1, "1" and "ring1". Raises InputError when the maze has no such ring."""
     text = str(ring).removeprefix("ring")
-    if text.isdigit() and 1 <= int(text) <= len(maze.rings):
+    if text.isdecimal() and 1 <= int(text) <= len(maze.rings):
         return int(text)
     raise InputError(f"got {ring!r}, expected ring1 to ring{len(maze.rings)}", key="ring")
 

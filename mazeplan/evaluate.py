@@ -22,12 +22,13 @@ import numpy as np
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.errors import RigError
 from mazeplan.job import TIME_LIMIT, Job, Setup
+from mazeplan.maths.spread import spread
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Failure, FailureKind, NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run import attempt_job, spread
+from mazeplan.run import attempt_job
 from mazeplan.settings import load_settings
 
 FIXED_STARTS = 16

@@ -18,6 +18,7 @@ import numpy as np
 
 from mazeplan.errors import RigError
 from mazeplan.evaluate import Campaign, each, job_of, rig_failed, setup_of
+from mazeplan.goals import Goals
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import FailureKind, NavigationResult
 from mazeplan.rigs.faultschedule import Drawn, Trial
@@ -60,7 +61,8 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
     """Run number `index` of a trial, from nothing: the same wherever it is done."""
     maze = load_map(campaign.map)
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
-    orders = Orders()
+    goals = Goals(maze)
+    orders = Orders(close=goals.close)
     faulty = FaultyRig(make_rig(campaign.rig, maze), maze, trial.draw(job.seed), orders)
     wrapped = cast(Rig, faulty)  # a rig but for how it is made
     if any(kind.name == "observe_hangs" for kind in trial.kinds):
@@ -70,11 +72,10 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
 
     def prepare(run: Run) -> None:
         orders.aimed_at = lambda: None if run.context.opening is None else run.context.opening.name
-        orders.close = lambda name: run.context.graph.close(name)
 
     try:
         try:
-            result = attempt_job(rig, setup, job, prepare=prepare)[0]
+            result = attempt_job(rig, setup, job, goals=goals, prepare=prepare)[0]
         except RigError as problem:
             result = rig_failed(problem, job, setup.rig_name)
         noticed_s, noticed_as = _noticed(result, faulty)

@@ -9,6 +9,7 @@ from pathlib import Path
 from mazeplan.choices import model_source, resolve_model, ring_number
 from mazeplan.display import Display
 from mazeplan.errors import InputError
+from mazeplan.goals import Goals
 from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -39,6 +40,7 @@ def navigate(
     log: str | Path | None = None,
     memory: str | Path | None = None,
     display: Display | None = None,
+    goals: Goals | None = None,
     own_process: bool = False,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
@@ -48,7 +50,9 @@ def navigate(
     tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged ones; settings:
     YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of openings not to be
     used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
-    own_process: whether the watchdog may end the process where nothing else ends a leaf that hangs.
+    time_limit: s of rig time for each goal, from when it was given; own_process: whether the watchdog may end the
+    process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
+    closes and opens openings, and stops.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -75,7 +79,7 @@ def navigate(
     source = None if isinstance(model, RigModel) else model_source(model, rig if isinstance(rig, str) else None)
     setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source)
     try:
-        result = run_job(machine, setup, job, log=log, display=display)
+        result = run_job(machine, setup, job, log=log, display=display, goals=goals)
     finally:
         machine.close()
     if kept is not None and memory is not None:

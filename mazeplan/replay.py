@@ -3,7 +3,7 @@ must decide as it did.
 
 What decides is all in the log's header: map, settings, memory of openings, goal and seed as such, model, tree and
 modules by name and SHA-256. The planner's deadlines, the only thing that wall time has a say in, end each search where
-they ended it then (`control.stopwatch`).
+they ended it then (`control.stopwatch`). What was said from outside meanwhile, the events say again (`goals`).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from mazeplan.data.runlog import RunLogMemory
 from mazeplan.data.runlog_reader import read_messages
 from mazeplan.display import NullDisplay
 from mazeplan.errors import LogError, SettingsError
+from mazeplan.goals import Retold
 from mazeplan.job import REPLAY_FORMAT, Job, Setup, file_sha256
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
@@ -94,9 +95,10 @@ def replay(log: str | Path, *, model: str | Path | RigModel | None = None, behav
     try:
         script = _Script([m for m in messages if m[0] != "/header"], float(header["replay"]["rate_hz"]))
         setup, job = _setup_of(header, path, model, behavior), _job_of(header)
+        said = Retold((document for topic, document in messages if topic == "/event"), setup.maze)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
-    run = Run(cast(Rig, script), setup, job, script.log, NullDisplay(), watch=script.watch)
+    run = Run(cast(Rig, script), setup, job, script.log, NullDisplay(), watch=script.watch, outside=said)
     with suppress(_OverError):
         script.log.result(run.drive(None).to_json())
     return script.outcome(str(header.get("version", "")))

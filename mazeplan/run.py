@@ -8,7 +8,7 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
@@ -19,64 +19,65 @@ import numpy as np
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import load_tree
-from mazeplan.control.cost import CostParameters
+from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.winding import WindDown
 from mazeplan.control.play import Gears
-from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.stopwatch import Live, Stopwatch
-from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunDocuments, RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.estimation.scrutiny import Scrutiny
+from mazeplan.goals import SAID, Edit, Goals, Outside, Stop
 from mazeplan.job import Job, Setup, log_header
-from mazeplan.maze.geometry import Maze
+from mazeplan.maths.spread import spread
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.parts import planners_of, plate_of
 from mazeplan.records import (
     LEVEL,
     Command,
     Failure,
     FailureKind,
+    GoalGiven,
     NavigationResult,
     Observation,
     RingPassage,
 )
 from mazeplan.rigs.interface import Rig
 
+HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
+
 
 def run_job(
-    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None
-) -> NavigationResult:
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
+    goals: Goals | None = None,
+) -> NavigationResult:  # fmt: skip
     """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens. Raises RigError when
-    the rig failed."""
-    result, problem = attempt_job(rig, setup, job, log=log, display=display)
+    the rig failed.
+
+    goals: where other goals come from meanwhile."""
+    result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals)
     if problem is not None:
         raise problem
     return result
 
 
 def attempt_job(
-    rig: Rig,
-    setup: Setup,
-    job: Job,
-    *,
-    log: str | Path | None = None,
-    display: Display | None = None,
-    prepare: Callable[[Run], None] | None = None,
-) -> tuple[NavigationResult, RigError | None]:
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
+    goals: Goals | None = None, prepare: Callable[[Run], None] | None = None,
+) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
     """As `run_job`, but a rig that fails is a result, too: reason rig_failed, and what it raised.
 
     `prepare` gets the run before the ball is placed."""
     with ExitStack() as stack:
-        writer = (
-            stack.enter_context(RunLogWriter(log, log_header(setup, job, rig.rate_hz))) if log is not None else None
-        )
-        run = Run(rig, setup, job, writer, display or NullDisplay())
+        if goals is not None:
+            goals.begin(setup.maze)
+            stack.callback(goals.end)
+        header = None if log is None else log_header(setup, job, rig.rate_hz)
+        writer = None if log is None or header is None else stack.enter_context(RunLogWriter(log, header))
+        run = Run(rig, setup, job, writer, display or NullDisplay(), outside=goals)
         stack.callback(rig.level)
         if prepare is not None:
             prepare(run)
@@ -94,40 +95,13 @@ def attempt_job(
         return result, problem
 
 
-def plate_of(maze: Maze, model: RigModel) -> Plate:
-    """Limits of the maze and the table's tilt by the model."""
-    ball = model.ball(1)
-    return Plate(
-        maze.tilt_limit,
-        ball.parameter("tilt_offset", "beta", 0.0),
-        ball.parameter("tilt_offset", "gamma", 0.0),
-    )
-
-
-def planners_of(
-    maze: Maze, model: RigModel, cost: CostParameters, watch: Stopwatch | None = None
-) -> dict[int, RingPlanner]:
-    """A planner for each channel; watch: for their deadlines."""
-    cost = cost.seen_late(model.late_s)
-    return {
-        ring.number: RingPlanner(
-            RingParameters.from_model(model, ring.number, ring.track_radius),
-            maze.tilt_limit,
-            cost=cost,
-            process=model.processes.get(ring.number),
-            watch=watch,
-        )
-        for ring in maze.rings
-        if not ring.is_disc
-    }
-
-
 class Run:
     """One run in progress: estimator, planners and a tree with a goal, ticked once for each observation.
 
     `drive` does a whole navigation; who wants another order of things places the ball and calls `tick` and `aim`.
     segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
-    the tree's commands; watch: for the planner's deadlines."""
+    the tree's commands; watch: for the planner's deadlines; outside: what `drive` asks at each tick for
+    another goal."""
 
     def __init__(
         self,
@@ -139,6 +113,7 @@ class Run:
         *,
         segment: int | None = None,
         slew: float = math.inf,
+        outside: Outside | None = None,
         watch: Stopwatch | None = None,
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
@@ -154,6 +129,9 @@ class Run:
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
         self._ring_since = 0.0
+        self._outside, self._goals = outside, [GoalGiven(job.goal, 0.0)]
+        self._leaves = registry_with(setup.behavior_modules)
+        self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
         self.context, self._tree = self._towards(job.goal, job.closed)
         self._warm_up()
 
@@ -174,7 +152,7 @@ class Run:
             options=setup.settings.leaves,
             late_s=setup.model.late_s,
         )
-        tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
+        tree = self._tree_file.build(self._leaves, context)
         tree.blackboard.set("goal", goal)
         return context, tree
 
@@ -188,21 +166,59 @@ class Run:
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.
 
-        Tree, closed openings and failures start afresh; what is known of ball, plate and openings stays."""
+        Tree, closed openings and budgets of recoveries start afresh; what is known of ball, plate and openings stays,
+        the last command, too: the plate is not levelled."""
+        before = self.context
         self._tree.halt()
-        now = self.context.now
         self.context, self._tree = self._towards(goal, closed)
-        self.context.now = self.context.graph.now = now
+        self.context.carry_on(before)
+
+    def _told_to_stop(self, t: float) -> bool:
+        """Do what was said from outside, at the time of this tick; whether that was to stop."""
+        said = () if self._outside is None else self._outside.take(t)
+        if not said:
+            return False
+        run, goal, closed = self.context, None, {}
+        run.now = run.graph.now = t
+        for message in said:
+            self._on_event(*message.event)
+            if isinstance(message, Stop):
+                return True
+            if isinstance(message, Edit):
+                closed[message.opening] = message.closed
+            else:
+                goal = message.ring
+                closed |= dict.fromkeys(message.closed, True)
+        run.edit(closed)
+        if goal is not None:
+            self._preempt(goal, t)
+        return False
+
+    def _preempt(self, goal: int, t: float) -> None:
+        """Another goal, now, with the openings closed that are closed."""
+        closed = self.context.graph.closed
+        self.aim(goal, closed)
+        for name in self.context.graph.closed - closed:  # those that the map calls closed and somebody opened
+            self.context.graph.reopen(name)
+        self._goals.append(GoalGiven(goal, t))
 
     def drive(self, log: str | None) -> NavigationResult:
-        """Place the ball and run until the tree has succeeded, the time is over, or the tree gave up."""
+        """Place the ball and run until the tree has succeeded, the time is over, the tree gave up, or somebody stopped
+        it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
         theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
         self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         while True:
-            observation = self._rig.observe()
-            status = self.tick(observation)
+            observation = self._admit(self._rig.observe())
+            if observation is None:
+                continue
+            if self._told_to_stop(observation.t):
+                return self._end(False, "stopped", log, observation)
+            status = self._answer(observation)
+            late = observation.t - self._goals[-1].t >= job.time_limit
+            if (status == "RUNNING" and not late) or not (self._outside is None or self._outside.over()):
+                continue
             if status == "SUCCESS":
                 return self._end(True, "arrived", log)
             if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
@@ -210,15 +226,27 @@ class Run:
             if status == "FAILURE":
                 last = self.context.last_failure
                 return self._end(False, str(last.kind) if last else "failed", log)
-            if observation.t >= job.time_limit:
-                detail = f"not in ring {job.goal} after {job.time_limit:g} s"
-                self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
-                return self._end(False, str(FailureKind.OUT_OF_TIME), log)
+            detail = f"not in ring {self.context.goal} after {job.time_limit:g} s"
+            self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
+            return self._end(False, str(FailureKind.OUT_OF_TIME), log)
 
-    def _end(self, success: bool, reason: str, log: str | None) -> NavigationResult:
-        self._tree.halt()
+    def _end(
+        self, success: bool, reason: str, log: str | None, observation: Observation | None = None
+    ) -> NavigationResult:
+        """Halt the tree, wind down and level; what has happened until now. observation: one that no tick has taken,
+        for the first one in which the plate goes level."""
+        result = self.result(success, reason, log)
+        winding = WindDown(self._tree, self.sent, self.context.plate)
+        while winding.going or observation is not None:
+            seen, observation = observation or self._admit(self._rig.observe()), None
+            if seen is None:
+                continue
+            began = perf_counter()
+            self._see(seen)
+            winding.tick()
+            self._send(seen, self._slewed(winding.towards_level(self.context.command)), HALTED, began)
         self._rig.level()
-        return self.result(success, reason, log)
+        return result
 
     def broken(self, error: RigError, log: str | None) -> NavigationResult:
         """What has happened until the rig failed."""
@@ -232,28 +260,45 @@ class Run:
         A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. A sample
         that is not newer than the last one changes nothing. Raises RigError when what the rig measures cannot be used
         for too long (`Scrutiny`)."""
-        began = perf_counter()
-        run = self.context
+        admitted = self._admit(observation)
+        return "RUNNING" if admitted is None else self._answer(admitted, given, by)
+
+    def _admit(self, observation: Observation) -> Observation | None:
+        """What of a sample may be used; where nothing, the rig keeps its command."""
         admitted = self._scrutiny.admit(observation)
         if admitted is None:
             self._rig.command(self._held.u_beta, self._held.u_gamma)
-            return "RUNNING"
-        state = self._estimator.update(admitted)
-        doubts = self._scrutiny.judge(self._estimator.doubts, observation.t)
-        measured = self._estimator.filtered or state
-        run.begin(observation.t, state, measured)
-        for doubt in doubts:
-            self._on_event("doubt", {"what": doubt.what})
-        self._note_ring(observation.t, state.ring)
+        return admitted
+
+    def _answer(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
+        """One tick, with a sample that was admitted."""
+        began = perf_counter()
+        run = self.context
+        self._see(observation)
         if given is None:
             status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
         else:
             status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
             run.steer(by, given)
+        self._send(observation, command, status, began, lead=given is None)
+        return status
+
+    def _see(self, observation: Observation) -> None:
+        """Take in an observation and begin the tick."""
+        state = self._estimator.update(observation)
+        doubts = self._scrutiny.judge(self._estimator.doubts, observation.t)
+        measured = self._estimator.filtered or state
+        self.context.begin(observation.t, state, measured)
+        for doubt in doubts:
+            self._on_event("doubt", {"what": doubt.what})
+        self._note_ring(observation.t, state.ring)
+
+    def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
+        """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
         self.sent = command
         passed_on = command
         if self._gears.loose:
-            command = self._gears.lead(command) if given is None else command
+            command = self._gears.lead(command) if lead else command
             passed_on = self._gears.sent(command)
         self._held = command
         self._rig.command(command.u_beta, command.u_gamma)
@@ -261,7 +306,6 @@ class Run:
         self._tick_ms.append(1e3 * (perf_counter() - began))
         self._write(observation, command, status)
         self._tick_ms[-1] = 1e3 * (perf_counter() - began)
-        return status
 
     def _slewed(self, wanted: Command) -> Command:
         """As far towards the command wanted as one sample allows."""
@@ -326,6 +370,8 @@ class Run:
             self._log.event(t, kind, detail)
         if kind in ("failure", "recovery"):
             self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
+        elif kind in SAID:
+            self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))
 
     def result(self, success: bool, reason: str, log: str | None) -> NavigationResult:
         """What has happened until now."""
@@ -345,13 +391,6 @@ class Run:
             planner_ms=spread(run.planner_ms),
             log=log,
             tick_ms=spread(self._tick_ms),
+            goals=tuple(self._goals),
             doubts=tuple(self._scrutiny.doubts),
         )
-
-
-def spread(values: Sequence[float]) -> dict[str, float]:
-    """p50, p99 and max; 0 when there are none."""
-    if not values:
-        return {"p50": 0.0, "p99": 0.0, "max": 0.0}
-    p50, p99 = np.percentile(values, [50.0, 99.0])
-    return {"p50": round(float(p50), 4), "p99": round(float(p99), 4), "max": round(float(max(values)), 4)}

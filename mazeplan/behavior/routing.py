@@ -32,7 +32,7 @@ class PlanRoute(MazeLeaf):
     def step(self) -> Status:
         """Weigh the openings anew; FAILURE no_route where none leads there."""
         run, here = self.context, self.context.here
-        route = run.graph.route(here.ring, self.get("goal"), here.theta)
+        route, run.rerouted = run.graph.route(here.ring, self.get("goal"), here.theta), False
         if route is None:
             return self.fail_as(FailureKind.NO_ROUTE, f"no way from ring {here.ring} to ring {self.get('goal')}")
         self.set("legs", len(route.legs))
@@ -51,7 +51,7 @@ class ChooseOpening(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS with the opening's name; FAILURE no_route."""
         run, here = self.context, self.context.here
-        choices = run.graph.choices(here.ring, self.get("goal"), here.theta)
+        choices, run.rerouted = run.graph.choices(here.ring, self.get("goal"), here.theta), False
         if not choices:
             return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
         choice = self._soonest(choices)

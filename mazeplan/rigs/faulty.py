@@ -51,7 +51,7 @@ class Orders:
     """What the outside does to the program that drives: `aimed_at` is the opening that is next, `close` closes one."""
 
     aimed_at: Callable[[], str | None] = field(default=lambda: None)
-    close: Callable[[str], None] = field(default=lambda name: None)
+    close: Callable[[str], object] = field(default=lambda name: None)
 
 
 class FaultyRig:
