@@ -155,6 +155,19 @@ def test_what_is_remembered_of_openings_decides(tmp_path):
     assert outcome.difference.tick == 0
 
 
+def test_settings_decide_again(tmp_path):
+    path = tmp_path / "run.mcap"
+    planar(path, settings=PATIENT.with_values({"travel": {"lean_deg": 2.0}, "estimator": {"lost_after": 0.3}}))
+    assert again(path).identical
+    for values in ({"travel": {"lean_deg": 4.0}}, {"cost": {"theta": 2.0}}):
+
+        def change(header, messages, values=values):
+            kept = header["replay"]
+            kept["settings"] = settings_from_text(kept["settings"]).with_values(values).text()
+
+        assert not again(rewritten(path, change)).identical
+
+
 def test_closed_openings_seed_and_start_decide_again(tmp_path):
     path = tmp_path / "run.mcap"
     closed = [opening.name for opening in MAZE.openings_between(3, 4)][:1]

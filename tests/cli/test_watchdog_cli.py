@@ -148,3 +148,14 @@ def test_every_command_that_moves_a_rig_watches_it(place, monkeypatch, capsys, a
     assert "watchdog: observe() of the rig did not return within" in err.splitlines()[-1]
     assert (place / "levelled").exists()
     assert time.monotonic() - began < 60.0
+
+
+def test_rig_check_tells_what_hangs(place, monkeypatch, capsys):
+    for name, value in (("WHERE", "observe"), ("HOW", "hang"), ("AT", "30")):
+        monkeypatch.setenv(name, value)
+    code, out, _ = call(monkeypatch, capsys, "rig", "check", "bad_rig:Bad")
+    lines = [line for line in out.splitlines() if line != "now"]
+    assert code == 1
+    assert lines[0].startswith("ok      clock")
+    assert "watchdog: observe() of the rig did not return within" in lines[1]
+    assert lines[-1].startswith("ok      close")

@@ -65,17 +65,17 @@ def rig(monkeypatch):
     """A rig, watched, placed, with limits short enough for a test; nothing hangs after it."""
     for name, value in (("START_S", 0.1), ("LEVEL_S", 0.15), ("CLOSE_S", 0.15), ("SAMPLES", 6)):
         monkeypatch.setattr(watchdog, name, value)
-    inner = Recorded()
+    inner, before = Recorded(), signal.getsignal(signal.SIGUSR2)
     outer = WatchedRig(inner)
     outer.reset(ring=1, theta=0.5, rng=np.random.default_rng(0))
-    before = signal.getsignal(signal.SIGUSR2)
+    assert signal.getsignal(signal.SIGUSR2) != before
     yield inner, outer
     for event in inner.hang.values():
         event.set()
     inner.hang = {}
     inner.raises = {}
     outer.close()
-    assert signal.getsignal(signal.SIGUSR2) in (before, signal.SIG_DFL)
+    assert signal.getsignal(signal.SIGUSR2) == before
 
 
 def test_everything_passes_through_in_one_thread_that_is_not_the_loops(rig):
@@ -136,6 +136,35 @@ def test_a_loop_in_another_thread_is_told_when_it_comes_back(rig):
             said.append(str(problem))
         outer.close()
 
+    thread = threading.Thread(target=loop)
+    thread.start()
+    thread.join()
+    assert said == [outer.reason]
+    assert "command" not in inner.names()
+    assert "level" in inner.names()
+
+
+def test_a_command_that_crosses_the_watchdog_is_not_taken(rig, monkeypatch):
+    inner, _ = rig
+    outer, said = WatchedRig(inner), []
+    put = outer._put
+
+    def late(call):
+        if call.name == "command":
+            time.sleep(0.5)  # the loop has seen nothing amiss yet
+        put(call)
+
+    def loop():
+        outer.reset(ring=1, theta=0.0, rng=None)
+        outer.observe()
+        try:
+            outer.command(0.1, 0.1)
+        except RigError as problem:
+            said.append(str(problem))
+        outer.close()
+
+    monkeypatch.setattr(outer, "_put", late)
+    monkeypatch.setattr(outer, "timeout_s", 0.25)
     thread = threading.Thread(target=loop)
     thread.start()
     thread.join()
