@@ -174,8 +174,10 @@ class Run:
         self.context.carry_on(before)
 
     def _told_to_stop(self, t: float) -> bool:
-        """Do what was said from outside, at the time of this tick; whether that was to stop."""
-        said = () if self._outside is None else self._outside.take(t)
+        """Do what was said from outside, at the time of this tick; whether that was to stop. A sample that is not newer
+        than the last one is no tick: a replay would not know where it was."""
+        new = math.isfinite(t) and (t > self.context.now or self._ring is None)
+        said = self._outside.take(t) if self._outside is not None and new else ()
         if not said:
             return False
         run, goal, closed = self.context, None, {}

@@ -32,7 +32,7 @@ class PlanRoute(MazeLeaf):
     def step(self) -> Status:
         """Weigh the openings anew; FAILURE no_route where none leads there."""
         run, here = self.context, self.context.here
-        route, run.rerouted = run.graph.route(here.ring, self.get("goal"), here.theta), False
+        route = run.graph.route(here.ring, self.get("goal"), here.theta)
         if route is None:
             return self.fail_as(FailureKind.NO_ROUTE, f"no way from ring {here.ring} to ring {self.get('goal')}")
         self.set("legs", len(route.legs))
