@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from mazeplan.behavior.context import LeafOptions
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.gate_rollout import GateRollout
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.stopwatch import Stopwatch
 from mazeplan.control.tilt import Plate
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
+from mazeplan.models.planar import PlanarModel
 from mazeplan.models.ring_parameters import RingParameters
 
 
@@ -22,10 +25,16 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
 
 
 def planners_of(
-    maze: Maze, model: RigModel, cost: CostParameters, watch: Stopwatch | None = None
+    maze: Maze,
+    model: RigModel,
+    cost: CostParameters,
+    watch: Stopwatch | None = None,
+    *,
+    late_s: float | None = None,
 ) -> dict[int, RingPlanner]:
-    """A planner for each channel; watch: for their deadlines."""
-    cost = cost.seen_late(model.late_s)
+    """A planner for each channel; watch: for their deadlines; late_s: after what was seen a command acts so much later
+    (None: as the model has it)."""
+    cost = cost.seen_late(model.late_s if late_s is None else late_s)
     return {
         ring.number: RingPlanner(
             RingParameters.from_model(model, ring.number, ring.track_radius),
@@ -37,3 +46,11 @@ def planners_of(
         for ring in maze.rings
         if not ring.is_disc
     }
+
+
+def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float) -> GateRollout | None:
+    """What tries commands in front of openings; None where what is seen is too late for it."""
+    if late_s > options.rollout.late_s:
+        return None
+    planar = PlanarModel.build(maze, model)
+    return GateRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout)

@@ -34,7 +34,7 @@ from mazeplan.job import Job, Setup, log_header
 from mazeplan.maths.spread import spread
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.parts import planners_of, plate_of
+from mazeplan.parts import planners_of, plate_of, rollout_of
 from mazeplan.records import (
     LEVEL,
     Command,
@@ -121,8 +121,12 @@ class Run:
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
+        # a plate that is kept from moving fast answers later, by half its range on average
+        self._late_s = setup.model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._watch = watch or Live()
-        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost, self._watch)
+        cost = setup.settings.leaves.cost
+        self._planners = planners_of(setup.maze, setup.model, cost, self._watch, late_s=self._late_s)
+        self._rollout = rollout_of(setup.maze, setup.model, setup.settings.leaves, self._late_s)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._held = LEVEL  # what the rig was told last
         self._tick_ms: list[float] = []
@@ -150,7 +154,8 @@ class Run:
             ahead=self._estimator.ahead,
             on_event=self._on_event,
             options=setup.settings.leaves,
-            late_s=setup.model.late_s,
+            late_s=self._late_s,
+            rollout=self._rollout,
         )
         tree = self._tree_file.build(self._leaves, context)
         tree.blackboard.set("goal", goal)
@@ -161,6 +166,8 @@ class Run:
         self._estimator.warm_up()
         for planner in self._planners.values():
             planner.warm_up()
+        if self._rollout is not None:
+            self._rollout.warm_up()
         self._watch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
