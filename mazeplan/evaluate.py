@@ -9,26 +9,30 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.errors import RigError
 from mazeplan.job import TIME_LIMIT, Job, Setup
+from mazeplan.maths.spread import spread
+from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.records import NavigationResult
+from mazeplan.records import Failure, FailureKind, NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run import run_job, spread
+from mazeplan.run import attempt_job
 from mazeplan.settings import load_settings
 
 FIXED_STARTS = 16
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -54,37 +58,61 @@ def start_angle(index: int) -> float | None:
     return math.pi * index / 8.0 + math.pi / 16.0 if index < FIXED_STARTS else None
 
 
-def run_one(campaign: Campaign, index: int) -> NavigationResult:
-    """Run number `index` of a campaign, from nothing: the same wherever it is done."""
-    maze = load_map(campaign.map)
-    model = resolve_model(campaign.model, campaign.rig, maze)
-    job = Job(
+def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
+    """Run number `index` of a campaign."""
+    return Job(
         ring_number(campaign.start, maze),
         ring_number(campaign.goal, maze),
         start_angle(index),
         campaign.seed + index,
         campaign.time_limit,
     )
+
+
+def setup_of(campaign: Campaign, maze: Maze) -> Setup:
+    """With what its runs are done."""
+    model = resolve_model(campaign.model, campaign.rig, maze)
+    how, modules = load_settings(campaign.settings), campaign.behavior_modules
+    return Setup(maze, model, campaign.behavior, rig_label(campaign.rig), settings=how, behavior_modules=modules)
+
+
+def run_one(campaign: Campaign, index: int) -> NavigationResult:
+    """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result."""
+    maze = load_map(campaign.map)
+    job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     rig = watched(make_rig(campaign.rig, maze), own_process=campaign.own_process)
     try:
-        how = load_settings(campaign.settings)
-        label, modules = rig_label(campaign.rig), campaign.behavior_modules
-        setup = Setup(maze, model, campaign.behavior, label, settings=how, behavior_modules=modules)
-        return run_job(rig, setup, job)
+        return attempt_job(rig, setup, job)[0]
+    except RigError as problem:  # it did not even become level
+        return rig_failed(problem, job, setup.rig_name)
     finally:
-        rig.close()
+        with suppress(RigError):  # what matters has been said
+            rig.close()
+
+
+def rig_failed(problem: RigError, job: Job, rig_name: str) -> NavigationResult:
+    """The result of a run of which the rig let nothing be known but that it failed."""
+    failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
+    reason, none = str(FailureKind.RIG_FAILED), spread([])
+    return NavigationResult(False, reason, 0.0, job.seed, rig_name, (), (failure,), 0, none, None, none)
 
 
 def results(campaign: Campaign, workers: int = 1) -> Iterator[tuple[int, NavigationResult]]:
     """(index, result) of all runs as they end, in this process or in `workers` processes."""
+    if workers > 1:
+        campaign = replace(campaign, own_process=True)
+    yield from each(run_one, [(campaign, index) for index in range(campaign.runs)], workers)
+
+
+def each(work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], workers: int) -> Iterator[tuple[int, Result]]:
+    """(index, work(*task)) of all tasks as they end, in this process or in `workers` processes."""
     if workers <= 1:
-        for index in range(campaign.runs):
-            yield index, run_one(campaign, index)
+        for index, task in enumerate(tasks):
+            yield index, work(*task)
         return
     # spawn: a forked child would inherit locks of threads that do not exist in it
-    campaign = replace(campaign, own_process=True)
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(run_one, campaign, index): index for index in range(campaign.runs)}
+        futures = {pool.submit(work, *task): index for index, task in enumerate(tasks)}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()

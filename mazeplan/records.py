@@ -173,6 +173,7 @@ class FailureKind(StrEnum):
     OPENING_CLOSED = "opening_closed"
     ROUTE_CHANGED = "route_changed"
     OUT_OF_TIME = "out_of_time"
+    RIG_FAILED = "rig_failed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +185,17 @@ class Failure:
     t: float
     detail: str = ""
     recovery: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """From rig time t, s, on for a while something measured was not believed, or not what it should be.
+
+    what: clock, the time does not go on; gap, it leaps ahead; position, of the ball is no number; ball, is far from
+    where it could be; tilt, is no number or leaps; plate, does not follow the commands."""
+
+    what: str
+    t: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,8 +219,8 @@ class GoalGiven:
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    success: in the newest of `goals`; reason is "arrived", a failure kind, "stopped" from outside, "skipped",
-    "interrupted" or "rig_failed". planner_ms: p50, p99 and max of all plans, in ms.
+    success: in the newest of `goals`; reason is "arrived", a failure kind, "stopped" from outside, "skipped" or
+    "interrupted". planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed.
     """
 
     success: bool
@@ -223,9 +235,10 @@ class NavigationResult:
     log: str | None
     tick_ms: dict[str, float] = field(default_factory=dict)
     goals: tuple[GoalGiven, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints (keys fixed by the contract; `tick_ms`, `goals` are additions)."""
+        """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on are ours)."""
         return {
             "success": self.success,
             "reason": self.reason,
@@ -239,4 +252,5 @@ class NavigationResult:
             "log": self.log,
             "tick_ms": self.tick_ms,
             "goals": [{"ring": g.ring, "t": g.t} for g in self.goals],
+            "doubts": [{"t": d.t, "what": d.what} for d in self.doubts],
         }

@@ -31,9 +31,9 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
 from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.records import Observation
+from mazeplan.records import FailureKind, Observation
 from mazeplan.rigs.interface import Rig
-from mazeplan.run import RIG_FAILED, Run
+from mazeplan.run import Run
 from mazeplan.settings import settings_from_text
 from mazeplan.usermodule import user_module
 
@@ -42,8 +42,8 @@ Message = tuple[str, dict[str, Any]]
 NEAR = 1e-9  # relative, and absolute in rad and m: processors may round differently, decisions are coarser
 LAST_DIGIT = 1.5e-6  # of a plan's trajectory, which the log holds with six digits
 CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # of a tick
-MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig")  # what other messages tell besides decisions
-UNFINISHED = ("interrupted", RIG_FAILED)  # reasons of runs that stopped anywhere in a tick
+MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # what other messages tell besides decisions
+UNFINISHED = ("interrupted", str(FailureKind.RIG_FAILED))  # reasons of runs that stopped anywhere in a tick
 
 
 @dataclass(frozen=True)
@@ -273,9 +273,12 @@ class _Script:
 
 
 def _observation(document: dict[str, Any]) -> Observation:
-    t, beta, gamma = (float(document[name]) for name in ("t", "beta", "gamma"))
-    x, y = (None if document.get(name) is None else float(document[name]) for name in ("x", "y"))
-    if not all(math.isfinite(v) for v in (t, beta, gamma)):
+    doubts = str(document.get("doubts", "")).split()  # what is no number is not in a log
+    untold = {"beta": math.nan, "gamma": math.nan} if "tilt" in doubts else {}
+    t, beta, gamma = (float({**untold, **document}[name]) for name in ("t", "beta", "gamma"))
+    unseen = math.nan if "position" in doubts else None
+    x, y = (unseen if document.get(name) is None else float(document[name]) for name in ("x", "y"))
+    if not math.isfinite(t) or not (untold or (math.isfinite(beta) and math.isfinite(gamma))):
         raise ValueError("a tick without t, beta or gamma")
     return Observation(t, x, y, beta, gamma)
 

@@ -8,7 +8,7 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
@@ -28,8 +28,10 @@ from mazeplan.data.runlog import RunDocuments, RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
+from mazeplan.estimation.scrutiny import Scrutiny
 from mazeplan.goals import SAID, Edit, Goals, Outside, Stop
 from mazeplan.job import Job, Setup, log_header
+from mazeplan.maths.spread import spread
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.parts import planners_of, plate_of, rollout_of
@@ -46,16 +48,29 @@ from mazeplan.records import (
 from mazeplan.rigs.interface import Rig
 
 HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
-RIG_FAILED = "rig_failed"  # the reason in the log of a run that the machine, or its watchdog, ended
 
 
 def run_job(
     rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
     goals: Goals | None = None,
 ) -> NavigationResult:  # fmt: skip
-    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens.
+    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens. Raises RigError when
+    the rig failed.
 
     goals: where other goals come from meanwhile."""
+    result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals)
+    if problem is not None:
+        raise problem
+    return result
+
+
+def attempt_job(
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
+    goals: Goals | None = None, prepare: Callable[[Run], None] | None = None,
+) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
+    """As `run_job`, but a rig that fails is a result, too: reason rig_failed, and what it raised.
+
+    `prepare` gets the run before the ball is placed."""
     with ExitStack() as stack:
         if goals is not None:
             goals.begin(setup.maze)
@@ -64,20 +79,20 @@ def run_job(
         writer = None if log is None or header is None else stack.enter_context(RunLogWriter(log, header))
         run = Run(rig, setup, job, writer, display or NullDisplay(), outside=goals)
         stack.callback(rig.level)
+        if prepare is not None:
+            prepare(run)
+        problem, path = None, None if log is None else str(log)
         try:
-            result = run.drive(None if log is None else str(log))
+            result = run.drive(path)
+        except RigError as error:
+            problem, result = error, run.broken(error, path)
         except KeyboardInterrupt:
             if writer is not None:
                 writer.result(run.result(False, "interrupted", str(log)).to_json())
             raise
-        except RigError as problem:
-            if writer is not None:
-                writer.event(run.context.now, RIG_FAILED, {"detail": str(problem)})
-                writer.result(run.result(False, RIG_FAILED, str(log)).to_json())
-            raise
         if writer is not None:
             writer.result(result.to_json())
-        return result
+        return result, problem
 
 
 class Run:
@@ -105,6 +120,7 @@ class Run:
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
+        self._scrutiny = Scrutiny(rig.rate_hz)
         # a plate that is kept from moving fast answers later, by half its range on average
         self._late_s = setup.model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._watch = watch or Live()
@@ -112,6 +128,7 @@ class Run:
         self._planners = planners_of(setup.maze, setup.model, cost, self._watch, late_s=self._late_s)
         self._rollout = rollout_of(setup.maze, setup.model, setup.settings.leaves, self._late_s)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
+        self._held = LEVEL  # what the rig was told last
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
@@ -202,10 +219,12 @@ class Run:
         self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         while True:
-            observation = self._rig.observe()
+            observation = self._admit(self._rig.observe())
+            if observation is None:
+                continue
             if self._told_to_stop(observation.t):
                 return self._end(False, "stopped", log, observation)
-            status = self.tick(observation)
+            status = self._answer(observation)
             late = observation.t - self._goals[-1].t >= job.time_limit
             if (status == "RUNNING" and not late) or not (self._outside is None or self._outside.over()):
                 continue
@@ -228,7 +247,9 @@ class Run:
         result = self.result(success, reason, log)
         winding = WindDown(self._tree, self.sent, self.context.plate)
         while winding.going or observation is not None:
-            seen, observation = observation or self._rig.observe(), None
+            seen, observation = observation or self._admit(self._rig.observe()), None
+            if seen is None:
+                continue
             began = perf_counter()
             self._see(seen)
             winding.tick()
@@ -236,12 +257,30 @@ class Run:
         self._rig.level()
         return result
 
+    def broken(self, error: RigError, log: str | None) -> NavigationResult:
+        """What has happened until the rig failed."""
+        self.context.failed(Failure(FailureKind.RIG_FAILED, "rig", self.context.now, str(error)))
+        return self.result(False, str(FailureKind.RIG_FAILED), log)
+
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
         """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
         SKIPPED.
 
-        A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. Raises
-        RigError when the rig measured no number."""
+        A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. A sample
+        that is not newer than the last one changes nothing. Raises RigError when what the rig measures cannot be used
+        for too long (`Scrutiny`)."""
+        admitted = self._admit(observation)
+        return "RUNNING" if admitted is None else self._answer(admitted, given, by)
+
+    def _admit(self, observation: Observation) -> Observation | None:
+        """What of a sample may be used; where nothing, the rig keeps its command."""
+        admitted = self._scrutiny.admit(observation)
+        if admitted is None:
+            self._rig.command(self._held.u_beta, self._held.u_gamma)
+        return admitted
+
+    def _answer(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
+        """One tick, with a sample that was admitted."""
         began = perf_counter()
         run = self.context
         self._see(observation)
@@ -254,12 +293,13 @@ class Run:
         return status
 
     def _see(self, observation: Observation) -> None:
-        """Take in an observation and begin the tick. Raises RigError when the rig measured no number."""
-        if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
-            raise RigError(f"the rig measured no number: {observation}")
+        """Take in an observation and begin the tick."""
         state = self._estimator.update(observation)
+        doubts = self._scrutiny.judge(self._estimator.doubts, observation.t)
         measured = self._estimator.filtered or state
         self.context.begin(observation.t, state, measured)
+        for doubt in doubts:
+            self._on_event("doubt", {"what": doubt.what})
         self._note_ring(observation.t, state.ring)
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
@@ -269,6 +309,7 @@ class Run:
         if self._gears.loose:
             command = self._gears.lead(command) if lead else command
             passed_on = self._gears.sent(command)
+        self._held = command
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(passed_on, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
@@ -301,6 +342,7 @@ class Run:
                 tick_ms=self._tick_ms[-1],
                 cut_off=cut_off,
                 segment=self._segment,
+                doubts=" ".join(sorted(self._scrutiny.found)) or None,
             )
 
     def _planned_theta(self) -> float | None:
@@ -359,12 +401,5 @@ class Run:
             log=log,
             tick_ms=spread(self._tick_ms),
             goals=tuple(self._goals),
+            doubts=tuple(self._scrutiny.doubts),
         )
-
-
-def spread(values: Sequence[float]) -> dict[str, float]:
-    """p50, p99 and max; 0 when there are none."""
-    if not values:
-        return {"p50": 0.0, "p99": 0.0, "max": 0.0}
-    p50, p99 = np.percentile(values, [50.0, 99.0])
-    return {"p50": round(float(p50), 4), "p99": round(float(p99), 4), "max": round(float(max(values)), 4)}

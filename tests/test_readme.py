@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = [block.splitlines() for block in re.findall(r"```console\n(.*?)```", README, re.DOTALL)]
+YAML = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 COMMANDS = [[line.removeprefix("$ ") for line in block if line.startswith("$ ")] for block in BLOCKS]
 
@@ -30,6 +31,7 @@ def desk(tmp_path):
     (tmp_path / "runs").mkdir()
     for folder in ("maps", "behaviors"):
         (tmp_path / folder).symlink_to(ROOT / folder)
+    (tmp_path / "runs" / "faults.yaml").write_text(YAML[0], encoding="utf-8")
     (tmp_path / "my_leaves.py").write_text(PYTHON[1], encoding="utf-8")
     return tmp_path
 

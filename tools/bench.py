@@ -23,6 +23,7 @@ from bench_baselines import baselines_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_emps import emps_section
+from bench_faults import faults_section
 from bench_improve import improve_section
 from bench_models import measured_section, toy_section, training_section
 from bench_moves import moves_section
@@ -161,6 +162,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         improve_section(quick),
         real_section(quick),
         trees_section(quick),
+        faults_section(mazeplan, quick),
         replay_section(quick),
     ]
 
@@ -185,6 +187,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
     "trees": trees_section, "replay": replay_section,
+    "faults": lambda quick: faults_section(mazeplan, quick),
 }  # fmt: skip
 
 

@@ -23,6 +23,7 @@ From = Annotated[str, typer.Option("--from", help="Ring to start in, such as rin
 To = Annotated[str, typer.Option("--to", help="Ring to reach, such as ring5; default: the centre.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of start angle and simulated noise.")]
 TimeLimit = Annotated[float, typer.Option("--time-limit", help="Limit in s of rig time.")]
+RUNS, FAULT_RUNS = 16, 10
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 
 
@@ -81,7 +82,9 @@ def navigate(
 
 
 def evaluate(
-    runs: Annotated[int, typer.Option("--runs", min=1, help="How many navigations.")] = 16,
+    runs: Annotated[
+        int | None, typer.Option("--runs", min=1, help="How many navigations: 16; with --faults 10 for each.")
+    ] = None,
     rig: RigName = "toy",
     map_: Map = "cme",
     model: Model = None,
@@ -93,9 +96,12 @@ def evaluate(
     seed: Seed = 0,
     time_limit: TimeLimit = 20.0,
     workers: Annotated[int, typer.Option("--workers", min=1, help="Processes to run in.")] = 1,
+    faults: Annotated[
+        str | None, typer.Option("--faults", help="YAML file of what is to go wrong, or all: each kind in turn.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Many navigations: success, times, failures."""
+    """Many navigations: success, times, failures; with --faults what is noticed and got over."""
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.progress import campaign_progress
     from mazeplan.evaluate import Campaign, summary
@@ -107,15 +113,20 @@ def evaluate(
     to = len(maze.rings) if goal == "centre" else goal
     limit = positive("--time-limit", time_limit)
     modules = tuple(behavior_module or ())
-    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, limit, settings, modules, own_process=True)
-    with campaign_progress(runs) as advance:
+    count = runs or (RUNS if faults is None else FAULT_RUNS)
+    campaign = Campaign(count, rig, map_, model, behavior, start, to, seed, limit, settings, modules, own_process=True)
+    if faults is not None:
+        from mazeplan.cli.faults import evaluate_faulty
+
+        sys.exit(evaluate_faulty(campaign, faults, workers, as_json))
+    with campaign_progress(count) as advance:
         outcomes = run(campaign, workers=workers, progress=advance)
     document = summary(outcomes)
     if as_json:
         print_json(document)
     else:
         print_summary(document)
-    sys.exit(0 if document["success"] == runs else 1)
+    sys.exit(0 if document["success"] == count else 1)
 
 
 def note_missing_model(rig: str, model: str | None, maze: Maze) -> None:

@@ -57,7 +57,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         **{f"estimate_{name}": NUMBER for name in ESTIMATE},
         **dict.fromkeys(("planned_theta", "goal_theta", "planner_ms", "tick_ms"), NUMBER),
         **dict.fromkeys(("ring", "segment"), INTEGER),
-        **dict.fromkeys(("status", "leaf", "opening", "cut_off"), TEXT),
+        **dict.fromkeys(("status", "leaf", "opening", "cut_off", "doubts"), TEXT),
     ),
     "/plan": _object(
         **dict.fromkeys(("t0", "dt", "cost", "ms"), NUMBER),

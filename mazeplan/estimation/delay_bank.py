@@ -61,6 +61,11 @@ class DelayBank:
         """As `Estimator.filtered`."""
         return self._bank[self._best].filtered
 
+    @property
+    def doubts(self) -> set[str]:
+        """As `Estimator.doubts`."""
+        return self._bank[self._best].doubts
+
     def warm_up(self) -> None:
         """Compile everything before the rig moves."""
         self._bank[0].warm_up()

@@ -10,9 +10,10 @@ The camera is late by `RigModel.camera_delay`, the servo acts `dead_time` after 
    act, under the commands that are still queued. That is the state returned: nothing in it lags.
 
 A sample far outside the innovation's spread is an outlier and is left out; several in a row that agree with one another
-are the truth, and the filter starts again there. Without samples the prediction carries on; after `lost_after` s
-the state says `lost`. The ring has hysteresis: it changes when the predicted ball is past the middle of the wall by
-a margin.
+are the truth, and the filter starts again there. So is a tilt that leaps (`plate.TiltGate`); one that is no number is
+not taken in. What was not believed at a sample is told in `doubts`. Without samples the prediction carries on; after
+`lost_after` s the state says `lost`. The ring has hysteresis: it changes when the predicted ball is past the middle of
+the wall by a margin.
 """
 
 from __future__ import annotations
@@ -24,13 +25,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.estimation.plate import AxisFilter, PlateNoise
+from mazeplan.estimation.plate import AxisFilter, PlateNoise, TiltGate
 from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
 from mazeplan.records import LEVEL, Array, Command, Observation, State
 
+APART = math.radians(1.5)  # rad between the plate and where the commands ought to have brought it ...
+APART_SAMPLES = 5  # ... in so many samples in a row: it does not follow
 HISTORY_S = 1.0  # s of tilt and commands that are kept; more than any camera delay that could be controlled
 
 
@@ -69,6 +72,9 @@ class Estimator:
         noise = self._options.plate
         stage = model.true_stage
         self._axes = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))
+        self._gates = (TiltGate(), TiltGate())
+        self._obedient = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))  # by the commands alone
+        self._apart = 0
         self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
         self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
         self._z: Array | None = None  # (8,) ball at the last measured moment
@@ -82,6 +88,7 @@ class Estimator:
         self._acts_at = 0.0
         self.innovation = 0.0  # m, distance of the last sample from its prediction
         self.filtered: State | None = None  # at the measured moment
+        self.doubts: set[str] = set()  # of the last sample: words of `records.Doubt`
 
     @property
     def dead_time(self) -> float:
@@ -106,6 +113,7 @@ class Estimator:
     def update(self, observation: Observation) -> State:
         """Take in one sample; the state at the moment when a command sent now will act."""
         t = observation.t
+        self.doubts = set()
         self._filter_plate(observation)
         moment = t - self._model.camera_delay
         if observation.x is not None and observation.y is not None:
@@ -130,11 +138,19 @@ class Estimator:
         if self._tilts:
             since = self._tilts[-1][0]
             for start, end, u in self._acting(since, t):
-                for axis, value in zip(self._axes, u, strict=True):
-                    axis.predict(value, end - start)
+                for axes in (self._axes, self._obedient):
+                    for axis, value in zip(axes, u, strict=True):
+                        axis.predict(value, end - start)
         tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
-        for axis, angle in zip(self._axes, tilts, strict=True):
-            axis.update(angle)
+        for axis, gate, angle in zip(self._axes, self._gates, tilts, strict=True):
+            if gate.believes(angle, float(axis.mean[0])):
+                axis.update(angle)
+            else:
+                self.doubts.add("tilt")
+        apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._obedient, strict=True))
+        self._apart = self._apart + 1 if apart > APART else 0
+        if self._apart >= APART_SAMPLES:
+            self.doubts.add("plate")
         self._tilts.append((t, float(self._axes[0].mean[0]), float(self._axes[1].mean[0])))
         while self._tilts[0][0] < t - HISTORY_S:
             self._tilts.popleft()
@@ -192,6 +208,7 @@ class Estimator:
         self.innovation = float(np.hypot(*innovation))
         variance = self._covariance[0, 0] + options.camera_sigma**2
         if self.innovation > options.outlier_sigmas * math.sqrt(variance):
+            self.doubts.add("ball")
             self._outliers.append(position)
             recent = self._outliers[-options.outliers_to_restart :]
             agree = all(np.hypot(*(a - b)) < 0.02 for a, b in itertools.pairwise(recent))

@@ -14,6 +14,9 @@ import numpy as np
 from mazeplan.models.stage import StageAxis
 from mazeplan.records import Array
 
+NEAR = math.radians(2.5)  # rad; a servo of 60 deg/s turns by less in a sample
+AGREE = 4
+
 
 @dataclass(frozen=True)
 class PlateNoise:
@@ -48,6 +51,32 @@ class AxisFilter:
         gain = self.covariance[:, 0] / innovation_variance
         self.mean = self.mean + gain * (angle - self.mean[0])
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
+
+
+@dataclass
+class TiltGate:
+    """Which measured angles of an axis may be believed: those near the last one that was, or near the prediction.
+
+    A plate cannot leap, so an angle that is near neither is a spike; AGREE of them in a row that are near one another
+    are the truth."""
+
+    last: float | None = None
+    _doubted: list[float] = field(default_factory=list)
+
+    def believes(self, angle: float, predicted: float) -> bool:
+        """Whether to take the angle in, rad; no number is never believed."""
+        if not math.isfinite(angle):
+            return False
+        if self.last is None or min(abs(angle - self.last), abs(angle - predicted)) <= NEAR:
+            self._doubted.clear()
+            self.last = angle
+            return True
+        self._doubted = [doubted for doubted in self._doubted if abs(doubted - angle) <= NEAR] + [angle]
+        if len(self._doubted) < AGREE:
+            return False
+        self._doubted.clear()
+        self.last = angle
+        return True
 
 
 def servo_transition(natural_frequency: float, damping: float, dt: float) -> Array:

@@ -16,25 +16,33 @@ from mazeplan.records import Array
 from mazeplan.rigs.mjcf import PLUG_OFF, PLUG_ON, plug_name
 from mazeplan.rigs.settings import Fault
 
+ASIDE = 0.1  # m beside and above the plate's rim: where the hand is that took the ball out
+
 
 class FaultBox:
     """Applies the faults of one run to a MuJoCo model and its data. Raises SettingsError for an opening that does
     not exist."""
 
     def __init__(self, faults: Sequence[Fault], model: mujoco.MjModel, data: mujoco.MjData, maze: Maze) -> None:
-        self._faults, self._model, self._data = list(faults), model, data
-        names = [opening.name for opening in maze.openings]
+        self._faults, self._model, self._data, self._maze = list(faults), model, data, maze
         for i, fault in enumerate(faults):
-            if fault.kind == "blocked" and fault.opening not in names:
-                raise SettingsError(
-                    f"got {fault.opening!r}, expected one of {', '.join(names)}", key=f"faults[{i}].opening"
-                )
-        self._pushed: set[int] = set()
-        self._glued: Array | None = None
-        self._frozen: dict[int, float] = {}
+            self._check(fault, f"faults[{i}]")
+        self._done: set[int] = set()
+        self._held: Array | None = None  # (3,) where in the plate the ball is held
+        self._taken_from: Array | None = None
+        self._reached = np.zeros(2)  # set points of the servos after their faults
+        self._at = 0.0
+
+    def _check(self, fault: Fault, key: str) -> None:
+        names = [opening.name for opening in self._maze.openings]
+        if fault.kind == "blocked" and fault.opening not in names:
+            raise SettingsError(f"got {fault.opening!r}, expected one of {', '.join(names)}", key=f"{key}.opening")
+        if fault.kind == "teleport" and fault.ring > len(self._maze.rings):
+            raise SettingsError(f"got {fault.ring}, expected 1 to {len(self._maze.rings)}", key=f"{key}.ring")
 
     def add(self, fault: Fault) -> None:
-        """Inject one more, also while running."""
+        """Inject one more, also while running. Raises SettingsError as the constructor does."""
+        self._check(fault, "fault")
         self._faults.append(fault)
 
     def active(self, kind: str, t: float) -> list[Fault]:
@@ -45,19 +53,32 @@ class FaultBox:
         """Whether the camera sees nothing."""
         return bool(self.active("blackout", t))
 
+    def out(self, t: float) -> bool:
+        """Whether the ball has been taken out."""
+        return bool(self.active("removed", t))
+
     def servo(self, t: float, wanted: Array) -> Array:
-        """The set points that reach the servos: a dead axis keeps its last one."""
-        out = np.array(wanted, dtype=float)
-        dead = {("beta", "gamma").index(fault.axis) for fault in self.active("dead_axis", t)}
-        for axis in range(2):
-            if axis in dead:
-                out[axis] = self._frozen.setdefault(axis, float(self._data.ctrl[axis]))
-            else:
-                self._frozen.pop(axis, None)
+        """The set points that reach the servos, (2,) rad; a dead axis keeps its last one, or the middle if it had
+        none."""
+        out, dt, last = np.array(wanted, dtype=float), t - self._at, self._reached
+        for fault in self.active("slow_axis", t):
+            most = math.radians(fault.slew_deg_s) * dt
+            for axis in _axes(fault):
+                out[axis] = min(max(out[axis], last[axis] - most), last[axis] + most)
+        for fault in self.active("dead_axis", t):
+            for axis in _axes(fault):
+                out[axis] = last[axis]
+        for fault in self.active("brown_out", t):
+            for axis in _axes(fault):
+                out[axis] = 0.0
+        self._reached, self._at = out.copy(), t
+        for fault in self.active("offset_axis", t):
+            for axis in _axes(fault):
+                out[axis] += math.radians(fault.offset_deg)
         return out
 
     def before_step(self, t: float) -> None:
-        """Plugs and kicks."""
+        """Plugs, kicks, and a ball that is somewhere else."""
         blocked = {fault.opening for fault in self.active("blocked", t)}
         for fault in self._faults:
             if fault.kind == "blocked" and fault.opening is not None:
@@ -65,20 +86,42 @@ class FaultBox:
                 on = PLUG_ON if fault.opening in blocked else PLUG_OFF
                 self._model.geom_contype[geom] = self._model.geom_conaffinity[geom] = on
         for i, fault in enumerate(self._faults):
-            if fault.kind == "push" and i not in self._pushed and t >= fault.at_s:
-                self._pushed.add(i)
+            if fault.kind in ("push", "teleport") and i not in self._done and t >= fault.at_s:
+                self._done.add(i)
                 angle = math.radians(fault.direction_deg)
-                self._data.qvel[2] += fault.speed_m_s * math.cos(angle)
-                self._data.qvel[3] += fault.speed_m_s * math.sin(angle)
+                if fault.kind == "push":
+                    self._data.qvel[2] += fault.speed_m_s * math.cos(angle)
+                    self._data.qvel[3] += fault.speed_m_s * math.sin(angle)
+                else:
+                    radius = self._maze.track_radius(fault.ring)
+                    self._put(np.array([radius * math.cos(angle), radius * math.sin(angle), self._maze.ball.radius]))
+
+    def _plate(self) -> Array:
+        return self._data.body("plate").xmat.reshape(3, 3)
+
+    def _put(self, position: Array) -> None:
+        """The ball at rest there, (3,) m in the plate's frame."""
+        self._data.qpos[2:5] = self._plate() @ position
+        self._data.qvel[2:8] = 0.0
 
     def after_step(self, t: float) -> None:
-        """A glued ball goes with the plate: its pose in the plate's frame is put back after each step."""
-        if not self.active("stuck", t):
-            self._glued = None
+        """A ball that is glued or held goes with the plate: its place there is put back after each step."""
+        glued, out = bool(self.active("stuck", t)), self.out(t)
+        here = self._plate().T @ self._data.qpos[2:5]
+        if out and self._taken_from is None:
+            self._taken_from = here
+        elif not out and self._taken_from is not None:
+            self._put(self._taken_from)
+            self._taken_from = None
+        if not (glued or out):
+            self._held = None
             return
-        plate = self._data.body("plate")
-        rotation = plate.xmat.reshape(3, 3)
-        if self._glued is None:
-            self._glued = rotation.T @ self._data.qpos[2:5]
-        self._data.qpos[2:5] = rotation @ self._glued
-        self._data.qvel[2:8] = 0.0
+        held = here if self._held is None else self._held
+        if out:
+            held = np.array([self._maze.walls[0].outer_radius + ASIDE, 0.0, ASIDE])
+        self._held = held
+        self._put(held)
+
+
+def _axes(fault: Fault) -> tuple[int, ...]:
+    return {"beta": (0,), "gamma": (1,), "both": (0, 1)}[fault.axis]

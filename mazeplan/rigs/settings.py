@@ -24,17 +24,25 @@ class Section(BaseModel):
 class Fault(Section):
     """Something that goes wrong on purpose, from at_s on for duration_s.
 
-    stuck: the ball is glued where it is; blackout: the camera sees nothing; dead_axis: `axis` no longer follows
-    commands;
-    blocked: a plug in `opening`; push: a kick of `speed_m_s` towards `direction_deg` at at_s."""
+    stuck: the ball is glued where it is; blackout: the camera sees nothing; blocked: a plug in `opening`; push: a kick
+    of `speed_m_s` towards `direction_deg` at at_s; teleport: at at_s the ball is put to rest in `ring` at
+    `direction_deg`; removed: the ball is taken out, and put back where it was.
+    Of the servo `axis`: dead_axis: no longer follows commands; slow_axis: follows at `slew_deg_s` at most; offset_axis:
+    stands `offset_deg` beside them; brown_out: without current, a spring in it goes back to its middle."""
 
-    kind: Literal["stuck", "blackout", "dead_axis", "blocked", "push"]
+    kind: Literal[
+        "stuck", "blackout", "dead_axis", "blocked", "push",
+        "teleport", "removed", "slow_axis", "offset_axis", "brown_out",
+    ]  # fmt: skip
     at_s: float = Field(ge=0.0)
     duration_s: float = Field(default=1.0, ge=0.0)
-    axis: Literal["beta", "gamma"] = "beta"
+    axis: Literal["beta", "gamma", "both"] = "beta"
     opening: str | None = None
+    ring: int = Field(default=1, ge=1)
     speed_m_s: float = Field(default=0.1, ge=0.0, le=2.0)
     direction_deg: float = 0.0
+    slew_deg_s: float = Field(default=10.0, ge=0.1, le=2000.0)
+    offset_deg: float = Field(default=1.0, ge=-5.0, le=5.0)
 
 
 class SimulatedSettings(Section):

@@ -25,7 +25,7 @@ from mazeplan.records import Array, Observation
 from mazeplan.rigs.faults import FaultBox
 from mazeplan.rigs.forces import PlateForces
 from mazeplan.rigs.mjcf import SUBSTEPS, mjcf
-from mazeplan.rigs.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.settings import Fault, SimulatedSettings, settings_from
 from mazeplan.rigs.surprise import answer, surprised
 
 CHUNKS = 5  # per sample; 1/150 s at 30 Hz
@@ -131,7 +131,8 @@ class SimulatedRig:
             data.body("ball").xfrc_applied[:3] = plate @ self._forces.on(plate.T @ data.qpos[2:5])
         mujoco.mj_step(self._model, data, nstep=SUBSTEPS // CHUNKS)
         self._faults.after_step(float(data.time))
-        self._path.append(self.truth()[:2])
+        nowhere = np.full(2, math.nan)
+        self._path.append(nowhere if self._faults.out(float(data.time)) else self.truth()[:2])
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit."""
@@ -167,11 +168,19 @@ class SimulatedRig:
             return None, None
         turn = math.radians(settings.camera_rotation_deg)
         x, y = self._seen[0]
+        if math.isnan(x):  # there was no ball when the picture was taken
+            return None, None
         position = np.array([math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y])
         position = position + 1e-3 * (np.array(settings.camera_offset_mm) + settings.camera_noise_mm * noise)
         if outlier < settings.outlier_probability:
             position = position + 1e-3 * settings.outlier_mm * wrong
         return float(position[0]), float(position[1])
+
+    def inject(self, fault: Fault) -> None:
+        """Let something go wrong from its `at_s` on, at once if that is over. Raises SettingsError for an opening or
+        ring that the maze does not have."""
+        self._machine()
+        self._faults.add(fault)
 
     # -- what only a simulation knows ------------------------------------------------------------------------------
 

@@ -1,0 +1,47 @@
+"""`evaluate --faults`: what is noticed and got over, in one table."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.cli.output import print_json
+
+if TYPE_CHECKING:
+    from mazeplan.evaluate import Campaign
+
+
+def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool) -> int:
+    """Do it and print it; the exit status: 0 when every run ended as it should."""
+    from mazeplan.cli.progress import campaign_progress
+    from mazeplan.evaluate import summary
+    from mazeplan.faultcampaign import evaluate_faults, good, report
+    from mazeplan.rigs.faultschedule import every_kind, load_schedule
+
+    trials = every_kind() if faults == "all" else load_schedule(faults)
+    with campaign_progress(campaign.runs * len(trials)) as advance:
+        outcomes = evaluate_faults(campaign, trials, workers=workers, progress=advance)
+    rows = [report(trial, of_it) for trial, of_it in zip(trials, outcomes, strict=True)]
+    if as_json:
+        document = summary([outcome.result for outcome in chain(*outcomes)])
+        document["results"] = [outcome.to_json() for outcome in chain(*outcomes)]
+        print_json({**document, "faults": rows})
+    else:
+        print_rows(rows)
+    return 0 if good(rows) else 1
+
+
+def print_rows(rows: list[dict[str, Any]]) -> None:
+    """A line for each fault, for people; below it what must not be."""
+    width = max(len("fault"), *(len(row["fault"]) for row in rows))
+    print(f"{'fault':{width}s}  arrived  noticed  after s  recoveries, and how the others ended")
+    for row in rows:
+        after = "-" if row["noticed_s"] is None else f"{row['noticed_s']['p50']:.2f}"
+        ends = [f"{reason} {count}" for reason, count in row["stopped"].items()]
+        if row["because"]:
+            ends.append(f"not to be survived: {row['because']}")
+        told = "; ".join([", ".join(row["recoveries"]) or "none", *ends])
+        arrived, noticed = f"{row['arrived']}/{row['runs']}", f"{row['noticed']}/{row['faulted']}"
+        print(f"{row['fault']:{width}s}  {arrived:>7s}  {noticed:>7s}  {after:>7s}  {told}")
+        for wrong in row["wrong"]:
+            print(f"{'':{width}s}  WRONG: {wrong}")

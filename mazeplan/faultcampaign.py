@@ -1,0 +1,178 @@
+"""Many navigations in which things go wrong on purpose: for each fault, whether it was noticed and got over.
+
+A fault counts as noticed at the first failure, doubt or end of the run at or after its beginning: what the program
+itself said, not what the schedule knows. Of every run is also looked at what must never be: a command that is no number
+or beyond the tilt limit, an end without a reason, and a plate that is not level afterwards.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import Any, cast
+
+import numpy as np
+
+from mazeplan.errors import RigError
+from mazeplan.evaluate import Campaign, each, job_of, rig_failed, setup_of
+from mazeplan.goals import Goals
+from mazeplan.maze.mapfile import load_map
+from mazeplan.records import FailureKind, NavigationResult
+from mazeplan.rigs.faultschedule import Drawn, Trial
+from mazeplan.rigs.faulty import FaultyRig, Orders
+from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.watchdog import WatchedRig, watched
+from mazeplan.run import Run, attempt_job
+
+AT_ONCE = ("doubt clock", "rig_failed")
+NAMED = {"arrived", *map(str, FailureKind)}
+BUSY_S = 10.0  # s that a tick may take while `observe_hangs` is tried: the machine may be busy, and it is not on trial
+SETTLE_S = 1.0  # s that the plate has to become level
+LEVEL = 5e-3  # rad, 0.3 deg: what noise and play leave of level
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One run: its result, the faults that came, when the first was noticed (s after its beginning; None: never), and
+    what must never be and was."""
+
+    result: NavigationResult
+    faults: tuple[Drawn, ...]
+    noticed_s: float | None
+    noticed_as: str
+    wrong: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As `navigate`, and what is about the faults."""
+        return {
+            **self.result.to_json(),
+            "faults": [fault.to_json() for fault in self.faults],
+            "noticed_s": self.noticed_s,
+            "noticed_as": self.noticed_as,
+            "wrong": list(self.wrong),
+        }
+
+
+def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
+    """Run number `index` of a trial, from nothing: the same wherever it is done."""
+    maze = load_map(campaign.map)
+    job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
+    goals = Goals(maze)
+    orders = Orders(close=goals.close)
+    faulty = FaultyRig(make_rig(campaign.rig, maze), maze, trial.draw(job.seed), orders)
+    wrapped = cast(Rig, faulty)  # a rig but for how it is made
+    if any(kind.name == "observe_hangs" for kind in trial.kinds):
+        rig = cast(Rig, WatchedRig(wrapped, BUSY_S))
+    else:
+        rig = watched(wrapped, own_process=campaign.own_process)
+
+    def prepare(run: Run) -> None:
+        orders.aimed_at = lambda: None if run.context.opening is None else run.context.opening.name
+
+    try:
+        try:
+            result = attempt_job(rig, setup, job, goals=goals, prepare=prepare)[0]
+        except RigError as problem:
+            result = rig_failed(problem, job, setup.rig_name)
+        noticed_s, noticed_as = _noticed(result, faulty)
+        return Outcome(result, tuple(faulty.begun), noticed_s, noticed_as, _wrong(result, faulty))
+    finally:
+        with suppress(RigError):
+            rig.close()
+
+
+def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
+    wrong = [f"command ({u_beta:.4f}, {u_gamma:.4f}) rad" for u_beta, u_gamma in faulty.beyond[:1]]
+    if result.reason not in NAMED:
+        wrong.append(f"ended with {result.reason!r}")
+    if not faulty.levelled:
+        wrong.append("the plate was not levelled")
+    elif (tilt := faulty.tilt_after(SETTLE_S)) > LEVEL:
+        wrong.append(f"the plate was left at {np.degrees(tilt):.2f} deg")
+    return tuple(wrong)
+
+
+def _noticed(result: NavigationResult, faulty: FaultyRig) -> tuple[float | None, str]:
+    """When and as what the first thing was said after the first fault began, in time as it really went: that of the rig
+    inside, or of the wall where a call hung."""
+    if not faulty.begun:
+        return None, ""
+    began = min(fault.at_s for fault in faulty.begun)
+    if faulty.hangs_since is not None:
+        return round(monotonic() - faulty.hangs_since, 4), result.reason
+    said = [(faulty.true_time(failure.t), str(failure.kind)) for failure in result.failures]
+    said += [(faulty.true_time(doubt.t), f"doubt {doubt.what}") for doubt in result.doubts]
+    # what is said of a sample that was not taken in bears the time of the one before it
+    before = began - 1.5 / faulty.rate_hz
+    late = [(max(0.0, t - began), what) for t, what in said if t >= (before if what in AT_ONCE else began - 1e-6)]
+    return min(late, default=(None, ""))
+
+
+def evaluate_faults(
+    campaign: Campaign,
+    trials: Sequence[Trial],
+    *,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> list[list[Outcome]]:
+    """All outcomes of `campaign.runs` runs of each trial, in their order; `progress(finished)` is called after each."""
+    if workers > 1:
+        campaign = replace(campaign, own_process=True)
+    tasks = [(campaign, trial, index) for trial in trials for index in range(campaign.runs)]
+    done: dict[int, Outcome] = {}
+    for index, outcome in each(run_trial, tasks, workers):
+        done[index] = outcome
+        if progress is not None:
+            progress(len(done))
+    return [[done[t * campaign.runs + k] for k in range(campaign.runs)] for t in range(len(trials))]
+
+
+def report(trial: Trial, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """What became of the runs of a trial: the row of the table, as `evaluate --faults --json` prints it.
+
+    faulted: runs in which the fault came before the end; noticed: of those; time_s: mean of those that arrived;
+    as_expected: runs that arrived, or, where that cannot be expected, ended with a reason that goes with the fault."""
+    because = "; ".join(dict.fromkeys(kind.because for kind in trial.kinds if kind.because))
+    ends = {end for kind in trial.kinds for end in kind.ends if kind.because or not because}
+    faulted = [outcome for outcome in outcomes if outcome.faults]
+    noticed = [outcome.noticed_s for outcome in faulted if outcome.noticed_s is not None]
+    times = [outcome.result.time_s for outcome in outcomes if outcome.result.success]
+    arrived = len(times)
+    stopped = Counter(outcome.result.reason for outcome in outcomes if not outcome.result.success)
+    expected = arrived if not because else arrived + sum(count for end, count in stopped.items() if end in ends)
+    recoveries = {
+        failure.recovery
+        for outcome in faulted
+        for failure in outcome.result.failures
+        if failure.recovery is not None and failure.t >= min(fault.at_s for fault in outcome.faults) - 1e-6
+    }
+    return {
+        "fault": trial.name,
+        "kinds": [kind.name for kind in trial.kinds],
+        "survivable": not because,
+        "because": because or None,
+        "runs": len(outcomes),
+        "faulted": len(faulted),
+        "noticed": len(noticed),
+        "noticed_s": {"p50": _rounded(np.median(noticed)), "worst": _rounded(max(noticed))} if noticed else None,
+        "noticed_as": dict(Counter(outcome.noticed_as for outcome in faulted if outcome.noticed_as).most_common()),
+        "recoveries": sorted(recoveries),
+        "arrived": arrived,
+        "time_s": _rounded(np.mean(times)) if times else None,
+        "stopped": dict(stopped.most_common()),
+        "as_expected": expected,
+        "wrong": [f"seed {outcome.result.seed}: {what}" for outcome in outcomes for what in outcome.wrong],
+    }
+
+
+def _rounded(value: Any) -> float:
+    return round(float(value), 3)
+
+
+def good(rows: Sequence[dict[str, Any]]) -> bool:
+    """Whether every run ended as it should and nothing was that must never be."""
+    return all(row["as_expected"] == row["runs"] and not row["wrong"] for row in rows)

@@ -1,0 +1,93 @@
+"""`evaluate --faults` from the command line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from commands import call
+
+FEW = """faults:
+  - {kind: opening_closed, at_s: 0.3}
+  - {kind: observe_raises, at_s: 0.2, name: cable out}
+"""
+
+
+@pytest.fixture
+def few(tmp_path):
+    path = tmp_path / "few.yaml"
+    path.write_text(FEW)
+    return path
+
+
+def test_a_table_for_people(monkeypatch, capsys, few):
+    arguments = ("evaluate", "--rig", "ideal", "--from", "ring3", "--faults", few, "--runs", "1")
+    code, out, _ = call(monkeypatch, capsys, *arguments)
+    assert code == 0
+    head, closed, cable = out.splitlines()
+    assert head.split()[:4] == ["fault", "arrived", "noticed", "after"]
+    assert closed.split()[:3] == ["opening_closed", "1/1", "1/1"]
+    assert "replan" in closed
+    assert cable.startswith("cable out ")
+    assert "0/1" in cable
+    assert "rig_failed 1; not to be survived: the rig itself says that it failed" in cable
+
+
+def test_one_document_with_the_keys_of_evaluate_and_the_faults(monkeypatch, capsys, few):
+    arguments = (
+        "evaluate",
+        "--rig",
+        "ideal",
+        "--from",
+        "ring3",
+        "--faults",
+        few,
+        "--runs",
+        "2",
+        "--seed",
+        "9",
+        "--json",
+    )
+    code, out, _ = call(monkeypatch, capsys, *arguments)
+    document = json.loads(out)
+    assert code == 0
+    assert {"runs", "success", "time_s", "failures", "planner_ms", "results", "faults"} <= set(document)
+    assert (document["runs"], document["success"]) == (4, 2)
+    assert [row["fault"] for row in document["faults"]] == ["opening_closed", "cable out"]
+    assert [run["seed"] for run in document["results"]] == [9, 10, 9, 10]
+    first = document["results"][0]
+    assert first["faults"] == [{"kind": "opening_closed", "at_s": 0.3, "duration_s": None, "size": None, "unit": None}]
+    assert first["noticed_as"] == "opening_closed"
+    assert first["wrong"] == []
+
+
+def test_a_run_that_does_not_get_over_what_it_should_is_one(monkeypatch, capsys, few):
+    arguments = ("evaluate", "--rig", "ideal", "--faults", few, "--runs", "1", "--time-limit", "0.5")
+    code, out, _ = call(monkeypatch, capsys, *arguments)
+    assert code == 1
+    assert "out_of_time 1" in out.splitlines()[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("faults:\n  - {kind: smoke}\n", ":2: faults[0].kind: got 'smoke', expected one of frames_lost"),
+        (None, "no such file"),
+    ],
+)
+def test_bad_input_is_one_line_and_two(monkeypatch, capsys, tmp_path, text, said):
+    path = tmp_path / "bad.yaml"
+    if text is not None:
+        path.write_text(text)
+    code, out, err = call(monkeypatch, capsys, "evaluate", "--faults", path)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert said in err
+
+
+def test_a_rig_in_which_nothing_can_be_broken(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "stuck.yaml"
+    path.write_text("faults:\n  - {kind: ball_stuck}\n")
+    code, _, err = call(monkeypatch, capsys, "evaluate", "--rig", "planar_rig:PlanarRig", "--faults", path)
+    assert code == 2
+    assert "mazeplan: ball_stuck: this rig has no `inject`; a simulated rig has" in err.splitlines()
