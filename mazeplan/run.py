@@ -8,7 +8,7 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -98,7 +98,8 @@ class Job:
 @dataclass(frozen=True)
 class Setup:
     """With what a job is done: maze, model of ball and stage, tree (name or file), settings, names of modules with
-    leaves of one's own, and what is remembered of openings, which the run adds to."""
+    leaves of one's own, and what is remembered of openings, which the run adds to. `watch` is called with each tree
+    before it begins."""
 
     maze: Maze
     model: RigModel
@@ -108,6 +109,7 @@ class Setup:
     settings: Settings = field(default_factory=load_settings)
     behavior_modules: tuple[str, ...] = ()
     memory: OpeningMemory | None = None
+    watch: Callable[[BehaviorTree, RunContext], None] | None = None
 
 
 def run_job(
@@ -222,6 +224,8 @@ class Run:
         )
         tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
         tree.blackboard.set("goal", goal)
+        if setup.watch is not None:
+            setup.watch(tree, context)
         return context, tree
 
     def _warm_up(self) -> None:
