@@ -125,7 +125,7 @@ class Coverage:
         got = self.leaves if of == "leaves" else self.branches
         if not self.runs or got < at_least - 1e-9:
             missing = "\n".join(f"  {line}" for line in self.missing(of))
-            said = f"expected {at_least:.0%} of the {of}, {self.runs} runs covered {got:.0%}"
+            said = f"expected {at_least:.0%} of the {of}, {_counted(self.runs)} covered {got:.0%}"
             raise AssertionError(f"{said}\n{missing}")
         return self
 
@@ -135,13 +135,18 @@ class Coverage:
         ticked, taken = sum(e.ticked for e in leaves), sum(b.taken for b in branches)
         width = max([len(e.info.short) for e in leaves], default=4)
         lines = [
-            f"{self.runs} runs: {ticked} of {len(leaves)} leaves ticked, {taken} of {len(branches)} branches taken",
+            f"{_counted(self.runs)}: {ticked} of {len(leaves)} leaves ticked,"
+            f" {taken} of {len(branches)} branches taken",
             f"{'leaf':{width}}  line   ticks  {'  '.join(SHOWN)}",
         ]
         for e in leaves:
             marks = "  ".join(f"{'x' if what in e.happened else '-':^{len(what)}}" for what in SHOWN)
             lines.append(f"{e.info.short:{width}}  {e.info.line:4d}  {e.count:6d}  {marks}")
         return "\n".join([*lines, *self.missing("leaves"), *self.missing("branches")])
+
+
+def _counted(runs: int) -> str:
+    return f"{runs} run" if runs == 1 else f"{runs} runs"
 
 
 def _share(flags: Iterable[bool]) -> float:

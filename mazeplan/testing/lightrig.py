@@ -35,8 +35,8 @@ class LightRig:
     """See `rigs.interface.Rig`. `mishap(rig)` is called before each sample and may change what is public here.
 
     z: x, y, vx, vy, beta, beta_dot, gamma, gamma_dot (m, m/s, rad, rad/s); glued: the ball keeps its place on the
-    plate; hidden: the camera sees nothing; dead: axes that keep their last command; commands: all that were given, rad;
-    levelled, closed: how often."""
+    plate; hidden: the camera sees nothing; dead: axes that keep their last command; commands: all that it was ever
+    given, rad; levelled, closed: how often."""
 
     rate_hz = RATE
 
@@ -52,6 +52,7 @@ class LightRig:
         self._planar = PlanarModel.build(maze, self._model)
         self._ready = False
         self.levelled = self.closed = 0
+        self.commands: list[tuple[float, float]] = []
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator | None) -> None:
         """The ball at rest in the middle of a ring, the plate level, time 0, nothing wrong yet."""
@@ -60,7 +61,6 @@ class LightRig:
         self.hidden = self.glued = False
         self.dead: frozenset[str] = frozenset()
         self.block(frozenset())
-        self.commands: list[tuple[float, float]] = []
         self.t, self._u, self._fresh, self._ready = 0.0, np.zeros((1, 2)), True, True
 
     # -- what a mishap may do ---------------------------------------------------------------------------------------

@@ -6,12 +6,14 @@ about a name that the tree has not raises InputError, or a typing error would ma
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from typing import NoReturn
 
 from mazeplan.behavior.leaf import shown
 from mazeplan.choices import ring_number
 from mazeplan.errors import InputError
+from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import FailureKind, NavigationResult
 from mazeplan.testing.leafscript import Player
@@ -24,7 +26,7 @@ TOLERANCE = 1e-9  # rad
 RECOVERIES = ("level_plate", "dither", "back_off", "avoid_opening", "replan")  # of the packaged leaves
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Record:
     """What a tree did, tick by tick.
 
@@ -43,6 +45,9 @@ class Record:
     maze: Maze
     result: NavigationResult | None = None
     players: dict[str, list[Player]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Record of {self.tree}: {self.reason} after {self.time_s:.3f} s, {len(self.ticks)} ticks>"
 
     # -- what happened ----------------------------------------------------------------------------------------------
 
@@ -63,8 +68,14 @@ class Record:
 
     @property
     def openings(self) -> list[str]:
-        """Openings that were passed, in order."""
-        return [str(event.detail["opening"]) for event in self.events if event.kind == "passed"]
+        """Openings by which the ball really changed its ring, in order; not where it was put into another."""
+        out = []
+        for before, now in itertools.pairwise(self.ticks):
+            for opening in self.maze.openings_between(before.ring, now.ring) if before.ring != now.ring else ():
+                turned = abs(difference(opening.angle, now.theta))
+                if turned * self.maze.threshold_radius(opening) <= opening.width:
+                    out.append(opening.name)
+        return out
 
     def statuses(self, name: str) -> list[str]:
         """How each tick of a node ended, by name, kind or path; HALTED where it was. Raises InputError."""

@@ -5,6 +5,7 @@ The one room that imports hypothesis, which comes with the extra `testing`.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from mazeplan.maze.geometry import Maze
@@ -27,6 +28,9 @@ except ModuleNotFoundError:
     raise ImportError(
         "the strategies of mazeplan.testing need hypothesis, which is not installed: pip install 'mazeplan[testing]'"
     ) from None
+
+
+FASTEST_DEG_S = 200.0  # along a ring: 0.3 m/s in the outermost one
 
 
 def _maze(maze: Maze | str | Path) -> Maze:
@@ -55,7 +59,10 @@ def _ball_behaviours(draw: st.DrawFn, maze: Maze, most_moves: int, jumps: bool) 
         kinds = ["roll", "rest", "pass"] if maze.openings_of(ring) else ["roll", "rest"]
         match draw(st.sampled_from(kinds + ["jump"] * jumps)):
             case "roll":
-                moves.append(Roll(draw(_tenths(0.1, 2.0)), float(draw(st.integers(-90, 90)))))
+                turn = draw(st.integers(-90, 90))
+                moves.append(
+                    Roll(draw(_tenths(max(0.1, math.ceil(abs(turn) / FASTEST_DEG_S * 10) / 10), 2.0)), float(turn))
+                )
             case "rest":
                 moves.append(Rest(draw(_tenths(0.1, 2.0))))
             case "pass":

@@ -14,15 +14,17 @@ HEAD = "     t, s  ring   deg  what"
 
 @dataclass(frozen=True)
 class Row:
-    """One line: rig time, s; ring; angle, rad; what happened."""
+    """One line: rig time, s; ring; angle, rad; what happened. None: before the first tick."""
 
     t: float
-    ring: int
-    theta: float
+    ring: int | None
+    theta: float | None
     text: str
 
     def __str__(self) -> str:
-        return f"  {self.t:7.3f}  {self.ring:4d}  {math.degrees(self.theta):4.0f}  {self.text}"
+        ring = "-" if self.ring is None else str(self.ring)
+        angle = "-" if self.theta is None else f"{math.degrees(self.theta):.0f}"
+        return f"  {self.t:7.3f}  {ring:>4}  {angle:>4}  {self.text}"
 
 
 def rows(ticks: Sequence[Tick], events: Iterable[Event], ended: str) -> list[Row]:
@@ -42,10 +44,9 @@ def rows(ticks: Sequence[Tick], events: Iterable[Event], ended: str) -> list[Row
             changed.append(f"{tick.leaf} commands")
         out += [Row(tick.t, tick.ring, tick.theta, text) for text in changed]
         last = tick
-    if last is not None:
-        out += [Row(event.t, last.ring, last.theta, described(event)) for event in waiting]
-        out.append(Row(last.t, last.ring, last.theta, f"ended: {ended}"))
-    return out
+    ring, theta = (None, None) if last is None else (last.ring, last.theta)
+    out += [Row(event.t, ring, theta, described(event)) for event in waiting]
+    return [*out, Row(0.0 if last is None else last.t, ring, theta, f"ended: {ended}")]
 
 
 def described(event: Event) -> str:

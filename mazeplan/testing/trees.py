@@ -42,7 +42,7 @@ def scripted_rig(
 ) -> ScriptedRig | ScriptedSimulation:
     """A rig on which things go wrong: `light`, or one simulated in MuJoCo by its name or file.
 
-    mishaps: YAML file, YAML text, or a list (see `mazeplan.testing.mishapfile`). Raises InputError with file and line."""
+    mishaps: YAML file, YAML text, or a list (see `mishapfile`). Raises InputError with file and line."""
     maze = map if isinstance(map, Maze) else load_map(map)
     script = read_mishaps(mishaps, maze)
     if rig == "light":

@@ -141,10 +141,15 @@ class Watch:
                 known = dict.fromkeys(info.name for info in self.nodes if info.is_leaf)
                 raise InputError(f"got {shown(name)}, expected a leaf of the tree: {', '.join(known)}", key="leaves")
 
+    @property
+    def now(self) -> float:
+        """Rig time, s, without the last digits that adding up samples leaves."""
+        return round(self._context.now, 9)
+
     # -- what is noted ----------------------------------------------------------------------------------------------
 
     def _note(self, node: int, what: str, decided: bool = False) -> None:
-        self._steps.append(Step(len(self.ticks), self._context.now, node, what, decided))
+        self._steps.append(Step(len(self.ticks), self.now, node, what, decided))
 
     def _watch_node(self, index: int, node: TreeNode) -> None:
         tick = node.tick
@@ -183,7 +188,7 @@ class Watch:
             finally:
                 run = self._context
                 ring, theta = self._truth() or (run.here.ring, run.here.theta)
-                self.ticks.append(Tick(run.now, ring, theta, run.here.seen, status, run.command, run.commanded_by))
+                self.ticks.append(Tick(self.now, ring, theta, run.here.seen, status, run.command, run.commanded_by))
 
         tree.tick = watched
 
@@ -192,7 +197,7 @@ class Watch:
 
         def watched(kind: str, detail: dict[str, Any]) -> None:
             if kind != "plan":
-                self.events.append(Event(context.now, kind, dict(detail)))
+                self.events.append(Event(self.now, kind, dict(detail)))
             tell(kind, detail)
 
         context.on_event = watched
