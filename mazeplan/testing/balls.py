@@ -183,7 +183,7 @@ def states(ball: BallBehaviour, maze: Maze, lost_after: float) -> list[State]:
     for k in range(len(path)):
         t, seen = k * DT, ball.seen(k * DT)
         if seen:
-            step = path[k] - path[max(k - 1, 0)]
+            step = path[max(k, 1)] - path[max(k, 1) - 1] if len(path) > 1 else np.zeros(2)
             velocity = step / DT if float(np.hypot(*step)) < FASTEST * DT else np.zeros(2)  # a jump is no speed
             place, last_seen = path[k], t
         ring = maze.ring_at(float(np.hypot(*place)))
