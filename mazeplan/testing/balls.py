@@ -128,6 +128,7 @@ class PlayedRig:
     It refuses no command, so that a test can see one beyond the limits."""
 
     rate_hz = 1.0 / DT
+    realtime = False
 
     def __init__(
         self, maze: Maze, settings: Mapping[str, Any] | None = None, *, ball: BallBehaviour | None = None

@@ -35,10 +35,11 @@ class LightRig:
     """See `rigs.interface.Rig`. `mishap(rig)` is called before each sample and may change what is public here.
 
     z: x, y, vx, vy, beta, beta_dot, gamma, gamma_dot (m, m/s, rad, rad/s); glued: the ball keeps its place on the
-    plate; hidden: the camera sees nothing; dead: axes that keep their last command; commands: all that it was ever
-    given, rad; levelled, closed: how often."""
+    plate; hidden: the camera sees nothing; dead: axes that keep their last command; u: the command that is held, rad,
+    shape (1, 2); commands: all that it was ever given, rad; levelled, closed: how often."""
 
     rate_hz = RATE
+    realtime = False  # its time passes in observe() only
 
     def __init__(
         self,
@@ -61,7 +62,7 @@ class LightRig:
         self.hidden = self.glued = False
         self.dead: frozenset[str] = frozenset()
         self.block(frozenset())
-        self.t, self._u, self._fresh, self._ready = 0.0, np.zeros((1, 2)), True, True
+        self.t, self.u, self._fresh, self._ready = 0.0, np.zeros((1, 2)), True, True
 
     # -- what a mishap may do ---------------------------------------------------------------------------------------
 
@@ -102,7 +103,7 @@ class LightRig:
         self._check()
         if not self._fresh:
             before, dt = self.z[:4].copy(), 1.0 / self.rate_hz
-            predict(self.z, self.t, self.t + dt, np.array([self.t]), self._u, *self._planar.arrays())
+            predict(self.z, self.t, self.t + dt, np.array([self.t]), self.u, *self._planar.arrays())
             if self.glued:
                 self.z[:4] = *before[:2], 0.0, 0.0
             self.t += dt
@@ -133,9 +134,9 @@ class LightRig:
         self.closed += 1
 
     def _set(self, u_beta: float, u_gamma: float) -> None:
-        last = self._u[0]
+        last = self.u[0]
         beta = last[0] if "beta" in self.dead else u_beta
-        self._u = np.array([[beta, last[1] if "gamma" in self.dead else u_gamma]])
+        self.u = np.array([[beta, last[1] if "gamma" in self.dead else u_gamma]])
 
     def _check(self) -> None:
         if not self._ready:

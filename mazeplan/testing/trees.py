@@ -76,6 +76,8 @@ def run_tree(
     leaves: {name, kind or path of leaves: script} that replace what they do; mishaps: what goes wrong, as YAML file or
     text; ball: where the ball is, whatever the plate does; rig: "light", a simulated one, or a rig; goal: the last
     ring, unless another is given. Raises InputError for what cannot be used."""
+    if log is not None and str(tree).lstrip().startswith("<"):
+        raise InputError("a log names the file of its tree; write the text into one", key="log")
     maze = map if isinstance(map, Maze) else load_map(map)
     machine = _machine(rig, ball, mishaps, maze)
     watch = Watch(leaves, _truth(machine))

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from mazeplan.data.runlog import read_log
 from mazeplan.errors import InputError, RigError
 from mazeplan.testing import LightRig, run_tree, tick_tree
 
@@ -120,6 +121,14 @@ def test_commands_beyond_the_limits_are_seen(tmp_path, monkeypatch, smooth):
     ticked = tick_tree(tree, behavior_modules=["beyond_leaves"], ticks=2)
     with pytest.raises(AssertionError, match=r"by Beyond at 0\.000 s"):
         ticked.never("outside limits")
+
+
+def test_a_run_may_leave_a_log(tmp_path):
+    path = tmp_path / "run.mcap"
+    record = run_tree(start=4, log=path).reaches()
+    assert len(read_log(path).ticks["t"]) == len(record.ticks)
+    with pytest.raises(InputError, match=r"^log: a log names the file of its tree"):
+        run_tree('<root BTCPP_format="4"/>', log=path)
 
 
 def test_a_leaf_that_raises_is_a_bug_and_comes_out(monkeypatch):
