@@ -185,7 +185,7 @@ def states(ball: BallBehaviour, maze: Maze, lost_after: float) -> list[State]:
         t, seen = k * DT, ball.seen(k * DT)
         if seen:
             step = path[max(k, 1)] - path[max(k, 1) - 1] if len(path) > 1 else np.zeros(2)
-            velocity = step / DT if float(np.hypot(*step)) < FASTEST * DT else np.zeros(2)  # a jump is no speed
+            velocity = step / DT if math.hypot(step[0], step[1]) < FASTEST * DT else np.zeros(2)  # a jump is no speed
             place, last_seen = path[k], t
         ring = maze.ring_at(float(np.hypot(*place)))
         lost = t - last_seen > lost_after

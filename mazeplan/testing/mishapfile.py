@@ -13,7 +13,7 @@ file, line and key.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -61,7 +61,12 @@ class CameraBlind(_While):
 class AxisDead(_While):
     """An axis keeps the command that it had."""
 
-    axis: Literal["beta", "gamma"]
+    axis: Literal["beta", "gamma", "both"]
+
+    @property
+    def axes(self) -> tuple[Literal["beta", "gamma"], ...]:
+        """One, or both."""
+        return ("beta", "gamma") if self.axis == "both" else (self.axis,)
 
 
 class _Once(Section):
@@ -120,7 +125,11 @@ class _Reader:
         if not isinstance(entry, Mapping):
             raise self.error(f"got {shown(entry)}, expected one of {', '.join(KINDS)} with its keys", key)
         if "kind" in entry:
-            return self._checked(_from_fault(self._section(Fault, entry, key)), key)
+            fault = self._section(Fault, entry, key)
+            if fault.kind not in FROM_FAULTS:
+                kinds = f"here one of {', '.join(FROM_FAULTS)}, or one of {', '.join(KINDS)}"
+                raise self.error(f"got {shown(fault.kind)}, expected {kinds}", (*key, "kind"))
+            return self._checked(FROM_FAULTS[fault.kind](fault), key)
         if len(entry) != 1:
             raise self.error(f"got {len(entry)} keys, expected one of {', '.join(KINDS)}", key)
         (name, values), *_ = entry.items()
@@ -156,19 +165,17 @@ class _Reader:
         return mishap
 
 
-def _from_fault(fault: Fault) -> Mishap:
-    start, end = fault.at_s, fault.at_s + fault.duration_s
-    match fault.kind:
-        case "stuck":
-            return BallStuck(from_s=start, to_s=end)
-        case "blackout":
-            return CameraBlind(from_s=start, to_s=end)
-        case "dead_axis":
-            return AxisDead(axis=fault.axis, from_s=start, to_s=end)
-        case "blocked":
-            return OpeningBlocked(opening=fault.opening or "", from_s=start, to_s=end)
-        case "push":
-            return BallPushed(at_s=start, speed_m_s=fault.speed_m_s, direction_deg=fault.direction_deg)
+def _end(fault: Fault) -> float:
+    return fault.at_s + fault.duration_s
+
+
+FROM_FAULTS: dict[str, Callable[[Fault], Mishap]] = {
+    "stuck": lambda fault: BallStuck(from_s=fault.at_s, to_s=_end(fault)),
+    "blackout": lambda fault: CameraBlind(from_s=fault.at_s, to_s=_end(fault)),
+    "dead_axis": lambda fault: AxisDead(axis=fault.axis, from_s=fault.at_s, to_s=_end(fault)),
+    "blocked": lambda fault: OpeningBlocked(opening=fault.opening or "", from_s=fault.at_s, to_s=_end(fault)),
+    "push": lambda fault: BallPushed(at_s=fault.at_s, speed_m_s=fault.speed_m_s, direction_deg=fault.direction_deg),
+}
 
 
 def read_mishaps(given: Given, maze: Maze) -> tuple[Mishap, ...]:

@@ -104,7 +104,7 @@ class ScriptedRig(LightRig):
                 if not held:  # exactly there, however far it would have come in this sample
                     self.put(math.hypot(self.z[0], self.z[1]), self.theta if sticking.theta is None else sticking.theta)
         self.hidden = any(isinstance(m, CameraBlind) and m.active(t) for m in self.mishaps)
-        self.dead = frozenset(m.axis for m in self.mishaps if isinstance(m, AxisDead) and m.active(t))
+        self.dead = frozenset(axis for m in self.mishaps if isinstance(m, AxisDead) and m.active(t) for axis in m.axes)
         self.block(frozenset(m.opening for m in self.mishaps if isinstance(m, OpeningBlocked) and m.active(t)))
 
 
@@ -121,10 +121,7 @@ class ScriptedSimulation(SimulatedRig):
     ) -> None:
         self.mishaps = tuple(mishaps)
         settings = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
-        faults = (
-            *settings.faults,
-            *(_fault(m) for m in mishaps if isinstance(m, OpeningBlocked | CameraBlind | AxisDead)),
-        )
+        faults = (*settings.faults, *(fault for mishap in mishaps for fault in _faults(mishap)))
         super().__init__(maze, settings.model_copy(update={"faults": faults}))
 
     @property
@@ -165,12 +162,14 @@ class ScriptedSimulation(SimulatedRig):
         return observation
 
 
-def _fault(mishap: OpeningBlocked | CameraBlind | AxisDead) -> Fault:
-    start, length = mishap.from_s, mishap.to_s - mishap.from_s
+def _faults(mishap: Mishap) -> list[Fault]:
+    """The rig's own faults that do it; none for what happens to the ball."""
     match mishap:
-        case OpeningBlocked():
-            return Fault(kind="blocked", at_s=start, duration_s=length, opening=mishap.opening)
-        case CameraBlind():
-            return Fault(kind="blackout", at_s=start, duration_s=length)
-        case AxisDead():
-            return Fault(kind="dead_axis", at_s=start, duration_s=length, axis=mishap.axis)
+        case OpeningBlocked(from_s=start, to_s=end):
+            return [Fault(kind="blocked", at_s=start, duration_s=end - start, opening=mishap.opening)]
+        case CameraBlind(from_s=start, to_s=end):
+            return [Fault(kind="blackout", at_s=start, duration_s=end - start)]
+        case AxisDead(from_s=start, to_s=end):
+            return [Fault(kind="dead_axis", at_s=start, duration_s=end - start, axis=axis) for axis in mishap.axes]
+        case _:
+            return []

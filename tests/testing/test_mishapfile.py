@@ -7,6 +7,7 @@ import pytest
 from mazeplan.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.testing.mishapfile import (
+    FROM_FAULTS,
     AxisDead,
     BallPushed,
     BallStuck,
@@ -61,6 +62,14 @@ def test_faults_of_a_simulated_rig_are_taken_too():
     )
 
 
+def test_a_fault_that_is_no_mishap_is_refused(monkeypatch):
+    monkeypatch.delitem(FROM_FAULTS, "push")
+    with pytest.raises(
+        SettingsError, match=r"^mishaps:1: \[0\]\.kind: got 'push', expected here one of stuck, blackout"
+    ):
+        read_mishaps("- {kind: push, at_s: 1}", MAZE)
+
+
 @pytest.mark.parametrize(
     ("text", "error"),
     [
@@ -80,7 +89,7 @@ def test_faults_of_a_simulated_rig_are_taken_too():
         ),
         ("- ball_teleported: {ring: 6}\n", "1: [0].ball_teleported.ring: got 6, expected 1 to 5"),
         ("- ball_pushed: {in_ring: 9}\n", "1: [0].ball_pushed.in_ring: got 9, expected 1 to 5"),
-        ("- axis_dead: {axis: x}\n", "1: [0].axis_dead.axis: got 'x', expected 'beta' or 'gamma'"),
+        ("- axis_dead: {axis: x}\n", "1: [0].axis_dead.axis: got 'x', expected 'beta', 'gamma' or 'both'"),
         ("- {kind: blocked, at_s: 1, opening: 2b}\n", "1: [0].opening: got '2b', expected one of 1-2@45"),
         ("- {kind: glued, at_s: 1}\n", "1: [0].kind: got 'glued', expected 'stuck', 'blackout'"),
         ("- {ball_stuck: {}, camera_blind: {}}\n", "1: [0]: got 2 keys, expected one of ball_stuck"),
