@@ -23,12 +23,14 @@ import numpy as np
 
 from mazeplan.data.excitation import BAND_HZ, multisine
 from mazeplan.data.runlog import RunLogWriter
+from mazeplan.display import NullDisplay
+from mazeplan.job import Job, Setup
 from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.records import Array, Command, FailureKind, Observation, State
 from mazeplan.rigs.interface import Rig
-from mazeplan.run import Job, NullDisplay, Run, Setup
+from mazeplan.run import Run
 
 STRETCH_S = 20.0  # s in one ring before the ball is placed in the next
 # 1/s; drives change the tilt by this times its limit at most: half of what the fastest sine would, alone and at full

@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 
 from mazeplan.choices import resolve_model, ring_number
+from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
-from mazeplan.run import TIME_LIMIT, Job, Setup, run_job, spread
+from mazeplan.run import run_job, spread
 from mazeplan.settings import load_settings
 
 FIXED_STARTS = 16

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mazeplan.choices import resolve_model, ring_number
+from mazeplan.display import Display
 from mazeplan.errors import InputError
+from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import load_memory, save_memory
@@ -15,7 +17,7 @@ from mazeplan.models.modelfile import RigModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
-from mazeplan.run import TIME_LIMIT, Display, Job, Setup, run_job
+from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 
 

@@ -8,13 +8,11 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -23,18 +21,21 @@ from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.gate_rollout import GateRollout
 from mazeplan.control.play import Gears
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunLogWriter
+from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
+from mazeplan.job import Job, Setup, log_header
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
-from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.models.modelfile import RigModel
+from mazeplan.models.planar import PlanarModel
 from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.records import (
     LEVEL,
@@ -46,70 +47,6 @@ from mazeplan.records import (
     RingPassage,
 )
 from mazeplan.rigs.interface import Rig
-from mazeplan.settings import Settings, load_settings
-
-TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
-
-
-class Display(Protocol):
-    """What shows a run to a person; `NullDisplay` shows nothing."""
-
-    def ring_entered(self, ring: int, t: float) -> None:
-        """The ball is in another ring."""
-
-    def passed(self, ring: int, opening: str, t: float) -> None:
-        """The ball left `ring` by an opening."""
-
-    def event(self, t: float, text: str) -> None:
-        """Something worth a line."""
-
-    def tick(self, t: float, ring: int, text: str) -> None:
-        """One tick is over."""
-
-
-class NullDisplay:
-    """Shows nothing."""
-
-    def ring_entered(self, ring: int, t: float) -> None:
-        """Nothing."""
-
-    def passed(self, ring: int, opening: str, t: float) -> None:
-        """Nothing."""
-
-    def event(self, t: float, text: str) -> None:
-        """Nothing."""
-
-    def tick(self, t: float, ring: int, text: str) -> None:
-        """Nothing."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """One navigation to do: from a ring and angle (rad; None: drawn by seed) to a ring, within time_limit s."""
-
-    start: int
-    goal: int
-    theta: float | None = None
-    seed: int = 0
-    time_limit: float = TIME_LIMIT
-    closed: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Setup:
-    """With what a job is done: maze, model of ball and stage, tree (name or file), settings, names of modules with
-    leaves of one's own, and what is remembered of openings, which the run adds to. `watch` is called with each tree
-    before it begins."""
-
-    maze: Maze
-    model: RigModel
-    behavior: str = "navigate"
-    rig_name: str = ""
-    model_name: str = ""
-    settings: Settings = field(default_factory=load_settings)
-    behavior_modules: tuple[str, ...] = ()
-    memory: OpeningMemory | None = None
-    watch: Callable[[BehaviorTree, RunContext], None] | None = None
 
 
 def run_job(
@@ -131,24 +68,6 @@ def run_job(
         return result
 
 
-def log_header(setup: Setup, job: Job) -> dict[str, Any]:
-    """What a reader of the log needs to know about the run."""
-    return {
-        "program": "mazeplan",
-        "version": version("mazeplan"),
-        "rig": setup.rig_name,
-        "map": dump_map(setup.maze),
-        "map_name": setup.maze.name,
-        "model": setup.model_name or setup.model.kind,
-        "behavior": setup.behavior,
-        "behavior_modules": list(setup.behavior_modules),
-        "start_ring": job.start,
-        "goal_ring": job.goal,
-        "seed": job.seed,
-        "time_limit_s": job.time_limit,
-    }
-
-
 def plate_of(maze: Maze, model: RigModel) -> Plate:
     """Limits of the maze and the table's tilt by the model."""
     ball = model.ball(1)
@@ -159,9 +78,9 @@ def plate_of(maze: Maze, model: RigModel) -> Plate:
     )
 
 
-def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, RingPlanner]:
-    """A planner for each channel."""
-    cost = cost.seen_late(model.late_s)
+def planners_of(maze: Maze, model: RigModel, cost: CostParameters, late_s: float) -> dict[int, RingPlanner]:
+    """A planner for each channel, for a rig on which a command acts late_s after what was seen."""
+    cost = cost.seen_late(late_s)
     return {
         ring.number: RingPlanner(
             RingParameters.from_model(model, ring.number, ring.track_radius),
@@ -172,6 +91,15 @@ def planners_of(maze: Maze, model: RigModel, cost: CostParameters) -> dict[int, 
         for ring in maze.rings
         if not ring.is_disc
     }
+
+
+def rollout_of(setup: Setup, late_s: float) -> GateRollout | None:
+    """What tries commands before openings; None where too much is late for it."""
+    leaves = setup.settings.leaves
+    if late_s > leaves.rollout.late_s:
+        return None
+    plate, planar = plate_of(setup.maze, setup.model), PlanarModel.build(setup.maze, setup.model)
+    return GateRollout(setup.maze, planar, plate, leaves.gate, leaves.rollout)
 
 
 class Run:
@@ -196,7 +124,10 @@ class Run:
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
-        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost)
+        # a plate that is kept from moving fast answers later, by half its range on average
+        self._late_s = setup.model.late_s + 0.5 * setup.maze.tilt_limit / slew
+        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost, self._late_s)
+        self._rollout = rollout_of(setup, self._late_s)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
@@ -220,7 +151,8 @@ class Run:
             ahead=self._estimator.ahead,
             on_event=self._on_event,
             options=setup.settings.leaves,
-            late_s=setup.model.late_s,
+            late_s=self._late_s,
+            rollout=self._rollout,
         )
         tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
         tree.blackboard.set("goal", goal)
@@ -233,6 +165,8 @@ class Run:
         self._estimator.warm_up()
         for planner in self._planners.values():
             planner.warm_up()
+        if self._rollout is not None:
+            self._rollout.warm_up()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.

@@ -21,8 +21,8 @@ from mazeplan.collect import (
 )
 from mazeplan.data.runlog import read_log
 from mazeplan.data.table import read_table
+from mazeplan.job import Setup
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run import Setup
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
@@ -70,7 +70,7 @@ def tour(tmp_path_factory):
     """Rig, what the tour counted, log and table of a tour through all rings."""
     path = tmp_path_factory.mktemp("tour") / "log.mcap"
     rig = CountingRig(MAZE)
-    done = run_tour(rig, SETUP, Collection(180.0, RINGS, seed=3), path)
+    done = run_tour(rig, SETUP, Collection(240.0, RINGS, seed=3), path)
     return rig, done, read_log(path), read_table(path)
 
 
@@ -87,7 +87,7 @@ def test_a_tour_places_the_ball_once_and_logs_all_in_one_segment(tour):
     assert rig.levelled
     assert rig.closed
     assert log.complete
-    assert done.rows == len(table) == 5400
+    assert done.rows == len(table) == 7200
     assert np.all(np.diff(table["t"]) > 0.0)
     assert set(table.segment) == {0.0}
     assert "segment" in table
@@ -99,10 +99,10 @@ def test_a_tour_gives_each_ring_its_share(tour):
     channels = [done.ring_s[ring] for ring in RINGS[:-1]]
     assert max(channels) < 2.0 * min(channels)
     assert 0.25 * min(channels) < done.ring_s[5] < min(channels)
-    assert sum(done.ring_s.values()) == pytest.approx(180.0)
+    assert sum(done.ring_s.values()) == pytest.approx(240.0)
     measured = np.array([MAZE.ring_at(r) for r in table["r"]])
     for ring, time in done.ring_s.items():
-        assert time == pytest.approx(np.mean(measured == ring) * 180.0, abs=3.0)
+        assert time == pytest.approx(np.mean(measured == ring) * 240.0, abs=3.0)
     assert done.changes == pytest.approx(np.count_nonzero(np.diff(measured)), abs=6)
     assert sum(done.passed.values()) == done.changes
     assert done.failed == 0

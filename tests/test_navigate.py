@@ -11,12 +11,13 @@ from planar_rig import PATIENT, PlanarRig, known
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import InputError
+from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.navigate import navigate
 from mazeplan.records import FailureKind
-from mazeplan.run import Job, Setup, run_job
+from mazeplan.run import run_job
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
@@ -251,7 +252,8 @@ def test_closed_openings_must_exist():
 
 
 def test_the_estimator_is_told_every_command():
-    from mazeplan.run import NullDisplay, Run
+    from mazeplan.display import NullDisplay
+    from mazeplan.run import Run
 
     rig = PlanarRig(MAZE)
     run = Run(rig, SETUP, Job(1, 5, 0.3, time_limit=0.5), None, NullDisplay())

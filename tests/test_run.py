@@ -10,10 +10,11 @@ from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.behavior.travel import arrival_speed
 from mazeplan.choices import resolve_model
+from mazeplan.display import NullDisplay
+from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command
-from mazeplan.run import Job, NullDisplay, Run, Setup
-from mazeplan.settings import load_settings
+from mazeplan.run import Run
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
@@ -77,12 +78,25 @@ def test_the_tree_commands_no_faster_than_the_slew_limit():
 
 @pytest.mark.parametrize(("rig", "careful"), [("ideal", False), ("toy", True), ("rough", True)])
 def test_what_a_rig_sees_late_makes_a_run_careful(rig, careful):
-    """In the speed of arrival, and in the price of speed where the settings make one of it."""
-    settings = load_settings().with_values({"cost": {"prompt": 0.75}})
-    setup = Setup(MAZE, resolve_model(rig, None, MAZE), settings=settings)
+    """In the speed of arrival, in the price of speed, and in what is tried in front of openings."""
+    setup = Setup(MAZE, resolve_model(rig, None, MAZE))
     run = Run(PlanarRig(MAZE), setup, Job(1, 5, 0.3), None, NullDisplay())
     travel, cost = run.context.options.travel, run.context.options.cost
     arrival = arrival_speed(run.context, MAZE.opening("1-2@45"), travel)
     assert all((planner.cost.speed == cost.speed) == careful for planner in run.context.planners.values())
     assert (arrival == travel.speed_m_s) == careful
+    assert (run.context.rollout is None) == (rig == "rough")
     assert arrival <= travel.fastest_m_s
+
+
+def test_a_plate_that_may_not_move_fast_makes_a_run_careful():
+    """It answers late: as late as half its range takes it on top."""
+    _, free = placed(goal=4)
+    _, kept = placed(goal=4, slew=math.radians(30.0))
+    assert kept.context.late_s == pytest.approx(free.context.late_s + math.degrees(0.5 * MAZE.tilt_limit) / 30.0)
+    assert free.context.rollout is not None
+    assert kept.context.rollout is None
+    assert all(
+        mine.cost.speed > other.cost.speed
+        for mine, other in zip(kept.context.planners.values(), free.context.planners.values(), strict=True)
+    )

@@ -15,11 +15,12 @@ import numpy as np
 from random_rigs import RANGES, draw, drive, packaged_model
 
 from mazeplan.evaluate import start_angle
+from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run import Job, Setup, run_job
+from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 
 ASKED = {
@@ -138,6 +139,7 @@ def parts(runs: int) -> list[tuple[str, str, Callable[[], list[NavigationResult]
         ("the next move begins in the next ring", "gate.entry_s 0", with_({"gate": {"entry_s": 0.0}})),
         ("stop in front of an opening", "gate.window_speed_m_s 0.02, travel.speed_m_s 0",
          with_({"gate": {"window_speed_m_s": 0.02, "entry_s": 0.0}, "travel": {"speed_m_s": 0.0}})),
+        ("no command tried before an opening", "rollout.late_s 0", with_({"rollout": {"late_s": 0.0}})),
         ("effects without the process", "pi for sp", with_({}, replace(model, processes={}, kind="pi"))),
         ("textbook ball, learned delay and stage", "nominal ball", with_({}, physics)),
         ("textbook everything", "no model", with_({}, nominal)),

@@ -26,6 +26,7 @@ from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_tour
 from mazeplan.compare import THOROUGH, CompareOptions, RingData, by_ring, prepare
 from mazeplan.data.table import read_table
+from mazeplan.job import Setup
 from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -37,7 +38,6 @@ from mazeplan.records import Array, Observation
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.settings import SimulatedSettings
 from mazeplan.rigs.simulated import SimulatedRig, Snapshot
-from mazeplan.run import Setup
 
 GRAVITY = 9.81
 RINGS = (1, 2, 3, 4)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.choices import resolve_model
+from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import DryFriction, RollingInertia, TiltOffset, ViscousFriction
@@ -17,7 +18,7 @@ from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.run import Job, Setup, run_job
+from mazeplan.run import run_job
 from mazeplan.settings import Settings
 
 RANGES = {  # key of a simulated rig: lowest, highest; whole numbers where both are

@@ -41,7 +41,7 @@ SEARCHED = {  # key: lowest, highest, whether its logarithm is searched
     "travel.fastest_m_s": (0.02, 0.15, True), "travel.blind_rad": (0.02, 0.4, True), "cost.prompt": (0.3, 1.0, False),
     "gate.kp": (20.0, 300.0, True), "gate.kd": (11.0, 40.0, True), "gate.push_deg": (3.0, 7.0, False),
     "gate.window_mm": (4.0, 20.0, False), "gate.window_speed_m_s": (0.03, 0.25, True),
-    "gate.lead_s": (0.02, 0.14, False),
+    "gate.lead_s": (0.02, 0.14, False), "rollout.margin_s": (0.005, 0.06, True), "rollout.doubt_mm": (0.1, 2.0, True),
     "gate.entry_s": (0.04, 0.2, False), "settle.damping": (1.0, 15.0, True),
     "estimator.acceleration_sigma": (0.2, 1.5, True),
 }  # fmt: skip

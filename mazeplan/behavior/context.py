@@ -14,6 +14,7 @@ from typing import Any
 
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.gate import GateOptions
+from mazeplan.control.gate_rollout import GateRollout, RolloutOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions
@@ -62,6 +63,7 @@ class LeafOptions:
     cost: CostParameters = field(default_factory=CostParameters)
     travel: TravelOptions = field(default_factory=TravelOptions)
     gate: GateOptions = field(default_factory=GateOptions)
+    rollout: RolloutOptions = field(default_factory=RolloutOptions)
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     settle: SettleOptions = field(default_factory=SettleOptions)
 
@@ -76,7 +78,7 @@ class RunContext:
     `ahead(seconds)` is the state that much later if the last command is held; `refused`: the opening that did not take
     a ball which was already taken for one in the next ring; `prepared`: a plan by which this opening was chosen; `law`:
     what is followed now; `late_s`: by how much what is seen is older than the moment at which a command acts, s, by the
-    model."""
+    model; `rollout`: tries commands before an opening, None where the gate's law alone is trusted."""
 
     maze: Maze
     graph: RouteGraph
@@ -101,6 +103,7 @@ class RunContext:
     prepared: tuple[Opening, Plan] | None = None
     law: str = ""
     late_s: float = 0.0
+    rollout: GateRollout | None = None
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 

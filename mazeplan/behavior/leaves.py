@@ -57,7 +57,7 @@ class Align(MazeLeaf):
 
 
 class PassOpening(MazeLeaf):
-    """Push the ball through the opening by tilting along its radial direction."""
+    """Push the ball through the opening by tilting along its radial direction, or by what a rollout says is sooner."""
 
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening"),
@@ -80,8 +80,11 @@ class PassOpening(MazeLeaf):
             return self.fail_as(FailureKind.MISSED_OPENING, f"{opening.name} did not take the ball")
         if run.ahead(run.options.gate.entry_s).ring == target:
             run.enter(target)
-        ahead = run.ahead(run.options.gate.lead_s)
-        run.steer(self.name, gate_command(ahead, opening, target, run.plate, run.options.gate))
+        command = None if run.rollout is None else run.rollout.better(run.here, opening, target)
+        if command is None:
+            ahead = run.ahead(run.options.gate.lead_s)
+            command = gate_command(ahead, opening, target, run.plate, run.options.gate)
+        run.steer(self.name, command)
         return Status.RUNNING
 
 

@@ -67,7 +67,7 @@ def collect(
         return
 
     from mazeplan.choices import resolve_model
-    from mazeplan.run import Setup
+    from mazeplan.job import Setup
 
     note_missing_model(rig, model, maze)
     setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from numba import njit
+
 from mazeplan.records import Command
 
 GRAVITY = 9.81  # m/s^2
@@ -41,11 +43,16 @@ class Plate:
         """
         base = self.command(*first)
         full = (first[0] + then[0]) / GRAVITY - self.offset_beta, -(first[1] + then[1]) / GRAVITY - self.offset_gamma
-        share = 1.0
-        for start, end in ((base.u_beta, full[0]), (base.u_gamma, full[1])):
-            step = end - start
-            if step > 0.0:
-                share = min(share, max(0.0, (self.limit - start) / step))
-            elif step < 0.0:
-                share = min(share, max(0.0, (-self.limit - start) / step))
+        share = min(room(base.u_beta, full[0], self.limit), room(base.u_gamma, full[1], self.limit))
         return self.clip(base.u_beta + share * (full[0] - base.u_beta), base.u_gamma + share * (full[1] - base.u_gamma))
+
+
+@njit(cache=True)
+def room(start, end, limit):
+    """Share, 0 to 1, of the way from start to end that stays within +-limit; the start does."""
+    step = end - start
+    if step > 0.0:
+        return min(1.0, max(0.0, (limit - start) / step))
+    if step < 0.0:
+        return min(1.0, max(0.0, (-limit - start) / step))
+    return 1.0

@@ -15,6 +15,7 @@ from mazeplan.control.cost import CostParameters
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.errors import InputError, RigError
+from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
@@ -23,7 +24,7 @@ from mazeplan.records import Failure, FailureKind, NavigationResult, State
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.run import TIME_LIMIT, Job, Setup, run_job
+from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 from mazeplan.testing.balls import DT, BallBehaviour, PlayedRig, after, states
 from mazeplan.testing.leafscript import Script

@@ -12,7 +12,7 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.decorators import SubTree
 from mazeplan.behavior.leaf import Leaf, TreeNode, shown
 from mazeplan.behavior.nodes import Fallback, Node, ReactiveFallback
-from mazeplan.behavior.status import INVALID, RUNNING, Result, Status
+from mazeplan.behavior.status import INVALID, Result, Status
 from mazeplan.behavior.tree import BehaviorTree, parts_of
 from mazeplan.errors import InputError
 from mazeplan.records import Command
@@ -162,8 +162,7 @@ class Watch:
             self._steps[at] = Step(first.tick, first.t, index, node.result.name)
 
         def watched_stop(new_status: Status = INVALID) -> None:
-            if node.status is RUNNING:
-                self._note(index, HALTED)
+            self._note(index, HALTED)  # called while it runs only
             stop(new_status)
 
         def watched_halt() -> None:
