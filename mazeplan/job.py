@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from mazeplan import resources
+from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
@@ -36,8 +39,8 @@ class Job:
 @dataclass(frozen=True)
 class Setup:
     """With what a job is done: maze, model of ball and stage, tree (name or file), settings, names of modules with
-    leaves of one's own, what is remembered of openings, which the run adds to, and where the model can be loaded from
-    again."""
+    leaves of one's own, what is remembered of openings, which the run adds to, where the model can be loaded from
+    again, and who watches: called with each tree before it begins."""
 
     maze: Maze
     model: RigModel
@@ -48,6 +51,7 @@ class Setup:
     behavior_modules: tuple[str, ...] = ()
     memory: OpeningMemory | None = None
     model_source: str | None = None
+    watch: Callable[[BehaviorTree, RunContext], None] | None = None
 
 
 def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:

@@ -159,6 +159,8 @@ class Run:
         )
         tree = self._tree_file.build(self._leaves, context)
         tree.blackboard.set("goal", goal)
+        if setup.watch is not None:
+            setup.watch(tree, context)
         return context, tree
 
     def _warm_up(self) -> None:

@@ -200,7 +200,7 @@ def test_python_api_closes_the_rig_and_takes_a_rig_or_a_name():
     result = navigate("ring4", "ring5", map=MAZE, rig=rig, start_angle_deg=100.0)
     assert result.success
     assert rig.closed == 1
-    assert result.rig == "PlanarRig"
+    assert result.rig == "LightRig"
 
 
 def test_ring_names():

@@ -53,7 +53,8 @@ class MazeLeaf(Leaf):
         refused, self.context.refused = self.context.refused, None
         if refused is not None:
             return self.fail_as(FailureKind.MISSED_OPENING, f"{refused.name} did not take the ball")
-        back = abs(ring - target) > abs(start - target)
+        goal = self.context.goal
+        back = abs(ring - goal) > abs(start - goal)
         kind = FailureKind.FELL_BACK if back else FailureKind.WRONG_RING
         return self.fail_as(kind, f"ball is in ring {ring}, expected ring {start} or {target}")
 

@@ -50,7 +50,8 @@ def tree_names() -> tuple[str, ...]:
 def load_tree(
     source: str | Path, registry: Mapping[str, type[Leaf]], context: Context, main: str | None = None
 ) -> BehaviorTree:
-    """Read a file, or the packaged tree of that name, and build the tree `main` (default: the file's main one).
+    """Read a file, the packaged tree of that name, or XML text (it begins with <), and build the tree `main` (default:
+    the file's main one).
 
     Raises TreeError with file, line, path in the tree, and what is allowed."""
     return read_tree(source).build(registry, context, main)
@@ -69,20 +70,27 @@ class TreeFile:
 
 
 def read_tree(source: str | Path) -> TreeFile:
-    """A file, or the packaged tree of that name. Raises TreeError where it is no XML."""
+    """A file, the packaged tree of that name, or XML text. Raises TreeError where it is no XML."""
+    if isinstance(source, str) and source.lstrip().startswith("<"):
+        path = Path("<text>")
+        return TreeFile(_parse(path, source.lstrip().encode()), path)
     path = resources.find("behaviors", str(source), ".xml")
-    return TreeFile(_parse(path), path)
+    return TreeFile(_parse(path, _read(path)), path)
 
 
-def _parse(path: Path) -> Element:
+def _read(path: Path) -> bytes:
+    """What a file says, as far as it may be read. Raises TreeError."""
     try:
         if not path.is_file():
             names = ", ".join(tree_names())
             raise TreeError(f"no such file; expected an XML file or one of {names}", file=path)
         with path.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
+            return stream.read(MAX_BYTES + 1)
     except (OSError, ValueError) as problem:
         raise TreeError(f"cannot be read: {problem}", file=str(path)[:200]) from None
+
+
+def _parse(path: Path, data: bytes) -> Element:
     if len(data) > MAX_BYTES:
         raise TreeError(f"larger than {MAX_BYTES} bytes, which no tree is", file=path)
     if not data.strip():

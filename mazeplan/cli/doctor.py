@@ -30,12 +30,14 @@ NEEDED = {
     "learn": ("torch", "gpytorch"),
     "view": ("viser",),
     "hardware": ("pyserial", "opencv-python-headless"),
+    "testing": ("hypothesis",),
 }
 FEATURES = {
     "core": "maps, simulated rigs, navigate, evaluate, collect, learn --kind pi, logs",
     "learn": "Gaussian-process models",
     "view": "the live page in the browser",
     "hardware": "camera and serial line of a real rig",
+    "testing": "generated ball behaviours for tests of trees",
 }
 
 

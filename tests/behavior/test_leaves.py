@@ -193,6 +193,14 @@ def test_falling_back_is_told_from_another_wrong_ring():
     assert bench.failure() is FailureKind.FELL_BACK
 
 
+def test_a_ball_that_is_suddenly_nearer_the_goal_did_not_fall_back():
+    bench = Bench()
+    leaf = bench.leaf("Align", opening="1-2@45")
+    bench.tick(leaf, at(1, 20.0))
+    assert bench.tick(leaf, at(4, 20.0, t=0.1)) is Status.FAILURE
+    assert bench.failure() is FailureKind.WRONG_RING
+
+
 @pytest.mark.parametrize("kind", ["Track", "Align"])
 def test_a_ball_that_stands_is_stuck(bench, kind):
     leaf = tracking(bench) if kind == "Track" else bench.leaf("Align", opening="1-2@45")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import pytest
 from py_trees.common import Status
-from scripted import Run, Scripted, build, tick, wrap
+from scripted import Run, build, scripted, tick, wrap
 
 TABLE = """
 Sequence                            | S S     | S    | 1 1   | 0 0
@@ -129,11 +129,11 @@ def test_a_row_of_the_table(row):
     assert [leaf.ticks for leaf in leaves] == list(map(int, ticks))
     assert [leaf.halts for leaf in leaves] == list(map(int, halts))
     if node.status is not Status.RUNNING:
-        assert all(leaf.status is not Status.RUNNING for leaf in leaves)
+        assert all(player.leaf.status is not Status.RUNNING for player in leaves)
     node.stop(Status.INVALID)
     node.stop(Status.INVALID)
     assert [leaf.ends + leaf.halts for leaf in leaves] == [leaf.starts for leaf in leaves]
-    assert all(leaf.status is not Status.RUNNING for leaf in leaves)
+    assert all(player.leaf.status is not Status.RUNNING for player in leaves)
 
 
 def test_every_node_is_in_the_table_with_a_child_that_is_skipped():
@@ -152,7 +152,7 @@ def test_every_node_is_in_the_table_with_a_child_that_is_skipped():
 )
 def test_a_loop_keeps_its_count_over_a_skip_until_its_parent_is_done(parent, values, ticks, expected):
     loop, (leaf,) = build("Repeat", ["S-S"], {"num_cycles": 3})
-    node = wrap(parent, [loop, Scripted("S", Run())], values)
+    node = wrap(parent, [loop, scripted("S").leaf], values)
     assert tick(node) + tick(node) == expected
     assert leaf.ticks == ticks
 

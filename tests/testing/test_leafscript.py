@@ -1,0 +1,112 @@
+"""Scripts of leaves, and leaves in a tree that play them."""
+
+from __future__ import annotations
+
+import pytest
+
+from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS
+from mazeplan.errors import InputError
+from mazeplan.records import FailureKind
+from mazeplan.testing import script, tick_tree
+
+HEAD = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></root>'
+
+
+def tree(inside: str) -> str:
+    return HEAD.format(inside)
+
+
+def test_words_and_letters():
+    assert [act.status for act in script("RUNNING x3 then SUCCESS").acts] == [RUNNING] * 3 + [SUCCESS]
+    assert [act.status for act in script("RF-S").acts] == [RUNNING, FAILURE, SKIPPED, SUCCESS]
+    stuck = script("FAILURE(stuck) x2 then SKIPPED again")
+    assert [act.kind for act in stuck.acts] == [FailureKind.STUCK, FailureKind.STUCK, None]
+    assert stuck.again
+    assert not script("SUCCESS").again
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("RUNING x3", "got 'RUNING x3', expected acts such as RUNNING x3"),
+        ("SUCCESS then", "expected acts"),
+        ("", "expected acts"),
+        ("SUCCESS x0", "got no act"),
+        ("FAILURE(late)", "expected FAILURE with one of stuck, missed_opening"),
+        ("SUCCESS(stuck)", "expected FAILURE with one of"),
+        ("RUNNING x999999", "more than 100000 ticks"),
+    ],
+)
+def test_what_is_no_script_is_refused(text, said):
+    with pytest.raises(InputError, match=said.replace("(", r"\(")) as caught:
+        script(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_last_act_goes_on_for_ever_or_the_script_begins_again():
+    loop = tree('<Repeat num_cycles="3"><Replan/></Repeat>')
+    assert tick_tree(loop, {"Replan": "RUNNING x2 then SUCCESS"}).statuses("Replan") == [
+        *["RUNNING"] * 2,
+        *["SUCCESS"] * 3,
+    ]
+    again = tick_tree(loop, {"Replan": "RUNNING x2 then SUCCESS again"})
+    assert again.statuses("Replan") == ["RUNNING", "RUNNING", "SUCCESS"] * 3
+    assert [tick.t for tick in again.ticks] == pytest.approx([k / 30 for k in range(7)])
+
+
+def test_a_script_keeps_the_preconditions_of_its_leaf_and_may_skip_it():
+    fallback = tree('<Sequence><Dither _skipIf="goal == 5"/><Replan/></Sequence>')
+    assert tick_tree(fallback, {"Dither": "F", "Replan": "S"}).statuses("Dither") == ["SKIPPED"]
+    assert tick_tree(fallback, {"Dither": "F", "Replan": "S"}, goal=4).statuses("Dither") == ["FAILURE"]
+    record = tick_tree(fallback, {"Dither": "R-", "Replan": "RS"}, goal=4)
+    assert record.statuses("Dither") == ["RUNNING", "SKIPPED", "HALTED"]
+    record.ends_with("SUCCESS")
+
+
+def test_a_script_leaves_failures_by_kind_and_writes_ports():
+    body = '<Sequence><PlanRoute goal="{goal}" legs="{legs}"/><Repeat num_cycles="{legs}"><Dither/></Repeat></Sequence>'
+    record = tick_tree(tree(body), {"PlanRoute": script("SUCCESS", legs=2), "Dither": "S"})
+    assert record.statuses("Dither") == ["SUCCESS"] * 2
+    failed = tick_tree(tree(body), {"PlanRoute": "FAILURE(no_route)"})
+    assert failed.failures == ["no_route"]
+    assert failed.events[0].detail["where"] == "PlanRoute"
+
+
+def test_leaves_are_replaced_by_path_before_name_before_kind():
+    body = tree(
+        '<Sequence name="row"><Replan/><Replan name="b"/><Sequence name="in"><Replan name="b"/></Sequence></Sequence>'
+    )
+    record = tick_tree(body, {"Replan": "S", "b": "RS", "row/in/b": "RRS"})
+    assert record.statuses("row/Replan") == ["SUCCESS"]
+    assert record.statuses("row/b") == ["RUNNING", "SUCCESS"]
+    assert record.statuses("row/in/b") == ["RUNNING", "RUNNING", "SUCCESS"]
+    assert {name: players[0].ticks for name, players in record.players.items()} == {"Replan": 1, "b": 2, "row/in/b": 3}
+
+
+def test_a_script_for_a_leaf_that_is_not_there_is_refused():
+    with pytest.raises(InputError, match="got 'Dithr', expected a leaf of the tree: Replan"):
+        tick_tree(tree("<Replan/>"), {"Dithr": "S"})
+    with pytest.raises(InputError, match="got 'row', expected a leaf"):  # a node with children plays no script
+        tick_tree(tree('<Sequence name="row"><Replan/></Sequence>'), {"row": "S"})
+
+
+def test_an_error_in_the_text_of_a_tree_names_its_line():
+    with pytest.raises(InputError, match=r"^<text>:2: Main: unknown node 'Replann'; did you mean Replan"):
+        tick_tree(tree("\n<Replann/>"))
+
+
+def test_what_stands_on_the_blackboard_and_what_failed_before_may_be_given():
+    body = tree('<Sequence><FailureIs kinds="stuck" at_most="2"/><Replan _skipIf="mood == \'calm\'"/></Sequence>')
+    record = tick_tree(body, failures=["stuck", "stuck"], keys={"mood": "calm"})
+    assert record.statuses("Replan") == ["SKIPPED"]
+    assert record.failures == []  # those of before are not of this run
+    assert tick_tree(body, failures=["stuck"] * 3, keys={"mood": "bad"}).reason == "FAILURE"
+    with pytest.raises(InputError, match="failures: got 'stck', expected one of stuck"):
+        tick_tree(body, failures=["stck"])
+
+
+def test_halting_is_noted_once_for_each_node_that_ran():
+    record = tick_tree(tree('<Sequence name="row"><Replan/></Sequence>'), {"Replan": "R"}, ticks=3, halt=True)
+    assert record.statuses("Replan") == ["RUNNING"] * 3 + ["HALTED"]
+    assert record.statuses("row") == ["RUNNING"] * 3 + ["HALTED"]
+    record.halts("Replan").ends_with("RUNNING")

@@ -1,0 +1,114 @@
+"""Scripts of mishaps: what is read, and where an error is said to be."""
+
+from __future__ import annotations
+
+import pytest
+
+from mazeplan.errors import SettingsError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.testing.mishapfile import (
+    FROM_FAULTS,
+    AxisDead,
+    BallPushed,
+    BallStuck,
+    BallTeleported,
+    CameraBlind,
+    OpeningBlocked,
+    read_mishaps,
+)
+
+MAZE = load_map("cme")
+ALL = """\
+- ball_stuck: {theta_deg: 30, from_s: 2.0, to_s: 3.1}
+- opening_blocked: {opening: 2-3@90}
+- camera_blind: {from_s: 1.0, to_s: 1.4}
+- ball_pushed: {at_s: 1.2, speed_m_s: 0.2, direction_deg: 90}
+- ball_teleported: {ring: 1, theta_deg: 120, in_ring: 3}
+- axis_dead: {axis: gamma, from_s: 1.0, to_s: 2.0}
+"""
+READ = (
+    BallStuck(theta_deg=30, from_s=2.0, to_s=3.1),
+    OpeningBlocked(opening="2-3@90"),
+    CameraBlind(from_s=1.0, to_s=1.4),
+    BallPushed(at_s=1.2, speed_m_s=0.2, direction_deg=90),
+    BallTeleported(ring=1, theta_deg=120, in_ring=3),
+    AxisDead(axis="gamma", from_s=1.0, to_s=2.0),
+)
+
+
+def test_text_file_and_list_say_the_same(tmp_path):
+    path = tmp_path / "mishaps.yaml"
+    path.write_text(ALL, encoding="utf-8")
+    assert read_mishaps(ALL, MAZE) == READ
+    assert read_mishaps(path, MAZE) == READ
+    assert read_mishaps(str(path), MAZE) == READ
+    assert read_mishaps([*READ[:1], {"opening_blocked": {"opening": "2-3@90"}}, *READ[2:]], MAZE) == READ
+
+
+def test_faults_of_a_simulated_rig_are_taken_too():
+    text = """\
+- {kind: stuck, at_s: 1.0, duration_s: 0.5}
+- {kind: blackout, at_s: 2.0}
+- {kind: blocked, at_s: 0.0, duration_s: 9.0, opening: 1-2@45}
+- {kind: dead_axis, at_s: 1.0, axis: gamma}
+- {kind: push, at_s: 3.0, speed_m_s: 0.4, direction_deg: -90}
+"""
+    assert read_mishaps(text, MAZE) == (
+        BallStuck(from_s=1.0, to_s=1.5),
+        CameraBlind(from_s=2.0, to_s=3.0),
+        OpeningBlocked(opening="1-2@45", from_s=0.0, to_s=9.0),
+        AxisDead(axis="gamma", from_s=1.0, to_s=2.0),
+        BallPushed(at_s=3.0, speed_m_s=0.4, direction_deg=-90),
+    )
+
+
+def test_a_fault_that_is_no_mishap_is_refused(monkeypatch):
+    monkeypatch.delitem(FROM_FAULTS, "push")
+    with pytest.raises(
+        SettingsError, match=r"^mishaps:1: \[0\]\.kind: got 'push', expected here one of stuck, blackout"
+    ):
+        read_mishaps("- {kind: push, at_s: 1}", MAZE)
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("- camera_blind: {}\n- ball_stuk: {}\n", "2: [1].ball_stuk: unknown mishap, expected one of ball_stuck, open"),
+        (
+            "- ball_stuck:\n    theta: 30\n",
+            "2: [0].ball_stuck.theta: unknown key, expected one of from_s, to_s, theta_deg",
+        ),
+        ("- ball_stuck: {from_s: -1}\n", "1: [0].ball_stuck.from_s: got -1, expected greater than or equal to 0"),
+        ("- ball_stuck: {from_s: 2, to_s: 1}\n", "1: [0].ball_stuck.to_s: got 1, expected to_s > from_s, 2"),
+        ("- ball_stuck: {theta_deg: nan}\n", "1: [0].ball_stuck.theta_deg: got nan, expected "),
+        ("- camera_blind: soon\n", "1: [0].camera_blind: got 'soon', expected "),
+        ("- opening_blocked: {}\n", "1: [0].opening_blocked.opening: is missing"),
+        (
+            "- opening_blocked: {opening: 2b}\n",
+            "1: [0].opening_blocked.opening: got '2b', expected one of 1-2@45, 1-2@135",
+        ),
+        ("- ball_teleported: {ring: 6}\n", "1: [0].ball_teleported.ring: got 6, expected 1 to 5"),
+        ("- ball_pushed: {in_ring: 9}\n", "1: [0].ball_pushed.in_ring: got 9, expected 1 to 5"),
+        ("- axis_dead: {axis: x}\n", "1: [0].axis_dead.axis: got 'x', expected 'beta', 'gamma' or 'both'"),
+        ("- {kind: blocked, at_s: 1, opening: 2b}\n", "1: [0].opening: got '2b', expected one of 1-2@45"),
+        ("- {kind: glued, at_s: 1}\n", "1: [0].kind: got 'glued', expected 'stuck', 'blackout'"),
+        ("- {ball_stuck: {}, camera_blind: {}}\n", "1: [0]: got 2 keys, expected one of ball_stuck"),
+        ("- ball_stuck\n", "1: [0]: got 'ball_stuck', expected one of ball_stuck, opening_blocked"),
+        ("ball_stuck: {}\nmore: 1\n", "1: got a mapping, expected a list such as `- camera_blind"),
+        ("- camera_blind: {to_s: 1, to_s: 2}\n", "1: [0].camera_blind.to_s: got the same key twice"),
+    ],
+)
+def test_errors_name_file_line_and_key(text, error, tmp_path):
+    path = tmp_path / "mishaps.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError) as caught:
+        read_mishaps(path, MAZE)
+    assert str(caught.value).startswith(f"{path}:{error}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_and_text_are_told_apart():
+    with pytest.raises(SettingsError, match=r"^stuck.yaml: no such file"):
+        read_mishaps("stuck.yaml", MAZE)
+    with pytest.raises(SettingsError, match=r"^mishaps:1: \[0\].ball: unknown mishap"):
+        read_mishaps("- ball: {}", MAZE)

@@ -1,0 +1,188 @@
+"""The packaged trees, tested with the kit as a user would: every leaf and every recovery happens, and does what it
+promises. What a mishap does stands above its run."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mazeplan import resources
+from mazeplan.behavior.registry import REGISTRY
+from mazeplan.records import LEVEL
+from mazeplan.testing import BallBehaviour, Coverage, Jump, Rest, Roll, run_tree, tick_tree
+
+
+def smooth():
+    return run_tree().reaches().never("Recover", "outside limits")
+
+
+def already_there():
+    return run_tree(start=5).reaches(within=0.5).never("PlanRoute")
+
+
+def stuck():
+    """Held for a second and a half, then shaken free."""
+    record = run_tree(mishaps="- ball_stuck: {theta_deg: 20, from_s: 0.0, to_s: 1.5}\n")
+    record.visits("Track", "Dither", "PlanRoute", "Settle").reaches(within=6.0).never("LevelPlate", "AvoidOpening")
+    assert record.failures == ["stuck"]
+    tilts = [math.hypot(t.command.u_beta, t.command.u_gamma) for t in record.ticks if t.leaf == "Dither"]
+    assert len(tilts) == 15  # half a second
+    assert max(tilts) > math.radians(3.0)
+    return record
+
+
+def stuck_for_good():
+    """Shaken six times, then another opening; in the end the run gives up, with the reason."""
+    record = run_tree(mishaps="- ball_stuck: {from_s: 0.3}\n").ends_with("stuck").visits("Dither", "AvoidOpening")
+    assert record.recoveries[:7] == ["dither"] * 6 + ["avoid_opening"]
+    assert len(record.failures) == 20  # the attempts of the tree
+    return record
+
+
+def blind():
+    """The plate is level while nobody knows where the ball is."""
+    record = run_tree(mishaps="- camera_blind: {from_s: 1.0, to_s: 2.4}\n")
+    record.visits("BallSeen", "LevelPlate", "PlanRoute")
+    assert record.failures == ["ball_lost"]
+    waiting = [t for t in record.ticks if t.leaf == "LevelPlate"]
+    assert waiting[0].t == pytest.approx(1.5, abs=0.1)
+    assert waiting[-1].t == pytest.approx(2.4, abs=0.1)
+    assert all(t.command.u_beta == t.command.u_gamma == 0.0 for t in waiting)
+    return record.reaches().halts("Track")
+
+
+def blind_for_good():
+    """It waits five seconds at a time, with a level plate."""
+    record = run_tree(mishaps="- camera_blind: {from_s: 1.0}\n", time_limit=8.0).ends_with("out_of_time")
+    assert record.statuses("LevelPlate").count("FAILURE") == 1
+    return record.visits("LevelPlate", "BallSeen", "LevelPlate")
+
+
+def blocked():
+    """Once from the other side, then by another opening."""
+    record = run_tree(mishaps="- opening_blocked: {opening: 1-2@45}\n", start_angle_deg=40)
+    record.visits("PassOpening", "BackOff", "ChooseOpening", "PassOpening").reaches(within=8.0)
+    assert record.failures[0] == "missed_opening"
+    assert record.openings[0] != "1-2@45"
+    return record
+
+
+def two_blocked():
+    """The second time the opening that failed is avoided."""
+    text = "- opening_blocked: {opening: 1-2@45}\n- opening_blocked: {opening: 1-2@135}\n"
+    record = run_tree(mishaps=text, start_angle_deg=40).visits("BackOff", "AvoidOpening", "ChooseOpening").reaches()
+    assert record.openings[0] in ("1-2@225", "1-2@315")
+    return record
+
+
+def fell_back():
+    """A new route from where it is."""
+    record = run_tree(mishaps="- ball_teleported: {ring: 1, theta_deg: 120, in_ring: 3}\n")
+    record.visits("Replan", "PlanRoute", "Settle").reaches()
+    assert record.failures == ["fell_back"]
+    assert record.result.replans == 1
+    return record
+
+
+def jumped_on():
+    """Into a ring nearer the goal than expected: wrong, and welcome."""
+    record = run_tree(mishaps="- ball_teleported: {ring: 4, theta_deg: 30, in_ring: 2}\n").visits("Replan").reaches()
+    assert record.failures == ["wrong_ring"]
+    return record
+
+
+def pushed_out_of_the_goal():
+    record = run_tree(mishaps="- ball_teleported: {ring: 3, in_ring: 5}\n").visits("Settle", "Replan", "Settle")
+    assert record.failures[0] == "fell_back"
+    return record.reaches()
+
+
+def no_way():
+    record = run_tree(closed=["4-5@180"]).ends_with("no_route").never("Recover")
+    assert len(record.ticks) == 1
+    return record
+
+
+RUNS = (
+    smooth, already_there, stuck, stuck_for_good, blind, blind_for_good, blocked, two_blocked, fell_back, jumped_on,
+    pushed_out_of_the_goal, no_way,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def coverage():
+    """Of all runs, made once; each asserts what it promises."""
+    out = Coverage()
+    for run in RUNS:
+        out.add(run())
+    return out
+
+
+@pytest.mark.parametrize("run", RUNS, ids=lambda run: run.__name__)
+def test_what_a_recovery_promises(run):
+    run()
+
+
+def test_every_leaf_and_every_branch_of_the_main_tree_is_taken(coverage):
+    coverage.covers(at_least=1.0).covers(at_least=1.0, of="branches")
+
+
+def test_every_leaf_succeeds_somewhere_and_those_that_can_fail_do(coverage):
+    for name in REGISTRY:
+        assert "SUCCESS" in coverage.results(name), name
+    failing = {name for name in REGISTRY if "FAILURE" in coverage.results(name)}
+    assert {"BallSeen", "InRing", "FailureIs", "PlanRoute", "Track", "PassOpening", "LevelPlate", "Settle"} <= failing
+
+
+def test_without_one_of_the_runs_something_is_missing():
+    """The runs above are few enough that each recovery is some run's own."""
+    for without, line in ((stuck, "Dither"), (blind, "LevelPlate"), (fell_back, "Replan")):
+        some = Coverage(*(run() for run in (smooth, stuck, blind, fell_back) if run is not without))
+        assert any(line in text for text in some.missing()), without.__name__
+
+
+def test_there_is_no_packaged_tree_without_such_runs():
+    assert [path.stem for path in resources.share("behaviors").glob("*.xml")] == ["navigate"]
+
+
+# -- the tree Recover alone, on every kind of failure ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("failures", "leaf"),
+    [
+        (["ball_lost"], "LevelPlate"),
+        (["stuck"], "Dither"),
+        (["stuck"] * 6, "Dither"),
+        (["stuck"] * 7, "AvoidOpening"),
+        (["missed_opening"], "BackOff"),
+        (["missed_opening"] * 2, "AvoidOpening"),
+        (["fell_back"], "Replan"),
+        (["wrong_ring"], "Replan"),
+        (["plan_failed"], "Replan"),
+        (["opening_closed"], "Replan"),
+        (["stuck", "fell_back"], "Replan"),
+    ],
+)
+def test_the_recovery_goes_by_the_kind_and_the_number_of_failures(failures, leaf):
+    recoveries = {"LevelPlate", "Dither", "BackOff", "AvoidOpening", "Replan"}
+    record = tick_tree(main="Recover", failures=failures, ball=BallBehaviour(moves=(Roll(2.0, 30.0),)))
+    record.visits(leaf).never(*(recoveries - {leaf})).ends_with("SUCCESS").within(1.0)
+
+
+def test_waiting_for_the_ball_is_over_as_soon_as_it_is_seen_and_not_without_end():
+    leaf = '<Delay delay_msec="600"><LevelPlate timeout_s="2"/></Delay>'  # lost after half a second
+    tree = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{leaf}</BehaviorTree></root>'
+    again = BallBehaviour(moves=(Rest(3.0),), unseen=((0.0, 1.0),))
+    record = tick_tree(tree, ball=again).ends_with("SUCCESS")
+    assert record.time_s == pytest.approx(1.0)
+    assert all(tick.command == LEVEL for tick in record.ticks if tick.leaf)
+    never = BallBehaviour(moves=(Rest(9.0),), unseen=((0.0, 9.0),))
+    assert tick_tree(tree, ball=never).ends_with("FAILURE").time_s == pytest.approx(2.6)
+
+
+def test_a_ball_that_jumps_about_is_followed_by_routes():
+    ball = BallBehaviour(moves=(Rest(0.3), Jump(4, 10.0), Rest(0.3), Jump(2, 90.0), Rest(0.3)))
+    record = run_tree(ball=ball, time_limit=2.0).visits("Replan", "PlanRoute")
+    assert {"wrong_ring", "fell_back"} <= set(record.failures)

@@ -1,0 +1,150 @@
+"""Claims of a run: that they hold where they should, and what they say where they do not."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from mazeplan.data.runlog import read_log
+from mazeplan.errors import InputError, RigError
+from mazeplan.settings import load_settings
+from mazeplan.testing import LightRig, run_tree, tick_tree
+
+STUCK = "- ball_stuck: {theta_deg: 20, from_s: 0.0, to_s: 1.5}\n"
+
+
+@pytest.fixture(scope="module")
+def stuck():
+    return run_tree(mishaps=STUCK)
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    return run_tree()
+
+
+@pytest.fixture(scope="module")
+def held():
+    return run_tree(mishaps="- ball_stuck: {theta_deg: 20}\n", time_limit=3.99)
+
+
+def test_what_holds_can_be_claimed_in_one_breath(stuck):
+    stuck.reaches().reaches(3).reaches("ring5").reaches(2, within=3.0).reaches(within=5.0).within(5.0)
+    stuck.ends_with("arrived").never("ball_lost", "BackOff", "back_off", "outside limits", "AvoidOpening")
+    stuck.visits("Track", "Dither", "PassOpening", "Settle").visits("Settle", "Track", in_order=False)
+    assert stuck.failures == ["stuck"]
+    assert stuck.recoveries == ["dither"]
+    assert stuck.openings == ["1-2@45", "2-3@90", "3-4@135", "4-5@180"]
+    assert stuck.result is not None
+    assert stuck.result.time_s == pytest.approx(stuck.time_s)
+
+
+@pytest.mark.parametrize(
+    ("claim", "said"),
+    [
+        (lambda r: r.reaches(), "expected the tree to succeed with the ball in ring 5"),
+        (lambda r: r.reaches(4), "expected the ball in ring 4, it was in 1"),
+        (lambda r: r.reaches(1, within=-1.0), "expected the ball in ring 1 within -1 s, it came after 0.000 s"),
+        (lambda r: r.within(3.0), "expected an end within 3 s, it took 4.000 s"),
+        (lambda r: r.ends_with("arrived"), "expected the end 'arrived', got 'out_of_time'"),
+        (lambda r: r.never("stuck"), "expected never stuck, it happened at "),
+        (lambda r: r.never("dither"), "expected never dither, it happened at "),
+        (lambda r: r.never("Dither"), "expected Dither never to be ticked, it was at "),
+        (lambda r: r.never("out_of_time"), "expected never out_of_time, it happened at 4.000 s"),
+        (lambda r: r.visits("Settle"), "expected Settle to be ticked, it never was"),
+        (
+            lambda r: r.visits("Dither", "shake it free", "BallSeen", "PassOpening"),
+            "expected PassOpening to be ticked, it n",
+        ),
+        (lambda r: r.halts("Settle"), "expected Settle to be halted, it never was"),
+    ],
+)
+def test_what_does_not_hold_is_said_with_what_happened_instead(held, claim, said):
+    with pytest.raises(AssertionError, match="^" + re.escape(said)) as caught:
+        claim(held)
+    text = str(caught.value)
+    assert "Navigate ended after 4.000 s: out_of_time\n     t, s  ring   deg  what\n" in text
+    assert "failure stuck Track standing on the way to 1-2@45" in text
+    assert len(text.splitlines()) <= 18
+
+
+def test_order_is_looked_at(stuck):
+    with pytest.raises(AssertionError, match="expected Dither to be ticked after Settle, it never was"):
+        stuck.visits("Settle", "Dither")
+
+
+def test_a_name_that_is_nothing_is_refused_or_the_claim_would_hold_for_ever(smooth):
+    for claim in (smooth.never, smooth.visits, smooth.halts, smooth.statuses):
+        with pytest.raises(InputError, match="got 'Dithr', expected a leaf"):
+            claim("Dithr")
+    with pytest.raises(InputError, match="ring: got 'ring7', expected ring1 to ring5"):
+        smooth.reaches("ring7")
+
+
+def test_a_run_is_the_same_each_time_whatever_the_machine_does(smooth):
+    hasty = load_settings().with_values({"travel": {"deadline_ms": 0.01}})  # in wall time, so it does not count
+    again = run_tree(settings=hasty)
+    assert again.ticks == smooth.ticks
+    assert again.steps == smooth.steps
+    assert again.timeline() == smooth.timeline()
+    assert smooth.failures == []
+
+
+class Loose(LightRig):
+    """Takes any command, as a rig without a limit of its own would."""
+
+    def command(self, u_beta, u_gamma):
+        self._set(u_beta, u_gamma)
+
+
+def beyond(tmp_path, monkeypatch):
+    (tmp_path / "beyond_leaves.py").write_text(
+        "from mazeplan import MazeLeaf, Status\nfrom mazeplan.records import Command\n\n\n"
+        "class Beyond(MazeLeaf):\n    'Too far.'\n\n    def step(self):\n"
+        "        self.context.steer(self.name, Command(0.5, 0.0))\n        return Status.RUNNING\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    return '<root BTCPP_format="4"><BehaviorTree ID="Main"><Beyond/></BehaviorTree></root>'
+
+
+def test_commands_beyond_the_limits_are_seen(tmp_path, monkeypatch, smooth):
+    tree = beyond(tmp_path, monkeypatch)
+    more = {"behavior_modules": ["beyond_leaves"], "time_limit": 0.2}
+    record = run_tree(tree, rig=Loose(smooth.maze), **more)
+    with pytest.raises(
+        AssertionError, match=r"expected no command beyond 0.0873 rad, got \(0.5000, 0.0000\) rad by Beyond"
+    ):
+        record.never("outside limits")
+    refused = run_tree(tree, **more).ends_with("rig_failed")
+    assert refused.events[-1].kind == "rig_failed"
+    with pytest.raises(AssertionError, match=r"rig_failed u_beta: got 0\.5 rad"):
+        refused.reaches()
+    ticked = tick_tree(tree, behavior_modules=["beyond_leaves"], ticks=2)
+    with pytest.raises(AssertionError, match=r"by Beyond at 0\.000 s"):
+        ticked.never("outside limits")
+
+
+def test_a_run_may_leave_a_log(tmp_path):
+    path = tmp_path / "run.mcap"
+    record = run_tree(start=4, log=path).reaches()
+    assert len(read_log(path).ticks["t"]) == len(record.ticks)
+    with pytest.raises(InputError, match=r"^log: a log names the file of its tree"):
+        run_tree('<root BTCPP_format="4"/>', log=path)
+
+
+def test_a_leaf_that_raises_is_a_bug_and_comes_out(monkeypatch):
+    monkeypatch.setattr("mazeplan.behavior.recovery.Replan.step", lambda self: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        tick_tree('<root BTCPP_format="4"><BehaviorTree ID="Main"><Replan/></BehaviorTree></root>')
+
+
+def test_a_rig_that_fails_at_once_leaves_a_record():
+    class Dead(LightRig):
+        def observe(self):
+            raise RigError("no camera")
+
+    record = run_tree(rig=Dead(run_tree(time_limit=0.0).maze)).ends_with("rig_failed")
+    assert record.time_s == 0.0
+    with pytest.raises(AssertionError, match="rig_failed no camera"):
+        record.reaches()

@@ -1,0 +1,101 @@
+"""docs/testing-trees.md: its files are written into a folder, and its commands run there, as they stand."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import mazeplan.testing
+from mazeplan.errors import InputError
+from mazeplan.testing import run_tree
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+PAGE = (ROOT / "docs" / "testing-trees.md").read_text(encoding="utf-8")
+FILES = {  # the last file named before a block is what it is called
+    re.findall(r"`(\w+\.(?:py|xml|yaml))`", PAGE[: block.start()])[-1]: block[1]
+    for block in re.finditer(r"```(?:python|xml|yaml)\n(.*?)```", PAGE, re.DOTALL)
+}
+COMMANDS = re.findall(r"^\$ (.*)$", PAGE, re.MULTILINE)
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(command: str, desk: Path) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-m", *shlex.split(command)]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        words,
+        cwd=desk,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+
+
+def test_the_example_runs_outside_the_project(desk):
+    assert set(FILES) == {"my_leaves.py", "calm.xml", "mishaps.yaml", "test_calm.py"}
+    assert COMMANDS == ["pytest -q test_calm.py"]
+    done = run(COMMANDS[0], desk)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{FILES['test_calm.py'].count('def test_')} passed" in done.stdout
+
+
+def test_the_example_notices_a_tree_and_a_leaf_that_are_broken(desk):
+    (desk / "calm.xml").write_text(FILES["calm.xml"].replace('kinds="stuck"', 'kinds="no_route"'), encoding="utf-8")
+    (desk / "my_leaves.py").write_text(FILES["my_leaves.py"].replace("speed <", "speed >"), encoding="utf-8")
+    done = run("pytest -q test_calm.py", desk)
+    assert done.returncode == 1
+    failed = set(re.findall(r"^FAILED test_calm.py::(\w+)", done.stdout, re.MULTILINE))
+    assert {"test_a_bad_day", "test_the_leaf_waits_for_a_slow_ball", "test_every_leaf_and_branch"} <= failed
+    assert (
+        "calm.xml:21: Main/RetryUntilSuccessful/go or recover/and again/recover/free it/Dither: never ticked"
+        in done.stdout
+    )
+
+
+def test_the_errors_shown_are_the_errors_got(desk, monkeypatch):
+    monkeypatch.syspath_prepend(desk)
+    shown = re.search(r"`(mishaps\.yaml:2: .*?), \.\.\.`", PAGE)
+    assert shown
+    (desk / "mishaps.yaml").write_text(FILES["mishaps.yaml"].replace("2-3@90", "2b"), encoding="utf-8")
+    with pytest.raises(InputError, match="^" + re.escape(shown[1])):
+        run_tree("calm.xml", mishaps="mishaps.yaml", behavior_modules=["my_leaves"])
+    (desk / "mishaps.yaml").write_text(FILES["mishaps.yaml"], encoding="utf-8")
+    claimed = re.search(r"```\n(expected never stuck.*?)\n    \.\.\.", PAGE, re.DOTALL)
+    assert claimed
+    with pytest.raises(AssertionError) as caught:
+        run_tree("calm.xml", mishaps="mishaps.yaml", behavior_modules=["my_leaves"]).never("stuck")
+    got, expected = (re.sub(r"[0-9]+\.[0-9]+", "#", text) for text in (str(caught.value), claimed[1]))
+    assert got.startswith(expected)  # but for the last digits, which go with the planner's tuning
+
+
+def test_every_public_name_is_on_the_page_and_has_a_docstring():
+    for name in mazeplan.testing.__all__:
+        assert getattr(mazeplan.testing, name).__doc__, name
+    missing = [name for name in mazeplan.testing.__all__ if not re.search(rf"`[^`]*\b{name}\b", PAGE)]
+    assert missing == ["Player", "Record", "Script", "ScriptedRig"]  # what the functions on the page return
+    assert set(dir(mazeplan.testing)) == set(mazeplan.testing.__all__)
+
+
+def test_the_kit_reads_no_clock_but_the_rigs():
+    for path in (ROOT / "mazeplan" / "testing").glob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module]
+                assert not {"time", "datetime", "asyncio", "threading"} & set(names), path
