@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mazeplan.behavior.context import LeafOptions
+from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.gate_rollout import GateRollout
 from mazeplan.control.ring_planner import RingPlanner
@@ -54,3 +54,10 @@ def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float)
         return None
     planar = PlanarModel.build(maze, model)
     return GateRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout)
+
+
+def passed_by(run: RunContext, before: int, ring: int) -> str | None:
+    """Name of the opening by which the ball changed its ring: the nearest that joins the two, if any does."""
+    joining = [o for o in run.maze.openings if {o.outer, o.inner} == {before, ring}]
+    nearest = min(joining, key=lambda o: abs(run.turn_to(o)), default=None)
+    return None if nearest is None else nearest.name

@@ -34,7 +34,7 @@ from mazeplan.job import Job, Setup, log_header
 from mazeplan.maths.spread import spread
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.parts import planners_of, plate_of, rollout_of
+from mazeplan.parts import passed_by, planners_of, plate_of, rollout_of
 from mazeplan.records import (
     LEVEL,
     Command,
@@ -68,9 +68,7 @@ def attempt_job(
     rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
     goals: Goals | None = None, prepare: Callable[[Run], None] | None = None,
 ) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
-    """As `run_job`, but a rig that fails is a result, too: reason rig_failed, and what it raised.
-
-    `prepare` gets the run before the ball is placed."""
+    """As `run_job`, but a rig that fails is a result, too, and what it raised; `prepare` gets the run beforehand."""
     with ExitStack() as stack:
         if goals is not None:
             goals.begin(setup.maze)
@@ -358,18 +356,12 @@ class Run:
         if ring == self._ring:
             return
         if self._ring is not None:
-            name = self._passed(self._ring, ring)
+            name = passed_by(self.context, self._ring, ring)
             self._passages.append(RingPassage(self._ring, t - self._ring_since, name))
             self._display.passed(self._ring, name or "another opening", t)
         self._ring, self._ring_since = ring, t
         self._display.ring_entered(ring, t)
         self._on_event("ring", {"ring": ring})
-
-    def _passed(self, before: int, ring: int) -> str | None:
-        """Name of the opening by which the ball changed its ring: the nearest that joins the two, if any does."""
-        joining = [o for o in self._setup.maze.openings if {o.outer, o.inner} == {before, ring}]
-        nearest = min(joining, key=lambda o: abs(self.context.turn_to(o)), default=None)
-        return None if nearest is None else nearest.name
 
     def _on_event(self, kind: str, detail: dict[str, Any]) -> None:
         t = self.context.now
