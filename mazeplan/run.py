@@ -23,18 +23,16 @@ from mazeplan.behavior.treefile import read_tree
 from mazeplan.behavior.winding import WindDown
 from mazeplan.control.play import Gears
 from mazeplan.control.stopwatch import Live, Stopwatch
-from mazeplan.control.tracking import plan_step
 from mazeplan.data.runlog import RunDocuments, RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.estimation.scrutiny import Scrutiny
-from mazeplan.goals import SAID, Edit, Goals, Outside, Stop
+from mazeplan.goals import Edit, Goals, Outside, Stop
 from mazeplan.job import Job, Setup, log_header
-from mazeplan.maths.spread import spread
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.parts import passed_by, planners_of, plate_of, rollout_of
+from mazeplan.parts import planners_of, plate_of, rollout_of
 from mazeplan.records import (
     LEVEL,
     Command,
@@ -43,9 +41,9 @@ from mazeplan.records import (
     GoalGiven,
     NavigationResult,
     Observation,
-    RingPassage,
 )
 from mazeplan.rigs.interface import Rig
+from mazeplan.runrecord import RunRecord
 
 HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
 
@@ -114,8 +112,9 @@ class Run:
         outside: Outside | None = None,
         watch: Stopwatch | None = None,
     ) -> None:
-        self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
-        self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
+        self._rig, self._setup, self._job = rig, setup, job
+        self._record = RunRecord(log, display, segment)
+        self._most, self.sent = slew / rig.rate_hz, LEVEL
         self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
@@ -127,10 +126,6 @@ class Run:
         self._rollout = rollout_of(setup.maze, setup.model, setup.settings.leaves, self._late_s)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._held = LEVEL  # what the rig was told last
-        self._tick_ms: list[float] = []
-        self._passages: list[RingPassage] = []
-        self._ring: int | None = None
-        self._ring_since = 0.0
         self._outside, self._goals = outside, [GoalGiven(job.goal, 0.0)]
         self._leaves = registry_with(setup.behavior_modules)
         self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
@@ -183,7 +178,7 @@ class Run:
     def _told_to_stop(self, t: float) -> bool:
         """Do what was said from outside, at the time of this tick; whether that was to stop. A sample that is not newer
         than the last one is no tick: a replay would not know where it was."""
-        new = math.isfinite(t) and (t > self.context.now or self._ring is None)
+        new = math.isfinite(t) and (t > self.context.now or not self._record.began)
         said = self._outside.take(t) if self._outside is not None and new else ()
         if not said:
             return False
@@ -300,7 +295,7 @@ class Run:
         self.context.begin(observation.t, state, measured)
         for doubt in doubts:
             self._on_event("doubt", {"what": doubt.what})
-        self._note_ring(observation.t, state.ring)
+        self._record.in_ring(self.context, observation.t, state.ring)
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
         """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
@@ -312,9 +307,16 @@ class Run:
         self._held = command
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(passed_on, observation.t)
-        self._tick_ms.append(1e3 * (perf_counter() - began))
-        self._write(observation, command, status)
-        self._tick_ms[-1] = 1e3 * (perf_counter() - began)
+        self._record.tick(
+            self.context,
+            observation,
+            command,
+            status=status,
+            ms=1e3 * (perf_counter() - began),
+            cut_off=self._watch.taken(),
+            doubts=" ".join(sorted(self._scrutiny.found)) or None,
+        )
+        self._record.took(1e3 * (perf_counter() - began))
 
     def _slewed(self, wanted: Command) -> Command:
         """As far towards the command wanted as one sample allows."""
@@ -324,76 +326,12 @@ class Run:
             min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),
         )
 
-    def _write(self, observation: Observation, command: Command, status: str) -> None:
-        run = self.context
-        leaf, cut_off = run.commanded_by, self._watch.taken()
-        self._display.tick(observation.t, run.here.ring, leaf)
-        if self._log is not None:
-            self._log.tick(
-                observation,
-                command,
-                state=run.here,
-                status=status,
-                leaf=leaf,
-                opening=None if run.opening is None else run.opening.name,
-                goal_theta=run.goal_theta,
-                planned_theta=self._planned_theta(),
-                planner_ms=run.planner_ms[-1] if run.planner_ms else None,
-                tick_ms=self._tick_ms[-1],
-                cut_off=cut_off,
-                segment=self._segment,
-                doubts=" ".join(sorted(self._scrutiny.found)) or None,
-            )
-
-    def _planned_theta(self) -> float | None:
-        """Where the plan wants the ball at the state's own time, while a plan is followed."""
-        run = self.context
-        if run.plan is None or run.commanded_by != "Track":
-            return None
-        return float(run.plan.states[plan_step(run.plan, run.here.t), 0])
-
-    def _note_ring(self, t: float, ring: int) -> None:
-        if ring == self._ring:
-            return
-        if self._ring is not None:
-            name = passed_by(self.context, self._ring, ring)
-            self._passages.append(RingPassage(self._ring, t - self._ring_since, name))
-            self._display.passed(self._ring, name or "another opening", t)
-        self._ring, self._ring_since = ring, t
-        self._display.ring_entered(ring, t)
-        self._on_event("ring", {"ring": ring})
-
     def _on_event(self, kind: str, detail: dict[str, Any]) -> None:
-        t = self.context.now
-        if kind == "plan":
-            if self._log is not None:
-                self._log.plan(detail["plan"])
-            return
-        if self._log is not None:
-            self._log.event(t, kind, detail)
-        if kind in ("failure", "recovery"):
-            self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
-        elif kind in SAID:
-            self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))
+        self._record.event(self.context.now, kind, detail)
 
     def result(self, success: bool, reason: str, log: str | None) -> NavigationResult:
         """What has happened until now."""
-        run = self.context
-        passages = list(self._passages)
-        if self._ring is not None:
-            passages.append(RingPassage(self._ring, run.now - self._ring_since, None))
-        return NavigationResult(
-            success=success,
-            reason=reason,
-            time_s=round(run.now, 6),
-            seed=self._job.seed,
-            rig=self._setup.rig_name,
-            rings=tuple(passages),
-            failures=tuple(run.failures),
-            replans=run.replans,
-            planner_ms=spread(run.planner_ms),
-            log=log,
-            tick_ms=spread(self._tick_ms),
-            goals=tuple(self._goals),
-            doubts=tuple(self._scrutiny.doubts),
-        )
+        return self._record.result(
+            self.context, self._job, success, reason,
+            rig=self._setup.rig_name, log=log, goals=self._goals, doubts=self._scrutiny.doubts,
+        )  # fmt: skip
