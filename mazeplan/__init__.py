@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mazeplan.behavior.leaf import Port
     from mazeplan.behavior.mazeleaf import MazeLeaf
     from mazeplan.behavior.status import Status
+    from mazeplan.goals import Goals
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.mapfile import load_map
     from mazeplan.navigate import navigate
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Goals": "mazeplan.goals",
     "Maze": "mazeplan.maze.geometry",
     "MazeLeaf": "mazeplan.behavior.mazeleaf",
     "NavigationResult": "mazeplan.records",
@@ -37,7 +39,8 @@ _HOMES = {
 }
 
 __all__ = [
-    "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig", "Status", "check_rig", "load_map", "navigate",
+    "Goals", "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig", "Status", "check_rig", "load_map",
+    "navigate",
 ]  # fmt: skip
 
 

@@ -11,17 +11,20 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 
 from mazeplan.choices import resolve_model, ring_number
+from mazeplan.errors import RigError
 from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
 from mazeplan.run import run_job, spread
 from mazeplan.settings import load_settings
 
@@ -43,6 +46,7 @@ class Campaign:
     time_limit: float = TIME_LIMIT
     settings: str | None = None
     behavior_modules: tuple[str, ...] = ()
+    own_process: bool = False  # whether the watchdog may end it
 
 
 def start_angle(index: int) -> float | None:
@@ -61,7 +65,7 @@ def run_one(campaign: Campaign, index: int) -> NavigationResult:
         campaign.seed + index,
         campaign.time_limit,
     )
-    rig = make_rig(campaign.rig, maze)
+    rig = watched(make_rig(campaign.rig, maze), own_process=campaign.own_process)
     try:
         how = load_settings(campaign.settings)
         label, modules = rig_label(campaign.rig), campaign.behavior_modules
@@ -78,11 +82,14 @@ def results(campaign: Campaign, workers: int = 1) -> Iterator[tuple[int, Navigat
             yield index, run_one(campaign, index)
         return
     # spawn: a forked child would inherit locks of threads that do not exist in it
+    campaign = replace(campaign, own_process=True)
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         futures = {pool.submit(run_one, campaign, index): index for index in range(campaign.runs)}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise RigError("a worker process ended in the middle of a run; what it said is above") from None
         finally:
             for future in futures:
                 future.cancel()

@@ -32,6 +32,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.samples import rings_of
 from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
 
 FEWEST = 900  # samples of the ball in a ring, below which it has no say
 REFERENCE = "evidence_when_learned"  # in a model's scores
@@ -40,7 +41,8 @@ REFERENCE = "evidence_when_learned"  # in a model's scores
 @dataclass(frozen=True)
 class Options:
     """rounds of collecting and updating; runs of navigation before and after; seconds of record a round; seed of
-    commands, places and noise (navigations: their usual starts, seeded by it); workers: processes."""
+    commands, places and noise (navigations: their usual starts, seeded by it); workers: processes; own_process: whether
+    the watchdog may end it."""
 
     rounds: int = 1
     runs: int = 16
@@ -48,6 +50,7 @@ class Options:
     seed: int = 0
     workers: int = 1
     map: str = "cme"
+    own_process: bool = False
 
 
 def improve(
@@ -76,7 +79,8 @@ def improve(
         tell(f"round {number}: {options.seconds:g} s of record")
         rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
         plan = Collection(options.seconds, rings, 1000 * number + options.seed)
-        run_collection(make_rig(rig, maze), maze, plan, log, rig_name=rig_label(rig))
+        machine = watched(make_rig(rig, maze), own_process=options.own_process)
+        run_collection(machine, maze, plan, log, rig_name=rig_label(rig))
         document, known = one_round(read_table(log), maze, known, reference, tell)
         tell(document["sentence"])
         new = None
@@ -92,7 +96,7 @@ def improve(
 
 
 def _navigate(rig: str, model: str | None, options: Options, tell: Callable[[str], None], when: str) -> dict[str, Any]:
-    campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed)
+    campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed, own_process=options.own_process)
     document = summary(evaluate(campaign, workers=options.workers))
     del document["results"]
     mean = document["time_s"]["mean"]

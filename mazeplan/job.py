@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
+from mazeplan import resources
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.settings import Settings, load_settings
+from mazeplan.usermodule import user_module
 
+REPLAY_FORMAT = 1  # of what the header holds for `replay`
 TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
 
 
@@ -33,8 +39,8 @@ class Job:
 @dataclass(frozen=True)
 class Setup:
     """With what a job is done: maze, model of ball and stage, tree (name or file), settings, names of modules with
-    leaves of one's own, what is remembered of openings, which the run adds to, and who watches: called with each tree
-    before it begins."""
+    leaves of one's own, what is remembered of openings, which the run adds to, where the model can be loaded from
+    again, and who watches: called with each tree before it begins."""
 
     maze: Maze
     model: RigModel
@@ -44,11 +50,12 @@ class Setup:
     settings: Settings = field(default_factory=load_settings)
     behavior_modules: tuple[str, ...] = ()
     memory: OpeningMemory | None = None
+    model_source: str | None = None
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
 
 
-def log_header(setup: Setup, job: Job) -> dict[str, Any]:
-    """What a reader of the log needs to know about the run."""
+def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
+    """What a reader of the log needs to know about the run, and `replay` to do it again."""
     return {
         "program": "mazeplan",
         "version": version("mazeplan"),
@@ -62,4 +69,32 @@ def log_header(setup: Setup, job: Job) -> dict[str, Any]:
         "goal_ring": job.goal,
         "seed": job.seed,
         "time_limit_s": job.time_limit,
+        "replay": _to_replay(setup, job, rate_hz),
     }
+
+
+def _to_replay(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
+    """What is not told elsewhere: small things whole, files by name and SHA-256."""
+    behavior = resources.find("behaviors", setup.behavior, ".xml")
+    modules = [(name, user_module(name, "--behavior-module").__file__ or "") for name in setup.behavior_modules]
+    memory = None if setup.memory is None else setup.memory.document()
+    more = {"memory": memory, "start_theta": job.theta, "model": setup.model_source}
+    return {
+        "format": REPLAY_FORMAT,
+        "rate_hz": rate_hz,
+        "closed": list(job.closed),
+        "settings": setup.settings.text(),
+        "model_sha256": fingerprint(setup.model),
+        "behavior_file": str(behavior.absolute()),
+        "behavior_sha256": file_sha256(behavior),
+        "modules": {name: {"file": file, "sha256": file_sha256(file)} for name, file in modules},
+        **{name: value for name, value in more.items() if value is not None},
+    }
+
+
+def file_sha256(path: str | Path) -> str:
+    """Of the file's content; nothing where it cannot be read, which others will say."""
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except (OSError, ValueError):
+        return ""

@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from mazeplan.choices import resolve_model, ring_number
+from mazeplan.choices import model_source, resolve_model, ring_number
 from mazeplan.display import Display
 from mazeplan.errors import InputError
+from mazeplan.goals import Goals
 from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -17,6 +18,7 @@ from mazeplan.models.modelfile import RigModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
 from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 
@@ -38,6 +40,8 @@ def navigate(
     log: str | Path | None = None,
     memory: str | Path | None = None,
     display: Display | None = None,
+    goals: Goals | None = None,
+    own_process: bool = False,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
@@ -45,7 +49,10 @@ def navigate(
     name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); behavior: packaged
     tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged ones; settings:
     YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of openings not to be
-    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise.
+    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
+    time_limit: s of rig time for each goal, from when it was given; own_process: whether the watchdog may end the
+    process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
+    closes and opens openings, and stops.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -55,7 +62,7 @@ def navigate(
     for name in closed:
         if name not in known:
             raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
-    machine = make_rig(rig, maze) if isinstance(rig, str) else rig
+    machine = watched(make_rig(rig, maze) if isinstance(rig, str) else rig, own_process=own_process)
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
     job = Job(
@@ -69,9 +76,10 @@ def navigate(
     how = settings if isinstance(settings, Settings) else load_settings(settings)
     kept = None if memory is None else load_memory(Path(memory), known)
     called = "" if isinstance(model, RigModel | None) else str(model)
-    setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept)
+    source = None if isinstance(model, RigModel) else model_source(model, rig if isinstance(rig, str) else None)
+    setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source)
     try:
-        result = run_job(machine, setup, job, log=log, display=display)
+        result = run_job(machine, setup, job, log=log, display=display, goals=goals)
     finally:
         machine.close()
     if kept is not None and memory is not None:

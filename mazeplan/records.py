@@ -171,6 +171,7 @@ class FailureKind(StrEnum):
     PLAN_FAILED = "plan_failed"
     NO_ROUTE = "no_route"
     OPENING_CLOSED = "opening_closed"
+    ROUTE_CHANGED = "route_changed"
     OUT_OF_TIME = "out_of_time"
 
 
@@ -194,11 +195,20 @@ class RingPassage:
     opening: str | None
 
 
+@dataclass(frozen=True, slots=True)
+class GoalGiven:
+    """A goal of a run: ring, and rig time from which on it was the goal, s."""
+
+    ring: int
+    t: float
+
+
 @dataclass(frozen=True)
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    reason is "arrived", a failure kind, or "interrupted". planner_ms: p50, p99 and max of all plans, in ms.
+    success: in the newest of `goals`; reason is "arrived", a failure kind, "stopped" from outside, "skipped",
+    "interrupted" or "rig_failed". planner_ms: p50, p99 and max of all plans, in ms.
     """
 
     success: bool
@@ -212,9 +222,10 @@ class NavigationResult:
     planner_ms: dict[str, float]
     log: str | None
     tick_ms: dict[str, float] = field(default_factory=dict)
+    goals: tuple[GoalGiven, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints (keys fixed by the contract; `tick_ms` is an addition)."""
+        """The document that `navigate --json` prints (keys fixed by the contract; `tick_ms`, `goals` are additions)."""
         return {
             "success": self.success,
             "reason": self.reason,
@@ -227,4 +238,5 @@ class NavigationResult:
             "planner_ms": self.planner_ms,
             "log": self.log,
             "tick_ms": self.tick_ms,
+            "goals": [{"ring": g.ring, "t": g.t} for g in self.goals],
         }

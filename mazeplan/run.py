@@ -19,43 +19,50 @@ import numpy as np
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.treefile import load_tree
-from mazeplan.control.cost import CostParameters
-from mazeplan.control.gate_rollout import GateRollout
+from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.winding import WindDown
 from mazeplan.control.play import Gears
-from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.control.tilt import Plate
+from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.control.tracking import plan_step
-from mazeplan.data.runlog import RunLogWriter
+from mazeplan.data.runlog import RunDocuments, RunLogWriter
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
+from mazeplan.goals import SAID, Edit, Goals, Outside, Stop
 from mazeplan.job import Job, Setup, log_header
-from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import PlanarModel
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.parts import planners_of, plate_of, rollout_of
 from mazeplan.records import (
     LEVEL,
     Command,
     Failure,
     FailureKind,
+    GoalGiven,
     NavigationResult,
     Observation,
     RingPassage,
 )
 from mazeplan.rigs.interface import Rig
 
+HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
+RIG_FAILED = "rig_failed"  # the reason in the log of a run that the machine, or its watchdog, ended
+
 
 def run_job(
-    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None
-) -> NavigationResult:
-    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens."""
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
+    goals: Goals | None = None,
+) -> NavigationResult:  # fmt: skip
+    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens.
+
+    goals: where other goals come from meanwhile."""
     with ExitStack() as stack:
-        writer = stack.enter_context(RunLogWriter(log, log_header(setup, job))) if log is not None else None
-        run = Run(rig, setup, job, writer, display or NullDisplay())
+        if goals is not None:
+            goals.begin(setup.maze)
+            stack.callback(goals.end)
+        header = None if log is None else log_header(setup, job, rig.rate_hz)
+        writer = None if log is None or header is None else stack.enter_context(RunLogWriter(log, header))
+        run = Run(rig, setup, job, writer, display or NullDisplay(), outside=goals)
         stack.callback(rig.level)
         try:
             result = run.drive(None if log is None else str(log))
@@ -63,43 +70,14 @@ def run_job(
             if writer is not None:
                 writer.result(run.result(False, "interrupted", str(log)).to_json())
             raise
+        except RigError as problem:
+            if writer is not None:
+                writer.event(run.context.now, RIG_FAILED, {"detail": str(problem)})
+                writer.result(run.result(False, RIG_FAILED, str(log)).to_json())
+            raise
         if writer is not None:
             writer.result(result.to_json())
         return result
-
-
-def plate_of(maze: Maze, model: RigModel) -> Plate:
-    """Limits of the maze and the table's tilt by the model."""
-    ball = model.ball(1)
-    return Plate(
-        maze.tilt_limit,
-        ball.parameter("tilt_offset", "beta", 0.0),
-        ball.parameter("tilt_offset", "gamma", 0.0),
-    )
-
-
-def planners_of(maze: Maze, model: RigModel, cost: CostParameters, late_s: float) -> dict[int, RingPlanner]:
-    """A planner for each channel, for a rig on which a command acts late_s after what was seen."""
-    cost = cost.seen_late(late_s)
-    return {
-        ring.number: RingPlanner(
-            RingParameters.from_model(model, ring.number, ring.track_radius),
-            maze.tilt_limit,
-            cost=cost,
-            process=model.processes.get(ring.number),
-        )
-        for ring in maze.rings
-        if not ring.is_disc
-    }
-
-
-def rollout_of(setup: Setup, late_s: float) -> GateRollout | None:
-    """What tries commands before openings; None where too much is late for it."""
-    leaves = setup.settings.leaves
-    if late_s > leaves.rollout.late_s:
-        return None
-    plate, planar = plate_of(setup.maze, setup.model), PlanarModel.build(setup.maze, setup.model)
-    return GateRollout(setup.maze, planar, plate, leaves.gate, leaves.rollout)
 
 
 class Run:
@@ -107,18 +85,21 @@ class Run:
 
     `drive` does a whole navigation; who wants another order of things places the ball and calls `tick` and `aim`.
     segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
-    the tree's commands."""
+    the tree's commands; watch: for the planner's deadlines; outside: what `drive` asks at each tick for
+    another goal."""
 
     def __init__(
         self,
         rig: Rig,
         setup: Setup,
         job: Job,
-        log: RunLogWriter | None,
+        log: RunDocuments | None,
         display: Display,
         *,
         segment: int | None = None,
         slew: float = math.inf,
+        outside: Outside | None = None,
+        watch: Stopwatch | None = None,
     ) -> None:
         self._rig, self._setup, self._job, self._log, self._display = rig, setup, job, log, display
         self._segment, self._most, self.sent = segment, slew / rig.rate_hz, LEVEL
@@ -126,13 +107,18 @@ class Run:
         self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
         # a plate that is kept from moving fast answers later, by half its range on average
         self._late_s = setup.model.late_s + 0.5 * setup.maze.tilt_limit / slew
-        self._planners = planners_of(setup.maze, setup.model, setup.settings.leaves.cost, self._late_s)
-        self._rollout = rollout_of(setup, self._late_s)
+        self._watch = watch or Live()
+        cost = setup.settings.leaves.cost
+        self._planners = planners_of(setup.maze, setup.model, cost, self._watch, late_s=self._late_s)
+        self._rollout = rollout_of(setup.maze, setup.model, setup.settings.leaves, self._late_s)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._tick_ms: list[float] = []
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
         self._ring_since = 0.0
+        self._outside, self._goals = outside, [GoalGiven(job.goal, 0.0)]
+        self._leaves = registry_with(setup.behavior_modules)
+        self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
         self.context, self._tree = self._towards(job.goal, job.closed)
         self._warm_up()
 
@@ -154,7 +140,7 @@ class Run:
             late_s=self._late_s,
             rollout=self._rollout,
         )
-        tree = load_tree(setup.behavior, registry_with(setup.behavior_modules), context)
+        tree = self._tree_file.build(self._leaves, context)
         tree.blackboard.set("goal", goal)
         if setup.watch is not None:
             setup.watch(tree, context)
@@ -167,25 +153,64 @@ class Run:
             planner.warm_up()
         if self._rollout is not None:
             self._rollout.warm_up()
+        self._watch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
         """Begin anew towards a ring from where the ball is, not using the openings `closed`.
 
-        Tree, closed openings and failures start afresh; what is known of ball, plate and openings stays."""
+        Tree, closed openings and budgets of recoveries start afresh; what is known of ball, plate and openings stays,
+        the last command, too: the plate is not levelled."""
+        before = self.context
         self._tree.halt()
-        now = self.context.now
         self.context, self._tree = self._towards(goal, closed)
-        self.context.now = self.context.graph.now = now
+        self.context.carry_on(before)
+
+    def _told_to_stop(self, t: float) -> bool:
+        """Do what was said from outside, at the time of this tick; whether that was to stop. A sample that is not newer
+        than the last one is no tick: a replay would not know where it was."""
+        new = math.isfinite(t) and (t > self.context.now or self._ring is None)
+        said = self._outside.take(t) if self._outside is not None and new else ()
+        if not said:
+            return False
+        run, goal, closed = self.context, None, {}
+        run.now = run.graph.now = t
+        for message in said:
+            self._on_event(*message.event)
+            if isinstance(message, Stop):
+                return True
+            if isinstance(message, Edit):
+                closed[message.opening] = message.closed
+            else:
+                goal = message.ring
+                closed |= dict.fromkeys(message.closed, True)
+        run.edit(closed)
+        if goal is not None:
+            self._preempt(goal, t)
+        return False
+
+    def _preempt(self, goal: int, t: float) -> None:
+        """Another goal, now, with the openings closed that are closed."""
+        closed = self.context.graph.closed
+        self.aim(goal, closed)
+        for name in self.context.graph.closed - closed:  # those that the map calls closed and somebody opened
+            self.context.graph.reopen(name)
+        self._goals.append(GoalGiven(goal, t))
 
     def drive(self, log: str | None) -> NavigationResult:
-        """Place the ball and run until the tree has succeeded, the time is over, or the tree gave up."""
+        """Place the ball and run until the tree has succeeded, the time is over, the tree gave up, or somebody stopped
+        it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
         theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
         self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         while True:
             observation = self._rig.observe()
+            if self._told_to_stop(observation.t):
+                return self._end(False, "stopped", log, observation)
             status = self.tick(observation)
+            late = observation.t - self._goals[-1].t >= job.time_limit
+            if (status == "RUNNING" and not late) or not (self._outside is None or self._outside.over()):
+                continue
             if status == "SUCCESS":
                 return self._end(True, "arrived", log)
             if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
@@ -193,15 +218,25 @@ class Run:
             if status == "FAILURE":
                 last = self.context.last_failure
                 return self._end(False, str(last.kind) if last else "failed", log)
-            if observation.t >= job.time_limit:
-                detail = f"not in ring {job.goal} after {job.time_limit:g} s"
-                self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
-                return self._end(False, str(FailureKind.OUT_OF_TIME), log)
+            detail = f"not in ring {self.context.goal} after {job.time_limit:g} s"
+            self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
+            return self._end(False, str(FailureKind.OUT_OF_TIME), log)
 
-    def _end(self, success: bool, reason: str, log: str | None) -> NavigationResult:
-        self._tree.halt()
+    def _end(
+        self, success: bool, reason: str, log: str | None, observation: Observation | None = None
+    ) -> NavigationResult:
+        """Halt the tree, wind down and level; what has happened until now. observation: one that no tick has taken,
+        for the first one in which the plate goes level."""
+        result = self.result(success, reason, log)
+        winding = WindDown(self._tree, self.sent, self.context.plate)
+        while winding.going or observation is not None:
+            seen, observation = observation or self._rig.observe(), None
+            began = perf_counter()
+            self._see(seen)
+            winding.tick()
+            self._send(seen, self._slewed(winding.towards_level(self.context.command)), HALTED, began)
         self._rig.level()
-        return self.result(success, reason, log)
+        return result
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
         """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
@@ -211,28 +246,36 @@ class Run:
         RigError when the rig measured no number."""
         began = perf_counter()
         run = self.context
-        if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
-            raise RigError(f"the rig measured no number: {observation}")
-        state = self._estimator.update(observation)
-        measured = self._estimator.filtered or state
-        run.begin(observation.t, state, measured)
-        self._note_ring(observation.t, state.ring)
+        self._see(observation)
         if given is None:
             status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
         else:
             status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
             run.steer(by, given)
+        self._send(observation, command, status, began, lead=given is None)
+        return status
+
+    def _see(self, observation: Observation) -> None:
+        """Take in an observation and begin the tick. Raises RigError when the rig measured no number."""
+        if not all(math.isfinite(v) for v in (observation.t, observation.beta, observation.gamma)):
+            raise RigError(f"the rig measured no number: {observation}")
+        state = self._estimator.update(observation)
+        measured = self._estimator.filtered or state
+        self.context.begin(observation.t, state, measured)
+        self._note_ring(observation.t, state.ring)
+
+    def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
+        """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
         self.sent = command
         passed_on = command
         if self._gears.loose:
-            command = self._gears.lead(command) if given is None else command
+            command = self._gears.lead(command) if lead else command
             passed_on = self._gears.sent(command)
         self._rig.command(command.u_beta, command.u_gamma)
         self._estimator.sent(passed_on, observation.t)
         self._tick_ms.append(1e3 * (perf_counter() - began))
-        self._write(observation, command)
+        self._write(observation, command, status)
         self._tick_ms[-1] = 1e3 * (perf_counter() - began)
-        return status
 
     def _slewed(self, wanted: Command) -> Command:
         """As far towards the command wanted as one sample allows."""
@@ -242,21 +285,23 @@ class Run:
             min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),
         )
 
-    def _write(self, observation: Observation, command: Command) -> None:
+    def _write(self, observation: Observation, command: Command, status: str) -> None:
         run = self.context
-        leaf = run.commanded_by
+        leaf, cut_off = run.commanded_by, self._watch.taken()
         self._display.tick(observation.t, run.here.ring, leaf)
         if self._log is not None:
             self._log.tick(
                 observation,
                 command,
                 state=run.here,
+                status=status,
                 leaf=leaf,
                 opening=None if run.opening is None else run.opening.name,
                 goal_theta=run.goal_theta,
                 planned_theta=self._planned_theta(),
                 planner_ms=run.planner_ms[-1] if run.planner_ms else None,
                 tick_ms=self._tick_ms[-1],
+                cut_off=cut_off,
                 segment=self._segment,
             )
 
@@ -294,6 +339,8 @@ class Run:
             self._log.event(t, kind, detail)
         if kind in ("failure", "recovery"):
             self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
+        elif kind in SAID:
+            self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))
 
     def result(self, success: bool, reason: str, log: str | None) -> NavigationResult:
         """What has happened until now."""
@@ -313,6 +360,7 @@ class Run:
             planner_ms=spread(run.planner_ms),
             log=log,
             tick_ms=spread(self._tick_ms),
+            goals=tuple(self._goals),
         )
 
 

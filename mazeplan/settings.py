@@ -6,7 +6,8 @@ algorithms; their fields are the keys.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+import json
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,24 @@ class Settings:
             except SettingsError as problem:
                 raise SettingsError(problem.problem, key=f"{section}.{problem.key}") from None
         return Settings(leaves, estimator)
+
+    def text(self) -> str:
+        """All of them in one line (JSON), to the last bit; see `settings_from_text`."""
+        return json.dumps(asdict(self))
+
+
+def settings_from_text(text: str) -> Settings:
+    """What `Settings.text` told. Raises ValueError for any other text, or one of another version's,
+    SettingsError for values out of their range."""
+    return _filled(Settings(), json.loads(text))
+
+
+def _filled(options: Any, values: Any) -> Any:
+    names = {f.name for f in fields(options)}
+    if not isinstance(values, dict) or values.keys() != names:
+        raise ValueError(f"expected {', '.join(sorted(names))}")
+    nested = {name: getattr(options, name) for name in names}
+    return replace(options, **{n: _filled(o, values[n]) if is_dataclass(o) else values[n] for n, o in nested.items()})
 
 
 def load_settings(source: str | Path | None = None) -> Settings:

@@ -29,6 +29,7 @@ from bench_moves import moves_section
 from bench_plant import plant_section
 from bench_predictability import predictability_section
 from bench_real import real_section
+from bench_replay import replay_section
 from bench_solver import solver_section
 from bench_trees import trees_section
 
@@ -160,6 +161,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         improve_section(quick),
         real_section(quick),
         trees_section(quick),
+        replay_section(quick),
     ]
 
 
@@ -182,7 +184,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
-    "trees": trees_section,
+    "trees": trees_section, "replay": replay_section,
 }  # fmt: skip
 
 

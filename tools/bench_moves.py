@@ -27,10 +27,10 @@ from mazeplan.maths.angles import difference, nearest
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
+from mazeplan.parts import planners_of, plate_of
 from mazeplan.records import LEVEL, Array, Command, Plan, State
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.run import planners_of, plate_of
 
 ROOT = Path(__file__).resolve().parent.parent
 RINGS = (1, 2, 3, 4)

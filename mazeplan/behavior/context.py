@@ -8,7 +8,8 @@ One context per run. A leaf reads `state`, gives at most one command a tick thro
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -78,7 +79,9 @@ class RunContext:
     `ahead(seconds)` is the state that much later if the last command is held; `refused`: the opening that did not take
     a ball which was already taken for one in the next ring; `prepared`: a plan by which this opening was chosen; `law`:
     what is followed now; `late_s`: by how much what is seen is older than the moment at which a command acts, s, by the
-    model; `rollout`: tries commands before an opening, None where the gate's law alone is trusted."""
+    model; `rollout`: tries commands before an opening, None where the gate's law alone is trusted; `rerouted`: openings
+    were closed or opened since the route was planned, so that it is another now; `since`: the first of `failures` that
+    belongs to this goal."""
 
     maze: Maze
     graph: RouteGraph
@@ -104,8 +107,32 @@ class RunContext:
     law: str = ""
     late_s: float = 0.0
     rollout: GateRollout | None = None
+    rerouted: bool = False
+    since: int = 0
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
+
+    def carry_on(self, before: RunContext) -> None:
+        """Go on where the tree of another goal was cut off: the time, what has happened until now, a ball that falls
+        into a ring. Recoveries are chosen by what happens from here on."""
+        self.now = self.graph.now = before.now
+        self.failures, self.since = before.failures, len(before.failures)
+        self.replans, self.planner_ms, self.law = before.replans, before.planner_ms, before.law
+        self.refused, self._entering, self._falling = before.refused, before._entering, before._falling
+
+    def edit(self, closed: Mapping[str, bool]) -> None:
+        """Close (True) or open openings while the run goes on; where that makes the route another, it is `rerouted`."""
+        before = self._openings_ahead()
+        for name, shut in closed.items():
+            (self.graph.close if shut else self.graph.reopen)(name)
+        self.rerouted = self.rerouted or before != self._openings_ahead()
+
+    def _openings_ahead(self) -> tuple[str, ...] | None:
+        """Those of the route from here; None where there is none, or nobody knows yet where the ball is."""
+        if self.state is None or not math.isfinite(self.state.theta):
+            return None
+        route = self.graph.route(self.state.ring, self.goal, self.state.theta)
+        return None if route is None else route.openings
 
     def clock(self) -> float:
         """Rig time of this tick, s."""
@@ -162,19 +189,19 @@ class RunContext:
 
     def recovering(self, recovery: str) -> None:
         """Name the recovery chosen for the last failure."""
-        if self.failures:
-            last = self.failures[-1]
+        last = self.last_failure
+        if last is not None:
             self.failures[-1] = Failure(last.kind, last.where, last.t, last.detail, recovery)
         self.on_event("recovery", {"recovery": recovery})
 
     @property
     def last_failure(self) -> Failure | None:
-        """The newest failure, if any."""
-        return self.failures[-1] if self.failures else None
+        """The newest failure on the way to this goal, if any."""
+        return self.failures[-1] if len(self.failures) > self.since else None
 
     def count(self, kind: FailureKind) -> int:
-        """How often this kind of failure has happened in this run."""
-        return sum(failure.kind is kind for failure in self.failures)
+        """How often this kind of failure has happened on the way to this goal."""
+        return sum(failure.kind is kind for failure in self.failures[self.since :])
 
     def turn_to(self, opening: Opening) -> float:
         """Signed angle from the ball to the opening, rad."""

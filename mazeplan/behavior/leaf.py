@@ -1,7 +1,8 @@
 """What a leaf is: ports with types, and a life of start, step, halt.
 
 `start` is called when the leaf is entered, `step` at each tick until it returns SUCCESS or FAILURE, `halt` once if it
-is interrupted in between. A leaf that fails says why with `fail`.
+is interrupted in between. A leaf that fails says why with `fail`. One that needs a moment when the run ends around it
+has a `wind_down` (see `winding`).
 """
 
 from __future__ import annotations
@@ -213,6 +214,7 @@ class Leaf(TreeNode):
     Condition for one that answers at once and changes nothing."""
 
     category: ClassVar[str] = "Action"
+    wind_down_ticks: ClassVar[int] = 15  # most calls of wind_down; half a second at 30 Hz
 
     def __init__(self, name: str, context: Any, blackboard: Blackboard, values: Mapping[str, Any]) -> None:
         super().__init__(name)
@@ -235,7 +237,14 @@ class Leaf(TreeNode):
         raise NotImplementedError(f"{type(self).__name__} has no step")
 
     def halt(self) -> None:
-        """Called once when the leaf is interrupted while running."""
+        """Called once when the leaf is interrupted while running. It commands nothing: another leaf does."""
+
+    def wind_down(self) -> Status:
+        """Called at each tick after `halt`, if the run was stopped or its time was over while this leaf ran: RUNNING
+        for one more tick, of `wind_down_ticks` at most. It may command, but the plate goes level meanwhile: no command
+        tilts it more than the last one, nor more than what is left of the ticks. Not called where the tree goes on, or
+        a new goal takes over: there the next leaf commands in the same tick."""
+        return Status.SUCCESS
 
     def fail(self, failure: Failure) -> Status:
         """Leave a reason and return FAILURE."""
@@ -259,8 +268,12 @@ class Leaf(TreeNode):
         """py_trees: ticked. Raises TreeError where `step` returned anything but a status."""
         status = self.step()
         self._running = status not in FINISHED
-        if self._running and status is not Status.RUNNING:
-            what = f"{type(self).__name__}.step returned {shown(status)}"
+        return self.checked(status, "step")
+
+    def checked(self, status: Any, method: str) -> Status:
+        """What a method returned. Raises TreeError where that is no status."""
+        if status is not Status.RUNNING and status not in FINISHED:
+            what = f"{type(self).__name__}.{method} returned {shown(status)}"
             raise self.wrong(f"{what}, expected RUNNING, SUCCESS or FAILURE")
         return status
 

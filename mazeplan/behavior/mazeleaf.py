@@ -35,6 +35,14 @@ class MazeLeaf(Leaf):
             return None
         return self.fail_as(FailureKind.OPENING_CLOSED, f"{opening.name} was closed on the way to it")
 
+    def rerouted(self) -> Status | None:
+        """FAILURE, once, if openings were closed or opened so that another way is the shortest now."""
+        run = self.context
+        if not run.rerouted:
+            return None
+        run.rerouted = False
+        return self.fail_as(FailureKind.ROUTE_CHANGED, "openings were closed or opened: the route is another")
+
     def strayed(self, start: int, target: int) -> Status | None:
         """SUCCESS if the ball is in the target ring already, FAILURE if in a third one, None if still in the first."""
         ring = self.context.here.ring

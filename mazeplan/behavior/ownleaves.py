@@ -17,6 +17,7 @@ from mazeplan.usermodule import user_module
 OPTION = "--behavior-module"
 CATEGORIES = ("Action", "Condition")
 DIRECTIONS = ("in", "out", "inout")
+MOST_WIND_DOWN = 90  # ticks; 3 s at 30 Hz: nobody waits longer for a run to end
 # tags of the format itself
 RESERVED = (*CATEGORIES, *CONTROLS, *DECORATORS, "SubTree", "Control", "Decorator", "BehaviorTree", "TreeNodesModel")
 
@@ -53,9 +54,13 @@ def _leaves(module: str) -> dict[str, type[Leaf]]:
 
 
 def _check(leaf: type[Leaf], where: str) -> None:
-    """Raises InputError for ports or a category that nobody could use in a file."""
+    """Raises InputError for ports or a category that nobody could use in a file, or a wind-down without a bound."""
     if leaf.category not in CATEGORIES:
         raise InputError(f"{where}: category: got {shown(leaf.category)}, expected one of {', '.join(CATEGORIES)}")
+    ticks = leaf.wind_down_ticks
+    if type(ticks) is not int or not 1 <= ticks <= MOST_WIND_DOWN:
+        expected = f"expected a whole number from 1 to {MOST_WIND_DOWN}"
+        raise InputError(f"{where}: wind_down_ticks: got {shown(ticks)}, {expected}")
     if not isinstance(leaf.ports, Mapping):
         raise InputError(f"{where}: ports: got {shown(leaf.ports)}, expected a dictionary of ports")
     for name, port in leaf.ports.items():

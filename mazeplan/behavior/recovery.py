@@ -39,7 +39,7 @@ class FailureIs(MazeLeaf):
 
     ports: ClassVar[dict[str, Port]] = {
         "kinds": Port(list, REQUIRED, "kinds of failure, separated by ;"),
-        "at_most": Port(int, 1000, "only while that many of its kind have happened in this run"),
+        "at_most": Port(int, 1000, "only while no more of its kind have happened on the way to this goal"),
     }
 
     def step(self) -> Status:

@@ -51,7 +51,7 @@ class ChooseOpening(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS with the opening's name; FAILURE no_route."""
         run, here = self.context, self.context.here
-        choices = run.graph.choices(here.ring, self.get("goal"), here.theta)
+        choices, run.rerouted = run.graph.choices(here.ring, self.get("goal"), here.theta), False
         if not choices:
             return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
         choice = self._soonest(choices)

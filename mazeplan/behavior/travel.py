@@ -161,7 +161,7 @@ class Track(MazeLeaf):
 
     def step(self) -> Status:
         """RUNNING on the way, SUCCESS in front of the opening; FAILURE stuck, missed_opening, opening_closed,
-        fell_back, wrong_ring."""
+        route_changed, fell_back, wrong_ring."""
         run, here = self.context, self.context.here
         opening, plan = self.current_opening(), self.get("plan")
         elsewhere = self.strayed(self._ring, opening.leads_to(self._ring)) or self.shut(opening)
@@ -169,6 +169,9 @@ class Track(MazeLeaf):
             return elsewhere
         if plan is None or aligned(here, opening, run.options.gate):
             return Status.SUCCESS
+        rerouted = self.rerouted()
+        if rerouted is not None:
+            return rerouted
         if run.now - self._began > self.get("timeout_s"):
             return self.fail_as(FailureKind.MISSED_OPENING, f"not in front of {opening.name} in time")
         if self._still.standing(run.measured):

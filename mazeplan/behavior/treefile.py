@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -53,13 +54,28 @@ def load_tree(
     the file's main one).
 
     Raises TreeError with file, line, path in the tree, and what is allowed."""
+    return read_tree(source).build(registry, context, main)
+
+
+@dataclass(frozen=True)
+class TreeFile:
+    """A file that was read once; trees are built of it as often as one is needed, whatever becomes of the file."""
+
+    root: Element
+    file: Path
+
+    def build(self, registry: Mapping[str, type[Leaf]], context: Context, main: str | None = None) -> BehaviorTree:
+        """A tree that has not begun. Raises as `load_tree` does."""
+        return _Builder(self.root, self.file, registry, context).build(main)
+
+
+def read_tree(source: str | Path) -> TreeFile:
+    """A file, the packaged tree of that name, or XML text. Raises TreeError where it is no XML."""
     if isinstance(source, str) and source.lstrip().startswith("<"):
         path = Path("<text>")
-        root = _parse(path, source.lstrip().encode())
-    else:
-        path = resources.find("behaviors", str(source), ".xml")
-        root = _parse(path, _read(path))
-    return _Builder(root, path, registry, context).build(main)
+        return TreeFile(_parse(path, source.lstrip().encode()), path)
+    path = resources.find("behaviors", str(source), ".xml")
+    return TreeFile(_parse(path, _read(path)), path)
 
 
 def _read(path: Path) -> bytes:

@@ -46,6 +46,7 @@ def collect(
     from mazeplan.collect import Collection, run_collection, run_tour
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig, rig_label
+    from mazeplan.rigs.watchdog import watched
 
     if place and not rings:
         raise InputError("needs --rings: without it the ball is placed once anyway", key="--place")
@@ -60,7 +61,7 @@ def collect(
     highest = positive("--highest-hz", highest_hz)
     plan = Collection(positive("--seconds", seconds), (first, *others), seed, most, highest)
     if not rings or place:
-        machine = make_rig(rig, maze)
+        machine = watched(make_rig(rig, maze), own_process=True)
         with campaign_progress(math.ceil(seconds), label="seconds") as advance:
             rows = run_collection(machine, maze, plan, output, rig_name=rig_label(rig), progress=advance)
         say(f"wrote {rows} samples to {output}")
@@ -72,7 +73,7 @@ def collect(
     note_missing_model(rig, model, maze)
     setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
     with campaign_progress(math.ceil(seconds), label="seconds") as advance:
-        done = run_tour(make_rig(rig, maze), setup, plan, output, progress=advance)
+        done = run_tour(watched(make_rig(rig, maze), own_process=True), setup, plan, output, progress=advance)
     report(done)
     say(f"wrote {done.rows} samples to {output}")
 

@@ -55,7 +55,7 @@ def improve(
 
     maze, spec = load_map(map_), with_seed(rig, seed)
     note_missing_model(spec, model, maze)
-    options = Options(rounds, runs, positive("--seconds", seconds), seed, workers, map_)
+    options = Options(rounds, runs, positive("--seconds", seconds), seed, workers, map_, own_process=True)
     known = None if not reference else _reference(reference, maze, resolve_model(model, spec, maze))
     with ExitStack() as stack:
         folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))

@@ -1,10 +1,12 @@
-"""`log info`, `log export`."""
+"""`log info`, `log export`, `log replay`."""
 
 from __future__ import annotations
 
 import csv
+import json
 import math
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
@@ -17,11 +19,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from mazeplan.data.runlog import RunLog
+    from mazeplan.replay import Difference, Replay
 
-app = typer.Typer(help="Run logs: summary, export.", no_args_is_help=True)
+app = typer.Typer(help="Run logs: summary, export, replay.", no_args_is_help=True)
 
 LogFile = Annotated[Path, typer.Argument(help="Run log (MCAP).")]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
+SHOWN = 200  # characters of a message that differs
 WHOLE_NUMBERS = ("ring", "segment")
 TOLD = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
 
@@ -68,6 +72,61 @@ def export(
     say(f"wrote {len(columns['t'])} rows to {path}")
 
 
+@app.command("replay")
+def replay(
+    log: LogFile,
+    model: Annotated[str | None, typer.Option("--model", help="Where the run's model is now, if it was moved.")] = None,
+    behavior: Annotated[
+        str | None, typer.Option("--behavior", help="Where the run's behaviour tree is now, if it was moved.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
+) -> None:
+    """Run the tree again on what a navigation observed: whether every tick decides as it did.
+
+    Exit status 1 where one does not; the first is shown."""
+    from mazeplan.replay import replay as run
+
+    outcome = run(log, model=model, behavior=behavior)
+    if as_json:
+        print_json({"log": str(log), **asdict(outcome), "identical": outcome.identical})
+    else:
+        print("\n".join(replay_lines(log, outcome)))
+    sys.exit(0 if outcome.identical else 1)
+
+
+def replay_lines(log: Path, outcome: Replay) -> list[str]:
+    """The comparison for people."""
+    from mazeplan.replay import told_by_another_version
+
+    cut_off = f" ({outcome.cut_off} searches ended by the deadline)" if outcome.cut_off else ""
+    same = f"{outcome.ticks} ticks, {outcome.plans} plans{cut_off}, {outcome.events} events"
+    if outcome.difference is None:
+        return [f"{log}: identical: {same}"]
+    first = outcome.difference
+    told = [f"{log}: different at t = {first.t:.3f} s, tick {first.tick}, {first.what}: {', '.join(first.fields)}"]
+    told += [f"  {name}  {_decision(first, name)}" for name in ("recorded", "replayed")]
+    told.append(f"  the same until then: {same}")
+    if told_by_another_version(outcome):
+        told.append(f"  recorded by version {outcome.recorded_by} of mazeplan, which is not this one")
+    return told
+
+
+def _decision(difference: Difference, which: str) -> str:
+    """Status, leaf, command of the tick, and the message where it is another one that differs."""
+    d = getattr(difference, which)
+    if d:
+        degrees = ", ".join(f"{math.degrees(d[name]):+.3f}" for name in ("u_beta", "u_gamma"))
+        told = f"{d['status']} {d['leaf'] or 'no leaf'} ({degrees}) deg, opening {d['opening'] or 'none'}"
+    else:
+        told = "the run was over"
+    message = difference.messages[which == "replayed"]
+    if difference.what == "tick" or message is None:
+        return told if message is not None else f"{told}; no such {difference.what}"
+    fields = {name: message[name] for name in difference.fields if name in message} or message
+    text = json.dumps(fields)
+    return f"{told}; {difference.what} {text if len(text) <= SHOWN else text[:SHOWN] + '...'}"
+
+
 def summary(log: RunLog) -> dict[str, Any]:
     """What `log info --json` prints."""
     import numpy as np
@@ -78,7 +137,7 @@ def summary(log: RunLog) -> dict[str, Any]:
     document = {
         "file": str(log.path),
         "complete": log.complete,
-        "header": {key: value for key, value in log.header.items() if key != "map"},
+        "header": {key: value for key, value in log.header.items() if key not in ("map", "replay")},
         "ticks": len(t),
         "duration_s": duration,
         "rate_hz": (len(t) - 1) / duration if duration > 0.0 else None,

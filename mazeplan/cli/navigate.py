@@ -72,6 +72,7 @@ def navigate(
             log=log,
             memory=memory,
             display=progress,
+            own_process=True,
         )
         progress.finished(result)
     if as_json:
@@ -106,7 +107,7 @@ def evaluate(
     to = len(maze.rings) if goal == "centre" else goal
     limit = positive("--time-limit", time_limit)
     modules = tuple(behavior_module or ())
-    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, limit, settings, modules)
+    campaign = Campaign(runs, rig, map_, model, behavior, start, to, seed, limit, settings, modules, own_process=True)
     with campaign_progress(runs) as advance:
         outcomes = run(campaign, workers=workers, progress=advance)
     document = summary(outcomes)

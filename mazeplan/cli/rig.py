@@ -25,9 +25,11 @@ def check(
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.registry import make_rig
+    from mazeplan.rigs.watchdog import watched
 
     maze = load_map(map_)
-    results = check_rig(make_rig(rig, maze), maze, seed=seed, repeatable=not hardware)
+    machine = watched(make_rig(rig, maze), own_process=True)
+    results = check_rig(machine, maze, seed=seed, repeatable=not hardware)
     passed = all(result.passed for result in results)
     if as_json:
         print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results]})

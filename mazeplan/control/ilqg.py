@@ -22,7 +22,6 @@ gains belong to that trajectory (zero in rows where the control is held at its l
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +30,7 @@ import numpy as np
 
 from mazeplan.control import ilqg_core as core
 from mazeplan.control import ilqg_workspace as workspace
+from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.errors import SettingsError
 from mazeplan.maths.compiled import address_of
 from mazeplan.records import Array, Certificate, Plan, StopReason
@@ -120,11 +120,11 @@ class Planner:
         options: IlqgOptions | None = None,
         *,
         dt: float = 1.0 / 30.0,
-        clock: Callable[[], float] = time.perf_counter,
+        watch: Stopwatch | None = None,
     ) -> None:
-        """low, high: (2,) control limits; dt: s per step, for the plans; clock: s, against which deadlines run."""
+        """low, high: (2,) control limits; dt: s per step, for the plans; watch: by which deadlines end."""
         self.options = options or IlqgOptions()
-        self.dynamics, self.cost, self.dt, self._clock = dynamics, cost, dt, clock
+        self.dynamics, self.cost, self.dt, self._watch = dynamics, cost, dt, watch or Live()
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         if low.shape != (2,) or high.shape != (2,) or not (np.isfinite(low).all() and (low <= high).all()):
             raise SettingsError(f"got limits {low} to {high}, expected two finite numbers each, low <= high")
@@ -168,8 +168,7 @@ class Planner:
         tolerance: of the cost, relative, in place of that of the options.
         trace(iteration, cost) is told of every cost on the way, the first included.
         """
-        began = self._clock()
-        end = began + 1e-3 * (self.options.deadline_ms if deadline_ms is None else deadline_ms)
+        self._watch.begin(self.options.deadline_ms if deadline_ms is None else deadline_ms)
         w, f, q = self._w, self._f, np.ascontiguousarray(cost_parameters, dtype=float)
         w.states[:] = s0
         code = workspace.NOT_FINITE
@@ -179,13 +178,13 @@ class Planner:
             w.states[:] = s0
             code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
         rules = self._rules if tolerance is None else self._rules._replace(tolerance=tolerance)
-        reason, done = self._improve(q, rules, code, end, trace)
+        reason, done = self._improve(q, rules, code, trace)
         if reason is StopReason.NOT_FINITE:
             w.K[:] = 0.0
             w.controls[:] = np.clip(0.0, w.low, w.high)
         else:
             core.certify(w)
-        ms = 1e3 * (self._clock() - began)
+        ms = self._watch.end()
         free, wrong, expected, got = w.numbers[
             [workspace.FREE, workspace.WRONG, workspace.EXPECTED, workspace.GOT]
         ].tolist()
@@ -194,21 +193,19 @@ class Planner:
         return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt, seal)
 
     def _improve(
-        self, q: Array, rules: workspace.Rules, code: int, end: float, trace: Callable[[int, float], None] | None
+        self, q: Array, rules: workspace.Rules, code: int, trace: Callable[[int, float], None] | None
     ) -> tuple[StopReason, int]:
         """Iterate until a rule says stop; the reason and how many iterations were made."""
         w, options = self._w, self.options
-        done, longest, now = 0, 0.0, self._clock()
-        reason = StopReason.MAX_ITERATIONS
+        done, reason = 0, StopReason.MAX_ITERATIONS
         while code == workspace.GO_ON and done < options.max_iterations:
             if trace is not None:
                 trace(done, float(w.numbers[workspace.COST]))
-            if done and now + longest > end:
+            if self._watch.over(done):
                 reason = StopReason.DEADLINE
                 break
             code = core.iterate(w, self._f, self._p, q, rules)
-            done, before, now = done + 1, now, self._clock()
-            longest = max(longest, now - before)
+            done += 1
         if code != workspace.NOT_FINITE:
             code = max(code, core.finish(w, self._f, self._p, q, rules))
         if trace is not None:

@@ -9,8 +9,6 @@ last part pays it.
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +18,7 @@ from mazeplan.control import uncertain_cost
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.first_guess import first_guess
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
+from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.maths.angles import nearest
 from mazeplan.models import learned_dynamics, ring_dynamics
 from mazeplan.models.gaussian_process import GaussianProcess
@@ -49,15 +48,15 @@ class RingPlanner:
         cost: CostParameters | None = None,
         *,
         process: GaussianProcess | None = None,
-        clock: Callable[[], float] = time.perf_counter,
+        watch: Stopwatch | None = None,
     ) -> None:
         """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: what it learned beyond
-        its parameters; clock: s, for deadlines."""
+        its parameters; watch: for deadlines."""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
-        limit, options = np.full(2, tilt_limit), options or IlqgOptions()
+        limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Live()
 
         def planner(dynamics: Dynamics, options: IlqgOptions, cost: Cost = RING_COST) -> Planner:
-            return Planner(dynamics, cost, -limit, limit, options, dt=parameters.dt, clock=clock)
+            return Planner(dynamics, cost, -limit, limit, options, dt=parameters.dt, watch=watch)
 
         self._doubts = np.zeros(0)  # what the cost of what is not known needs behind the wishes
         self._effects = parameters.pack()

@@ -2,8 +2,9 @@
 
 Topics (JSON with a JSON schema each, so that general MCAP viewers read them); the log time is the rig's, in ns:
 
-    /header  once: program, rig, map (its text), behaviour, start, goal, seed ...
-    /tick    each control tick: what was observed, estimated and commanded, by which leaf
+    /header  once: program, rig, map (its text), behaviour, start, goal, seed ..., and all that `log replay` needs
+    /tick    each control tick: what was observed, estimated and commanded, by which leaf; cut_off: after how many
+             iterations the planner's deadline ended each search of the tick (`control.stopwatch`)
     /plan    each plan: states and controls by component, cost, why the solver stopped
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
@@ -49,13 +50,14 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         **dict.fromkeys(("program", "version", "rig", "map", "map_name", "model", "behavior", "platform"), TEXT),
         **dict.fromkeys(("format", "seed", "start_ring", "goal_ring"), INTEGER),
         start_theta=NUMBER,
+        replay=_object(format=INTEGER, rate_hz=NUMBER, settings=TEXT),
     ),
     "/tick": _object(
         **dict.fromkeys(("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma"), NUMBER),
         **{f"estimate_{name}": NUMBER for name in ESTIMATE},
         **dict.fromkeys(("planned_theta", "goal_theta", "planner_ms", "tick_ms"), NUMBER),
         **dict.fromkeys(("ring", "segment"), INTEGER),
-        **dict.fromkeys(("leaf", "opening"), TEXT),
+        **dict.fromkeys(("status", "leaf", "opening", "cut_off"), TEXT),
     ),
     "/plan": _object(
         **dict.fromkeys(("t0", "dt", "cost", "ms"), NUMBER),
@@ -101,52 +103,13 @@ def _encode(document: dict[str, Any]) -> bytes:
     return text.encode()
 
 
-class RunLogWriter:
-    """Writes one run; a context manager.
+class RunDocuments:
+    """From what happens in a run to the messages that tell of it; where they go is for who derives from it."""
 
-    header: what a reader should know about the run; program, format and platform are added. Every method raises
-    LogError when the file cannot be written, but only once; the run may go on, what comes later is not written.
-    """
-
-    def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
-        self.path, self._closed, self._sequence, self._t = Path(path), False, 0, 0.0
-        self._whole = True  # False while a message is on its way, and for good when it did not arrive
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._stream = self.path.open("wb")
-            self._flush = self._stream.flush
-        except (OSError, ValueError) as problem:
-            raise self._failed(problem) from None
-        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False, enable_data_crcs=True)
-        self._writer.start(profile="", library=PROGRAM)
-        self._channels: dict[str, int] = {}
-        for topic, schema in SCHEMAS.items():
-            schema_id = self._writer.register_schema(f"{PROGRAM}.{topic[1:]}", "jsonschema", _encode(schema))
-            self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
-        own = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform()}
-        try:
-            self._add("/header", 0.0, {**header, **own})
-        except LogError:
-            self.close()
-            raise
-
-    def _failed(self, problem: Exception) -> LogError:
-        return LogError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=self.path)
+    _t = 0.0  # rig time of the last tick, s
 
     def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
-        if self._closed or not self._whole:
-            return
-        data = _encode(document)
-        nanoseconds = round(t * 1e9) if math.isfinite(t) and t > 0.0 else 0
-        self._sequence += 1
-        # Ctrl-C may strike anywhere in here; half a message must not be followed by another one
-        self._whole = False
-        try:
-            self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._sequence)
-            self._flush()
-        except OSError as problem:
-            raise self._failed(problem) from None
-        self._whole = True
+        raise NotImplementedError
 
     def sample(self, observation: Observation, command: Command, **more: Any) -> None:
         """One tick without an estimate, as `collect` writes it; `more` that is None is left out."""
@@ -166,7 +129,7 @@ class RunLogWriter:
     def tick(self, observation: Observation, command: Command, state: State, **more: Any) -> None:
         """One control tick: observed, commanded, estimated.
 
-        `more`: leaf, opening, planned_theta, goal_theta, planner_ms, tick_ms; None is left out.
+        `more`: status, leaf, opening, planned_theta, goal_theta, planner_ms, tick_ms, cut_off; None is left out.
         """
         self.sample(
             observation,
@@ -207,6 +170,64 @@ class RunLogWriter:
     def result(self, document: dict[str, Any]) -> None:
         """The outcome of the run."""
         self._add("/result", self._t, document)
+
+
+class RunLogMemory(RunDocuments):
+    """The messages of a run as a reader of its log would find them: (topic, document), without a header."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[str, dict[str, Any]]] = []
+
+    def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        self.messages.append((topic, json.loads(_encode(document))))
+
+
+class RunLogWriter(RunDocuments):
+    """Writes one run; a context manager.
+
+    header: what a reader should know about the run; program, format and platform are added. Every method raises
+    LogError when the file cannot be written, but only once; the run may go on, what comes later is not written.
+    """
+
+    def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
+        self.path, self._closed, self._sequence = Path(path), False, 0
+        self._whole = True  # False while a message is on its way, and for good when it did not arrive
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = self.path.open("wb")
+            self._flush = self._stream.flush
+        except (OSError, ValueError) as problem:
+            raise self._failed(problem) from None
+        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False, enable_data_crcs=True)
+        self._writer.start(profile="", library=PROGRAM)
+        self._channels: dict[str, int] = {}
+        for topic, schema in SCHEMAS.items():
+            schema_id = self._writer.register_schema(f"{PROGRAM}.{topic[1:]}", "jsonschema", _encode(schema))
+            self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
+        own = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform()}
+        try:
+            self._add("/header", 0.0, {**header, **own})
+        except LogError:
+            self.close()
+            raise
+
+    def _failed(self, problem: Exception) -> LogError:
+        return LogError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=self.path)
+
+    def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        if self._closed or not self._whole:
+            return
+        data = _encode(document)
+        nanoseconds = round(t * 1e9) if math.isfinite(t) and t > 0.0 else 0
+        self._sequence += 1
+        # Ctrl-C may strike anywhere in here; half a message must not be followed by another one
+        self._whole = False
+        try:
+            self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._sequence)
+            self._flush()
+        except OSError as problem:
+            raise self._failed(problem) from None
+        self._whole = True
 
     def close(self) -> None:
         """Finish the file; may be called twice. If a message did not arrive, the file stays as one that was cut."""

@@ -66,16 +66,7 @@ class _Whole:
 def read_log(path: str | Path) -> RunLog:
     """Read a log, also one that was cut. Raises LogError when the file is missing, damaged, or no run log of ours."""
     path = Path(path)
-    try:
-        with path.open("rb") as stream:
-            messages, complete = _messages(stream, path)
-    except (OSError, ValueError) as problem:
-        raise LogError(f"cannot be read: {getattr(problem, 'strerror', None) or problem}", file=path) from None
-    header = next((document for topic, document in messages if topic == "/header"), {})
-    if header.get("program") != PROGRAM:
-        raise LogError(f"got an MCAP file without the header of a run, {EXPECTED}", file=path)
-    if header.get("format") != FORMAT:
-        raise LogError(f"got format {header.get('format')!r}, expected {FORMAT}: written by another version", file=path)
+    header, messages, complete = read_messages(path)
 
     def of(wanted: str) -> list[dict[str, Any]]:
         return [document for topic, document in messages if topic == wanted]
@@ -92,6 +83,21 @@ def read_log(path: str | Path) -> RunLog:
         )
     except (KeyError, TypeError, ValueError, OverflowError) as problem:
         raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
+
+
+def read_messages(path: Path) -> tuple[dict[str, Any], list[tuple[str, dict[str, Any]]], bool]:
+    """The header, all messages as they were written, and whether the file was finished. Raises LogError."""
+    try:
+        with path.open("rb") as stream:
+            messages, complete = _messages(stream, path)
+    except (OSError, ValueError) as problem:
+        raise LogError(f"cannot be read: {getattr(problem, 'strerror', None) or problem}", file=path) from None
+    header = next((document for topic, document in messages if topic == "/header"), {})
+    if header.get("program") != PROGRAM:
+        raise LogError(f"got an MCAP file without the header of a run, {EXPECTED}", file=path)
+    if header.get("format") != FORMAT:
+        raise LogError(f"got format {header.get('format')!r}, expected {FORMAT}: written by another version", file=path)
+    return header, messages, complete
 
 
 def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, Any]]], bool]:

@@ -49,6 +49,22 @@ class OpeningMemory:
         """Successes and failures of all openings that were tried, as they count at rig time now, s."""
         return {name: self.tries(name, now) for name in self._counts}
 
+    def document(self) -> dict[str, Any]:
+        """All of it as plain data, to the last bit; see `memory_from_document`."""
+        names = ("successes", "failures", "when")
+        counts = {name: dict(zip(names, values, strict=True)) for name, values in self._counts.items()}
+        return {"fading_s": self.fading_s, "openings": counts}
+
+
+def memory_from_document(document: dict[str, Any]) -> OpeningMemory:
+    """What `OpeningMemory.document` told. Raises KeyError, TypeError, ValueError or AttributeError for anything
+    else."""
+    counts = {
+        str(name): (float(c["successes"]), float(c["failures"]), float(c["when"]))
+        for name, c in document["openings"].items()
+    }
+    return OpeningMemory(float(document["fading_s"]), counts)
+
 
 def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
     """What a file keeps of earlier runs, faded by one run; nothing where there is no file yet.

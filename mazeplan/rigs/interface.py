@@ -17,6 +17,9 @@ class Rig(Protocol):
 
     Signs: positive beta lowers the +x side, so a ball at theta = 90 deg is pushed towards theta = 0; positive gamma
     lifts the +y side, so a ball at theta = 0 is pushed towards negative theta.
+
+    A rig is watched: it must give a sample and take a command in time (`watchdog`). A simulation that waits for nobody
+    says `realtime = False`.
     """
 
     rate_hz: float

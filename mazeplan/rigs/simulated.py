@@ -49,6 +49,8 @@ class Snapshot:
 class SimulatedRig:
     """See `interface.Rig`. settings: a mapping as in rigs/ideal.yaml, or SimulatedSettings."""
 
+    realtime = False  # its time passes in observe() only: no watchdog
+
     def __init__(self, maze: Maze, settings: Mapping[str, Any] | SimulatedSettings | None = None) -> None:
         self.maze = maze
         given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})

@@ -20,6 +20,7 @@ from ilqg_problems import (
 )
 
 from mazeplan.control.ilqg import IlqgOptions
+from mazeplan.control.stopwatch import Live
 from mazeplan.records import Plan, StopReason
 
 # --- why it stopped ---
@@ -38,7 +39,7 @@ class Ticking:
 
 @pytest.mark.parametrize("deadline", [0.0, 3.0, 5.5])
 def test_a_deadline_ends_the_search_before_it_is_over(deadline):
-    planner = ring_planner(clock=Ticking(1.0))
+    planner = ring_planner(watch=Live(Ticking(1.0)))
     full = ring_planner().plan(np.zeros(6), 1.0)
     plan = planner.plan(np.zeros(6), 1.0, deadline_ms=deadline)
     assert plan.reason is StopReason.DEADLINE
@@ -50,7 +51,7 @@ def test_a_deadline_ends_the_search_before_it_is_over(deadline):
 
 
 def test_the_deadline_may_stand_in_the_options():
-    planner = ring_planner(options=IlqgOptions(deadline_ms=3.0), clock=Ticking(1.0))
+    planner = ring_planner(options=IlqgOptions(deadline_ms=3.0), watch=Live(Ticking(1.0)))
     assert planner.plan(np.zeros(6), 1.0).reason is StopReason.DEADLINE
     assert planner.plan(np.zeros(6), 1.0, deadline_ms=1e9).reason is StopReason.CONVERGED
 

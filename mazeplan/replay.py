@@ -1,0 +1,309 @@
+"""A recorded run once more, without its rig: the observations of the log go through estimator and tree, and each tick
+must decide as it did.
+
+What decides is all in the log's header: map, settings, memory of openings, goal and seed as such, model, tree and
+modules by name and SHA-256. The planner's deadlines, the only thing that wall time has a say in, end each search where
+they ended it then (`control.stopwatch`). What was said from outside meanwhile, the events say again (`goals`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from mazeplan import resources
+from mazeplan.control.stopwatch import Recorded
+from mazeplan.data.runlog import RunLogMemory
+from mazeplan.data.runlog_reader import read_messages
+from mazeplan.display import NullDisplay
+from mazeplan.errors import LogError, SettingsError
+from mazeplan.goals import Retold
+from mazeplan.job import REPLAY_FORMAT, Job, Setup, file_sha256
+from mazeplan.maths.fingerprint import fingerprint
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import check_text
+from mazeplan.maze.memory import memory_from_document
+from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.records import Observation
+from mazeplan.rigs.interface import Rig
+from mazeplan.run import RIG_FAILED, Run
+from mazeplan.settings import settings_from_text
+from mazeplan.usermodule import user_module
+
+Message = tuple[str, dict[str, Any]]
+
+NEAR = 1e-9  # relative, and absolute in rad and m: processors may round differently, decisions are coarser
+LAST_DIGIT = 1.5e-6  # of a plan's trajectory, which the log holds with six digits
+CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # of a tick
+MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig")  # what other messages tell besides decisions
+UNFINISHED = ("interrupted", RIG_FAILED)  # reasons of runs that stopped anywhere in a tick
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a replay first decides otherwise: rig time t (s) and number of the tick, from 0; what kind of message, and
+    which of its fields; the tick's decisions, then and now, and the messages themselves (None: there was none)."""
+
+    t: float
+    tick: int
+    what: str
+    fields: tuple[str, ...]
+    recorded: dict[str, Any]
+    replayed: dict[str, Any]
+    messages: tuple[dict[str, Any] | None, dict[str, Any] | None]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What was compared: ticks, plans (of which `cut_off` met their deadline) and events, until the difference; with
+    what version the log was written."""
+
+    ticks: int
+    plans: int
+    events: int
+    cut_off: int
+    reason: str
+    recorded_by: str
+    difference: Difference | None
+
+    @property
+    def identical(self) -> bool:
+        """Whether all decisions were the same."""
+        return self.difference is None
+
+
+class _OverError(Exception):
+    """There are no more observations, or none that could still be answered alike."""
+
+
+def replay(log: str | Path, *, model: str | Path | RigModel | None = None, behavior: str | None = None) -> Replay:
+    """Run the tree again on a recorded run of `navigate`.
+
+    model, behavior: where those of the run are now, when not where they were. Raises LogError when the log is cut,
+    damaged, none of a navigation, or from before replays; when model, tree or modules are not those of the run any
+    more; InputError when they cannot be read."""
+    path = Path(log)
+    header, messages, complete = read_messages(path)
+    _check_kind(header, complete, path)
+    try:
+        script = _Script([m for m in messages if m[0] != "/header"], float(header["replay"]["rate_hz"]))
+        setup, job = _setup_of(header, path, model, behavior), _job_of(header)
+        said = Retold((document for topic, document in messages if topic == "/event"), setup.maze)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
+        raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
+    run = Run(cast(Rig, script), setup, job, script.log, NullDisplay(), watch=script.watch, outside=said)
+    with suppress(_OverError):
+        script.log.result(run.drive(None).to_json())
+    return script.outcome(str(header.get("version", "")))
+
+
+def _check_kind(header: dict[str, Any], complete: bool, path: Path) -> None:
+    if "excitation" in header:
+        raise LogError(
+            "got a log of `collect`, expected one of `navigate --log`: here no tree decided alone", file=path
+        )
+    kept = header.get("replay")
+    if kept is None:
+        raise LogError("was written before runs could be replayed: its header does not hold what decided", file=path)
+    if not isinstance(kept, dict) or kept.get("format") != REPLAY_FORMAT:
+        raise LogError("what it holds for a replay is of another version", file=path, key="header.replay")
+    if not complete:
+        raise LogError("cut off: the program did not finish it; expected a whole log", file=path)
+
+
+# -- from the header to the run ------------------------------------------------------------------------------------
+
+
+def _job_of(header: dict[str, Any]) -> Job:
+    kept = header["replay"]
+    theta, closed = kept.get("start_theta"), tuple(str(name) for name in kept["closed"])
+    start, goal, seed = (int(header[name]) for name in ("start_ring", "goal_ring", "seed"))
+    return Job(start, goal, None if theta is None else float(theta), seed, float(header["time_limit_s"]), closed)
+
+
+def _setup_of(header: dict[str, Any], path: Path, model: str | Path | RigModel | None, behavior: str | None) -> Setup:
+    kept = header["replay"]
+    checked = check_text(str(header["map"]), file=f"{path}: header.map")
+    if checked.maze is None:
+        raise checked.errors[0]
+    tree = _tree_of(header, path, behavior)
+    for name, module in kept["modules"].items():
+        file = user_module(name, "--behavior-module").__file__ or ""
+        if file_sha256(file) != module["sha256"]:
+            raise _changed("module", f"{name} ({file})", path, "")
+    memory = kept.get("memory")
+    try:
+        settings = settings_from_text(kept["settings"])
+    except (ValueError, SettingsError) as problem:
+        what = f"of another version: {problem}"
+        raise LogError(what, file=path, key="header.replay.settings") from None
+    return Setup(
+        checked.maze,
+        _model_of(kept, path, checked.maze, model),
+        tree,
+        str(header.get("rig", "")),
+        settings=settings,
+        behavior_modules=tuple(kept["modules"]),
+        memory=None if memory is None else memory_from_document(memory),
+    )
+
+
+def _tree_of(header: dict[str, Any], path: Path, behavior: str | None) -> str:
+    kept = header["replay"]
+    file = Path(kept["behavior_file"])
+    if behavior is not None or not file.is_file():  # a packaged one may be elsewhere by now
+        file = resources.find("behaviors", behavior or str(header["behavior"]), ".xml")
+    if file.is_file() and file_sha256(file) != kept["behavior_sha256"]:
+        raise _changed("behaviour tree", str(file), path, "; --behavior FILE: where it is now")
+    return str(file)
+
+
+def _model_of(kept: dict[str, Any], path: Path, maze: Maze, given: str | Path | RigModel | None) -> RigModel:
+    source = given or kept.get("model")
+    if isinstance(source, RigModel):
+        found, told = source, "the model given"
+    elif source is not None:
+        found, told = load_model(source), str(source)
+    else:
+        found, told = RigModel.nominal(maze), "nominal physics"
+    if fingerprint(found) != kept["model_sha256"]:
+        raise _changed("model", told, path, "; --model PATH: where it is now")
+    return found
+
+
+def _changed(what: str, name: str, path: Path, advice: str) -> LogError:
+    return LogError(f"the {what} {name} is not that of the run, by its SHA-256{advice}", file=path)
+
+
+# -- the run -------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Script:
+    """A rig that tells what was observed, and compares what is decided with what was."""
+
+    recorded: list[Message]
+    rate_hz: float
+    log: RunLogMemory = field(default_factory=RunLogMemory)
+    watch: Recorded = field(default_factory=Recorded)
+    _given: int = 0
+    _same: int = 0  # messages that were compared and are alike
+
+    def __post_init__(self) -> None:
+        self._ticks = [document for topic, document in self.recorded if topic == "/tick"]
+        self._observed = [_observation(document) for document in self._ticks]
+        self._result = next((document for topic, document in self.recorded if topic == "/result"), None)
+        self._reason = str((self._result or {}).get("reason", ""))
+        for document in self._ticks:
+            self.watch.load(document.get("cut_off"))  # raises ValueError for what cannot be read
+
+    # a rig
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """Nothing: the ball was placed then."""
+
+    def observe(self) -> Observation:
+        """What was observed next. Raises _OverError when there is no more, or the last tick decided otherwise."""
+        if self._given == len(self._ticks) or not self._alike():
+            raise _OverError
+        self.watch.load(self._ticks[self._given].get("cut_off"))
+        self._given += 1
+        return self._observed[self._given - 1]
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Nothing: the log has it."""
+
+    def level(self) -> None:
+        """Nothing."""
+
+    def close(self) -> None:
+        """Nothing."""
+
+    # the comparison
+
+    def _alike(self) -> bool:
+        """Whether all that is told until now is what was told then."""
+        now = self.log.messages
+        while self._same < min(len(now), len(self.recorded)):
+            if _differing(self.recorded[self._same], now[self._same]):
+                return False
+            self._same += 1
+        return self._same == len(now)
+
+    def outcome(self, recorded_by: str) -> Replay:
+        """The whole comparison."""
+        difference = self._difference()
+        topics = [topic for topic, _ in self.log.messages[: self._same]]
+        cut_off = sum(len(_cuts(tick)) for tick in self._ticks[: topics.count("/tick")])
+        ticks, plans, events = (topics.count(topic) for topic in ("/tick", "/plan", "/event"))
+        return Replay(ticks, plans, events, cut_off, self._reason, recorded_by, difference)
+
+    def _difference(self) -> Difference | None:
+        alike, then = self._alike(), self.recorded
+        if self._reason in UNFINISHED or self._result is None:  # what is behind its last tick belongs to none
+            last = max((i for i, (topic, _) in enumerate(then) if topic == "/tick"), default=-1)
+            if self._same > last:
+                return None
+        elif alike and self._same == len(then):
+            return None
+        index = self._same
+        a = then[index] if index < len(then) else None
+        b = self.log.messages[index] if index < len(self.log.messages) else None
+        told = (a or b or ("", {}))[0].removeprefix("/")
+        number = sum(topic == "/tick" for topic, _ in then[:index])
+        number = min(number, max(len(self._ticks) - 1, 0))
+        t = self._ticks[number]["t"] if self._ticks else 0.0
+        documents = (None if a is None else a[1], None if b is None else b[1])
+        decided = _decided(then, number), _decided(self.log.messages, number)
+        return Difference(t, number, told, _differing(a, b), *decided, documents)
+
+
+def _observation(document: dict[str, Any]) -> Observation:
+    t, beta, gamma = (float(document[name]) for name in ("t", "beta", "gamma"))
+    x, y = (None if document.get(name) is None else float(document[name]) for name in ("x", "y"))
+    if not all(math.isfinite(v) for v in (t, beta, gamma)):
+        raise ValueError("a tick without t, beta or gamma")
+    return Observation(t, x, y, beta, gamma)
+
+
+def _cuts(tick: dict[str, Any]) -> list[str]:
+    return [cut for cut in str(tick.get("cut_off", "")).split() if cut.isdigit()]
+
+
+def _decided(messages: Sequence[Message], number: int) -> dict[str, Any]:
+    """What a tick decided; nothing when it was not reached."""
+    ticks = [document for topic, document in messages if topic == "/tick"]
+    return {name: ticks[number].get(name) for name in CHOSEN[:5]} if number < len(ticks) else {}
+
+
+def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
+    """Names of the fields in which two messages decide otherwise."""
+    if a is None or b is None or a[0] != b[0]:
+        return ("message",)
+    (topic, then), (_, now) = a, b
+    names = CHOSEN if topic == "/tick" else [name for name in {**then, **now} if name not in MEASURED]
+    near = LAST_DIGIT if topic == "/plan" else NEAR
+    return tuple(name for name in names if not _near(then.get(name), now.get(name), near))
+
+
+def _near(a: Any, b: Any, near: float) -> bool:
+    """Equal, but for the rounding of numbers."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_near(a[key], b[key], near) for key in a)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(_near(x, y, near) for x, y in zip(a, b, strict=True))
+    if isinstance(a, float) and isinstance(b, float):  # JSON holds a float as one, 0.0 for 0
+        return math.isclose(a, b, rel_tol=NEAR, abs_tol=near)
+    return type(a) is type(b) and a == b
+
+
+def told_by_another_version(outcome: Replay) -> bool:
+    """Whether the log was written by another version of the program than this one."""
+    return outcome.recorded_by != version("mazeplan")

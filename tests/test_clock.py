@@ -1,0 +1,144 @@
+"""Time is the rig's: nothing that decides looks at a clock on the wall, and a run is the same at any speed."""
+
+from __future__ import annotations
+
+import ast
+import time
+from pathlib import Path
+
+import pytest
+from planar_rig import PATIENT, PlanarRig, known
+
+import mazeplan
+from mazeplan import resources
+from mazeplan.display import NullDisplay
+from mazeplan.job import Job, Setup
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run import Run
+
+PACKAGE = Path(mazeplan.__file__).parent
+CLOCKS = ("time", "datetime", "timeit", "sched", "asyncio", "calendar")
+LOOKS = ("perf_counter", "perf_counter_ns", "monotonic", "monotonic_ns", "process_time", "time_ns", "sleep", "utcnow",
+         "today", "clock_gettime", "times")  # fmt: skip
+ALLOWED = {  # who may look at it, and for what
+    "control/stopwatch.py": {"import time", "perf_counter"},  # handed in; what it decided is in the log
+    "run.py": {"from time import perf_counter"},  # how long a tick took, for the report
+    "rigs/watchdog.py": {"from time import monotonic"},  # judges the loop from outside
+}
+MAZE = load_map("cme")
+
+
+def looks_at_clocks(source: str) -> set[str]:
+    """What in a module's source gets at wall time."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {f"import {a.name}" for a in node.names if a.name.split(".")[0] in CLOCKS}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in CLOCKS:
+            found |= {f"from {node.module} import {a.name}" for a in node.names}
+        elif isinstance(node, ast.Attribute) and node.attr in LOOKS:
+            found.add(node.attr)
+        elif isinstance(node, ast.Constant) and node.value in ("now", "today"):
+            found.add(repr(node.value))  # numpy.datetime64("now")
+    return found
+
+
+def test_only_stopwatches_and_the_watchdog_look_at_a_clock():
+    files = {path.relative_to(PACKAGE).as_posix(): path for path in PACKAGE.rglob("*.py")}
+    for room in ("behavior", "control", "estimation", "data", "maze", "models"):
+        assert any(name.startswith(f"{room}/") for name in files)
+    found = {name: looks_at_clocks(path.read_text(encoding="utf-8")) for name, path in files.items()}
+    assert {name: looks for name, looks in found.items() if looks} == ALLOWED
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import time",
+        "import time as t",
+        "from time import monotonic as m",
+        "from datetime import datetime",
+        "import datetime; datetime.datetime.now()",
+        "def f():\n    import asyncio",
+        "clock.perf_counter()",
+        "import os; os.times()",
+        "import numpy as np; np.datetime64('now')",
+    ],
+)
+def test_every_way_to_a_clock_is_found(source):
+    assert looks_at_clocks(source)
+    assert not looks_at_clocks("from mazeplan.behavior import context\ncontext.now\nrun.clock()\ntimeout = 3")
+
+
+class Paced:
+    """A rig whose samples come no earlier than they are due, at `speed` times real time; 0: as fast as it can."""
+
+    def __init__(self, rig: PlanarRig, speed: float) -> None:
+        self.rig, self.speed, self.rate_hz = rig, speed, rig.rate_hz
+        self.began, self.slept = time.monotonic(), 0.0
+
+    def __getattr__(self, name):
+        return getattr(self.rig, name)
+
+    def reset(self, **more):
+        self.rig.reset(**more)
+        self.began = time.monotonic()
+
+    def observe(self):
+        observation = self.rig.observe()
+        if self.speed:
+            left = self.began + observation.t / self.speed - time.monotonic()
+            self.slept += max(left, 0.0)
+            time.sleep(max(left, 0.0))
+        return observation
+
+
+class Kept(NullDisplay):
+    """Notes leaves and events with their rig times."""
+
+    def __init__(self):
+        self.seen = []
+
+    def event(self, t, text):
+        self.seen.append((t, text))
+
+    def tick(self, t, ring, text):
+        self.seen.append((t, ring, text))
+
+
+def hide(rig):
+    rig.hidden = 0.3 < rig.t < 1.1  # lost: there is waiting in it
+
+
+def waiting(tmp_path):
+    """The packaged tree behind everything that waits: Delay, Timeout, and Wait where there is one."""
+    text = (resources.share("behaviors") / "navigate.xml").read_text(encoding="utf-8")
+    text = text.replace('main_tree_to_execute="Navigate"', 'main_tree_to_execute="Late"')
+    late = (
+        '<BehaviorTree ID="Late"><Timeout msec="9000"><Delay delay_msec="250"><SubTree ID="Navigate" '
+        '_autoremap="true"/></Delay></Timeout></BehaviorTree></root>'
+    )
+    path = tmp_path / "late.xml"
+    path.write_text(text.replace("</root>", late), encoding="utf-8")
+    return str(path)
+
+
+def test_a_run_is_the_same_at_any_speed(tmp_path):
+    setup = Setup(MAZE, known(MAZE), waiting(tmp_path), "planar", settings=PATIENT)
+    seen, took = {}, {}
+    for speed in (0.0, 1.0, 50.0):
+        rig = PlanarRig(MAZE, mishap=hide)
+        paced, kept = Paced(rig, speed), Kept()
+        run = Run(paced, setup, Job(3, 5, 0.3), None, kept)  # pyright: ignore
+        began = time.monotonic()
+        result = run.drive(None)
+        took[speed] = time.monotonic() - began
+        assert result.success
+        assert speed != 1.0 or paced.slept > 0.0
+        seen[speed] = kept.seen, rig.commands, result.rings, result.failures, result.time_s
+    assert seen[0.0] == seen[1.0] == seen[50.0]
+    assert took[1.0] > result.time_s - 0.1  # it was real time
+    assert took[50.0] < took[1.0]
+    texts = {entry[-1] for entry in seen[0.0][0]}
+    assert any("ball_lost" in text for text in texts)
+    assert seen[0.0][1][5] == (0.0, 0.0)  # still in Delay

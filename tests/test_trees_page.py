@@ -1,0 +1,61 @@
+"""docs/trees.md says what is so: its example runs, its leaf winds down, its table is that of the tree."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mazeplan import resources
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = (ROOT / "docs" / "trees.md").read_text(encoding="utf-8")
+GOALS, LEAF = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_the_example_of_a_new_goal_runs(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", GOALS],
+        cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("arrived [(5, 0.0)")
+
+
+def test_the_leaf_of_the_page_winds_down(tmp_path, monkeypatch):
+    from planar_rig import PATIENT, PlanarRig, known
+
+    from mazeplan.job import Job, Setup
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.run import run_job
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "leaves_of_the_page.py").write_text(LEAF, encoding="utf-8")
+    tree = tmp_path / "tree.xml"
+    tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><Lean/></BehaviorTree></root>')
+    maze = load_map("cme")
+    rig = PlanarRig(maze)
+    modules = ("leaves_of_the_page",)
+    run_job(
+        rig, Setup(maze, known(maze), str(tree), settings=PATIENT, behavior_modules=modules), Job(1, 5, 0.3, 0, 0.5)
+    )
+    leaning = 0.2 / 9.81
+    assert [u for u, _ in rig.commands[-11:]] == pytest.approx([leaning * (1.0 - k / 10) for k in range(11)])
+
+
+def test_the_table_of_budgets_is_that_of_the_packaged_tree():
+    text = (resources.share("behaviors") / "navigate.xml").read_text(encoding="utf-8")
+    in_tree = [
+        (set(kinds.split(";")), int(most))
+        for kinds, most in re.findall(r'FailureIs kinds="([^"]*)" at_most="(\d+)"', text)
+    ]
+    rows = re.findall(r"^\| (`.*`) \| [^|]* \| (\d+) \|$", PAGE, re.MULTILINE)
+    assert [(set(re.findall(r"`(\w+)`", kinds)), int(most)) for kinds, most in rows] == in_tree
+    total = re.search(r'num_attempts="(\d+)"', text)
+    assert total is not None
+    assert f"| all | attempts | {total.group(1)} |" in PAGE
