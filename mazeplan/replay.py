@@ -94,7 +94,8 @@ def replay(log: str | Path, *, model: str | Path | RigModel | None = None, behav
     _check_kind(header, complete, path)
     try:
         script = _Script([m for m in messages if m[0] != "/header"], float(header["replay"]["rate_hz"]))
-        setup, job = _setup_of(header, path, model, behavior), _job_of(header)
+        setup = _setup_of(header, path, model, behavior)
+        job = _job_of(header, setup.maze)
         said = Retold((document for topic, document in messages if topic == "/event"), setup.maze)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
@@ -121,10 +122,14 @@ def _check_kind(header: dict[str, Any], complete: bool, path: Path) -> None:
 # -- from the header to the run ------------------------------------------------------------------------------------
 
 
-def _job_of(header: dict[str, Any]) -> Job:
+def _job_of(header: dict[str, Any], maze: Maze) -> Job:
     kept = header["replay"]
     theta, closed = kept.get("start_theta"), tuple(str(name) for name in kept["closed"])
     start, goal, seed = (int(header[name]) for name in ("start_ring", "goal_ring", "seed"))
+    if not {start, goal} <= {ring.number for ring in maze.rings} or seed < 0:
+        raise ValueError(f"from ring {start} to {goal}, seed {seed}")
+    for name in closed:
+        maze.opening(name)
     return Job(start, goal, None if theta is None else float(theta), seed, float(header["time_limit_s"]), closed)
 
 
@@ -197,6 +202,8 @@ class _Script:
     _same: int = 0  # messages that were compared and are alike
 
     def __post_init__(self) -> None:
+        if not (math.isfinite(self.rate_hz) and self.rate_hz > 0.0):
+            raise ValueError(f"rate_hz {self.rate_hz}")
         self._ticks = [document for topic, document in self.recorded if topic == "/tick"]
         self._observed = [_observation(document) for document in self._ticks]
         self._result = next((document for topic, document in self.recorded if topic == "/result"), None)

@@ -86,7 +86,8 @@ class GateRollout:
         """Compile or load everything before the rig moves."""
         opening = self._maze.openings[0]
         r = self._maze.track_radius(opening.outer)
-        state = State(0.0, r * math.cos(opening.angle), r * math.sin(opening.angle), *[0.0] * 6, opening.outer, True)
+        x, y = r * math.cos(opening.angle), r * math.sin(opening.angle)
+        state = State(0.0, x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, opening.outer)
         self.better(state, opening, opening.inner)
 
 
