@@ -84,6 +84,7 @@ class Player:
         self.at = self.ticks = self.starts = self.halts = self.ends = 0
         self._conditions = leaf.conditions
         leaf.start, leaf.step, leaf.halt = self._start, self._step, self._halt
+        leaf.wind_down = lambda: SUCCESS
         leaf.conditions = self  # type: ignore[assignment]  # asked as conditions are
 
     @property

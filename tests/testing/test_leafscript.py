@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS
 from mazeplan.errors import InputError
 from mazeplan.records import FailureKind
-from mazeplan.testing import script, tick_tree
+from mazeplan.testing import Player, script, tick_tree
 
 HEAD = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></root>'
 
@@ -110,3 +112,14 @@ def test_halting_is_noted_once_for_each_node_that_ran():
     assert record.statuses("Replan") == ["RUNNING"] * 3 + ["HALTED"]
     assert record.statuses("row") == ["RUNNING"] * 3 + ["HALTED"]
     record.halts("Replan").ends_with("RUNNING")
+
+
+def test_a_leaf_with_a_script_winds_nothing_down():
+    class Slow(Leaf):
+        """Would go on for a while."""
+
+        def wind_down(self):
+            return RUNNING
+
+    player = Player(Slow("slow", None, Blackboard(), {}), script("R"))
+    assert player.leaf.wind_down() is SUCCESS
