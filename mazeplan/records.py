@@ -173,6 +173,7 @@ class FailureKind(StrEnum):
     OPENING_CLOSED = "opening_closed"
     ROUTE_CHANGED = "route_changed"
     OUT_OF_TIME = "out_of_time"
+    ELSEWHERE = "elsewhere"
     RIG_FAILED = "rig_failed"
 
 
@@ -219,8 +220,8 @@ class GoalGiven:
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    success: in the newest of `goals`; reason is "arrived", a failure kind, "stopped" from outside, "skipped" or
-    "interrupted". planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed.
+    success: the tree succeeded with the ball in the newest of `goals`; reason is "arrived", a failure kind, "stopped"
+    from outside, "skipped" or "interrupted". planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed.
     """
 
     success: bool

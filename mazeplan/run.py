@@ -224,7 +224,7 @@ class Run:
             if (status == "RUNNING" and not late) or not (self._outside is None or self._outside.over()):
                 continue
             if status == "SUCCESS":
-                return self._end(True, "arrived", log)
+                return self._succeeded(log)
             if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
                 return self._end(False, "skipped", log)
             if status == "FAILURE":
@@ -233,6 +233,17 @@ class Run:
             detail = f"not in ring {self.context.goal} after {job.time_limit:g} s"
             self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
             return self._end(False, str(FailureKind.OUT_OF_TIME), log)
+
+    def _succeeded(self, log: str | None) -> NavigationResult:
+        """The tree says that all is done: it is where the ball was measured in the ring of the newest goal."""
+        run, measured = self.context, self.context.measured
+        known = measured is not None and not measured.lost and math.isfinite(measured.r)
+        if known and measured.ring == run.goal:
+            return self._end(True, "arrived", log)
+        where = f"in ring {measured.ring}" if known else "nobody knows where"
+        detail = f"the tree succeeded with the ball {where}, the goal is ring {run.goal}"
+        run.failed(Failure(FailureKind.ELSEWHERE, "run", run.now, detail))
+        return self._end(False, str(FailureKind.ELSEWHERE), log)
 
     def _end(
         self, success: bool, reason: str, log: str | None, observation: Observation | None = None

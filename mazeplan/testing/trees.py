@@ -102,7 +102,7 @@ def run_tree(
         return _record(watch, maze, aim, "rig_failed", False)
     finally:
         machine.close()
-    if result.reason == FailureKind.OUT_OF_TIME:  # the run's own failure, which no leaf reported
+    if result.reason in (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE):  # the run's own, which no leaf reported
         last = result.failures[-1]
         detail = {"kind": str(last.kind), "where": last.where, "detail": last.detail}
         if not any(event.kind == "failure" and event.detail == detail for event in watch.events):
