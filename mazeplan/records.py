@@ -174,6 +174,7 @@ class FailureKind(StrEnum):
     ROUTE_CHANGED = "route_changed"
     OUT_OF_TIME = "out_of_time"
     ELSEWHERE = "elsewhere"
+    LEAF_FAILED = "leaf_failed"
     RIG_FAILED = "rig_failed"
 
 
@@ -221,7 +222,8 @@ class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
     success: the tree succeeded with the ball in the newest of `goals`; reason is "arrived", a failure kind, "stopped"
-    from outside, "skipped" or "interrupted". planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed.
+    from outside, "skipped", "interrupted", or "crashed" where the program itself raised what it should not.
+    planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed.
     """
 
     success: bool

@@ -33,7 +33,7 @@ from mazeplan.maze.memory import memory_from_document
 from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.records import FailureKind, Observation
 from mazeplan.rigs.interface import Rig
-from mazeplan.run import Run
+from mazeplan.run import CRASHED, Run
 from mazeplan.settings import settings_from_text
 from mazeplan.usermodule import user_module
 
@@ -43,7 +43,8 @@ NEAR = 1e-9  # relative, and absolute in rad and m: processors may round differe
 LAST_DIGIT = 1.5e-6  # of a plan's trajectory, which the log holds with six digits
 CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # of a tick
 MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # what other messages tell besides decisions
-UNFINISHED = ("interrupted", str(FailureKind.RIG_FAILED))  # reasons of runs that stopped anywhere in a tick
+# reasons of runs that stopped anywhere in a tick
+UNFINISHED = ("interrupted", CRASHED, str(FailureKind.RIG_FAILED), str(FailureKind.LEAF_FAILED))
 
 
 @dataclass(frozen=True)

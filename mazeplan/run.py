@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.leaf import blames_a_leaf
 from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import read_tree
@@ -25,7 +26,7 @@ from mazeplan.control.play import Gears
 from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.data.runlog import RunDocuments, RunLogWriter
 from mazeplan.display import Display, NullDisplay
-from mazeplan.errors import RigError
+from mazeplan.errors import MazeplanError, RigError
 from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.estimation.scrutiny import Scrutiny
 from mazeplan.goals import Edit, Goals, Outside, Stop
@@ -45,6 +46,7 @@ from mazeplan.records import (
 from mazeplan.rigs.interface import Rig
 from mazeplan.runrecord import RunRecord
 
+CRASHED = "crashed"  # the reason where the program itself raised what it should not
 HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
 
 
@@ -85,6 +87,10 @@ def attempt_job(
         except KeyboardInterrupt:
             if writer is not None:
                 writer.result(run.result(False, "interrupted", str(log)).to_json())
+            raise
+        except Exception as error:
+            if writer is not None:
+                writer.result(run.broke_off(error, path).to_json())
             raise
         if writer is not None:
             writer.result(result.to_json())
@@ -267,6 +273,15 @@ class Run:
         """What has happened until the rig failed."""
         self.context.failed(Failure(FailureKind.RIG_FAILED, "rig", self.context.now, str(error)))
         return self.result(False, str(FailureKind.RIG_FAILED), log)
+
+    def broke_off(self, error: Exception, log: str | None) -> NavigationResult:
+        """What has happened until a leaf, or the program itself, could not go on."""
+        if not blames_a_leaf(error):
+            return self.result(False, CRASHED, log)
+        told = str(error) if isinstance(error, MazeplanError) else f"{type(error).__name__}: {error}"
+        detail = ", ".join((told, *getattr(error, "__notes__", ())))
+        self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, detail))
+        return self.result(False, str(FailureKind.LEAF_FAILED), log)
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
         """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or

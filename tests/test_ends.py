@@ -7,6 +7,7 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.data.runlog_reader import read_log
+from mazeplan.errors import TreeError
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
@@ -65,3 +66,82 @@ def test_a_ball_that_is_lost_is_not_there(world):
     result, *_ = world('<Delay delay_msec="900"><ForceSuccess><BallSeen/></ForceSuccess></Delay>', goal=1, mishap=hide)
     assert (result.success, result.reason) == (False, "elsewhere")
     assert "with the ball nobody knows where" in result.failures[-1].detail
+
+
+def test_two_packaged_leaves_that_command_side_by_side_are_named_with_the_line(world):
+    tree = '<Parallel>\n<Settle ring="1"/>\n<Dither name="Shake"/>\n</Parallel>'
+    problem, _, log = world(tree)
+    assert isinstance(problem, TreeError)
+    assert str(problem) == (
+        "tree.xml:4: Main/Parallel/Shake: Shake and Settle both command the rig at t = 0.000 s, expected one of them"
+    )
+    assert (log.result["success"], log.result["reason"]) == (False, "leaf_failed")
+    assert log.events[-1]["detail"]["detail"] == str(problem)
+
+
+LEAN = """
+from mazeplan.records import Command
+
+class Lean(MazeLeaf):
+    def step(self):
+        told = 0.01 if self.context.now < 0.49 else {}
+        self.context.steer(self.name, {})
+        return Status.RUNNING
+"""
+
+
+@pytest.mark.parametrize(
+    ("told", "command", "got"),
+    [
+        ('float("nan")', "Command(told, 0.0)", "u_beta = nan, u_gamma = 0.0, expected finite numbers, rad"),
+        ('float("-inf")', "Command(0.0, told)", "u_beta = 0.0, u_gamma = -inf, expected finite numbers, rad"),
+        ("None", "told and Command(told, 0.0)", "None, expected a Command"),
+    ],
+)
+def test_a_command_that_is_none_is_an_error_of_the_leaf_and_not_of_the_rig(world, told, command, got):
+    problem, rig, log = world("<Sequence>\n<Lean/></Sequence>", LEAN.format(told, command))
+    assert isinstance(problem, TreeError)
+    assert str(problem) == f"tree.xml:3: Main/Sequence/Lean: command: got {got}"
+    assert log.result["reason"] == "leaf_failed"
+    assert len(log.ticks["t"]) == 15
+    assert set(rig.commands) in ({(0.01, 0.0)}, {(0.0, 0.01)})
+    assert replay("run.mcap", model=known(MAZE)).identical
+
+
+BROKEN = """
+class Broken(MazeLeaf):
+    def step(self):
+        return Status.RUNNING if self.context.now < {at} else {{}}["nothing"]
+
+    def halt(self):
+        {halt}
+
+    def wind_down(self):
+        {wind_down}
+"""
+
+
+@pytest.mark.parametrize(
+    ("at", "halt", "wind_down", "n"), [(0.49, "pass", "pass", 15), (9, "1 / 0", "pass", 16), (9, "pass", "1 / 0", 16)]
+)
+def test_a_leaf_that_raises_is_named_and_the_log_is_whole(world, at, halt, wind_down, n):
+    leaves = BROKEN.format(at=at, halt=halt, wind_down=wind_down)
+    problem, _, log = world("<Sequence>\n<Broken/></Sequence>", leaves, time_limit=0.48)
+    assert type(problem) is (KeyError if at == 0.49 else ZeroDivisionError)
+    assert problem.__notes__ == ["raised by the leaf at tree.xml:3: Main/Sequence/Broken"]
+    assert (log.result["success"], log.result["reason"]) == (False, "leaf_failed")
+    last = log.events[-1]["detail"]
+    assert (last["kind"], last["where"]) == ("leaf_failed", "tree")
+    said = "KeyError: 'nothing'" if at == 0.49 else "ZeroDivisionError: division by zero"
+    assert last["detail"] == f"{said}, {problem.__notes__[0]}"
+    assert len(log.ticks["t"]) == n
+
+
+def test_what_is_not_a_leafs_fault_is_not_said_to_be(world):
+    def fail(rig):
+        raise ValueError("of the machine")
+
+    problem, _, log = world("<BallSeen/>", mishap=fail)
+    assert isinstance(problem, ValueError)
+    assert not hasattr(problem, "__notes__")
+    assert (log.result["reason"], log.result["failures"]) == ("crashed", [])

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 from talking import MAZE, NAMES, SETUP, go, said
 
-from mazeplan.behavior.context import TwoCommandsError
 from mazeplan.data.runlog import RunLogWriter, read_log
 from mazeplan.data.runlog_reader import read_messages
-from mazeplan.errors import LogError
+from mazeplan.errors import LogError, TreeError
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.navigate import navigate
@@ -187,6 +186,6 @@ def test_two_leaves_that_command_in_one_tick_are_found_after_another_goal(tmp_pa
     setup = Setup(MAZE, known(MAZE), str(tree), settings=PATIENT, behavior_modules=("greedy_leaves",))
     goals = Goals(MAZE)
     assert go({}, goals=goals, setup=setup)[0].success
-    with pytest.raises(TwoCommandsError, match=r"Track and Greedy both command the rig at t = 0\.333 s"):
+    with pytest.raises(TreeError, match=r"Track and Greedy both command the rig at t = 0\.333 s"):
         go({10: lambda: goals.aim(2)}, goals=goals, setup=setup)
     assert not goals.aim(3)  # and the mailbox knows that the run is over

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from mazeplan.behavior.leaf import CommandError, shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.gate import GateOptions
 from mazeplan.control.gate_rollout import GateRollout, RolloutOptions
@@ -69,8 +70,8 @@ class LeafOptions:
     settle: SettleOptions = field(default_factory=SettleOptions)
 
 
-class TwoCommandsError(AssertionError):
-    """Two leaves commanded the rig in one tick: a bug in a tree's leaf, never a user's mistake."""
+class TwoCommandsError(CommandError, AssertionError):
+    """The rig was commanded twice in one tick. Out of a leaf it is a TreeError at that leaf's line."""
 
 
 @dataclass
@@ -171,9 +172,16 @@ class RunContext:
         return self.state
 
     def steer(self, leaf: str, command: Command) -> None:
-        """Give the command of this tick; only one leaf may."""
+        """Give the command of this tick; only one leaf may. Raises CommandError, out of a leaf TreeError at its line,
+        for a second one, and for one that is not of finite numbers."""
+        if not isinstance(command, Command):
+            raise CommandError(f"command: got {shown(command)}, expected a Command")
+        if not (math.isfinite(command.u_beta) and math.isfinite(command.u_gamma)):
+            got = f"u_beta = {command.u_beta}, u_gamma = {command.u_gamma}"
+            raise CommandError(f"command: got {got}, expected finite numbers, rad")
         if self.command is not None:
-            raise TwoCommandsError(f"{leaf} and {self.commanded_by} both command the rig at t = {self.now:.3f} s")
+            both = f"{leaf} and {self.commanded_by} both command the rig"
+            raise TwoCommandsError(f"{both} at t = {self.now:.3f} s, expected one of them")
         self.command, self.commanded_by = command, leaf
 
     def follow(self, law: str) -> None:

@@ -7,11 +7,11 @@ has a `wind_down` (see `winding`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
@@ -20,8 +20,10 @@ from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.conditions import Conditions
 from mazeplan.behavior.expression import ExpressionError
 from mazeplan.behavior.status import FINISHED, INVALID, RUNNING, SKIPPED, Result
-from mazeplan.errors import TreeError
+from mazeplan.errors import RigError, TreeError
 from mazeplan.records import Failure
+
+Returned = TypeVar("Returned")
 
 
 class _Required:
@@ -30,6 +32,18 @@ class _Required:
 
 
 REQUIRED = _Required()
+
+
+class CommandError(Exception):
+    """A command that cannot go out; the leaf that gives it makes it a TreeError at its own line."""
+
+
+BLAME = "raised by the leaf at "
+
+
+def blames_a_leaf(problem: BaseException) -> bool:
+    """Whether an exception came out of a leaf, which then stands in it by file and line."""
+    return isinstance(problem, TreeError) or any(n.startswith(BLAME) for n in getattr(problem, "__notes__", ()))
 
 
 class Context(Protocol):
@@ -256,8 +270,23 @@ class Leaf(TreeNode):
     def act(self) -> Result:
         """One tick: entered if it was idle, then a step."""
         if self.status is not RUNNING:
-            self.initialise()
-        return self.update()
+            self.blamed(self.initialise)
+        return self.blamed(self.update)
+
+    def blamed(self, method: Callable[[], Returned]) -> Returned:
+        """Call a method of the leaf; what it raises names the leaf. Raises TreeError for a command that cannot go out;
+        anything else keeps its type and gets a note."""
+        try:
+            return method()
+        except CommandError as problem:
+            raise self.wrong(str(problem)) from None
+        except RigError:  # the rig's, or the watchdog's, that interrupts whatever goes on
+            raise
+        except Exception as problem:
+            if not blames_a_leaf(problem):
+                place = self.place
+                problem.add_note(BLAME + (self.name if place is None else f"{place.file}:{place.line}: {place.path}"))
+            raise
 
     def initialise(self) -> None:
         """py_trees: entered."""
@@ -281,4 +310,4 @@ class Leaf(TreeNode):
         """py_trees: left; may be called more than once for one interruption."""
         if new_status is Status.INVALID and self._running:
             self._running = False
-            self.halt()
+            self.blamed(self.halt)

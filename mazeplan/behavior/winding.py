@@ -42,7 +42,7 @@ class WindDown:
         """Let each leaf that still asks do what it has to do."""
         for leaf in list(self._left):
             self._left[leaf] -= 1
-            if leaf.checked(leaf.wind_down(), "wind_down") is not RUNNING or self._left[leaf] == 0:
+            if leaf.checked(leaf.blamed(leaf.wind_down), "wind_down") is not RUNNING or self._left[leaf] == 0:
                 del self._left[leaf]
 
     def towards_level(self, wanted: Command | None) -> Command:

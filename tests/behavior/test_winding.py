@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.behavior.context import TwoCommandsError
 from mazeplan.behavior.ownleaves import MOST_WIND_DOWN, registry_with
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import InputError, TreeError
@@ -197,7 +196,7 @@ def test_two_leaves_that_wind_down_side_by_side_may_not_both_command(world):
     tree = '<Parallel success_count="2"><Slow/><Quiet/></Parallel>'
     setup, module = world(tree)
     module.WANTED[:] = [(0.01, 0.0), None, (0.01, 0.0), (0.01, 0.0)]
-    with pytest.raises(TwoCommandsError, match="Quiet and Slow both command the rig"):
+    with pytest.raises(TreeError, match="Quiet and Slow both command the rig"):
         stopped_at(setup, 10)
     assert module.TOLD == ["halt", "halt", "Slow", "Quiet", "Slow", "Quiet"]
 
