@@ -7,6 +7,7 @@ has a `wind_down` (see `winding`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -83,43 +84,74 @@ CONVERSIONS: dict[type, Any] = {int: _number(int), float: _number(float), str: s
 INSTANCES: dict[type, Any] = {int: Integral, float: Real, bool: bool, list: list | tuple}  # str: any object at all
 
 
+OF_THE_MAP = ("openings", "rings")
+
+
 @dataclass(frozen=True)
 class Port:
-    """A typed input or output of a node. direction: in, out, or inout; an output takes a {key} only. least: the
-    smallest number allowed. A port of type str also carries objects, such as a plan, by {key}."""
+    """A typed input or output of a node. direction: in, out, or inout; an output takes a {key} only. least, most: the
+    smallest and the largest number allowed; no number may be infinite. choices: the values allowed, of a list those of
+    its words, of which it needs one at least; "openings" or "rings": those of the run's map. A port of type str without
+    choices also carries objects, such as a plan, by {key}."""
 
     type: type
     default: Any = REQUIRED
     doc: str = ""
     direction: str = "in"
     least: float | None = None
+    most: float | None = None
+    choices: tuple[Any, ...] | str | None = None
 
     @property
     def expected(self) -> str:
-        """What is allowed, for an error."""
-        return self.type.__name__ if self.least is None else f"{self.type.__name__} >= {self.least:g}"
+        """What is allowed on any map, for an error."""
+        return self.expects()
 
-    def parse(self, text: str) -> Any:
+    def expects(self, context: Any = None) -> str:
+        """What is allowed in a run with this context, for an error."""
+        allowed = self.allowed(context)
+        if allowed is not None:
+            several = "one or more, separated by ;, of " if self.type is list else "one of "
+            return several + (", ".join(map(str, allowed)) or f"the map's {self.choices}, of which it has none")
+        bounds = ((">=", self.least), ("<=", self.most))
+        said = " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
+        return " ".join(filter(None, (self.type.__name__, said))) + (", finite" if self.type is float else "")
+
+    def allowed(self, context: Any = None) -> tuple[Any, ...] | None:
+        """The values to choose from; None: any, or nobody knows without a map."""
+        if not isinstance(self.choices, str):
+            return self.choices
+        maze = getattr(context, "maze", None)
+        if maze is None:
+            return None
+        return (
+            tuple(o.name for o in maze.openings) if self.choices == "openings" else tuple(r.number for r in maze.rings)
+        )
+
+    def parse(self, text: str, context: Any = None) -> Any:
         """A literal from a file. Raises ValueError."""
-        return self._bounded(CONVERSIONS[self.type](text))
+        return self._bounded(CONVERSIONS[self.type](text), context)
 
-    def accept(self, value: Any) -> Any:
+    def accept(self, value: Any, context: Any = None) -> Any:
         """A value from the blackboard; text becomes what the port takes, as a literal would. Raises ValueError."""
-        if self.type is str:
-            return value
-        if type(value) is self.type:
-            return self._bounded(value)
+        if self.type is str or type(value) is self.type:
+            return self._bounded(value, context)
         if isinstance(value, str):
-            return self.parse(value)
+            return self.parse(value, context)
         if not isinstance(value, INSTANCES[self.type]) or (isinstance(value, bool) and self.type is not bool):
             raise ValueError(value)
-        return self._bounded(value)
+        return self._bounded(value, context)
 
-    def _bounded(self, value: Any) -> Any:
-        if isinstance(value, float) and value != value:  # NaN is equal to nothing
+    def _bounded(self, value: Any, context: Any) -> Any:
+        if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(value)
-        if self.least is not None and value < self.least:
+        if (self.least is not None and value < self.least) or (self.most is not None and value > self.most):
             raise ValueError(value)
+        if self.choices is not None:
+            allowed = self.allowed(context)
+            words = value if self.type is list else (value,)
+            if allowed is not None and not (words and all(word in allowed for word in words)):
+                raise ValueError(value)
         return value
 
 
@@ -168,9 +200,9 @@ class TreeNode(Behaviour):
         except KeyError as missing:
             raise self.wrong(f"{port}: {missing.args[0]}") from None
         try:
-            return self.ports[port].accept(found)
+            return self.ports[port].accept(found, getattr(self, "context", None))
         except (ValueError, OverflowError):
-            expected = self.ports[port].expected
+            expected = self.ports[port].expects(getattr(self, "context", None))
             raise self.wrong(f"{port}: got {shown(found)} from {{{value.name}}}, expected {expected}") from None
 
     def wrong(self, problem: str) -> TreeError:

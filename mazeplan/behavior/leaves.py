@@ -24,9 +24,9 @@ class Align(MazeLeaf):
     """Bring the ball in front of the opening and slow it down, leaning only lightly towards it."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "opening": Port(str, REQUIRED, "name of the opening"),
-        "lean_deg": Port(float, 1.0, "tilt towards the next ring meanwhile, deg"),
-        "timeout_s": Port(float, 2.0, "after that the opening counts as missed"),
+        "opening": Port(str, REQUIRED, "name of the opening", choices="openings"),
+        "lean_deg": Port(float, 1.0, "tilt towards the next ring meanwhile, deg", least=0.0, most=90.0),
+        "timeout_s": Port(float, 2.0, "after that the opening counts as missed", least=0.0),
     }
 
     def start(self) -> None:
@@ -60,8 +60,8 @@ class PassOpening(MazeLeaf):
     """Push the ball through the opening by tilting along its radial direction, or by what a rollout says is sooner."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "opening": Port(str, REQUIRED, "name of the opening"),
-        "timeout_s": Port(float, 1.2, "after that the opening counts as missed"),
+        "opening": Port(str, REQUIRED, "name of the opening", choices="openings"),
+        "timeout_s": Port(float, 1.2, "after that the opening counts as missed", least=0.0),
     }
 
     def start(self) -> None:
@@ -91,7 +91,9 @@ class PassOpening(MazeLeaf):
 class ConfirmRing(MazeLeaf):
     """Confirm that the ball is in the ring behind the opening."""
 
-    ports: ClassVar[dict[str, Port]] = {"opening": Port(str, REQUIRED, "name of the opening it went through")}
+    ports: ClassVar[dict[str, Port]] = {
+        "opening": Port(str, REQUIRED, "name of the opening it went through", choices="openings")
+    }
 
     def step(self) -> Status:
         """SUCCESS in a ring that the opening joins, on the side nearer the goal; FAILURE wrong_ring otherwise."""
@@ -108,10 +110,10 @@ class Settle(MazeLeaf):
     """Keep the ball in the goal ring until it has been there for a while, by what was measured."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "ring": Port(int, REQUIRED, "the goal ring"),
-        "hold_s": Port(float, 0.2, "time that the ball's centre must be measured inside the ring, s"),
-        "damping": Port(float, None, "braking, 1/s; default: of the settings"),
-        "timeout_s": Port(float, 3.0, "after that, back to planning"),
+        "ring": Port(int, REQUIRED, "the goal ring", choices="rings"),
+        "hold_s": Port(float, 0.2, "time that the ball's centre must be measured inside the ring, s", least=0.0),
+        "damping": Port(float, None, "braking, 1/s; default: of the settings", least=0.0),
+        "timeout_s": Port(float, 3.0, "after that, back to planning", least=0.0),
     }
 
     def start(self) -> None:

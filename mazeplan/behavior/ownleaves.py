@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from mazeplan.behavior.decorators import DECORATORS
-from mazeplan.behavior.leaf import CONVERSIONS, Leaf, Port, shown
+from mazeplan.behavior.leaf import CONVERSIONS, OF_THE_MAP, Leaf, Port, shown
 from mazeplan.behavior.nodes import CONTROLS
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.errors import InputError
@@ -72,5 +72,8 @@ def _check(leaf: type[Leaf], where: str) -> None:
         if port.type not in CONVERSIONS:
             known = ", ".join(kind.__name__ for kind in CONVERSIONS)
             raise InputError(f"{here}[{name!r}]: got the type {shown(port.type)}, expected one of {known}")
+        if port.choices is not None and port.choices not in OF_THE_MAP and not isinstance(port.choices, tuple | list):
+            expected = f"a tuple of values, or one of {', '.join(OF_THE_MAP)}"
+            raise InputError(f"{here}[{name!r}]: choices: got {shown(port.choices)}, expected {expected}")
         if port.direction not in DIRECTIONS:
             raise InputError(f"{here}[{name!r}]: got {shown(port.direction)}, expected one of {', '.join(DIRECTIONS)}")

@@ -27,7 +27,7 @@ class BallSeen(MazeLeaf):
 class InRing(MazeLeaf):
     """Whether the ball is in a ring."""
 
-    ports: ClassVar[dict[str, Port]] = {"ring": Port(int, REQUIRED, "number of the ring")}
+    ports: ClassVar[dict[str, Port]] = {"ring": Port(int, REQUIRED, "number of the ring", choices="rings")}
 
     def step(self) -> Status:
         """SUCCESS or FAILURE; not a failure of the run."""
@@ -38,8 +38,8 @@ class FailureIs(MazeLeaf):
     """Whether the last failure is of one of these kinds, and has not happened too often."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "kinds": Port(list, REQUIRED, "kinds of failure, separated by ;"),
-        "at_most": Port(int, 1000, "only while no more of its kind have happened on the way to this goal"),
+        "kinds": Port(list, REQUIRED, "kinds of failure, separated by ;", choices=tuple(map(str, FailureKind))),
+        "at_most": Port(int, 1000, "only while no more of its kind have happened on the way to this goal", least=0),
     }
 
     def step(self) -> Status:
@@ -53,7 +53,7 @@ class FailureIs(MazeLeaf):
 class LevelPlate(MazeLeaf):
     """Keep the plate level until the ball is seen again."""
 
-    ports: ClassVar[dict[str, Port]] = {"timeout_s": Port(float, 5.0, "how long to wait")}
+    ports: ClassVar[dict[str, Port]] = {"timeout_s": Port(float, 5.0, "how long to wait", least=0.0)}
 
     def start(self) -> None:
         """Name the recovery."""
@@ -75,9 +75,9 @@ class Dither(MazeLeaf):
     """Free a ball that stands still: a short circular shake of the plate, growing."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "duration_s": Port(float, 0.5, "how long"),
-        "amplitude_deg": Port(float, 4.0, "tilt at the end of it"),
-        "frequency_hz": Port(float, 4.0, "turns per second"),
+        "duration_s": Port(float, 0.5, "how long", least=0.0),
+        "amplitude_deg": Port(float, 4.0, "tilt at the end of it", least=0.0, most=90.0),
+        "frequency_hz": Port(float, 4.0, "turns per second", least=0.0, most=1e3),
     }
 
     def start(self) -> None:
@@ -101,8 +101,8 @@ class BackOff(MazeLeaf):
     """Roll a little away from the opening, past it, so that the next attempt comes from the other side."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "duration_s": Port(float, 0.35, "how long"),
-        "tilt_deg": Port(float, 3.0, "tilt along the ring"),
+        "duration_s": Port(float, 0.35, "how long", least=0.0),
+        "tilt_deg": Port(float, 3.0, "tilt along the ring", least=0.0, most=90.0),
     }
 
     def start(self) -> None:
@@ -125,7 +125,9 @@ class BackOff(MazeLeaf):
 class AvoidOpening(MazeLeaf):
     """Make the opening that failed dearer, so that the next route prefers another."""
 
-    ports: ClassVar[dict[str, Port]] = {"times": Port(int, 2, "as if it had failed that many times more")}
+    ports: ClassVar[dict[str, Port]] = {
+        "times": Port(int, 2, "as if it had failed that many times more", least=0, most=1000)
+    }
 
     def step(self) -> Status:
         """SUCCESS always."""

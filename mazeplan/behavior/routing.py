@@ -25,7 +25,7 @@ class PlanRoute(MazeLeaf):
     """Plan the route to the goal ring from where the ball is."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "goal": Port(int, REQUIRED, "ring to reach"),
+        "goal": Port(int, REQUIRED, "ring to reach", choices="rings"),
         "legs": Port(int, None, "number of openings on the route", "out"),
     }
 
@@ -44,7 +44,7 @@ class ChooseOpening(MazeLeaf):
     """Choose the opening to leave this ring by: the one by which the goal is soonest, planning to the best of them."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "goal": Port(int, REQUIRED, "ring to reach in the end"),
+        "goal": Port(int, REQUIRED, "ring to reach in the end", choices="rings"),
         "opening": Port(str, None, "name of the opening chosen", "out"),
     }
 

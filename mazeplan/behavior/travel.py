@@ -26,9 +26,11 @@ from mazeplan.maze.geometry import Opening
 from mazeplan.records import Command, FailureKind, Plan
 
 TRAVEL = {
-    "lean_deg": Port(float, None, "tilt towards the next ring on the way, deg; default: of the settings"),
-    "speed": Port(float, None, "speed on arrival along the ring, m/s; default: of the settings"),
-    "deadline_ms": Port(float, None, "time the planner may take; default: of the settings"),
+    "lean_deg": Port(
+        float, None, "tilt towards the next ring on the way, deg; default: of the settings", least=0.0, most=90.0
+    ),
+    "speed": Port(float, None, "speed on arrival along the ring, m/s; default: of the settings", least=0.0),
+    "deadline_ms": Port(float, None, "time the planner may take; default: of the settings", least=0.0),
 }
 
 
@@ -111,7 +113,7 @@ class PlanInRing(MazeLeaf):
     """Plan the ball's way along its ring to the opening with iLQG, the plate leaning towards the opening's side."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
+        "opening": Port(str, REQUIRED, "name of the opening to arrive at", choices="openings"),
         **TRAVEL,
         "plan": Port(str, None, "the plan, for Track", "out"),
     }
@@ -148,11 +150,16 @@ class Track(MazeLeaf):
     """Follow the plan to the opening; plan again when ball and plan part, or the plan is old."""
 
     ports: ClassVar[dict[str, Port]] = {
-        "opening": Port(str, REQUIRED, "name of the opening to arrive at"),
+        "opening": Port(str, REQUIRED, "name of the opening to arrive at", choices="openings"),
         "plan": Port(str, REQUIRED, "the plan to follow"),
-        "law": Port(str, "gains", "gains: the plan's own time-varying ones; pd: PD on the planned trajectory"),
+        "law": Port(
+            str,
+            "gains",
+            "gains: the plan's own time-varying ones; pd: PD on the planned trajectory",
+            choices=("gains", "pd"),
+        ),
         **TRAVEL,
-        "timeout_s": Port(float, 4.0, "after that the opening counts as missed"),
+        "timeout_s": Port(float, 4.0, "after that the opening counts as missed", least=0.0),
     }
 
     def start(self) -> None:

@@ -290,15 +290,15 @@ class _Builder:
             given = text
             try:
                 if key is None:
-                    values[attribute] = port.parse(text)
+                    values[attribute] = port.parse(text, self._context)
                     continue
                 values[attribute] = key
                 if port.direction != "out" and key.name in board:
                     given = board.get(key.name)
-                    port.accept(given)
+                    port.accept(given, self._context)
             except (ValueError, OverflowError):
                 source = f" from {{{key.name}}}" if key else ""
-                problem = f"{attribute}: got {shown(given)}{source}, expected {port.expected}"
+                problem = f"{attribute}: got {shown(given)}{source}, expected {port.expects(self._context)}"
                 raise self.error(element, path, problem) from None
         for name, port in ports.items():
             if port.default is REQUIRED and name not in values:

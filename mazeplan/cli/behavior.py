@@ -12,6 +12,7 @@ from mazeplan.cli.output import say
 from mazeplan.errors import InputError, TreeError
 
 if TYPE_CHECKING:
+    from mazeplan.behavior.leaf import Port
     from mazeplan.behavior.tree import BehaviorTree
 
 app = typer.Typer(help="Behaviour trees: check, show, list of leaves, palette for Groot2.", no_args_is_help=True)
@@ -87,9 +88,18 @@ def list_leaves(behavior_module: BehaviorModule = None) -> None:
                 "needed" if port.default is REQUIRED else "" if port.default is None else f"default {port.default}"
             )
             kind = "output" if port.direction == "out" else port.type.__name__
-            print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}")
+            print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}{_allowed(port)}")
     print("control nodes: " + ", ".join((*CONTROLS, *DECORATORS, "SubTree")))
     print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
+
+
+def _allowed(port: Port) -> str:
+    """The values to choose from, where a port has such."""
+    if port.choices is None:
+        return ""
+    return "; allowed: " + (
+        f"{port.choices} of the map" if isinstance(port.choices, str) else ", ".join(map(str, port.choices))
+    )
 
 
 @app.command("palette")
