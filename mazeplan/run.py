@@ -243,10 +243,11 @@ class Run:
     def _succeeded(self, log: str | None) -> NavigationResult:
         """The tree says that all is done: it is where the ball was measured in the ring of the newest goal."""
         run, measured = self.context, self.context.measured
-        known = measured is not None and not measured.lost and math.isfinite(measured.r)
-        if known and measured.ring == run.goal:
+        lost = measured is None or measured.lost or not math.isfinite(measured.r)
+        ring = None if measured is None or lost else measured.ring
+        if ring == run.goal:
             return self._end(True, "arrived", log)
-        where = f"in ring {measured.ring}" if known else "nobody knows where"
+        where = "nobody knows where" if ring is None else f"in ring {ring}"
         detail = f"the tree succeeded with the ball {where}, the goal is ring {run.goal}"
         run.failed(Failure(FailureKind.ELSEWHERE, "run", run.now, detail))
         return self._end(False, str(FailureKind.ELSEWHERE), log)

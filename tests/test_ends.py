@@ -145,3 +145,32 @@ def test_what_is_not_a_leafs_fault_is_not_said_to_be(world):
     assert isinstance(problem, ValueError)
     assert not hasattr(problem, "__notes__")
     assert (log.result["reason"], log.result["failures"]) == ("crashed", [])
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('self.fail("stuck")', "fail: got 'stuck', expected a Failure; fail_as(kind, detail) makes one"),
+        ('self.fail_as("greasy", "of butter")', "fail_as: got 'greasy', expected one of stuck, missed_opening"),
+        ('self.get("sped")', "get: got 'sped', expected one of speed"),
+    ],
+)
+def test_what_a_leaf_says_wrongly_is_an_error_at_its_line(world, line, said):
+    leaves = f"""
+class Odd(MazeLeaf):
+    ports = {{"speed": Port(float, 1.0)}}
+
+    def step(self):
+        return {line}
+"""
+    problem, *_ = world("<Odd/>", leaves)
+    assert str(problem).startswith(f"tree.xml:2: Main/Odd: {said}")
+
+
+def test_a_failure_by_the_name_of_its_kind_is_the_reason(world):
+    leaves = """
+class Odd(MazeLeaf):
+    def step(self):
+        return self.fail_as("stuck", "in butter")
+"""
+    assert world("<Odd/>", leaves)[0].reason == "stuck"

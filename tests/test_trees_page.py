@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import subprocess
@@ -11,10 +12,11 @@ from pathlib import Path
 import pytest
 
 from mazeplan import resources
+from mazeplan.errors import TreeError
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "trees.md").read_text(encoding="utf-8")
-GOALS, LEAF = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+GOALS, ROLL, LEAF = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
 def test_the_example_of_a_new_goal_runs(tmp_path):
@@ -24,7 +26,39 @@ def test_the_example_of_a_new_goal_runs(tmp_path):
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("arrived [(5, 0.0)")
+    said = re.fullmatch(r"arrived \[\(5, 0\.0\), \(2, ([\d.]+)\)\]\n", done.stdout)
+    assert said is not None, done.stdout  # the goal did change, on the way
+    assert float(said.group(1)) > 0.5
+
+
+def test_the_leaf_of_ones_own_rolls_the_ball_and_says_why_it_fails(tmp_path, monkeypatch):
+    from mazeplan.testing import run_tree
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rolling_of_the_page.py").write_text(ROLL, encoding="utf-8")
+    tree = '<root BTCPP_format="4"><BehaviorTree ID="Main"><RollTo angle_deg="60" pull="{}"/></BehaviorTree></root>'
+    times = []
+    for pull in ("weak", "strong"):
+        record = run_tree(tree.format(pull), goal=1, behavior_modules=("rolling_of_the_page",)).ends_with("arrived")
+        times.append(record.ticks[-1].t)
+        assert abs(math.degrees(record.ticks[-1].theta) - 60.0) < 8.0
+    assert times[1] != times[0]
+    held = "- ball_stuck: {from_s: 0.0, to_s: 9.0}"
+    record = run_tree(tree.format("weak"), mishaps=held, goal=1, behavior_modules=("rolling_of_the_page",))
+    assert record.ends_with("stuck").result.failures[-1].where == "RollTo"
+    with pytest.raises(TreeError, match="pull: got 'harder', expected one of weak, strong"):
+        run_tree(tree.format("harder"), goal=1, behavior_modules=("rolling_of_the_page",))
+
+
+def test_the_page_names_what_a_context_has():
+    from mazeplan.behavior.context import RunContext
+
+    table = PAGE[PAGE.index("| `self.context` has |") : PAGE.index("- **Ports**")]
+    firsts = [line.split("|")[1] for line in table.splitlines()[2:] if line]
+    names = re.findall(r"`(\w+)", " ".join(firsts))
+    assert len(names) == 12
+    for name in names:
+        assert hasattr(RunContext, name) or name in RunContext.__dataclass_fields__, name
 
 
 def test_the_leaf_of_the_page_winds_down(tmp_path, monkeypatch):

@@ -149,7 +149,7 @@ class Port:
             raise ValueError(value)
         if self.choices is not None:
             allowed = self.allowed(context)
-            words = value if self.type is list else (value,)
+            words: Any = value if self.type is list else (value,)
             if allowed is not None and not (words and all(word in allowed for word in words)):
                 raise ValueError(value)
         return value
@@ -189,7 +189,11 @@ class TreeNode(Behaviour):
 
     def get(self, port: str) -> Any:
         """The value of a port: literal, blackboard entry, or default. Raises TreeError, at the line of the node, where
-        the entry is missing or not of the port's type."""
+        the entry is missing or not of the port's type, or the node has no such port."""
+        if port not in self.ports:
+            raise self.wrong(
+                f"get: got {shown(port)}, expected one of {', '.join(self.ports) or 'its ports: it has none'}"
+            )
         if port not in self._values:
             return self.ports[port].default
         value = self._values[port]
@@ -293,7 +297,9 @@ class Leaf(TreeNode):
         return Status.SUCCESS
 
     def fail(self, failure: Failure) -> Status:
-        """Leave a reason and return FAILURE."""
+        """Leave a reason and return FAILURE. Raises TreeError where it is none."""
+        if not isinstance(failure, Failure):
+            raise self.wrong(f"fail: got {shown(failure)}, expected a Failure; fail_as(kind, detail) makes one")
         self.context.failed(failure)
         return Status.FAILURE
 

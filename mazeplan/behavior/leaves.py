@@ -121,8 +121,8 @@ class Settle(MazeLeaf):
         self._began, self._inside_since = self.context.now, None
 
     def step(self) -> Status:
-        """SUCCESS after hold_s inside; FAILURE fell_back when the ball is out again, out_of_time when it never came
-        in."""
+        """SUCCESS after hold_s inside; FAILURE fell_back when the ball is out again, missed_opening when it never
+        came in."""
         run, goal = self.context, self.get("ring")
         measured = run.measured
         inside = measured is not None and measured.seen and self._inside(measured.r, goal)

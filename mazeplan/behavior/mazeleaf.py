@@ -7,7 +7,7 @@ import math
 from py_trees.common import Status
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.leaf import Leaf, shown
 from mazeplan.maze.geometry import Opening
 from mazeplan.records import Failure, FailureKind, State
 
@@ -20,10 +20,13 @@ class MazeLeaf(Leaf):
 
     context: RunContext
 
-    def fail_as(self, kind: FailureKind, detail: str) -> Status:
-        """Leave a failure of this kind and return FAILURE."""
-        run = self.context
-        return self.fail(Failure(kind, self.name, run.now, detail))
+    def fail_as(self, kind: FailureKind | str, detail: str = "") -> Status:
+        """Leave a failure of this kind, or of that name, and return FAILURE. Raises TreeError where there is no such
+        kind."""
+        if kind not in list(FailureKind):
+            kinds = ", ".join(map(str, FailureKind))
+            raise self.wrong(f"fail_as: got {shown(kind)}, expected one of {kinds}")
+        return self.fail(Failure(FailureKind(kind), self.name, self.context.now, detail))
 
     def current_opening(self) -> Opening:
         """The opening named by the port `opening`."""

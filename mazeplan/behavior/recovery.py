@@ -15,6 +15,7 @@ from mazeplan.records import LEVEL, FailureKind
 class BallSeen(MazeLeaf):
     """Whether the ball is seen, or was until a moment ago."""
 
+    category: ClassVar[str] = "Condition"
     ports: ClassVar[dict[str, Port]] = {}
 
     def step(self) -> Status:
@@ -27,6 +28,7 @@ class BallSeen(MazeLeaf):
 class InRing(MazeLeaf):
     """Whether the ball is in a ring."""
 
+    category: ClassVar[str] = "Condition"
     ports: ClassVar[dict[str, Port]] = {"ring": Port(int, REQUIRED, "number of the ring", choices="rings")}
 
     def step(self) -> Status:
@@ -37,6 +39,7 @@ class InRing(MazeLeaf):
 class FailureIs(MazeLeaf):
     """Whether the last failure is of one of these kinds, and has not happened too often."""
 
+    category: ClassVar[str] = "Condition"
     ports: ClassVar[dict[str, Port]] = {
         "kinds": Port(list, REQUIRED, "kinds of failure, separated by ;", choices=tuple(map(str, FailureKind))),
         "at_most": Port(int, 1000, "only while no more of its kind have happened on the way to this goal", least=0),

@@ -82,8 +82,8 @@ def _read(path: Path) -> bytes:
     """What a file says, as far as it may be read. Raises TreeError."""
     try:
         if not path.is_file():
-            names = ", ".join(tree_names())
-            raise TreeError(f"no such file; expected an XML file or one of {names}", file=path)
+            names, what = ", ".join(tree_names()), "got a folder" if path.is_dir() else "no such file"
+            raise TreeError(f"{what}; expected an XML file or one of {names}", file=path)
         with path.open("rb") as stream:
             return stream.read(MAX_BYTES + 1)
     except (OSError, ValueError) as problem:

@@ -125,3 +125,15 @@ def test_a_leaf_of_ones_own_has_choices_too(call, tmp_path, monkeypatch, choices
         assert f"ports['how']: choices: {said}, expected a tuple of values, or one of openings, rings" in err
     else:
         assert "tree.xml:2: M/Sequence/Go: how: got 'quick', expected one of fast" in err
+
+
+def test_the_palette_tells_conditions_from_actions(call):
+    out = call("behavior", "palette")[1]
+    assert {name for name in REGISTRY if f'<Condition ID="{name}"' in out} == {"BallSeen", "InRing", "FailureIs"}
+
+
+def test_a_folder_is_called_one(call, tmp_path):
+    (tmp_path / "trees").mkdir()
+    code, _, err = call("behavior", "check", "trees")
+    assert code == 2
+    assert err.startswith("mazeplan: trees: got a folder; expected an XML file or one of ")
