@@ -17,6 +17,7 @@ tree chooses a recovery. Anything else that escapes is a bug.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class MazeplanError(Exception):
@@ -68,6 +69,8 @@ class LogError(InputError):
 
 
 class RigError(MazeplanError):
-    """The machine failed: serial line, camera, watchdog."""
+    """The machine failed: serial line, camera, watchdog. `result`: the `records.NavigationResult` of what happened
+    until then, where a run was under way."""
 
     exit_status = 3
+    result: Any = None

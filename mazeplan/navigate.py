@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from mazeplan.choices import model_source, resolve_model, ring_number
 from mazeplan.display import Display
-from mazeplan.errors import InputError
+from mazeplan.errors import InputError, RigError
 from mazeplan.goals import Goals
 from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.geometry import Maze
@@ -80,8 +81,11 @@ def navigate(
     setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source)
     try:
         result = run_job(machine, setup, job, log=log, display=display, goals=goals)
-    finally:
-        machine.close()
+    except BaseException:
+        with suppress(RigError):  # what matters has been said
+            machine.close()
+        raise
+    machine.close()
     if kept is not None and memory is not None:
         save_memory(kept, Path(memory), result.time_s)
     return result

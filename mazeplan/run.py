@@ -60,6 +60,7 @@ def run_job(
     goals: where other goals come from meanwhile."""
     result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals)
     if problem is not None:
+        problem.result = result
         raise problem
     return result
 

@@ -24,6 +24,8 @@ ALLOWED = {  # who may look at it, and for what
     "control/stopwatch.py": {"import time", "perf_counter"},  # handed in; what it decided is in the log
     "run.py": {"from time import perf_counter"},  # how long a tick took, for the report
     "rigs/watchdog.py": {"from time import monotonic"},  # judges the loop from outside
+    "rigs/faulty.py": {"from time import monotonic"},  # when a call was made to hang ...
+    "faultcampaign.py": {"from time import monotonic"},  # ... and how long it did, for the report
 }
 MAZE = load_map("cme")
 

@@ -13,6 +13,7 @@ from mazeplan import resources
 from mazeplan.data.runlog import read_log
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
+from mazeplan.maths.angles import difference
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run import run_job
 
@@ -64,11 +65,13 @@ class Recorded:
 
 
 def test_an_opening_that_fails_is_left_for_another_route(tmp_path):
+    """Three of the four openings are plugged, so that it happens more than once."""
     angle, floor = MAZE.opening("1-2@45").angle, MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3
+    free = MAZE.opening("1-2@225").angle
 
     def plug(rig):
         r, theta = math.hypot(*rig.z[:2]), math.atan2(rig.z[1], rig.z[0])
-        if MAZE.ring(2).outer_radius < r < floor and abs(theta - angle) < 0.2:
+        if MAZE.ring(2).outer_radius < r < floor and abs(difference(theta, free)) > 0.2:
             rig.z[:2] *= floor / r
             rig.z[2:4] = 0.0
 

@@ -18,6 +18,8 @@ from mazeplan.errors import MazeplanError
 
 _UsageError: Any = typer.BadParameter.__base__  # the class is private to typer; its place above BadParameter is not
 
+INTERRUPTED = 130  # exit status
+
 
 def keep_compiled() -> None:
     """Where neither the package's folder nor the user's cache may be written, Numba would refuse to compile: then a new
@@ -45,9 +47,12 @@ def main() -> None:
             print(f"mazeplan: {' '.join(error.format_message().split())}", file=sys.stderr)
         sys.exit(2)
     except (KeyboardInterrupt, typer.Abort):
-        print("mazeplan: interrupted", file=sys.stderr)
-        sys.exit(130)
+        status = INTERRUPTED
+    except typer.Exit as ended:  # typer makes this of Ctrl-C
+        status = ended.exit_code
     except BrokenPipeError:  # the reader of our output left, as in `mazeplan log export ... | head`
         sys.stderr.close()
         sys.exit(1)
+    if status == INTERRUPTED:
+        print("mazeplan: interrupted", file=sys.stderr)
     sys.exit(status if isinstance(status, int) else 0)

@@ -51,30 +51,36 @@ def navigate(
     """Bring the ball from one ring to another."""
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.progress import NavigationProgress
+    from mazeplan.errors import RigError
     from mazeplan.maze.mapfile import load_map
     from mazeplan.navigate import navigate as run
 
     maze = load_map(map_)
     note_missing_model(rig, model, maze)
     with NavigationProgress() as progress:
-        result = run(
-            start,
-            len(maze.rings) if goal == "centre" else goal,
-            map=maze,
-            rig=rig,
-            model=model,
-            behavior=behavior,
-            behavior_modules=tuple(behavior_module or ()),
-            settings=settings,
-            start_angle_deg=start_angle,
-            closed=close or (),
-            seed=seed,
-            time_limit=positive("--time-limit", time_limit),
-            log=log,
-            memory=memory,
-            display=progress,
-            own_process=True,
-        )
+        try:
+            result = run(
+                start,
+                len(maze.rings) if goal == "centre" else goal,
+                map=maze,
+                rig=rig,
+                model=model,
+                behavior=behavior,
+                behavior_modules=tuple(behavior_module or ()),
+                settings=settings,
+                start_angle_deg=start_angle,
+                closed=close or (),
+                seed=seed,
+                time_limit=positive("--time-limit", time_limit),
+                log=log,
+                memory=memory,
+                display=progress,
+                own_process=True,
+            )
+        except RigError as problem:  # the line that says so comes on top of what happened until then
+            if as_json and problem.result is not None:
+                print_json(problem.result.to_json())
+            raise
         progress.finished(result)
     if as_json:
         print_json(result.to_json())
@@ -104,9 +110,11 @@ def evaluate(
     """Many navigations: success, times, failures; with --faults what is noticed and got over."""
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.progress import campaign_progress
+    from mazeplan.errors import RigError
     from mazeplan.evaluate import Campaign, summary
     from mazeplan.evaluate import evaluate as run
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.records import FailureKind
 
     maze = load_map(map_)
     note_missing_model(rig, model, maze)
@@ -126,6 +134,9 @@ def evaluate(
         print_json(document)
     else:
         print_summary(document)
+    failed = next((f for outcome in outcomes for f in outcome.failures if f.kind is FailureKind.RIG_FAILED), None)
+    if failed is not None:
+        raise RigError(failed.detail)
     sys.exit(0 if document["success"] == count else 1)
 
 

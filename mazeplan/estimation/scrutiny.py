@@ -34,6 +34,9 @@ class Scrutiny:
 
     def admit(self, observation: Observation) -> Observation | None:
         """What of a sample may be used; None: nothing. Raises RigError when the clock has not gone on for LASTING_S."""
+        if not isinstance(observation, Observation):
+            got = type(observation).__name__
+            raise RigError(f"observe() of the rig returned {got}, expected Observation(t, x, y, beta, gamma)")
         t, last = observation.t, self._last
         if not math.isfinite(t) or (last is not None and t <= last):
             self._note({"clock"}, 0.0 if last is None else last)

@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from mazeplan.errors import InputError, SettingsError
+from mazeplan.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
@@ -123,7 +123,12 @@ def _from_class(spec: str, maze: Maze, settings: dict[str, Any], **where: Any) -
     missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
     if missing or not isinstance(kind, type):
         raise SettingsError(f"{spec!r} is no rig: it lacks {', '.join(missing) or 'a class'}", **where)
-    rig = kind(maze, settings)
+    try:
+        rig = kind(maze, settings)
+    except MazeplanError:
+        raise
+    except Exception as problem:  # it opens something, perhaps: a port that is not there
+        raise RigError(f"{spec!r} could not be made: {type(problem).__name__}: {problem}") from problem
     if not isinstance(getattr(rig, "rate_hz", None), int | float):
         raise SettingsError(f"{spec!r} is no rig: it lacks rate_hz", **where)
     return rig

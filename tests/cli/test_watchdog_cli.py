@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import signal
 import subprocess
 import sys
 import textwrap
@@ -122,7 +124,7 @@ def test_what_hangs_ends_the_program_in_time(place, monkeypatch, where, how, sai
         assert log.complete
         assert (log.result["success"], log.result["reason"]) == (False, "rig_failed")
         event = log.events[-1]
-        assert event["kind"] == "rig_failed"
+        assert (event["kind"], event["detail"]["kind"]) == ("failure", "rig_failed")
         assert event["detail"]["detail"] in last
 
 
@@ -159,3 +161,87 @@ def test_rig_check_tells_what_hangs(place, monkeypatch, capsys):
     assert lines[0].startswith("ok      clock")
     assert "watchdog: observe() of the rig did not return within" in lines[1]
     assert lines[-1].startswith("ok      close")
+
+
+def test_a_rig_that_fails_leaves_one_document_with_json(place, monkeypatch, capsys):
+    monkeypatch.setenv("WHERE", "observe")
+    monkeypatch.setenv("HOW", "raise")
+    code, out, err = call(monkeypatch, capsys, "navigate", "--rig", "bad_rig:Bad", "--model", "ideal", "--json")
+    assert code == 3
+    document = json.loads(out.removeprefix("now\n"))
+    assert (document["success"], document["reason"]) == (False, "rig_failed")
+    assert document["failures"][-1]["kind"] == "rig_failed"
+    assert document["time_s"] > 0.0
+    assert "OSError" in err.splitlines()[-1]
+
+
+def test_what_ended_the_run_is_said_last_though_close_fails_too(place, monkeypatch, capsys):
+    (place / "worse.py").write_text(
+        "from bad_rig import Bad\nclass Worse(Bad):\n    def close(self):\n        raise OSError('close, too')\n"
+    )
+    monkeypatch.setenv("WHERE", "observe")
+    monkeypatch.setenv("HOW", "raise")
+    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", "worse:Worse", "--model", "ideal")
+    sys.modules.pop("worse")
+    assert code == 3
+    assert "observe() of the rig raised" in err.splitlines()[-1]
+
+
+WRONG = """
+class Shut:
+    rate_hz = 30.0
+    def __init__(self, maze, settings):
+        raise OSError("no port /dev/ttyUSB0")
+    def reset(self, *, ring, theta, rng): pass
+    def observe(self): return (0.0, 1.0)
+    def command(self, u_beta, u_gamma): pass
+    def level(self): pass
+    def close(self): pass
+
+class Pair(Shut):
+    def __init__(self, maze, settings): pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("Shut", "'wrong_rig:Shut' could not be made: OSError: no port /dev/ttyUSB0"),
+        ("Pair", "observe() of the rig returned tuple, expected Observation(t, x, y, beta, gamma)"),
+    ],
+)
+def test_a_rig_that_is_wrong_in_itself_gives_a_line(tmp_path, monkeypatch, capsys, kind, said):
+    (tmp_path / "wrong_rig.py").write_text(WRONG)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", f"wrong_rig:{kind}", "--model", "ideal")
+    sys.modules.pop("wrong_rig")
+    assert code == 3
+    assert err.splitlines()[-1] == f"mazeplan: {said}"
+    assert "Traceback" not in err
+
+
+def test_an_interrupted_run_says_so(place, monkeypatch):
+    monkeypatch.setenv("WHERE", "nowhere")
+    monkeypatch.setenv("HOW", "hang")
+    (place / "slow_rig.py").write_text(
+        "import time\n"
+        "from bad_rig import Bad\n"
+        "class Slow(Bad):\n"
+        "    def observe(self):\n"
+        "        print('now', flush=True)\n"
+        "        time.sleep(0.03)\n"
+        "        return super().observe()\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", MAIN, "navigate", "--rig", "slow_rig:Slow", "--model", "ideal"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    for _ in range(5):
+        process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "mazeplan: interrupted"
+    assert (place / "levelled").exists()
