@@ -270,7 +270,7 @@ def test_palette_has_every_leaf_with_its_ports():
     from lxml import etree
 
     root = etree.fromstring(write_palette(REGISTRY))
-    actions = {action.get("ID"): action for action in root.iter("Action")}
+    actions = {action.get("ID"): action for action in root.iter("Action", "Condition")}
     assert set(actions) == set(REGISTRY)
     ports = {port.get("name"): port for port in actions["Track"]}
     assert ports["law"].get("default") == "gains"
