@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from mazeplan.choices import resolve_model
 from mazeplan.display import NullDisplay
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
-from mazeplan.records import Command
+from mazeplan.records import Command, FailureKind
 from mazeplan.run import Run
 
 MAZE = load_map("cme")
@@ -100,3 +101,28 @@ def test_a_plate_that_may_not_move_fast_makes_a_run_careful():
         mine.cost.speed > other.cost.speed
         for mine, other in zip(kept.context.planners.values(), free.context.planners.values(), strict=True)
     )
+
+
+def test_after_an_opening_was_missed_the_law_of_the_gate_alone_is_trusted():
+    rig, run = placed(goal=2, theta=MAZE.opening("1-2@45").angle)
+    floor = MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3
+
+    def plug(rig):
+        r = math.hypot(*rig.z[:2])
+        if not run.context.count(FailureKind.MISSED_OPENING) and r < floor:
+            rig.z[:2] *= floor / r
+            rig.z[2:4] = 0.0
+
+    class Counting:
+        asked: ClassVar[list[float]] = []
+
+        def better(self, state, opening, towards):
+            self.asked.append(run.context.now)
+
+    rig.mishap, run.context.rollout = plug, Counting()
+    assert until_done(rig, run) == "SUCCESS"
+    missed = [f.t for f in run.context.failures if f.kind is FailureKind.MISSED_OPENING]
+    assert missed
+    assert len(Counting.asked) > 10
+    assert max(Counting.asked) <= missed[0]
+    assert rig.t > missed[0] + 0.5  # it was tried again, without

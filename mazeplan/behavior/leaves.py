@@ -80,7 +80,9 @@ class PassOpening(MazeLeaf):
             return self.fail_as(FailureKind.MISSED_OPENING, f"{opening.name} did not take the ball")
         if run.ahead(run.options.gate.entry_s).ring == target:
             run.enter(target)
-        command = None if run.rollout is None else run.rollout.better(run.here, opening, target)
+        # an opening that was missed tells that the model, or its delay, is not what it should be for this
+        trusted = None if run.count(FailureKind.MISSED_OPENING) else run.rollout
+        command = None if trusted is None else trusted.better(run.here, opening, target)
         if command is None:
             ahead = run.ahead(run.options.gate.lead_s)
             command = gate_command(ahead, opening, target, run.plate, run.options.gate)
