@@ -236,6 +236,8 @@ def test_an_interrupted_run_says_so(place, monkeypatch):
     process = subprocess.Popen(
         [sys.executable, "-c", MAIN, "navigate", "--rig", "slow_rig:Slow", "--model", "ideal"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        # whoever runs the tests in the background of a shell has it ignored, and children inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert process.stdout is not None
     for _ in range(5):

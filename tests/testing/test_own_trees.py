@@ -76,6 +76,15 @@ def two_blocked():
     return record
 
 
+def taken_from_in_front():
+    """Out of the opening into a ring where it was not to go: what pushes it through says so."""
+    text = "- ball_teleported: {ring: 4, theta_deg: 30, at_s: 0.1}\n"
+    record = run_tree(mishaps=text, start_angle_deg=45).visits("PassOpening", "Replan", "Settle").reaches()
+    assert record.statuses("PassOpening").count("FAILURE") == 1
+    assert record.failures == ["wrong_ring"]
+    return record
+
+
 def fell_back():
     """A new route from where it is."""
     record = run_tree(mishaps="- ball_teleported: {ring: 1, theta_deg: 120, in_ring: 3}\n")
@@ -105,8 +114,8 @@ def no_way():
 
 
 RUNS = (
-    smooth, already_there, stuck, stuck_for_good, blind, blind_for_good, blocked, two_blocked, fell_back, jumped_on,
-    pushed_out_of_the_goal, no_way,
+    smooth, already_there, stuck, stuck_for_good, blind, blind_for_good, blocked, two_blocked, taken_from_in_front,
+    fell_back, jumped_on, pushed_out_of_the_goal, no_way,
 )  # fmt: skip
 
 
