@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from typing import ClassVar
 
@@ -15,7 +16,7 @@ from mazeplan.display import NullDisplay
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command, FailureKind
-from mazeplan.run import Run
+from mazeplan.run import Run, run_job
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
@@ -126,3 +127,11 @@ def test_after_an_opening_was_missed_the_law_of_the_gate_alone_is_trusted():
     assert len(Counting.asked) > 10
     assert max(Counting.asked) <= missed[0]
     assert rig.t > missed[0] + 0.5  # it was tried again, without
+
+
+def test_the_collector_looks_at_what_a_run_makes_only():
+    """At all of the program it takes longer than a tick may."""
+    frozen = []
+    run_job(PlanarRig(MAZE, mishap=lambda rig: frozen.append(gc.get_freeze_count())), SETUP, Job(4, 5, 0.3))
+    assert min(frozen) > 10_000
+    assert gc.get_freeze_count() == 0
