@@ -241,6 +241,7 @@ class TreeNode(Behaviour):
 
     def act(self) -> Result:
         """One tick of the node itself."""
+        # a node without an act is a mistake in the program: nothing sensible could be done at run time
         raise NotImplementedError(f"{type(self).__name__} has no act")
 
     def update(self) -> Status:

@@ -109,6 +109,7 @@ class RunDocuments:
     _t = 0.0  # rig time of the last tick, s
 
     def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        # who derives from this says where messages go: without it the program is wrong
         raise NotImplementedError
 
     def sample(self, observation: Observation, command: Command, **more: Any) -> None:
