@@ -86,7 +86,7 @@ def test_rolls_with_five_sevenths_of_gravity_away_from_walls(axis, direction):
 
 def test_energy_never_grows_on_a_level_plate():
     machine = rig(theta=0.2)
-    machine._data.qvel[2:4] = -0.3 * math.sin(0.2), 0.3 * math.cos(0.2)
+    machine.machine.data.qvel[2:4] = -0.3 * math.sin(0.2), 0.3 * math.cos(0.2)
     _, true = drive(machine, 4.0)
     energy = 0.5 * (true[:, 3] ** 2 + true[:, 4] ** 2) + 9.81 * true[:, 2]
     assert np.all(np.diff(energy[1:]) < 2e-5)  # m^2/s^2; 0.045 at the start
@@ -127,7 +127,7 @@ def test_openings_are_as_wide_as_the_map_says(opening):
     machine = rig()
     middle = MAZE.threshold_radius(opening)
     c, s = math.cos(opening.angle), math.sin(opening.angle)
-    data = machine._data
+    data = machine.machine.data
     for side in (-1.0, 1.0):
         data.qpos[2:4] = c * middle, s * middle
         data.qpos[4] = RADIUS
@@ -191,8 +191,8 @@ def test_true_velocity_is_that_in_the_plate_also_while_the_plate_turns():
     moved = np.diff(places, axis=0) * machine.rate_hz
     mean = 0.5 * (np.array(speeds[1:]) + np.array(speeds[:-1]))
     assert np.median(np.abs(moved - mean)) < 1e-3
-    machine._data.qvel[:2] = 2.0, 0.0  # rad/s of the plate alone
-    machine._data.qvel[2:5] = np.cross([0.0, 2.0, 0.0], machine._data.qpos[2:5])  # the ball goes with it
+    machine.machine.data.qvel[:2] = 2.0, 0.0  # rad/s of the plate alone
+    machine.machine.data.qvel[2:5] = np.cross([0.0, 2.0, 0.0], machine.machine.data.qpos[2:5])  # the ball goes with it
     assert np.allclose(machine.truth()[3:5], 0.0, atol=1e-6)
 
 
@@ -345,7 +345,7 @@ def test_a_push_moves_the_ball_and_faults_can_be_added_while_running():
     assert true[-1, 1] > 0.02
     machine = rig()
     drive(machine, 0.2)
-    machine._faults.add(Fault(kind="blackout", at_s=0.0, duration_s=10.0))
+    machine.inject(Fault(kind="blackout", at_s=0.0, duration_s=10.0))
     assert machine.observe().x is None
 
 

@@ -54,7 +54,7 @@ def test_commands_on_their_way_belong_to_the_moment():
 def test_the_ball_is_where_and_as_it_was_put_though_the_plate_turns():
     rig = turning_rig()
     before = rig.truth()
-    assert np.any(np.abs(rig._data.qvel[:2]) > 0.1)
+    assert np.any(np.abs(rig.machine.data.qvel[:2]) > 0.1)
     wanted = (np.array([0.03, -0.06, 0.00635]), np.array([0.1, 0.05, 0.0]), np.array([-7.9, 15.7, 3.0]))
     rig.set_ball(*wanted)
     for got, asked in zip(rig.ball(), wanted, strict=True):

@@ -1,0 +1,202 @@
+"""The machine of the simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins.
+
+It steps and tells the truth; what sees it, and when, is another's business (`simulated`, `hardware.world`). It shares
+no equation with the planner's models. Time goes on in chunks, `CHUNKS` a sample, so that slew limit, command delay and
+faults act on a finer grid than the samples.
+"""
+
+from __future__ import annotations
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module tells type checkers nothing of its names)
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mazeplan.errors import RigError
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Array
+from mazeplan.rigs.faults import FaultBox
+from mazeplan.rigs.forces import PlateForces
+from mazeplan.rigs.mjcf import SUBSTEPS, mjcf
+from mazeplan.rigs.settings import Fault, SimulatedSettings
+
+CHUNKS = 5  # per sample; 1/150 s at 30 Hz
+AXES = ("beta", "gamma")
+_WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """MuJoCo's state, and of the servos what they are told, where their drive is, what their gears pass on, and the
+    commands under way."""
+
+    state: Array
+    target: Array
+    ctrl: Array
+    played: Array
+    queue: tuple[tuple[float, Array], ...]
+
+
+class Machine:
+    """Plate, servos and ball of a maze. `reset` comes first; chunk_s: s of one `step`; data: MuJoCo's, for who looks
+    deeper."""
+
+    def __init__(self, maze: Maze, settings: SimulatedSettings) -> None:
+        self.maze, self.settings = maze, settings
+        self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)
+        self._model: mujoco.MjModel | None = None
+        self._data: mujoco.MjData | None = None
+
+    # -- life -------------------------------------------------------------------------------------------------------
+
+    def reset(self, *, ring: int, theta: float) -> None:
+        """The ball at rest in the middle of a ring, the plate level, time 0."""
+        if self._model is None:
+            self._model = mujoco.MjModel.from_xml_string(mjcf(self.maze, self.settings))
+            self._data = mujoco.MjData(self._model)
+        model, data = self._model, self.data
+        mujoco.mj_resetData(model, data)
+        radius = self.maze.track_radius(ring)
+        data.qpos[2:5] = radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius
+        data.qpos[5] = 1.0
+        mujoco.mj_forward(model, data)
+        self._target = self._ctrl = np.zeros(2)
+        self._queue: deque[tuple[float, Array]] = deque()
+        self._played = np.zeros(2)
+        both = self.settings.backlash_axis == "both"
+        play = [
+            math.radians(self.settings.backlash_deg) * (both or self.settings.backlash_axis == axis) for axis in AXES
+        ]
+        self._half_play = 0.5 * np.array(play)
+        self._forces = PlateForces(self.settings, self.maze)
+        self._faults = FaultBox(self.settings.faults, model, data, self.maze)
+
+    def close(self) -> None:
+        """Give memory back; may be called twice."""
+        self._model = self._data = None
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's. Raises RigError before reset() and after close()."""
+        self.check()
+        return self._data
+
+    def check(self) -> None:
+        """Raises RigError before reset() and after close()."""
+        if self._data is None:
+            raise RigError("the simulated rig was used before reset() or after close()")
+
+    @property
+    def ready(self) -> bool:
+        """Whether it was reset and is not closed."""
+        return self._data is not None
+
+    @property
+    def time(self) -> float:
+        """s since reset."""
+        return float(self.data.time)
+
+    # -- motion -----------------------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        """Let `chunk_s` pass."""
+        data, now = self.data, self.time
+        while self._queue and self._queue[0][0] <= now + 1e-9:
+            self._target = self._queue.popleft()[1]
+        most = math.radians(self.settings.servo_slew_deg_s) * self.chunk_s
+        self._ctrl = self._ctrl + np.clip(self._target - self._ctrl, -most, most)
+        self._played = np.clip(self._played, self._ctrl - self._half_play, self._ctrl + self._half_play)
+        data.ctrl[:] = self._faults.servo(now, self._played)
+        self._faults.before_step(now)
+        if self._forces:
+            plate, _ = self._plate()
+            data.body("ball").xfrc_applied[:3] = plate @ self._forces.on(plate.T @ data.qpos[2:5])
+        mujoco.mj_step(self._model, data, nstep=SUBSTEPS // CHUNKS)
+        self._faults.after_step(self.time)
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Have the servos hold this tilt, rad, once the command delay is over."""
+        wanted = np.array([u_beta, u_gamma], dtype=float)
+        last = self._queue[-1][1] if self._queue else self._target
+        band = math.radians(self.settings.deadband_deg)
+        wanted = np.where(np.abs(wanted - last) < band, last, wanted) if band > 0.0 else wanted
+        self._queue.append((self.time + 1e-3 * self.settings.command_delay_ms, wanted))
+
+    def level(self) -> None:
+        """Level the plate, now: the queue of delayed commands is dropped."""
+        self._queue.clear()
+        self._target = np.zeros(2)
+
+    def inject(self, fault: Fault) -> None:
+        """Let something go wrong from its `at_s` on, at once if that is over. Raises SettingsError for an opening or
+        ring that the maze does not have."""
+        self.check()
+        self._faults.add(fault)
+
+    # -- what only a simulation knows ------------------------------------------------------------------------------
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """beta, gamma, rad."""
+        return float(self.data.qpos[0]), float(self.data.qpos[1])
+
+    @property
+    def position(self) -> Array:
+        """x, y of the ball in the plate frame, m, (2,); NaN while it is taken out."""
+        return np.full(2, math.nan) if self._faults.out(self.time) else self.truth()[:2]
+
+    def blind(self, t: float) -> bool:
+        """Whether a fault keeps the camera from seeing anything at time t."""
+        return self._faults.blackout(t)
+
+    def truth(self) -> Array:
+        """x, y, z (m), x_dot, y_dot (m/s) of the ball in the plate frame, beta, gamma (rad): shape (7,)."""
+        position, velocity, _ = self.ball()
+        data = self.data
+        return np.array([*position, velocity[0], velocity[1], float(data.qpos[0]), float(data.qpos[1])])
+
+    def ball(self) -> tuple[Array, Array, Array]:
+        """Position (m), velocity (m/s) and spin (rad/s) of the ball in the plate frame, (3,) each."""
+        data, (plate, omega) = self.data, self._plate()
+        position = plate.T @ data.qpos[2:5]
+        velocity = plate.T @ data.qvel[2:5] - np.cross(omega, position)
+        spin = plate.T @ (_rotation(data.qpos[5:9]) @ data.qvel[5:8]) - omega
+        return position, velocity, spin
+
+    def set_ball(self, position: Array, velocity: Array, spin: Array) -> None:
+        """Put the ball there, (3,) each in the plate frame; all else goes on as it was."""
+        data, (plate, omega) = self.data, self._plate()
+        data.qpos[2:5] = plate @ position
+        data.qvel[2:5] = plate @ (velocity + np.cross(omega, position))
+        data.qvel[5:8] = _rotation(data.qpos[5:9]).T @ (plate @ (spin + omega))
+
+    def _plate(self) -> tuple[Array, Array]:
+        """Rotation (3, 3) from the plate frame to the room, and the plate's angular velocity (3,) in its own frame:
+        gamma_dot about x, beta_dot about the y axis outside."""
+        data = self.data
+        b, c = float(data.qpos[0]), float(data.qpos[1])
+        cb, sb, cc, sc = math.cos(b), math.sin(b), math.cos(c), math.sin(c)
+        plate = np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
+        return plate, np.array([data.qvel[1], cc * data.qvel[0], -sc * data.qvel[0]])
+
+    def snapshot(self) -> Snapshot:
+        """The machine as it is, to come back to; what the camera has seen and will draw is not in it."""
+        state = np.empty(mujoco.mj_stateSize(self._model, _WHOLE))
+        mujoco.mj_getState(self._model, self.data, state, _WHOLE)
+        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue))
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Back to a snapshot of this very rig. Faults that were injected in between stay."""
+        mujoco.mj_setState(self._model, self.data, snapshot.state, _WHOLE)
+        self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
+        self._queue = deque(snapshot.queue)
+
+
+def _rotation(quaternion: Array) -> Array:
+    out = np.empty(9)
+    mujoco.mju_quat2Mat(out, quaternion)
+    return out.reshape(3, 3)
