@@ -1,0 +1,1 @@
+"""The real rig on the table, and its emulation."""
