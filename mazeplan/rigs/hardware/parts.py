@@ -1,0 +1,87 @@
+"""Opens the parts of a rig on the table, as its settings name them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mazeplan.errors import RigError
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.camera.detector import BallDetector, Sighting
+from mazeplan.rigs.camera.source import FrameSource
+from mazeplan.rigs.hardware.clocks import TiltTrack
+from mazeplan.rigs.hardware.pictures import Pictures
+from mazeplan.rigs.hardware.settings import HardwareSettings
+from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.link.messages import AxisLimits, ServoLimits, TiltReport
+from mazeplan.rigs.link.port import ports_found
+
+AUTO = "auto"
+SUPPLY_V, FULL = 5.0, 1023.0  # V and count at the upper end of the board's converter
+
+
+@dataclass
+class Parts:
+    """What is open; seen: what the detector said last."""
+
+    board: Board
+    pictures: Pictures
+    detector: BallDetector
+    track: TiltTrack
+    port: str
+    camera: str
+    seen: Sighting | None = None
+
+    def close(self) -> None:
+        """Level the plate, and give all back."""
+        try:
+            self.board.close()
+        finally:
+            self.pictures.close()
+
+
+@dataclass(frozen=True)
+class Told:
+    """A report with its channels in V."""
+
+    t: float
+    volts: tuple[float, float]
+    received_s: float
+
+    @classmethod
+    def of(cls, report: TiltReport) -> Told:
+        """The same, as `TiltTrack` takes it."""
+        return cls(report.time_s, volts(report), report.received_s)
+
+
+def volts(report: TiltReport) -> tuple[float, float]:
+    """Of the two channels."""
+    first, second = report.counts
+    return first * SUPPLY_V / FULL, second * SUPPLY_V / FULL
+
+
+def servo_limits(settings: HardwareSettings) -> ServoLimits:
+    """What the board is told never to exceed."""
+    servo = settings.servo
+    beta, gamma = (
+        AxisLimits(axis.min_us, axis.max_us, axis.level_us, servo.slew_us_per_s) for axis in (servo.beta, servo.gamma)
+    )
+    return ServoLimits(beta, gamma)
+
+
+def the_port(name: str) -> str:
+    """The port of that name; for auto the only one behind USB. Raises RigError when that is none or several."""
+    if name != AUTO:
+        return name
+    found = ports_found()
+    if len(found) != 1:
+        got = f"found {', '.join(found)}; name the board's as `port:`" if found else "none found; plug the board in"
+        raise RigError(f"port: auto: {got}")
+    return found[0]
+
+
+def open_board(settings: HardwareSettings, port: str | None = None) -> Board:
+    """The board, open. Raises RigError."""
+    board = Board(the_port(settings.port) if port is None else port, servo_limits(settings))
+    board.open()
+    return board
