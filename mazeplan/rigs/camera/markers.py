@@ -1,0 +1,119 @@
+"""ArUco markers on the plate, and from them its tilt, picture by picture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Array
+from mazeplan.rigs.camera.pinhole import CameraModel
+
+DICTIONARY = cv2.aruco.DICT_4X4_50
+SIZE = 0.024  # m, side of a packaged marker without its white margin
+MARGIN = 0.003  # m, white around it
+ROOM = 14  # px around where a marker is on the level plate; it moves by that at the tilt limit
+STEPS, SMALL = 6, 1e-6  # of the fit of a tilt: iterations at most; rad
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Where markers are: id to the middle (x, y, z) in the plate frame, m; the upper edge of each lies towards +y, its
+    side is `size` m long."""
+
+    places: dict[int, tuple[float, float, float]]
+    size: float = SIZE
+
+    def corners(self, number: int) -> Array:
+        """Corners (4, 3) of a marker in the order in which they are detected: clockwise from the upper left."""
+        half = 0.5 * self.size
+        return np.array(self.places[number]) + half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
+
+
+def corner_markers(maze: Maze) -> Markers:
+    """Markers 0 to 3 in the four corners of a square plate, as near to the maze as their margins allow, anticlockwise
+    from upper right."""
+    rim = maze.walls[0].outer_radius
+    near = (rim + 0.001) / math.sqrt(2.0) + MARGIN + 0.5 * SIZE
+    return Markers({i: (near * sx, near * sy, 0.0) for i, (sx, sy) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)])})
+
+
+def detector() -> cv2.aruco.ArucoDetector:
+    """A detector with corners to parts of a pixel."""
+    how = cv2.aruco.DetectorParameters()
+    how.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    how.cornerRefinementWinSize = 3
+    how.adaptiveThreshWinSizeMin = how.adaptiveThreshWinSizeMax = 23
+    how.minMarkerPerimeterRate = 0.02
+    return cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(DICTIONARY), how)
+
+
+def find(gray: np.ndarray, finder: cv2.aruco.ArucoDetector, known: Markers) -> dict[int, Array]:
+    """Corners (4, 2), px, of the known markers that are in a grey picture; one that is there twice is left out."""
+    corners, ids, _ = finder.detectMarkers(gray)
+    found: dict[int, Array] = {}
+    twice: set[int] = set()
+    for number, four in zip([] if ids is None else ids.ravel().tolist(), corners, strict=True):
+        twice |= {number} & found.keys()
+        if number in known.places:
+            found[number] = four.reshape(4, 2).astype(float)
+    return {number: four for number, four in found.items() if number not in twice}
+
+
+class TiltFinder:
+    """The plate's tilt by its markers. Looks only where they can be."""
+
+    def __init__(self, camera: CameraModel, markers: Markers) -> None:
+        self.camera, self.markers = camera, markers
+        self._finder = detector()
+        self._windows = {number: self._window(markers.corners(number)) for number in markers.places}
+
+    def _window(self, corners: Array) -> tuple[int, int, int, int]:
+        pixels = self.camera.project(corners)
+        low, high = pixels.min(axis=0) - ROOM, pixels.max(axis=0) + ROOM
+        width, height = self.camera.size
+        left, right = (int(np.clip(value, 0, width)) for value in (low[0], high[0] + 1))
+        top, bottom = (int(np.clip(value, 0, height)) for value in (low[1], high[1] + 1))
+        return left, top, right, bottom
+
+    def seen(self, gray: np.ndarray) -> dict[int, Array]:
+        """Corners (4, 2), px, of each marker that is found."""
+        found: dict[int, Array] = {}
+        for number, (left, top, right, bottom) in self._windows.items():
+            if right - left < 16 or bottom - top < 16:
+                continue
+            here = find(np.ascontiguousarray(gray[top:bottom, left:right]), self._finder, self.markers)
+            if number in here:
+                found[number] = here[number] + np.array([left, top])
+        return found
+
+    def tilt(self, gray: np.ndarray) -> tuple[float, float, float] | None:
+        """(beta, gamma, rms distance in px between corners and where they belong then), or None without a marker."""
+        found = self.seen(gray)
+        if not found:
+            return None
+        points = np.vstack([self.markers.corners(number) for number in found])
+        pixels = np.vstack(list(found.values()))
+        return fit_tilt(self.camera, points, pixels)
+
+
+def fit_tilt(camera: CameraModel, points: Array, pixels: Array) -> tuple[float, float, float]:
+    """(beta, gamma, rms px) by least squares: points (N, 3) of the plate seen at pixels (N, 2)."""
+    tilt, step = np.zeros(2), 1e-4
+    for _ in range(STEPS):
+        off = (pixels - camera.project(points, *tilt)).ravel()
+        slope = np.column_stack(
+            [
+                (camera.project(points, *(tilt + step * e)) - camera.project(points, *(tilt - step * e))).ravel()
+                for e in np.eye(2)
+            ]
+        ) / (2.0 * step)
+        change = np.linalg.lstsq(slope, off, rcond=None)[0]
+        tilt = np.clip(tilt + change, -0.5, 0.5)
+        if np.abs(change).max() < SMALL:
+            break
+    left = pixels - camera.project(points, *tilt)
+    return float(tilt[0]), float(tilt[1]), float(np.sqrt((left**2).sum(axis=1).mean()))

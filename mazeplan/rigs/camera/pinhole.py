@@ -1,0 +1,68 @@
+"""A camera with a lens, and the plate in front of it.
+
+The plate frame is the maze's (x to the right, y up, z towards the camera, floor at z = 0). It turns about its pivot,
+R = Ry(beta) Rx(gamma); the level plate frame, which does not turn, is mapped to the camera by rotation and translation
+(camera: x to the right, y down in the picture, z along the optical axis). Lens: x" = x (1 + k1 r^2 + k2 r^4 + k3 r^6)
++ 2 p1 x y + p2 (r^2 + 2 x^2), y" alike (Brown, Conrady), with x = X / Z, y = Y / Z; pixel = focal x" + centre.
+Lengths in m, angles in rad, pixels from the centre of the upper left one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.records import Array
+
+
+def plate_rotation(beta: float, gamma: float) -> Array:
+    """Rotation (3, 3) from the plate frame to the level one."""
+    cb, sb, cc, sc = math.cos(beta), math.sin(beta), math.cos(gamma), math.sin(gamma)
+    return np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """matrix (3, 3); distortion (5,) k1 k2 p1 p2 k3; rotation (3, 3) and translation (3,) from the level plate frame to
+    the camera; size: width, height of a picture; pivot (3,) in the plate frame: what stays where it is in a tilt."""
+
+    matrix: Array
+    distortion: Array
+    rotation: Array
+    translation: Array
+    size: tuple[int, int] = (640, 480)
+    pivot: Array = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.pivot is None:
+            object.__setattr__(self, "pivot", np.zeros(3))
+        for name, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("rotation", (3, 3)), ("translation", (3,))):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise ValueError(f"{name}: got shape {value.shape}, expected finite numbers of shape {shape}")
+            object.__setattr__(self, name, value)
+
+    def to_camera(self, points: Array, beta: float, gamma: float) -> Array:
+        """Points (N, 3) of the tilted plate in camera coordinates, (N, 3)."""
+        level = (np.asarray(points) - self.pivot) @ plate_rotation(beta, gamma).T + self.pivot
+        return level @ self.rotation.T + self.translation
+
+    def project(self, points: Array, beta: float = 0.0, gamma: float = 0.0) -> Array:
+        """Pixels (N, 2) of points (N, 3) in the plate frame."""
+        seen = self.to_camera(points, beta, gamma)
+        x, y = seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2]
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        across, up = x * y, r2 * 1.0
+        u = x * radial + 2.0 * p1 * across + p2 * (up + 2.0 * x * x)
+        v = y * radial + p1 * (up + 2.0 * y * y) + 2.0 * p2 * across
+        m = self.matrix
+        return np.column_stack([m[0, 0] * u + m[0, 1] * v + m[0, 2], m[1, 1] * v + m[1, 2]])
+
+    def centre(self, beta: float = 0.0, gamma: float = 0.0) -> Array:
+        """Where the camera is in the frame of the tilted plate, (3,)."""
+        level = -self.rotation.T @ self.translation
+        return plate_rotation(beta, gamma).T @ (level - self.pivot) + self.pivot
