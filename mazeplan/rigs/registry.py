@@ -126,11 +126,13 @@ def _from_class(
         raise SettingsError(problem.problem, **where) from None
     except AttributeError:
         raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
+    from mazeplan.rigs.settings import FileSettings
+
     missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
     if missing or not isinstance(kind, type):
         raise SettingsError(f"{spec!r} is no rig: it lacks {', '.join(missing) or 'a class'}", **where)
     try:
-        rig = kind(maze, settings)
+        rig = kind(maze, settings if file is None else FileSettings(settings, file))
     except SettingsError as problem:  # the class knows the key, not where the key stands
         if problem.key is None or tree is None or problem.file is not None:
             raise

@@ -132,6 +132,14 @@ def sentence(error: Any) -> str:
     return f"got {shown(error.get('input'))}, expected {expected}"
 
 
+class FileSettings(dict[str, Any]):
+    """Settings of a rig out of a file, which knows where it is."""
+
+    def __init__(self, data: Mapping[str, Any], file: Path) -> None:
+        super().__init__(data)
+        self.file = file
+
+
 def read_rig_file(path: Path) -> tuple[str | None, dict[str, Any], Tree]:
     """(class or None, the other keys, the tree for line numbers) of a rig's YAML file. Raises SettingsError."""
     tree = read_yaml(path, error=SettingsError)

@@ -16,6 +16,9 @@ KEPT_S = 1.0  # s of reports that are kept
 AHEAD_S = 0.03  # s that a tilt is carried on beyond the last report
 SLOPE_S = 0.02  # s before the last report over which its rate is taken
 DRIFT = 6e-3  # s/s by which the clocks of host and board may differ: the resonator of a Mega is good to .5 %
+# s from the middle of a report's conversions until it is received at the soonest: 4 for the rest of them, 4 for 45
+# characters at 115200 baud, the rest chip and host; measured on the emulated chip by steps of its voltages
+REPORT_AGE_S = 0.0135
 PHASE, PERIOD = 0.1, 0.002  # gains of `FrameClock`
 
 
@@ -48,7 +51,7 @@ class BoardClock:
             crept = self._offset + DRIFT * (stamp - self._last)
             self._offset = min(offset, crept)
         self._last = stamp
-        return stamp + self._offset
+        return stamp + self._offset - REPORT_AGE_S
 
 
 class TiltTrack:
@@ -76,6 +79,10 @@ class TiltTrack:
     def newest(self) -> float | None:
         """Host's time of the last report, s."""
         return self._track[-1][0] if self._track else None
+
+    def since(self, t: float) -> list[tuple[float, float, float]]:
+        """(time, beta, gamma) of what was told later than a time of the host's clock."""
+        return [told for told in self._track if told[0] > t]
 
     def at(self, t: float) -> tuple[float, float] | None:
         """beta, gamma at a time of the host's clock; carried on for AHEAD_S at most; None before the first report."""

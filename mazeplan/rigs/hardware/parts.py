@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.camera.detector import BallDetector, Sighting
+from mazeplan.rigs.camera.detector import BallDetector
+from mazeplan.rigs.camera.section import camera_section
 from mazeplan.rigs.camera.source import FrameSource
 from mazeplan.rigs.hardware.clocks import TiltTrack
 from mazeplan.rigs.hardware.pictures import Pictures
@@ -22,7 +24,7 @@ SUPPLY_V, FULL = 5.0, 1023.0  # V and count at the upper end of the board's conv
 
 @dataclass
 class Parts:
-    """What is open; seen: what the detector said last."""
+    """What is open."""
 
     board: Board
     pictures: Pictures
@@ -30,7 +32,10 @@ class Parts:
     track: TiltTrack
     port: str
     camera: str
-    seen: Sighting | None = None
+
+    def listen(self) -> None:
+        """Take in what the board has told of the tilt. Raises RigError once the board is given up."""
+        self.track.take(Told.of(report) for report in self.board.recent())
 
     def close(self) -> None:
         """Level the plate, and give all back."""
@@ -85,3 +90,24 @@ def open_board(settings: HardwareSettings, port: str | None = None) -> Board:
     board = Board(the_port(settings.port) if port is None else port, servo_limits(settings))
     board.open()
     return board
+
+
+def assemble(
+    settings: HardwareSettings,
+    maze: Maze,
+    folder: Path,
+    make: Callable[[], FrameSource],
+    camera: str,
+    port: str | None = None,
+) -> Parts:
+    """Everything open, or nothing. folder: of the rig's file; make: opens the camera. Raises RigError, SettingsError."""
+    assert settings.tilt is not None
+    section = camera_section(settings.camera or {})
+    detector = section.detector(maze, folder)
+    board = open_board(settings, port)
+    try:
+        pictures = Pictures(make, camera)
+    except BaseException:
+        board.close()
+        raise
+    return Parts(board, pictures, detector, TiltTrack(settings.tilt.sensor()), board.port, camera)

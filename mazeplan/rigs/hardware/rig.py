@@ -14,16 +14,20 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
-from mazeplan.errors import RigError
+from mazeplan.errors import RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Latency, Observation
+from mazeplan.rigs.camera.detector import Sighting
+from mazeplan.rigs.camera.section import camera_section
+from mazeplan.rigs.camera.source import VideoSource
 from mazeplan.rigs.hardware.clocks import FrameClock
-from mazeplan.rigs.hardware.parts import Parts, connect
+from mazeplan.rigs.hardware.parts import Parts, assemble
 from mazeplan.rigs.hardware.settings import HardwareSettings, check_section
 
 TOLERANCE = 1e-9  # rad, of the tilt limit
@@ -46,7 +50,11 @@ class HardwareRig:
 
     def __init__(self, maze: Maze, settings: Mapping[str, Any]) -> None:
         self.maze = maze
+        file: Path | None = getattr(settings, "file", None)
+        self.file, self.folder = file, Path() if file is None else file.parent
         self.settings = self._checked(settings)
+        if self.settings.calibrated_camera:
+            camera_section(self.settings.camera or {})
         self.rate_hz = self.settings.rate_hz
         self.latency: Latency | None = None if self.settings.latency is None else self.settings.latency.record()
         self.unseen_s = self.settings.unseen_s
@@ -56,23 +64,27 @@ class HardwareRig:
         self._arrived = -math.inf  # of the last picture, host's clock
         self._next, self._first = 0, 0  # number of the next picture; of the one at time 0
         self._stopped = False
+        self.sighting: Sighting | None = None  # of the last sample
+        self.due = 0.0  # when it was due, host's clock
 
     def _checked(self, settings: Mapping[str, Any]) -> HardwareSettings:
         return check_section(HardwareSettings, settings)
 
     def _connect(self) -> Parts:
-        return connect(self.settings, self.maze)
+        source, size = self.settings.source, self.settings.picture
+        return assemble(self.settings, self.maze, self.folder, lambda: VideoSource(source, size), str(source))
 
     # -- life -------------------------------------------------------------------------------------------------------
 
     @property
     def parts(self) -> Parts:
-        """Board, camera and what goes with them; opened when first asked for. Raises RigError, also when something has
-        not been calibrated."""
+        """Board, camera and what goes with them; opened when first asked for. Raises RigError, SettingsError when
+        something has not been calibrated."""
         if self._parts is None:
             missing = self.settings.missing()
             if missing:
-                raise RigError(f"the rig is not calibrated: first {' and '.join(missing)} (docs/hardware.md)")
+                advice = f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)"
+                raise SettingsError(advice, file=self.file)
             self._parts = self._connect()
             self._numbered, self._arrived = False, -math.inf
         return self._parts
@@ -130,13 +142,14 @@ class HardwareRig:
         parts = self.parts
         number, image = self._picture(parts)
         due = self._clock.due(number)
-        sighting = None if image is None else parts.detector.locate(image)
-        parts.track.take(parts.reports())
+        parts.listen()
+        sighting = None if image is None else parts.detector.locate(image, parts.track.at(due))
+        parts.listen()  # what came meanwhile is nearer to the moment of the picture
         newest, tilt = parts.track.newest, parts.track.at(due)
         if tilt is None or newest is None or monotonic() - newest > SILENT_S:
             raise RigError(f"{parts.port}: the board has not told the tilt for {SILENT_S:g} s; is its cable in?")
         x, y = (None, None) if sighting is None or sighting.x is None else (sighting.x, sighting.y)
-        parts.seen = sighting
+        self.sighting, self.due = sighting, due
         return Observation((number - self._first) / self.rate_hz, x, y, *tilt)
 
     def _picture(self, parts: Parts) -> tuple[int, np.ndarray | None]:

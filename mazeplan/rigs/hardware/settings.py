@@ -83,6 +83,18 @@ class HardwareSettings(Section):
     unseen_s: float = Field(default=2.0, ge=0.2, le=60.0, description="a run ends when the ball is unseen for so long")
     place_s: float = Field(default=120.0, ge=1.0, le=3600.0, description="time to place the ball")
 
+    @property
+    def source(self) -> int | str:
+        """Where pictures come from: the number of a device, a URL, a file."""
+        given = (self.camera or {}).get("source", 0)
+        return given if isinstance(given, int | str) else 0
+
+    @property
+    def picture(self) -> tuple[int, int]:
+        """Width and height that are asked for."""
+        width, height = (self.camera or {}).get("size", (640, 480))
+        return int(width), int(height)
+
     def missing(self) -> list[str]:
         """Commands that have to be given before it can drive."""
         out = ["mazeplan calibrate tilt"] if self.tilt is None else []
@@ -91,7 +103,29 @@ class HardwareSettings(Section):
     @property
     def calibrated_camera(self) -> bool:
         """Whether `camera:` says more than where the pictures come from."""
-        return self.camera is not None and "matrix" in self.camera
+        return self.camera is not None and "focal_px" in self.camera
+
+
+class WorldSettings(Section):
+    """`world:` of an emulated rig's file: the table that stands in for a real one. What its servos, diodes and camera
+    are like is drawn by `seed`, and stands nowhere."""
+
+    seed: int = Field(default=1, ge=0)
+    physics: dict[str, Any] = Field(default_factory=dict, description="of the machine: keys of a simulated rig")
+    camera_delay_ms: float = Field(default=50.0, ge=25.0, le=250.0, description="from the shutter to this program")
+    diode_noise_mv: float = Field(default=4.0, ge=0.0, le=200.0, description="of each conversion")
+    look: dict[str, Any] = Field(default_factory=dict, description="of the pictures: noise, blur, gloss, exposure ...")
+    trace: str | None = Field(default=None, description="CSV file that gets pulses and true tilts")
+    linger_s: float = Field(
+        default=0.0, ge=0.0, le=60.0, description="it goes on for so long when the program has ended"
+    )
+
+
+class EmulatedSettings(HardwareSettings):
+    """All keys of an emulated rig's file but `class`."""
+
+    world: WorldSettings = WorldSettings()
+    place_s: float = Field(default=20.0, ge=1.0, le=3600.0)
 
 
 def check_section(kind: type[Section], data: Mapping[str, Any]) -> Any:

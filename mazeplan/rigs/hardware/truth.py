@@ -1,7 +1,8 @@
 """What the parts of an emulated rig are like, drawn by a seed: nobody is told, calibrations have to find it out.
 
 A diode's two voltages go with the laser's spot, which moves by tan(2 tilt); it is turned against the axes, gains and
-offsets differ, and it bends at its edges. A servo's level pulse, gain and sense of rotation are its own.
+offsets differ, and it bends at its edges. A servo's level pulse, gain and sense of rotation are its own. The camera
+hangs about half a metre above the plate, not quite over its middle and not quite straight.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from mazeplan.records import Array
+from mazeplan.rigs.camera.pinhole import CameraModel
 
 FULL_DEG = 5.0  # tilt for which the spot's place is 1
 
@@ -62,3 +65,35 @@ class Servos:
         """beta, gamma in rad for these pulses."""
         beta, gamma = np.radians((np.array([beta_us, gamma_us]) - self.level) / self.us_per_deg)
         return float(beta), float(gamma)
+
+
+def camera_drawn(rng: np.random.Generator) -> CameraModel:
+    """A webcam on an arm, in which the plate with its markers fills the height of the picture."""
+    focal, height = rng.normal(1150.0, 15.0), rng.normal(0.56, 0.01)
+    matrix = np.array(
+        [
+            [focal, 0.0, rng.normal(320.0, 5.0)],
+            [0.0, focal * rng.normal(1.0, 2e-3), rng.normal(240.0, 5.0)],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    distortion = np.array([rng.normal(-0.06, 0.02), rng.normal(0.05, 0.02), *rng.normal(0.0, 5e-4, 2), 0.0])
+    down = np.diag([1.0, -1.0, -1.0])  # x to the right, y up in the plate; y down, z away in the camera
+    askew, _ = cv2.Rodrigues(np.radians(rng.normal(0.0, (1.0, 1.0, 1.5))))
+    shift = np.array([*rng.normal(0.0, 3e-3, 2), height])
+    return CameraModel(matrix, distortion, askew @ down, shift)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """All that a world is like."""
+
+    diode: Diode
+    servos: Servos
+    camera: CameraModel
+
+    @classmethod
+    def drawn(cls, seed: int) -> Truth:
+        """The world of that seed."""
+        diode, servos, camera = (np.random.default_rng([seed, part]) for part in range(3))
+        return cls(Diode.drawn(diode), Servos.drawn(servos), camera_drawn(camera))

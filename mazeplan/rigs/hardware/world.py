@@ -26,9 +26,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from mazeplan.errors import MazeplanError
+from mazeplan.errors import MazeplanError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
+from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.render import Overhead
 from mazeplan.rigs.hardware.chip import EmulatedChip, built
 from mazeplan.rigs.hardware.settings import WorldSettings, check_section
@@ -64,12 +65,20 @@ class Camera(threading.Thread):
             self._say({"frame": slot, "exposed": exposed, "out": monotonic()})
 
 
+def appearance(given: dict[str, Any]) -> Look:
+    """How things look. Raises SettingsError for a key or value that there is not."""
+    try:
+        return Look(**{"sharp": False, **given})
+    except (TypeError, ValueError) as problem:
+        raise SettingsError(str(problem).removeprefix("Look.__init__() "), key="world.look") from None
+
+
 class World:
     """Machine, board and camera."""
 
     def __init__(self, maze: Maze, settings: WorldSettings, memory: mmap.mmap, say: Callable[[dict], None]) -> None:
         self.maze, self.settings, self._say = maze, settings, say
-        self.truth = Truth.drawn(maze, settings.seed)
+        self.truth = Truth.drawn(settings.seed)
         physics = settings_from(dict(settings.physics))
         self.machine = Machine(maze, SimulatedSettings(**{**dict(physics), "rate_hz": 2.0 * PICTURES_HZ}))
         self.machine.reset(ring=1, theta=0.0)
@@ -77,7 +86,7 @@ class World:
         self.chip = EmulatedChip(*built())
         self.chip.set_volts(*self.truth.diode.volts(0.0, 0.0))
         self.chip.set_noise(1e-3 * settings.diode_noise_mv)
-        overhead = Overhead(maze, self.truth.camera, settings.appearance())
+        overhead = Overhead(maze, self.truth.camera, appearance(settings.look))
         self.camera = Camera(overhead, memory, 1e-3 * settings.camera_delay_ms, say)
         self._orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._trace: TextIO | None = None
