@@ -56,6 +56,7 @@ check: $(VENV)/installed-dev
 
 # one BLAS thread a worker: more of them fight over the same cores
 unit: $(VENV)/installed-dev
+	@$(MAKE) --no-print-directory emulator || echo "without them the tests of the board are skipped"
 	rm -f .coverage .coverage.*
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --cov --cov-report=term --cov-fail-under=85 $(ARGS)
 

@@ -8,6 +8,7 @@
 
 /*  timer 1   servo pulses: fast PWM up to ICR1 (mode 14), 0.5 us a step, 20 ms; OC1A (PB5, pin 11) is beta, OC1B (PB6,
               pin 12) gamma. New widths are written at OCR1C, after all pulses have ended, and taken at the next period.
+              OC1C (PB7, pin 13) is the board's lamp: lit while somebody commands
     timer 3   every 5 ms: watchdog of the control, and a burst of conversions
     ADC       channels 0 and 1 (A0, A1) in turns, 13 cycles of 125 kHz each: a burst takes 3.3 ms
     USART 0   115200 baud to within 2.1 %, rings of 256 bytes both ways */
@@ -205,8 +206,8 @@ void chip_rest(void)
 
 void chip_lamp(bool on)
 {
-    if (on)
-        PORTB |= _BV(PB7);
+    if (on) /* by the timer, 95 % of the time; simavr takes servo pins down when their port is written */
+        TCCR1A |= _BV(COM1C1);
     else
-        PORTB &= (uint8_t)~_BV(PB7);
+        TCCR1A &= (uint8_t)~_BV(COM1C1);
 }

@@ -20,6 +20,7 @@ from mazeplan.resources import PACKAGE
 
 START_S, END_S = 5.0, 2.0
 DEBIAN = ("gcc-avr", "avr-libc", "simavr", "libsimavr-dev", "libelf-dev")
+HEADER = Path("/usr/include/simavr/sim_avr.h")  # where Debian has it
 KEPT = 100_000  # pulses remembered, more than half an hour of changes at 50 Hz
 
 
@@ -33,10 +34,15 @@ class Pulse:
     when: float
 
 
+def paths(folder: Path | None = None) -> tuple[Path, Path]:
+    """Where `make emulator` puts emulator and firmware."""
+    folder = folder or PACKAGE.parent / "build"
+    return folder / "emulator" / "emulator", folder / "firmware" / "mazeplan.elf"
+
+
 def built(folder: Path | None = None) -> tuple[Path, Path]:
     """Emulator and firmware as `make emulator` builds them. Raises RigError where they are not."""
-    folder = folder or PACKAGE.parent / "build"
-    host, firmware = folder / "emulator" / "emulator", folder / "firmware" / "mazeplan.elf"
+    host, firmware = paths(folder)
     for path in (host, firmware):
         if not path.is_file():
             raise RigError(
@@ -57,16 +63,18 @@ class EmulatedChip:
         self.resets = 0
         self._zero = 0.0  # monotonic clock, s, when the chip's time was 0
         self._ready = self._ended = False
+        complaints = Path(self._folder.name) / "complaints"
         try:
-            self._process = subprocess.Popen(
-                [str(host), str(firmware), self.port],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                bufsize=1,
-                start_new_session=True,  # Ctrl-C is for the program, which levels the plate first
-            )
+            with complaints.open("w") as stderr:
+                self._process = subprocess.Popen(
+                    [str(host), str(firmware), self.port],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=stderr,
+                    text=True,
+                    bufsize=1,
+                    start_new_session=True,  # Ctrl-C is for the program, which levels the plate first
+                )
         except OSError as problem:
             self._folder.cleanup()
             raise RigError(f"{host}: the emulator does not start: {problem.strerror}; make emulator") from problem
@@ -75,8 +83,8 @@ class EmulatedChip:
         with self._changed:
             self._changed.wait_for(lambda: self._ready or self._ended, START_S)
         if not self._ready:
+            said = " ".join(complaints.read_text().split())
             self.close()
-            said = " ".join((self._process.stderr.read() if self._process.stderr else "").split())
             raise RigError(f"{host}: the emulator does not start: {said or 'it says nothing'}; make emulator")
 
     def set_volts(self, first: float, second: float) -> None:

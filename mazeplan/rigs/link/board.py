@@ -243,8 +243,8 @@ class Board:
 
     def _reconnect(self, trouble: str) -> bool:
         """Open the port again within the time for it; False when the board had to be given up."""
-        self.counts.lost += 1
         self._drop_port()
+        self.counts.lost += 1
         until, last = monotonic() + self.patience.reconnect_s, ""
         while monotonic() < until and not self._closing.is_set():
             try:

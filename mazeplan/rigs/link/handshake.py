@@ -6,7 +6,7 @@ import contextlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import monotonic
+from time import monotonic, monotonic_ns
 from typing import TYPE_CHECKING, TypeVar
 
 from mazeplan.errors import RigError
@@ -18,6 +18,7 @@ from mazeplan.rigs.link.port import open_port
 if TYPE_CHECKING:
     import serial
 
+FIRST_BELOW = 60000  # numbers of questions begin somewhere, and stay below 65536
 Answer = TypeVar("Answer")
 FLASH = "`make emulator` builds build/firmware/mazeplan.hex, tools/firmware/Makefile says how to flash it"
 
@@ -56,11 +57,12 @@ class _Talk:
     def __init__(self, name: str, port: serial.Serial, again_s: float, until: float, stop: threading.Event) -> None:
         self._stop = stop
         self._name, self._port, self._again, self._until = name, port, again_s, until
-        self._reader, self._wire, self._bytes = FrameReader(), 0, 0
+        self._reader, self._bytes = FrameReader(), 0
+        self._wire = monotonic_ns() % FIRST_BELOW  # so that what a former program asked is not answered to us
 
     def identify(self) -> Identity:
         """Who is there. What a board sent before it was asked, and what was lost while it booted, does not matter."""
-        _, identity = self._ask("I", messages.identify, messages.read_identity)
+        identity = self._ask("I", messages.identify, messages.read_identity)
         if identity.name != NAME:
             raise RigError(f"{self._name}: got {identity.name!r} at the other end, expected {NAME!r}: {FLASH}")
         if identity.protocol != PROTOCOL:
@@ -73,16 +75,16 @@ class _Talk:
     def set_limits(self, axis: int, limits: AxisLimits, identity: Identity) -> None:
         """Limits of one axis, which must be in force as they were sent."""
         sent = limits.on_the_line()
-        _, _, in_force = self._ask("L", lambda wire: messages.set_limits(wire, axis, limits), messages.read_limits)
-        if in_force != sent:
+        got, in_force = self._ask("L", lambda wire: messages.set_limits(wire, axis, limits), messages.read_limits)
+        if (got, in_force) != (axis, sent):
             raise RigError(
                 f"{self._name}: got limits {limits.min_us:g} to {limits.max_us:g} us, {limits.slew_us_per_s:g} us/s for"
                 f" {AXES[axis]}, the firmware allows {identity.min_us:g} to {identity.max_us:g} us,"
                 f" {identity.slew_us_per_s:g} us/s: choose narrower ones in the rig's file"
             )
 
-    def _ask(self, kind: str, question: Callable[[int], bytes], read: Callable[[Frame], Answer]) -> Answer:
-        """Ask until it is answered."""
+    def _ask(self, kind: str, question: Callable[[int], bytes], read: Callable[[Frame], tuple[int, Answer]]) -> Answer:
+        """Ask until it is answered, by its number."""
         while monotonic() < self._until and not self._stop.is_set():
             self._wire += 1
             with contextlib.suppress(OSError):
@@ -90,9 +92,12 @@ class _Talk:
             again = min(monotonic() + self._again, self._until)
             while monotonic() < again:
                 for frame in self._frames():
-                    if frame.kind == kind:
-                        with contextlib.suppress(ValueError):
-                            return read(frame)
+                    if frame.kind != kind:
+                        continue
+                    with contextlib.suppress(ValueError):
+                        wire, answer = read(frame)
+                        if wire == self._wire:
+                            return answer
         raise RigError(f"{self._name}: {self._silence()}")
 
     def _frames(self) -> list[Frame]:

@@ -166,10 +166,10 @@ def read_identity(frame: Frame) -> tuple[int, Identity]:
     return wire, Identity(name, protocol, version, low / 10, high / 10, float(slew), watchdog / 1000, cause_name(cause))
 
 
-def read_limits(frame: Frame) -> tuple[int, int, tuple[int, ...]]:
-    """Number of the request, axis, and what is in force, as `AxisLimits.on_the_line`. Raises ValueError."""
+def read_limits(frame: Frame) -> tuple[int, tuple[int, tuple[int, ...]]]:
+    """Number of the request; axis, and what is in force, as `AxisLimits.on_the_line`. Raises ValueError."""
     wire, axis, *values = frame.numbers(6)
-    return wire, axis, tuple(values)
+    return wire, (axis, tuple(values))
 
 
 def read_event(frame: Frame) -> Event:
