@@ -3,11 +3,12 @@
 A first guess comes from the outline of the whole maze: an ellipse, whose middle, size and the camera's focal length
 give the distance of a plate that faces the camera. Its turn about the upright is where the walls' tops are interrupted
 as the map says. Then pixels across the edges are searched for the steepest step of light, and the pose is moved until
-these lie on the circles (least squares, robust). """
+these lie on the circles (least squares, robust)."""
 
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import cv2
 import numpy as np
@@ -30,22 +31,28 @@ FACING = np.diag([1.0, -1.0, -1.0])  # a camera that looks straight down
 def pose_by_circles(matrix: Array, distortion: Array, image: np.ndarray, maze: Maze) -> tuple[Array, Array, float]:
     """(rotation, translation, rms px) from the level plate to the camera, by a picture of the empty plate. Raises
     InputError when no maze of that kind is to be seen."""
-    gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (0, 0), 1.0).astype(np.float32)
+    soft = cv2.GaussianBlur(image, (0, 0), 0.7)
+    gray = cv2.cvtColor(soft, cv2.COLOR_BGR2GRAY).astype(np.float32)
     size = (image.shape[1], image.shape[0])
-    best: tuple[float, CameraModel] | None = None
-    for middle, radius in _round_things(gray, size):
+    best: tuple[float, float, CameraModel] | None = None
+    rim = maze.walls[0]
+    ways = product(_round_things(gray, size), (rim.inner_radius, rim.outer_radius))
+    for (middle, radius), edge in ways:
         straight = cv2.undistortPoints(middle.reshape(1, 1, 2), matrix, distortion).ravel()
-        far = maze.walls[0].outer_radius * matrix[0, 0] / radius + maze.wall_height
+        far = edge * matrix[0, 0] / radius + maze.wall_height
         shift = np.array([straight[0] * far, straight[1] * far, far])
         guess = CameraModel(matrix, distortion, FACING, shift, size)
-        for turn in _turns(gray, guess, maze):
+        unlike = _unlike_tops(soft, guess, maze)
+        for turn in _turns(unlike, guess, maze):
             camera = CameraModel(matrix, distortion, FACING @ rotation([0.0, 0.0, turn]), shift, size)
-            done = _refined(gray, camera, maze)
-            if done is not None and (best is None or done[0] < best[0]):
-                best = done
+            done = _refined(unlike, camera, maze)
+            if done is not None:
+                fits = _openings_seen(unlike, done[1], maze)
+                if best is None or fits > best[0]:
+                    best = (fits, *done)
     if best is None:
         raise InputError(f"plate: the walls of map {maze.name} are not found in the picture; put markers on the plate")
-    return best[1].rotation, best[1].translation, best[0]
+    return best[2].rotation, best[2].translation, best[1]
 
 
 def _round_things(gray: np.ndarray, size: tuple[int, int]) -> list[tuple[Array, float]]:
@@ -70,32 +77,59 @@ def _round_things(gray: np.ndarray, size: tuple[int, int]) -> list[tuple[Array, 
     return distinct[:4]
 
 
-def _turns(gray: np.ndarray, guess: CameraModel, maze: Maze) -> list[float]:
-    """Turns of the plate about the upright, rad, likely ones first: on the tops of the walls, light is as different as
-    it can be between where there is wall and where there are openings."""
+def _wall_line(maze: Maze, wall: Wall) -> tuple[Array, Array, np.ndarray]:
+    """Angles (TURNS,), points (TURNS, 3) in the middle of a wall's top, and whether an opening is there."""
     angles = np.arange(TURNS) * math.tau / TURNS
+    middle = 0.5 * (wall.inner_radius + wall.outer_radius)
+    gap = np.zeros(TURNS, dtype=bool)
+    for opening in wall.openings:
+        gap |= np.abs(difference(angles, opening.angle)) < math.asin(0.5 * opening.width / middle)
+    return (
+        angles, np.column_stack([middle * np.cos(angles), middle * np.sin(angles), np.full(TURNS, maze.wall_height)]),
+        gap )  # fmt: skip
+
+
+def _turns(unlike: np.ndarray, guess: CameraModel, maze: Maze) -> list[float]:
+    """Turns of the plate about the upright, rad, likely ones first: openings are where no top is seen."""
     score = np.zeros(TURNS)
+    angles = np.arange(TURNS) * math.tau / TURNS
     for wall in maze.walls:
-        if not wall.openings:
-            continue
-        middle = 0.5 * (wall.inner_radius + wall.outer_radius)
-        top = np.column_stack([middle * np.cos(angles), middle * np.sin(angles), np.full(TURNS, maze.wall_height)])
-        light = _sample(gray, guess.project(top))
-        light = light - light.mean()
-        gap = np.zeros(TURNS)
-        for opening in wall.openings:
-            gap[np.abs(difference(angles, opening.angle)) < math.asin(0.5 * opening.width / middle)] = 1.0
-        gap -= gap.mean()
-        # a plate turned by t shows at angle a what the map has at a - t
-        score += np.fft.ifft(np.fft.fft(light) * np.conj(np.fft.fft(gap))).real / max(1e-9, float(light.std()))
-    order = np.argsort(-np.abs(score))
+        if wall.openings:
+            _, tops, gap = _wall_line(maze, wall)
+            light = _sample(unlike, guess.project(tops))
+            # a plate turned by t shows at angle a what the map has at a - t
+            score += np.fft.ifft(np.fft.fft(light - light.mean()) * np.conj(np.fft.fft(gap - gap.mean()))).real
     picked: list[float] = []
-    for index in order:
+    for index in np.argsort(-score):
         if all(abs(math.remainder(float(angles[index]) - other, math.tau)) > math.radians(8.0) for other in picked):
             picked.append(float(angles[index]))
         if len(picked) == 4:
             break
-    return picked or [0.0]
+    return picked
+
+
+def _openings_seen(unlike: np.ndarray, camera: CameraModel, maze: Maze) -> float:
+    """How much less like the tops the picture is in openings than on the walls beside, grey levels."""
+    there, beside = [], []
+    for wall in maze.walls:
+        _, tops, gap = _wall_line(maze, wall)
+        light = _sample(unlike, camera.project(tops))
+        there += light[gap].tolist()
+        beside += light[~gap].tolist()
+    return float(np.mean(there or [0.0]) - np.mean(beside))
+
+
+def _unlike_tops(image: np.ndarray, camera: CameraModel, maze: Maze) -> np.ndarray:
+    """0 where the picture has the colour of the walls' tops, 255 where it is clearly another one: the walls' sides,
+    their feet and shadows on the floor leave no edges."""
+    rim = maze.walls[0]  # it has no openings: how the plate is turned need not be known
+    angles = np.arange(0.0, math.tau, EVERY)
+    tops = 0.5 * (rim.inner_radius + rim.outer_radius) * np.column_stack([np.cos(angles), np.sin(angles)])
+    where = camera.project(np.column_stack([tops, np.full(len(tops), maze.wall_height)]))
+    own = np.median(np.column_stack([_sample(image[..., i].astype(np.float32), where) for i in range(3)]), axis=0)
+    far = np.abs(image.astype(np.float32) - own.astype(np.float32)).sum(axis=2)
+    low, high = np.percentile(_sample(far, where), 50.0), 0.6 * float(np.percentile(far, 75.0))
+    return np.clip((far - low) / max(high - low, 1.0), 0.0, 1.0) * 255.0
 
 
 def _rims(maze: Maze) -> list[tuple[Array, Array]]:
