@@ -51,6 +51,7 @@ class Campaign:
     settings: str | None = None
     behavior_modules: tuple[str, ...] = ()
     own_process: bool = False  # whether the watchdog may end it
+    sense: str | None = None  # how a simulated rig sees the ball
 
 
 def start_angle(index: int) -> float | None:
@@ -80,7 +81,7 @@ def run_one(campaign: Campaign, index: int) -> NavigationResult:
     """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result."""
     maze = load_map(campaign.map)
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
-    rig = watched(make_rig(campaign.rig, maze), own_process=campaign.own_process)
+    rig = watched(make_rig(campaign.rig, maze, campaign.sense), own_process=campaign.own_process)
     try:
         return attempt_job(rig, setup, job)[0]
     except RigError as problem:  # it did not even become level

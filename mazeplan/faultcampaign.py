@@ -63,7 +63,7 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     goals = Goals(maze)
     orders = Orders(close=goals.close)
-    faulty = FaultyRig(make_rig(campaign.rig, maze), maze, trial.draw(job.seed), orders)
+    faulty = FaultyRig(make_rig(campaign.rig, maze, campaign.sense), maze, trial.draw(job.seed), orders)
     wrapped = cast(Rig, faulty)  # a rig but for how it is made
     if any(kind.name == "observe_hangs" for kind in trial.kinds):
         rig = cast(Rig, WatchedRig(wrapped, BUSY_S))

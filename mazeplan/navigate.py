@@ -44,6 +44,7 @@ def navigate(
     goals: Goals | None = None,
     own_process: bool = False,
     guard: Callable[[Rig], AbstractContextManager[object]] | None = None,
+    sense: str | None = None,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
@@ -54,7 +55,8 @@ def navigate(
     used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
     time_limit: s of rig time for each goal, from when it was given; own_process: whether the watchdog may end the
     process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
-    closes and opens openings, and stops; guard: entered with the rig around the run, such as an emergency stop.
+    closes and opens openings, and stops; guard: entered with the rig around the run, such as an emergency stop; sense:
+    how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its settings say).
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -64,7 +66,7 @@ def navigate(
     for name in closed:
         if name not in known:
             raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
-    machine = watched(make_rig(rig, maze) if isinstance(rig, str) else rig, own_process=own_process)
+    machine = watched(make_rig(rig, maze, sense) if isinstance(rig, str) else rig, own_process=own_process)
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
     job = Job(

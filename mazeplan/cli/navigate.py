@@ -22,6 +22,10 @@ HowFile = Annotated[str | None, typer.Option("--settings", help="YAML file of co
 From = Annotated[str, typer.Option("--from", help="Ring to start in, such as ring1.")]
 To = Annotated[str, typer.Option("--to", help="Ring to reach, such as ring5; default: the centre.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of start angle and simulated noise.")]
+Sense = Annotated[
+    str | None,
+    typer.Option("--sense", help="How a simulated rig sees the ball: ideal, or camera: in rendered pictures."),
+]
 TimeLimit = Annotated[float, typer.Option("--time-limit", help="Limit in s of rig time.")]
 RUNS, FAULT_RUNS = 16, 10
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
@@ -46,6 +50,7 @@ def navigate(
     memory: Annotated[
         Path | None, typer.Option("--memory", help="File that keeps what happened at openings for the next run.")
     ] = None,
+    sense: Sense = None,
     as_json: Json = False,
 ) -> None:
     """Bring the ball from one ring to another."""
@@ -58,7 +63,7 @@ def navigate(
     from mazeplan.navigate import navigate as run
 
     maze = load_map(map_)
-    note_missing_model(rig, model, maze)
+    note_missing_model(rig, model, maze, sense)
     goals = Goals(maze)
     with NavigationProgress() as progress:
         try:
@@ -81,6 +86,7 @@ def navigate(
                 goals=goals,
                 own_process=True,
                 guard=lambda machine: stop_key(machine, goals.stop),
+                sense=sense,
             )
         except RigError as problem:  # the line that says so comes on top of what happened until then
             if as_json and problem.result is not None:
@@ -110,6 +116,7 @@ def evaluate(
     faults: Annotated[
         str | None, typer.Option("--faults", help="YAML file of what is to go wrong, or all: each kind in turn.")
     ] = None,
+    sense: Sense = None,
     as_json: Json = False,
 ) -> None:
     """Many navigations: success, times, failures; with --faults what is noticed and got over."""
@@ -122,12 +129,12 @@ def evaluate(
     from mazeplan.records import FailureKind
 
     maze = load_map(map_)
-    note_missing_model(rig, model, maze)
+    note_missing_model(rig, model, maze, sense)
     to = len(maze.rings) if goal == "centre" else goal
     limit = positive("--time-limit", time_limit)
     modules = tuple(behavior_module or ())
     count = runs or (RUNS if faults is None else FAULT_RUNS)
-    campaign = Campaign(count, rig, map_, model, behavior, start, to, seed, limit, settings, modules, own_process=True)
+    campaign = Campaign(count, rig, map_, model, behavior, start, to, seed, limit, settings, modules, True, sense)
     if faults is not None:
         from mazeplan.cli.faults import evaluate_faulty
 
@@ -145,14 +152,14 @@ def evaluate(
     sys.exit(0 if document["success"] == count else 1)
 
 
-def note_missing_model(rig: str, model: str | None, maze: Maze) -> None:
+def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | None = None) -> None:
     """Tell the user when textbook physics stand in for a fitted model: no camera delay, no tilt of the table.
 
     Nothing is said of a rig that cannot be made; that is an error of its own, raised here."""
     from mazeplan.models.modelfile import model_names
     from mazeplan.rigs.registry import make_rig, rig_model_hint
 
-    make_rig(rig, maze)
+    make_rig(rig, maze, sense)
     if model is None and rig not in model_names() and rig_model_hint(rig) is None:
         say(f"no model for rig {rig}: nominal physics stand in for it; fit one with `mazeplan collect` and `learn`")
 

@@ -18,6 +18,7 @@ from mazeplan.usermodule import user_module
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the folder where one works, if there is one
+SENSES = ("ideal", "camera")
 METHODS = ("reset", "observe", "command", "level", "close")
 
 
@@ -95,15 +96,20 @@ def _beside(path: Path, name: str) -> str:
     return str(found) if found.exists() else name
 
 
-def make_rig(spec: str, maze: Maze) -> Rig:
-    """The rig, with nothing opened yet. Raises SettingsError with file, line and key."""
+def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
+    """The rig, with nothing opened yet. sense: how a simulated one sees the ball, None: as its settings say. Raises
+    SettingsError with file, line and key."""
+    if sense not in (None, *SENSES):
+        raise SettingsError(f"--sense: got {shown(sense)}, expected one of {', '.join(SENSES)}")
     path = rig_file(spec)
     if path is None:
+        _simulated_only(spec, sense)
         return _from_class(spec, maze, {})
     from mazeplan.rigs.settings import read_rig_file, settings_from
 
     kind, data, tree = read_rig_file(path)
     if kind is not None:
+        _simulated_only(spec, sense)
         return _from_class(kind, maze, data, path, tree)
     from mazeplan.rigs.simulated import SimulatedRig
 
@@ -112,7 +118,14 @@ def make_rig(spec: str, maze: Maze) -> Rig:
         if settings.surprise is None:
             raise SettingsError(f"got @{seed}, but there is no surprise in these settings", file=path)
         settings = settings.model_copy(update={"surprise_seed": seed})
+    if sense is not None:
+        settings = settings.model_copy(update={"sense": sense})
     return SimulatedRig(maze if settings.map is None else load_map(_beside(path, settings.map)), settings)
+
+
+def _simulated_only(spec: str, sense: str | None) -> None:
+    if sense is not None:
+        raise SettingsError(f"--sense: got {sense} for {spec!r}, expected a rig whose pictures are simulated here")
 
 
 def _from_class(

@@ -52,6 +52,10 @@ class SimulatedSettings(Section):
     map: str | None = Field(default=None, description="map of the machine itself, where the planner has another")
     rate_hz: float = Field(default=30.0, ge=5.0, le=200.0, description="samples and commands per second")
     # camera
+    sense: Literal["ideal", "camera"] = Field(
+        default="ideal",
+        description="camera: the ball is found in rendered pictures, without camera_noise_mm and outliers",
+    )
     camera_noise_mm: float = Field(default=0.0, ge=0.0, le=20.0, description="1 sigma per axis")
     camera_delay_frames: int = Field(default=0, ge=0, le=15, description="age of the picture, in samples")
     camera_late_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="what comes to that age")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from mazeplan.records import Array, Observation
 from mazeplan.rigs.machine import CHUNKS, Machine, Snapshot
 from mazeplan.rigs.settings import Fault, SimulatedSettings, settings_from
 from mazeplan.rigs.surprise import answer, surprised
+
+if TYPE_CHECKING:
+    from mazeplan.rigs.camera.sensing import CameraSense
 
 TOLERANCE = 1e-9  # rad, of the tilt limit
 
@@ -36,6 +39,7 @@ class SimulatedRig:
         self.machine = Machine(maze, self.settings)
         self._samples = 0
         self._rng = np.random.default_rng(0)
+        self._sense: CameraSense | None = None
 
     # -- life -------------------------------------------------------------------------------------------------------
 
@@ -46,7 +50,9 @@ class SimulatedRig:
         self._seen: deque[Array] = deque(maxlen=self.settings.camera_delay_frames + 1)
         late = 1e-3 * self.settings.camera_late_ms * self.rate_hz * CHUNKS
         self._late = late - math.floor(late)  # of a chunk
-        self._path = deque([self.truth()[:2]] * (math.floor(late) + 2), maxlen=math.floor(late) + 2)
+        self._path = deque([self._scene()] * (math.floor(late) + 2), maxlen=math.floor(late) + 2)
+        if self.settings.sense == "camera":
+            self._light = rng.spawn(1)[0]  # of pictures only: the other noise stays what it is without
 
     def close(self) -> None:
         """Give memory back; may be called twice."""
@@ -61,7 +67,7 @@ class SimulatedRig:
         if self._samples > 0:
             for _ in range(CHUNKS):
                 machine.step()
-                self._path.append(machine.position)
+                self._path.append(self._scene())
         t = self._samples / self.rate_hz
         self._samples += 1
         self._seen.append((1.0 - self._late) * self._path[1] + self._late * self._path[0])
@@ -99,14 +105,31 @@ class SimulatedRig:
         if self._lost > 0 or self.machine.blind(t):
             return None, None
         turn = math.radians(settings.camera_rotation_deg)
-        x, y = self._seen[0]
-        if math.isnan(x):  # there was no ball when the picture was taken
+        place: tuple[float, float] | None = (float(self._seen[0][0]), float(self._seen[0][1]))
+        if settings.sense == "camera":
+            place, noise, outlier = self._found(), np.zeros(2), 1.0
+        if place is None or math.isnan(place[0]):  # there was no ball when the picture was taken
             return None, None
+        x, y = place
         position = np.array([math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y])
         position = position + 1e-3 * (np.array(settings.camera_offset_mm) + settings.camera_noise_mm * noise)
         if outlier < settings.outlier_probability:
             position = position + 1e-3 * settings.outlier_mm * wrong
         return float(position[0]), float(position[1])
+
+    def _scene(self) -> Array:
+        """What a picture taken now would show: x, y (NaN without a ball), z, m, beta, gamma, rad; shape (5,)."""
+        return np.array([*self.machine.position, self.machine.truth()[2], *self.machine.tilt])
+
+    def _found(self) -> tuple[float, float] | None:
+        """Where the ball is found in a rendered picture."""
+        if self._sense is None:
+            from mazeplan.rigs.camera.sensing import CameraSense
+
+            self._sense = CameraSense(self.maze)
+        x, y, z, beta, gamma = (float(value) for value in self._seen[0])
+        sighting = self._sense.look(None if math.isnan(x) else np.array([x, y, z]), beta, gamma, self._light)
+        return None if sighting.x is None or sighting.y is None else (sighting.x, sighting.y)
 
     def inject(self, fault: Fault) -> None:
         """See `Machine.inject`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 Colour = tuple[int, int, int]
 SPRITE = 96  # px, side of the ball's picture before it is put in its place
 EDGE = 0.05  # of the radius, over which it ends
+SHADE = 0.55  # light that is left in the ball's shadow
+GAP, TALL = 1.2, 3.0  # from the ball's middle to a wall beside it, and how high that is, in radii
 
 
 @dataclass(frozen=True)
@@ -38,15 +41,25 @@ class Look:
             raise ValueError(f"ball: got {self.ball!r}, expected one of {', '.join(BALLS)}")
 
 
-def steel(normal: np.ndarray, to_lamp: np.ndarray) -> np.ndarray:
-    """Grey of polished steel seen from above: its middle mirrors the ceiling, its sides the room, its rim the floor."""
-    up = 2.0 * normal[..., 2] ** 2 - 1.0  # height of the mirrored ray
-    room = np.interp(up, [-1.0, -0.5, -0.12, 0.05, 0.35, 0.75, 1.0], [150, 128, 58, 36, 66, 104, 122])
-    side = 14.0 * (normal[..., 0] * to_lamp[0] + normal[..., 1] * to_lamp[1])
-    return np.repeat((room + side)[..., None], 3, axis=2) * np.array([1.04, 1.0, 0.97])
+def steel(look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Polished steel seen from above: in its middle the ceiling, then the room along the channel and the walls across
+    it, at its rim the floor, with the ball's own shadow on one side."""
+    ray = 2.0 * normal[..., 2:] * normal - np.array([0.0, 0.0, 1.0])
+    level = np.maximum(np.hypot(ray[..., 0], ray[..., 1]), 1e-6)
+    rho = np.hypot(normal[..., 0], normal[..., 1])
+    slope = ray[..., 2] / level
+    start = 1.0 + normal[..., 2]  # lengths in radii of the ball
+    aside = np.abs(normal[..., 0] * across[0] + normal[..., 1] * across[1]) / np.maximum(rho, 1e-6)
+    to_wall = GAP / np.maximum(aside, 0.05) - rho
+    at_wall = start + slope * to_wall
+    room = np.interp(ray[..., 2], [-1.0, 0.05, 0.35, 0.75, 1.0], [36, 36, 66, 104, 122])[..., None]
+    shadow = np.clip(0.5 - 1.2 * (normal[..., 0] * to_lamp[0] + normal[..., 1] * to_lamp[1]), 0.0, 1.0) * (1.0 - SHADE)
+    floor = np.array(look.floor) * (0.58 * (1.0 - shadow))[..., None]
+    wall = np.array(look.wall, dtype=float) * 0.33
+    return np.where((at_wall < 0.0)[..., None], floor, np.where((at_wall < TALL)[..., None], wall, room))
 
 
-def painted(colour: Colour, normal: np.ndarray, to_lamp: np.ndarray) -> np.ndarray:
+def painted(colour: Colour, look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarray) -> np.ndarray:
     """A dull ball of one colour."""
     light = 0.42 + 0.68 * np.clip((normal * to_lamp).sum(axis=2), 0.0, 1.0)
     return np.array(colour, dtype=float) * light[..., None]
@@ -54,21 +67,22 @@ def painted(colour: Colour, normal: np.ndarray, to_lamp: np.ndarray) -> np.ndarr
 
 BALLS = {
     "steel": steel,
-    "orange": lambda normal, lamp: painted((24, 104, 246), normal, lamp),
-    "blue": lambda normal, lamp: painted((190, 96, 30), normal, lamp),
+    "orange": partial(painted, (24, 104, 246)),
+    "blue": partial(painted, (190, 96, 30)),
 }
 
 
-def sprite(look: Look, to_lamp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sprite(look: Look, to_lamp: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Picture of the ball (SPRITE, SPRITE, 3) and how much of each pixel it covers (SPRITE, SPRITE), float32; its disc
-    fills 0.8 of the side, x to the right, y up in the first row. to_lamp: unit vector (3,)."""
+    fills 0.8 of the side, x to the right, y up in the first row. to_lamp: unit
+    vector (3,); across: (2,), towards the walls."""
     at = (np.arange(SPRITE) + 0.5) / SPRITE * 2.5 - 1.25
     x, y = np.meshgrid(at, -at)
     rho = np.hypot(x, y)
     inside = np.minimum(rho, 0.999)
     shrink = inside / np.maximum(rho, 1e-9)
     normal = np.stack([x * shrink, y * shrink, np.sqrt(1.0 - inside**2)], axis=2)
-    colour = BALLS[look.ball](normal, to_lamp)
+    colour = BALLS[look.ball](look, normal, to_lamp, across)
     half = to_lamp + np.array([0.0, 0.0, 1.0])
     shine = np.clip((normal * (half / np.linalg.norm(half))).sum(axis=2), 0.0, 1.0)
     shine = 255.0 * shine ** (260 if look.ball == "steel" else 60) * (1.0 if look.ball == "steel" else 0.5)

@@ -56,7 +56,7 @@ def find(gray: np.ndarray, finder: cv2.aruco.ArucoDetector, known: Markers) -> d
     corners, ids, _ = finder.detectMarkers(gray)
     found: dict[int, Array] = {}
     twice: set[int] = set()
-    for number, four in zip([] if ids is None else ids.ravel().tolist(), corners, strict=True):
+    for number, four in zip(() if ids is None else (int(i) for i in ids.ravel()), corners, strict=True):
         twice |= {number} & found.keys()
         if number in known.places:
             found[number] = four.reshape(4, 2).astype(float)

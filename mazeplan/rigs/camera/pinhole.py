@@ -10,8 +10,10 @@ Lengths in m, angles in rad, pixels from the centre of the upper left one.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from mazeplan.records import Array
@@ -21,6 +23,11 @@ def plate_rotation(beta: float, gamma: float) -> Array:
     """Rotation (3, 3) from the plate frame to the level one."""
     cb, sb, cc, sc = math.cos(beta), math.sin(beta), math.cos(gamma), math.sin(gamma)
     return np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
+
+
+def rotation(vector: Sequence[float] | Array) -> Array:
+    """Rotation (3, 3) about a vector (3,) by its length, rad."""
+    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0], dtype=float)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ understood.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,23 +17,21 @@ import numpy as np
 from mazeplan.maze.drawing import wall_outlines
 from mazeplan.maze.geometry import Maze, Wall
 from mazeplan.records import Array
-from mazeplan.rigs.camera.look import SPRITE, Look, grain, sprite
+from mazeplan.rigs.camera.look import SHADE, SPRITE, Look, grain, sprite
 from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_markers
-from mazeplan.rigs.camera.pinhole import CameraModel
+from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
 FLOOR_PX = 3000.0  # pixels of floor per m
 LAYERS = 8  # of a wall, below its top
 SHIFT = 5  # binary places of a pixel in drawn corners
 PENUMBRA = 0.0015  # m, 1 sigma, of shadows
-SHADE, WALL_SHADE = 0.55, 0.72  # light that is left in the shadow of the ball, of a wall
+WALL_SHADE = 0.72  # light that is left in the shadow of a wall
 
 
 def tilting(beta: float, gamma: float, pivot: Array) -> Array:
     """(4, 4) from the plate to the level plate, built from rotations about single axes."""
-    about_y, _ = cv2.Rodrigues(np.array([0.0, beta, 0.0]))
-    about_x, _ = cv2.Rodrigues(np.array([gamma, 0.0, 0.0]))
     out = np.eye(4)
-    out[:3, :3] = about_y @ about_x
+    out[:3, :3] = rotation([0.0, beta, 0.0]) @ rotation([gamma, 0.0, 0.0])
     out[:3, 3] = pivot - out[:3, :3] @ pivot
     return out
 
@@ -119,7 +118,8 @@ class Overhead:
     # -- light --------------------------------------------------------------------------------------------------------
 
     def _wall_shade(self, lamp: Array) -> np.ndarray:
-        """Light that walls leave on the floor, 0 to 255: they block what comes from a lamp at (3,) in the plate frame."""
+        """Light that walls leave on the floor, 0 to 255: they block what comes from a lamp at (3,) in the plate
+        frame."""
         shade = self._solid.copy()
         for share in (0.33, 0.66, 1.0):
             k = share * self.maze.wall_height / lamp[2]
@@ -134,60 +134,60 @@ class Overhead:
     def _shaded(floor: np.ndarray, shade: np.ndarray) -> np.ndarray:
         return cv2.multiply(floor, cv2.cvtColor(shade, cv2.COLOR_GRAY2BGR), scale=1.0 / 255.0)
 
-    def _ball_shadow(self, floor: np.ndarray, ball: Array, lamp: Array) -> None:
-        """Darken the floor where the ball keeps the lamp's light off: an ellipse."""
+    def _ball_shadow(self, floor: np.ndarray, shade: np.ndarray, ball: Array, lamp: Array) -> None:
+        """Darken the floor where the ball keeps the lamp's light off, an ellipse, and no wall does already."""
         along = (ball - lamp) / (lamp[2] - ball[2])
         middle = ball[:2] + along[:2] * ball[2]
-        lean = math.hypot(along[0], along[1])
-        radius = self.maze.ball.radius
-        self._soft_ellipse(
-            floor, middle, (radius * math.hypot(1.0, lean), radius), math.atan2(along[1], along[0]), SHADE, 0.0
-        )
+        lean, radius = math.hypot(along[0], along[1]), self.maze.ball.radius
+        axes = (radius * math.hypot(1.0, lean), radius)
+        where, mask = self._soft_ellipse(middle, axes, math.atan2(along[1], along[0]))
+        both = np.minimum(shade[where], 255.0 - (255.0 * (1.0 - SHADE)) * mask).astype(np.uint8)
+        floor[where] = self._shaded(self._floor[where], both) if both.size else floor[where]
 
-    def _soft_ellipse(
-        self, floor: np.ndarray, middle: Array, axes: tuple[float, float], turn: float, keep: float, add: float
-    ) -> None:
-        """floor = keep * floor + add inside a soft ellipse (m, rad)."""
+    def _soft_ellipse(self, middle: Array, axes: tuple[float, float], turn: float) -> tuple[Any, np.ndarray]:
+        """Where in the floor's picture an ellipse (m, rad) is, and a mask, 0 to 1."""
         reach = max(axes) + 4.0 * PENUMBRA
         low = np.floor(self._floor_px((middle + np.array([-reach, reach]))[None])[0]).astype(int)
         high = np.ceil(self._floor_px((middle + np.array([reach, -reach]))[None])[0]).astype(int)
-        (left, top), (right, bottom) = np.maximum(low, 0), np.minimum(high, floor.shape[0])
-        if right <= left or bottom <= top:
-            return
+        side = self._floor.shape[0]
+        left, top = (int(value) for value in np.clip(low, 0, side))
+        right, bottom = (int(value) for value in np.clip(high, 0, side))
         mask = np.zeros((bottom - top, right - left), np.float32)
-        centre = self._floor_px(middle[None])[0] - (left, top)
-        cv2.ellipse(
-            mask,
-            tuple(int(round(v * 32)) for v in centre),
-            tuple(int(round(v * FLOOR_PX * 32)) for v in axes),
-            -math.degrees(turn), 0.0, 360.0, 1.0, -1, cv2.LINE_8, 5,
-        )  # fmt: skip
-        mask = cv2.GaussianBlur(mask, (0, 0), PENUMBRA * FLOOR_PX)[..., None]
-        patch = floor[top:bottom, left:right]
-        patch[:] = np.clip(patch * (1.0 - mask * (1.0 - keep)) + add * mask, 0, 255).astype(np.uint8)
+        if mask.size:
+            at = (self._floor_px(middle[None])[0] - (left, top)) * 32
+            size = tuple(round(value * FLOOR_PX * 32) for value in axes)
+            cv2.ellipse(
+                mask, (round(at[0]), round(at[1])), size, -math.degrees(turn), 0.0, 360.0, 1.0, -1, cv2.LINE_8, 5
+            )
+            mask = cv2.GaussianBlur(mask, (0, 0), PENUMBRA * FLOOR_PX)
+        return (slice(top, bottom), slice(left, right)), mask
 
     def _reflection(self, floor: np.ndarray, eye: Array, lamp: Array) -> None:
         """The lamp in a floor that is half a mirror: where the ray from the eye is thrown to it."""
         share = eye[2] / (eye[2] + lamp[2])
         middle = eye[:2] + (lamp[:2] - eye[:2]) * share
         for size, strength in ((0.011, 1.0), (0.026, 0.25)):
-            self._soft_ellipse(floor, middle, (size * 1.3, size), 0.5, 1.0, 255.0 * self.look.gloss * strength)
+            where, mask = self._soft_ellipse(middle, (size * 1.3, size), 0.5)
+            more = floor[where] + (255.0 * self.look.gloss * strength) * mask[..., None]
+            floor[where] = np.minimum(more, 255.0).astype(np.uint8)
 
     # -- a picture ----------------------------------------------------------------------------------------------------
 
     def render(
         self, ball: Array | None, beta: float, gamma: float, rng: np.random.Generator, *, others: tuple[Array, ...] = ()
     ) -> np.ndarray:
-        """A picture (height, width, 3), BGR. ball: its centre (3,) in the plate frame, m, or None; others: more balls."""
-        to_plate = np.linalg.inv(tilting(beta, gamma, self.camera.pivot))
+        """A picture (height, width, 3), BGR. ball: its centre (3,) in the plate frame, m, or None; others: more
+        balls."""
+        to_plate: Array = np.array(np.linalg.inv(tilting(beta, gamma, self.camera.pivot)), dtype=float)
         eye = (to_plate @ np.append(-self.camera.rotation.T @ self.camera.translation, 1.0))[:3]
         lamp = (to_plate @ np.append(self.look.lamp, 1.0))[:3]
         balls = [*([] if ball is None else [np.asarray(ball, dtype=float)]), *others]
-        floor = self._shaded(self._floor, self._wall_shade(lamp)) if self.look.sharp else self._lit.copy()
+        shade = self._wall_shade(lamp) if self.look.sharp else self._level_shade
+        floor = self._shaded(self._floor, shade) if self.look.sharp else self._lit.copy()
+        for one in balls:
+            self._ball_shadow(floor, shade, one, lamp)
         if self.look.gloss > 0.0:
             self._reflection(floor, eye, lamp)
-        for one in balls:
-            self._ball_shadow(floor, one, lamp)
         camera = self._straight(beta, gamma)
         canvas = self._table.copy()
         corner = FLOOR_PX * self._half - 0.5
@@ -238,7 +238,8 @@ class Overhead:
         origin, u, v = pixels.mean(axis=0), 0.5 * (pixels[0] - pixels[1]), 0.5 * (pixels[2] - pixels[3])
         to_lamp = (lamp - ball) / np.linalg.norm(lamp - ball)
         seen = np.array([to_lamp @ right, to_lamp @ up, -(to_lamp @ away)])
-        colour, cover = sprite(self.look, seen)
+        out = np.array([ball[0], ball[1], 0.0]) / max(1e-9, math.hypot(ball[0], ball[1]))
+        colour, cover = sprite(self.look, seen, np.array([out @ right, out @ up]))
         size = np.abs(u) + np.abs(v)
         low = np.maximum(np.floor(origin - 1.3 * size).astype(int), 0)
         high = np.minimum(np.ceil(origin + 1.3 * size).astype(int) + 1, canvas.shape[1::-1])
@@ -267,7 +268,9 @@ class Overhead:
         across = light * (1.0 + look.slope * np.linspace(-0.5, 0.5, width, dtype=np.float32))
         out *= across[None, :, None]
         for x, y, radius, strength in look.veils:
-            square = (np.arange(width, dtype=np.float32) - x) ** 2 + (np.arange(height, dtype=np.float32)[:, None] - y) ** 2
+            square = (np.arange(width, dtype=np.float32) - x) ** 2 + (
+                np.arange(height, dtype=np.float32)[:, None] - y
+            ) ** 2
             out += (255.0 * strength) / (1.0 + (square / radius**2) ** 3)[..., None]
         start = int(rng.integers(len(self._noise) - out.size + 1))
         out += self._noise[start : start + out.size].reshape(out.shape)

@@ -1,0 +1,180 @@
+"""From pictures of a chessboard and of the empty plate to a camera whose numbers are known.
+
+Lens: Zhang's method (cv2.calibrateCamera) on the board's corners; a picture whose corners lie far off is left out and
+named. Pose: the plate level, by its markers, or by the circles of its walls where it has none (`circles`). Background:
+the empty floor, straightened, the mean of all pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from mazeplan.errors import InputError
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Array
+from mazeplan.rigs.camera.detector import Background
+from mazeplan.rigs.camera.floor import Floor
+from mazeplan.rigs.camera.markers import Markers, TiltFinder, detector, find
+from mazeplan.rigs.camera.pinhole import CameraModel, rotation
+
+LEAST_BOARDS = 5
+FAR = 2.5  # times the median error of a picture's corners: it is left out
+MOST_PX = 1.5  # rms in px that a calibration may leave
+NamedPicture = tuple[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Lens:
+    """matrix (3, 3), distortion (5,), size; error_px: rms of the corners; used: pictures; left_out: names and why."""
+
+    matrix: Array
+    distortion: Array
+    size: tuple[int, int]
+    error_px: float
+    used: int
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """camera; background; error_px: rms of markers or edges against where they belong; error_mm: that on the floor."""
+
+    camera: CameraModel
+    background: Background
+    error_px: float
+    error_mm: float
+    by: str
+
+
+def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], square: float) -> Lens:
+    """The lens by pictures of a chessboard: inner corners across and down, side of a square in m. Raises InputError."""
+    board = np.zeros((corners[0] * corners[1], 3), np.float32)
+    board[:, :2] = np.mgrid[0 : corners[0], 0 : corners[1]].T.reshape(-1, 2) * square
+    size: tuple[int, int] | None = None
+    found: list[tuple[str, np.ndarray]] = []
+    without: list[str] = []
+    for name, image in pictures:
+        here = (image.shape[1], image.shape[0])
+        if size is not None and here != size:
+            raise InputError(
+                f"got a picture of {here[0]} x {here[1]}, expected {size[0]} x {size[1]} as before", file=name
+            )
+        size = here
+        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        done, at = cv2.findChessboardCorners(
+            gray, corners, flags=cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_FAST_CHECK
+        )
+        if not done:
+            without.append(f"{name}: no chessboard of {corners[0]} x {corners[1]} inner corners")
+            continue
+        term = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-3)
+        found.append((name, cv2.cornerSubPix(gray, at, (4, 4), (-1, -1), term)))
+    if size is None or len(found) < LEAST_BOARDS:
+        raise InputError(
+            f"chessboard: got {len(found)} pictures with a board of {corners[0]} x {corners[1]} inner corners, "
+            f"expected at least {LEAST_BOARDS}"
+        )
+    lens, each = _zhang(board, [at for _, at in found], size)
+    keep = each < max(FAR * float(np.median(each)), 0.3)
+    if not keep.all() and keep.sum() >= LEAST_BOARDS:
+        without += [f"{name}: {e:.2f} px off" for (name, _), e, k in zip(found, each, keep, strict=True) if not k]
+        lens, _ = _zhang(board, [at for (_, at), k in zip(found, keep, strict=True) if k], size)
+    if lens.error_px > MOST_PX:
+        raise InputError(f"chessboard: corners are {lens.error_px:.1f} px off after all, expected below {MOST_PX:g} px")
+    return replace(lens, left_out=tuple(without))
+
+
+def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]) -> tuple[Lens, Array]:
+    """The lens, and the rms of each picture, px."""
+    start = np.array([[1.5 * size[0], 0, 0.5 * size[0]], [0, 1.5 * size[0], 0.5 * size[1]], [0, 0, 1.0]])
+    flags = cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
+    error, matrix, bent, turns, shifts = cv2.calibrateCamera(
+        [board] * len(found), list(found), size, start, np.zeros(5), flags=flags
+    )
+    each = [
+        np.sqrt(((cv2.projectPoints(board, turn, shift, matrix, bent)[0] - at) ** 2).sum(axis=2).mean())
+        for at, turn, shift in zip(found, turns, shifts, strict=True)
+    ]
+    return Lens(
+        np.array(matrix, dtype=float), np.array(bent, dtype=float).ravel()[:5], size, float(error), len(found)
+    ), np.array(each)
+
+
+def calibrate_plate(
+    lens: Lens, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers | None, pivot: Array | None = None
+) -> Calibration:
+    """Pose and background by pictures of the empty, level plate. Raises InputError."""
+    for name, image in pictures:
+        if image.shape[1::-1] != lens.size:
+            got = f"{image.shape[1]} x {image.shape[0]}"
+            raise InputError(f"got a picture of {got}, expected {lens.size[0]} x {lens.size[1]}", file=name)
+    if not pictures:
+        raise InputError("plate: got no picture of the empty plate")
+    pivot = np.zeros(3) if pivot is None else pivot
+    if markers is None:
+        from mazeplan.rigs.camera.circles import pose_by_circles
+
+        mean = np.mean([image for _, image in pictures], axis=0).astype(np.uint8)
+        rotation, translation, error = pose_by_circles(lens.matrix, lens.distortion, mean, maze)
+        by = "circles"
+    else:
+        rotation, translation, error = pose_by_markers(lens, pictures, markers)
+        by = "markers"
+    if error > MOST_PX:
+        raise InputError(f"plate: {by} are {error:.1f} px from where they belong, expected below {MOST_PX:g} px")
+    camera = CameraModel(lens.matrix, lens.distortion, rotation, translation, lens.size, pivot)
+    error_mm = 1000.0 * error * float(translation[2]) / float(lens.matrix[0, 0])
+    return Calibration(camera, calibrate_background(camera, pictures, maze, markers), error, error_mm, by)
+
+
+def pose_by_markers(lens: Lens, pictures: Sequence[NamedPicture], markers: Markers) -> tuple[Array, Array, float]:
+    """(rotation, translation, rms px) from the level plate to the camera; corners are the mean over all pictures."""
+    finder = detector()
+    seen: dict[int, list[Array]] = {}
+    for _, image in pictures:
+        for number, four in find(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), finder, markers).items():
+            seen.setdefault(number, []).append(four)
+    often = {number: fours for number, fours in seen.items() if 2 * len(fours) >= len(pictures)}
+    if len(often) < 2:
+        raise InputError(
+            f"{pictures[0][0]}: got markers {sorted(often)} in most pictures, expected at least two of "
+            f"{sorted(markers.places)}"
+        )
+    points = np.vstack([markers.corners(number) for number in often])
+    pixels = np.vstack([np.median(fours, axis=0) for fours in often.values()])
+    done, turn, shift = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_IPPE)
+    if not done:
+        raise InputError(f"{pictures[0][0]}: the markers give no pose; do they lie where the rig's file says?")
+    turn, shift = cv2.solvePnPRefineLM(points, pixels, lens.matrix, lens.distortion, turn, shift)
+    off = cv2.projectPoints(points, turn, shift, lens.matrix, lens.distortion)[0].reshape(-1, 2) - pixels
+    return (
+        rotation(turn.ravel().tolist()),
+        np.array(shift, dtype=float).ravel(),
+        float(np.sqrt((off**2).sum(axis=1).mean())),
+    )
+
+
+def calibrate_background(
+    camera: CameraModel, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers | None
+) -> Background:
+    """The empty floor; where walls hid it, what is beside."""
+    floor = Floor(maze)
+    tilts = None if markers is None else TiltFinder(camera, markers)
+    total = np.zeros((floor.side, floor.side, 3))
+    count = np.zeros((floor.side, floor.side, 1))
+    for _, image in pictures:
+        tilt = None if tilts is None else tilts.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        beta, gamma = (0.0, 0.0) if tilt is None else tilt[:2]
+        seen = floor.visible(camera.centre(beta, gamma))[..., None] > 0
+        total += floor.straighten(image, camera, beta, gamma) * seen
+        count += seen
+    known = (count[..., 0] > 0).astype(np.uint8) * 255
+    mean = np.clip(total / np.maximum(count, 1) + 0.5, 0, 255).astype(np.uint8)
+    filled = cv2.inpaint(mean, 255 - known, 4, cv2.INPAINT_TELEA)
+    # what is filled in holds near what was seen only
+    near = cv2.dilate(known, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (11, 11)))
+    return Background(filled, near)

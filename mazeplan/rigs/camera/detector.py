@@ -1,0 +1,238 @@
+"""Where the ball is in a picture, or why nobody can say.
+
+1. The plate's tilt by its markers. 2. The floor straightened (`floor`) and compared with the empty one, after the
+light's changes are taken out: what differs may be the ball, a reflection or a shadow. 3. Discs of what differs, where a
+ball can be at all. 4. For each the outline of a sphere of that radius is laid to its edge (`outline`), by the part that
+is seen. One that fits is the ball; two are one too many. No picture but this one is looked at: nothing is carried on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import cv2
+import numpy as np
+
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Array
+from mazeplan.rigs.camera.floor import PX, Floor
+from mazeplan.rigs.camera.markers import Markers, TiltFinder
+from mazeplan.rigs.camera.outline import Fit, Outline
+from mazeplan.rigs.camera.pinhole import CameraModel
+
+HALF = 2  # the search for discs goes over a picture so many times smaller
+SLOW = 8  # the light over one that is so many times smaller
+
+
+class Why(StrEnum):
+    """What came of a picture."""
+
+    FOUND = "found"
+    DARK = "too dark"
+    NO_MARKERS = "no markers"
+    MOVED = "camera moved"
+    NO_BALL = "no ball"
+    UNSURE = "no clear outline"
+    TWO = "two balls"
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """x, y: ball centre in the plate frame, m, or None; confidence: 0 to 1; beta, gamma: the plate's tilt by its
+    markers, rad, or None; error: 1 sigma of x and y together that the outline's scatter tells of, m."""
+
+    x: float | None
+    y: float | None
+    confidence: float
+    why: Why
+    beta: float | None = None
+    gamma: float | None = None
+    error: float | None = None
+
+
+@dataclass(frozen=True)
+class Background:
+    """The floor without a ball, in level light: picture (side, side, 3); known: 255 where it was seen."""
+
+    picture: np.ndarray
+    known: np.ndarray
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """hue_deg: from, to, in which the ball's colour lies (0 red, 120 green, 240 blue), None for a ball of steel;
+    saturation: least of 255 then. contrast: grey levels by which ball and floor differ at least; darkest: share of the
+    background's light below which nothing is tried; moved_px: distance of markers from where they belong; clear: share
+    of the outline that must be seen; agree: share of what is seen of it that must lie on the circle; error_m: largest 1
+    sigma; tolerance_m: of where walls and ball are; rival: share of the best outline's clearness that makes another one
+    a second ball; filled: least mean difference over a disc, of 1, to look closer."""
+
+    hue_deg: tuple[float, float] | None = None
+    saturation: int = 90
+    contrast: float = 14.0
+    darkest: float = 0.2
+    moved_px: float = 2.5
+    clear: float = 0.3
+    agree: float = 0.6
+    error_m: float = 0.00025
+    tolerance_m: float = 0.001
+    rival: float = 0.5
+    filled: float = 0.05
+    candidates: int = 4
+
+
+class BallDetector:
+    """Finds the ball in pictures of one calibrated camera."""
+
+    def __init__(
+        self,
+        maze: Maze,
+        camera: CameraModel,
+        background: Background,
+        markers: Markers | None,
+        settings: DetectorSettings | None = None,
+    ) -> None:
+        self.maze, self.camera, self.settings = maze, camera, settings or DetectorSettings()
+        self.floor = Floor(maze)
+        self.background = background
+        self._tilt = None if markers is None else TiltFinder(camera, markers)
+        self._outline = Outline(maze.ball.radius, self.floor)
+        room = cv2.distanceTransform(255 - self.floor.solid, cv2.DIST_L2, 5) / PX
+        allowed = (room >= maze.ball.radius - self.settings.tolerance_m).astype(np.uint8) * 255
+        self._room, self._allowed = room, cv2.resize(allowed, None, fx=1 / HALF, fy=1 / HALF)
+        self._disc, self._ring = _kernels(maze.ball.radius * PX / HALF)
+
+    def locate(self, image: np.ndarray, tilt: tuple[float, float] | None = None) -> Sighting:
+        """The ball in a picture (height, width, 3), BGR. tilt: beta, gamma, rad, where there are no markers to be seen.
+
+        Raises ValueError for a picture of another size than the camera's."""
+        if image.shape != (self.camera.size[1], self.camera.size[0], 3):
+            raise ValueError(f"got a picture of shape {image.shape}, expected {self.camera.size[::-1]} and 3 colours")
+        by_markers = None if self._tilt is None else self._tilt.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        if by_markers is not None and by_markers[2] > self.settings.moved_px:
+            return Sighting(None, None, 0.0, Why.MOVED)
+        beta, gamma = (None, None) if by_markers is None else by_markers[:2]
+        used = tilt if by_markers is None else by_markers[:2]
+        if used is None:
+            dark = float(np.median(image[::8, ::8])) < 12.0
+            return Sighting(None, None, 0.0, Why.DARK if dark else Why.NO_MARKERS)
+        why, fit = self._look(image, *used)
+        if fit is None:
+            return Sighting(None, None, 0.0, why, beta, gamma)
+        return Sighting(fit.x, fit.y, fit.confidence, why, beta, gamma, fit.error)
+
+    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, Fit | None]:
+        settings, eye = self.settings, self.camera.centre(beta, gamma)
+        seen = self.floor.straighten(image, self.camera, beta, gamma)
+        clear = cv2.bitwise_and(self.floor.visible(eye), self.background.known)
+        empty, light = _relit(self.background.picture, seen, clear)
+        if light < settings.darkest:
+            return Why.DARK, None
+        differs = self._differs(seen, empty, clear)
+        fits = []
+        for x, y in self._candidates(differs, clear, eye):
+            fit = self._outline.fit(seen, empty, clear, eye, np.array([x, y]))
+            if fit is not None and self._possible(fit):
+                fits.append(fit)
+        good = [fit for fit in fits if self._good(fit)]
+        if not good:
+            return (Why.UNSURE if fits else Why.NO_BALL), None
+        best = max(good, key=lambda fit: fit.strength * fit.confidence)
+        if any(self._rivals(fit, best) for fit in good):
+            return Why.TWO, None
+        return Why.FOUND, best
+
+    def _rivals(self, fit: Fit, best: Fit) -> bool:
+        """Whether it is another ball: as clear, and not the same one's shadow, whose edge is soft."""
+        apart = np.hypot(fit.x - best.x, fit.y - best.y)
+        return bool(
+            apart > self.maze.ball.radius
+            and fit.strength * fit.agree > self.settings.rival * best.strength * best.agree
+        )
+
+    def _differs(self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray) -> np.ndarray:
+        """How far the floor's colour is from what it should be, 0 to 255 and 0 where that is noise; with a colour of
+        the ball, 255 where that is seen."""
+        if self.settings.hue_deg is not None:
+            low, high = (round(value / 2.0) for value in self.settings.hue_deg)
+            hsv = cv2.cvtColor(seen, cv2.COLOR_BGR2HSV)
+            own = cv2.inRange(hsv, (min(low, high), self.settings.saturation, 30), (max(low, high), 255, 255))
+            if low > high:  # red: past 360
+                own = cv2.bitwise_or(
+                    cv2.inRange(hsv, (low, self.settings.saturation, 30), (180, 255, 255)),
+                    cv2.inRange(hsv, (0, self.settings.saturation, 30), (high, 255, 255)),
+                )
+            return cv2.bitwise_and(own, clear)
+        blue, green, red = cv2.split(cv2.absdiff(seen, empty))
+        most = cv2.max(cv2.max(blue, green), red)
+        sample = most[2::5, 2::5][clear[2::5, 2::5] > 0]
+        noise = 1.5 * float(np.median(sample)) if sample.size else 0.0
+        least = max(self.settings.contrast, 3.0 * noise)
+        most = cv2.threshold(most, least, 0, cv2.THRESH_TOZERO)[1]
+        return cv2.bitwise_and(most, clear)
+
+    def _candidates(self, differs: np.ndarray, clear: np.ndarray, eye: Array) -> list[tuple[float, float]]:
+        """Places (x, y), m, of the ball's centre where most differs inside a disc and least around it."""
+        settings, ball, floor = self.settings, self.maze.ball.radius, self.floor
+        small = cv2.resize(differs, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA).astype(np.float32)
+        score = cv2.filter2D(small, cv2.CV_32F, (self._disc - self._ring) / 255.0, borderType=cv2.BORDER_CONSTANT)
+        # where a centre may be, moved to the floor behind it
+        k, foot = ball / eye[2], (floor.pixels(eye[None, :2])[0] + 0.5) / HALF - 0.5
+        warp = np.array([[1.0 - k, 0.0, k * foot[0]], [0.0, 1.0 - k, k * foot[1]]])
+        allowed = cv2.warpAffine(self._allowed, warp, score.shape[::-1], flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        found = []
+        for _ in range(settings.candidates):
+            _, best, _, at = cv2.minMaxLoc(score, allowed)
+            if best < settings.filled * self._disc.sum():
+                break
+            q = floor.metres(np.array([at]) * HALF + 0.5 * (HALF - 1))[0]
+            found.append(tuple((q + (eye[:2] - q) * ball / eye[2]).tolist()))
+            cv2.circle(allowed, at, round(1.2 * ball * PX / HALF), 0, -1)
+        return found
+
+    def _possible(self, fit: Fit) -> bool:
+        """Whether a ball has room there."""
+        column, row = np.round(self.floor.pixels(np.array([[fit.x, fit.y]]))[0]).astype(int)
+        side = self.floor.side
+        inside = 0 <= column < side and 0 <= row < side
+        return bool(inside and self._room[row, column] >= self.maze.ball.radius - self.settings.tolerance_m)
+
+    def _good(self, fit: Fit) -> bool:
+        settings = self.settings
+        return fit.clear >= settings.clear and fit.agree >= settings.agree and fit.error <= settings.error_m
+
+
+def _kernels(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """A disc, and a ring around it that counts 0.7."""
+    reach = int(1.6 * radius) + 1
+    rho = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    disc = np.clip(radius - rho + 0.5, 0.0, 1.0)
+    return disc.astype(np.float32), (0.7 * np.clip(1.5 * radius - rho + 0.5, 0.0, 1.0) * (1.0 - disc)).astype(
+        np.float32
+    )
+
+
+def _relit(picture: np.ndarray, seen: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, float]:
+    """The background in this picture's light: a gain for each colour, then what is left of it over larger parts of the
+    plate; and the gain."""
+    at = clear[2::5, 2::5] > 0
+    if not at.any():
+        return picture, 0.0
+    now, then = seen[2::5, 2::5][at].astype(np.float32), picture[2::5, 2::5][at].astype(np.float32)
+    gain = np.median((now + 1.0) / (then + 1.0), axis=0)
+    table = np.clip(np.arange(256)[:, None] * gain[None, :], 0, 255).astype(np.uint8)[None]
+    empty = cv2.LUT(picture, table)
+    small = (picture.shape[1] // SLOW, picture.shape[0] // SLOW)
+    share = cv2.resize(clear, small, interpolation=cv2.INTER_AREA)
+    off = cv2.subtract(
+        cv2.resize(cv2.cvtColor(seen, cv2.COLOR_BGR2GRAY), small, interpolation=cv2.INTER_AREA),
+        cv2.resize(cv2.cvtColor(empty, cv2.COLOR_BGR2GRAY), small, interpolation=cv2.INTER_AREA),
+        dtype=cv2.CV_16S,
+    )
+    off = np.clip(off + 128, 0, 255).astype(np.uint8)
+    off[share < 250] = 128
+    off = cv2.GaussianBlur(cv2.medianBlur(off, 11), (0, 0), 2.0)
+    over = cv2.resize(off, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    over = cv2.cvtColor(over, cv2.COLOR_GRAY2BGR)
+    return cv2.addWeighted(empty, 1.0, over, 1.0, -128.0), float(gain.mean())

@@ -1,0 +1,128 @@
+"""The outline of a sphere of known radius, laid to the edge between it and the floor.
+
+Seen from the camera a sphere ends in a circle across the line of sight. Along rays of that circle, from inside to
+outside, the picture's difference to the empty floor is followed; where it changes most is the edge. The centre is moved
+until the edges lie on the circle, by least squares that leave out what is far off (Tukey). Rays that a wall hides say
+nothing: half a circle is enough.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mazeplan.records import Array
+from mazeplan.rigs.camera.floor import Floor
+
+RAYS = 72
+STEP = 0.00025  # m, between samples on a ray
+REACH = 11  # samples on either side of the circle
+WINDOWS = (0.0014, 0.0008, 0.0005, 0.0005)  # m, 1 sigma of where the edge is looked for, round by round
+TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m, from where an edge counts no more
+INLIER = 0.0005  # m
+SHARE = 0.4  # of a ray's clearest edge, from which another is an edge, too
+PRIOR = np.diag([1e-9, 1e-9, 1.0])  # of the fit: how far the edge's radius may be off counts as much as one ray
+WEAK = 8.0  # grey levels, sum of the colours', over the edge's width: less is no edge
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """x, y: the sphere's centre, m; clear: share of the rays that are seen; agree: share of those whose edge lies on
+    the circle; error: 1 sigma of x and y together, m; wider: by how much the edge's circle is than the sphere's, m;
+    strength: of the edge, grey levels of all colours."""
+
+    x: float
+    y: float
+    clear: float
+    agree: float
+    error: float
+    wider: float
+    strength: float
+
+    @property
+    def confidence(self) -> float:
+        """0 to 1: how much of the outline was seen and agreed."""
+        return min(1.0, self.agree) * min(1.0, 2.0 * self.clear * self.agree)
+
+
+class Outline:
+    """Fits for one radius, m."""
+
+    def __init__(self, radius: float, floor: Floor) -> None:
+        self.radius, self.floor = radius, floor
+        angle = np.arange(RAYS) * math.tau / RAYS
+        self._turn = np.column_stack([np.cos(angle), np.sin(angle)])
+        self._offset = np.arange(-REACH, REACH + 1) * STEP
+
+    def fit(self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array) -> Fit | None:
+        """From about a place (2,), m. seen, empty (side, side, 3), clear (side, side): the floor now, without a ball,
+        and where it is to be seen; eye: the camera's place in the plate frame, (3,)."""
+        start = place.copy()
+        result = None
+        for window, tukey in zip(WINDOWS, TUKEY, strict=True):
+            edge, strength, ok, flat = self._edges(seen, empty, clear, eye, place, window)
+            known = ok & (strength > WEAK)
+            if known.sum() < RAYS // 8:
+                return None
+            move, off, weight, spread = _laid(edge, flat, known, tukey)
+            place = place + np.clip(move[:2], -0.0015, 0.0015)
+            if np.hypot(*(place - start)) > self.radius:
+                return None
+            on = known & (np.abs(off) < INLIER)
+            scatter = math.sqrt(float((weight * off**2).sum()) / max(1.0, float(weight.sum()) - 3.0))
+            error = scatter * math.sqrt(float(np.trace(spread[:2, :2])))
+            agree, clearest = float(on.sum() / max(1, ok.sum())), float(np.median(strength[on])) if on.any() else 0.0
+            result = Fit(float(place[0]), float(place[1]), float(ok.mean()), agree, error, float(move[2]), clearest)
+        return result
+
+    def _edges(
+        self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array, window: float
+    ) -> tuple[Array, Array, np.ndarray, Array]:
+        """Of each ray: how far outside the circle its edge is (m), how strong, whether it is seen; its direction
+        in the plane (RAYS, 2)."""
+        centre = np.array([place[0], place[1], self.radius])
+        away = centre - eye
+        far = float(np.linalg.norm(away))
+        away /= far
+        first = np.cross(away, [0.0, 1.0, 0.0])
+        first /= np.linalg.norm(first)
+        rays = self._turn @ np.array([first, np.cross(first, away)])
+        circle = self.radius * math.sqrt(1.0 - (self.radius / far) ** 2)
+        middle = centre - away * self.radius**2 / far
+        points = middle + (circle + self._offset)[None, :, None] * rays[:, None, :]
+        on_floor = eye[:2] + (points[..., :2] - eye[:2]) * (eye[2] / (eye[2] - points[..., 2]))[..., None]
+        where = self.floor.pixels(on_floor.reshape(-1, 2)).astype(np.float32).reshape(RAYS, -1, 2)
+        now = cv2.remap(seen, where, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
+        then = cv2.remap(empty, where, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
+        sure = cv2.remap(clear, where, None, cv2.INTER_LINEAR) > 250  # type: ignore[call-overload]
+        off = now - then
+        change = np.abs(off[:, 2:] - off[:, :-2]).sum(axis=2)
+        change[~(sure[:, 2:] & sure[:, :-2])] = 0.0
+        at = self._offset[1:-1]
+        likely = change * np.exp(-0.5 * (at / window) ** 2)
+        # of all edges that are about as clear as the clearest, the outermost: inside, the ball mirrors edges of its own
+        peak = (change >= np.roll(change, 1, axis=1)) & (change >= np.roll(change, -1, axis=1))
+        peak &= likely > SHARE * likely.max(axis=1, keepdims=True)
+        best = np.clip(len(at) - 1 - peak[:, ::-1].argmax(axis=1), 1, len(at) - 2)
+        before, there, after = (np.take_along_axis(change, best[:, None] + i, axis=1)[:, 0] for i in (-1, 0, 1))
+        bend = np.minimum(before + after - 2.0 * there, -1e-6)
+        edge = at[best] + STEP * np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
+        ok = sure[:, REACH - 4 : REACH + 5].all(axis=1)
+        return edge, there, ok, rays[:, :2]
+
+
+def _laid(edge: Array, flat: Array, known: np.ndarray, tukey: float) -> tuple[Array, Array, Array, Array]:
+    """The circle through edges (RAYS,), m outside of it: (its move in x, y and radius, what is left, weights, inverse
+    of the normal matrix)."""
+    columns = np.column_stack([flat, np.ones(len(edge))])
+    off, move, spread = edge, np.zeros(3), np.eye(3)
+    weight = known * np.clip(1.0 - (off / tukey) ** 2, 0.0, 1.0) ** 2
+    for _ in range(3):  # what counts depends on where the circle is
+        spread = np.array(np.linalg.inv((columns * weight[:, None]).T @ columns + PRIOR), dtype=float)
+        move = spread @ ((columns * weight[:, None]).T @ edge)
+        off = edge - columns @ move
+        weight = known * np.clip(1.0 - (off / tukey) ** 2, 0.0, 1.0) ** 2
+    return move, off, weight, spread
