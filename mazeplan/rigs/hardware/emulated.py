@@ -1,7 +1,7 @@
 """The rig on an emulated table: all of `HardwareRig`, with a simulated world behind serial port and camera.
 
-The firmware runs in a simulated chip, the pictures are rendered, the plate and the ball are MuJoCo's; everything goes on
-at the pace of the clock on the wall (`world`). The calibrations in its file were found as those of a real rig are.
+The firmware runs in a simulated chip, the pictures are rendered, the plate and the ball are MuJoCo's; everything goes
+on at the pace of the clock on the wall (`world`). The calibrations in its file were found as those of a real rig are.
 """
 
 from __future__ import annotations

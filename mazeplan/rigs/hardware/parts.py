@@ -100,7 +100,8 @@ def assemble(
     camera: str,
     port: str | None = None,
 ) -> Parts:
-    """Everything open, or nothing. folder: of the rig's file; make: opens the camera. Raises RigError, SettingsError."""
+    """Everything open, or nothing. folder: of the rig's file; make: opens the camera. Raises RigError or
+    SettingsError."""
     assert settings.tilt is not None
     section = camera_section(settings.camera or {})
     detector = section.detector(maze, folder)

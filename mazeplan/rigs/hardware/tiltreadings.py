@@ -1,4 +1,4 @@
-"""Takes the readings for `tiltcalibration` at the board: moves the plate over a grid, and asks what the clinometer says.
+"""Takes the readings for `tiltcalibration` at the board: moves the plate over a grid, and asks for the clinometer's.
 
 A board that hears nothing for 200 ms levels its plate; so the pulses of the moment are sent again and again by a
 thread, for as long as a person needs to read and type.

@@ -1,5 +1,5 @@
-"""A walk through a rig on a table, part by part, before it is trusted: port, firmware, tilt sensor, camera, servos, ball,
-and how late it all is.
+"""A walk through a rig on a table, part by part, before it is trusted: port, firmware, tilt sensor, camera, servos,
+ball, and how late it all is.
 
 Each step says what it saw. A step without which the next ones make no sense ends the walk.
 """
