@@ -4,6 +4,7 @@ whatever may come. Needs what `make emulator` needs. Part of tools/bench.py.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -128,10 +129,8 @@ def fuzzed_chip(size: int, seed: int) -> dict[str, float]:
                     piece = piece[os.write(raw, piece) :]
                 except BlockingIOError:
                     time.sleep(0.001)
-                try:
+                with contextlib.suppress(BlockingIOError):
                     answers += len(reader.feed(os.read(raw, 65536)))
-                except BlockingIOError:
-                    pass
             sent += 2000
         time.sleep(0.5)
         chip.order("fast 0")
