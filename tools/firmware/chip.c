@@ -66,9 +66,9 @@ void chip_start(void)
     DIDR0 = _BV(ADC0D) | _BV(ADC1D);
     ADCSRA = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 
-    UBRR0 = BAUD_DIVISOR;
-    UCSR0A = _BV(U2X0);
+    UCSR0A = _BV(U2X0); /* before the divisor: simavr works out the time of a byte when that is written */
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
+    UBRR0 = BAUD_DIVISOR;
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 
     set_sleep_mode(SLEEP_MODE_IDLE);

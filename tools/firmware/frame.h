@@ -1,6 +1,6 @@
 /* Frames of the line protocol (docs/protocol.md), pure C: the same file runs on the chip and in the tests.
 
-       $T,17,123450,32768,32760,15000,15000,0,0,0*5A1F\n
+       $T,17,123450,32768,32760,15000,15000,0,0,0*B6DC\n
 
    '$', a body of printable characters, '*', the CRC-16 of the body as four upper-case hexadecimal digits, newline. */
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LEVEL_TRIES, LEVEL_S = 3, 0.1  # how often level is asked for, and how long each may take to be confirmed
 EVENTS = 100  # of the newest kept
 REPORTS = 100  # of the newest kept: a second
-CLOSE_S = 2.0  # for the thread that reads to end
+CLOSE_S = 1.0  # for the thread that reads to end
 RETRY_S = 0.1  # between tries to open a lost port
 
 

@@ -1,6 +1,6 @@
 """Frames of the line protocol, as docs/protocol.md has them; tools/firmware/frame.c is the same for the board.
 
-    $T,17,123450,32768,32760,15000,15000,0,0,0*5A1F\\n
+    $T,17,123450,32768,32760,15000,15000,0,0,0*B6DC\\n
 
 '$', a body of at most 64 printable characters, '*', the CRC-16 of the body in four upper-case hexadecimal digits,
 newline. Nothing here opens a port or reads a clock.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +12,11 @@ from hypothesis import strategies as st
 from native_firmware import Native, native
 
 from mazeplan.rigs.link.frames import MOST_BODY, Frame, FrameReader, crc16, encode
+from mazeplan.rigs.link.messages import PROTOCOL, Flag
 
 __all__ = ["native"]
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def read(*pieces):
@@ -37,6 +43,30 @@ def damaged_stream(rng, frames):
 def test_the_sum_is_the_published_one():
     assert crc16(b"123456789") == 0x29B1  # check value of CRC-16/IBM-3740 in the catalogue of parametrised CRCs
     assert encode("Z", 7) == b"$Z,7*%04X\n" % crc16(b"Z,7")
+
+
+@pytest.mark.parametrize("page", ["docs/protocol.md", "mazeplan/rigs/link/frames.py", "tools/firmware/frame.h"])
+def test_frames_that_are_shown_are_frames(page):
+    shown = re.findall(r"^ +(\$.*\*[0-9A-F]{4})\\+n$", (ROOT / page).read_text(), re.MULTILINE)
+    assert shown
+    for text in shown:
+        assert len(read(text.encode() + b"\n")[0]) == 1, text
+
+
+def test_the_page_tells_of_every_message_and_limit_of_the_firmware():
+    page = (ROOT / "docs" / "protocol.md").read_text()
+    control, main = ((ROOT / "tools" / "firmware" / name).read_text() for name in ("control.h", "main.c"))
+    for letter in "ILCZ":
+        assert f"`{letter},n" in page
+    for name, unit in (("HARD_MIN", 10), ("HARD_MAX", 10), ("HARD_SLEW", 1), ("MIDDLE", 10), ("WATCHDOG_MS", 1)):
+        found = re.search(rf"#define {name} (\d+)", control)
+        assert found
+        assert re.search(rf"\b{int(found[1]) // unit}\b", page), name
+    for name, value in re.findall(r"FLAG_(\w+) = (\d+)", control):
+        assert Flag[name] == int(value)
+    protocol = re.search(r"#define PROTOCOL (\d+)", main)
+    assert protocol
+    assert int(protocol[1]) == PROTOCOL
 
 
 @pytest.mark.parametrize("fields", [("a$",), ("*",), ("é",), ("x" * MOST_BODY,), ("a\n",)])
