@@ -1,6 +1,6 @@
 """Calibrates the packaged emulated rig as a person would a real one, and writes mazeplan/rigs/emulated.yaml and its
 picture of the empty floor. Nothing of what its world is like is copied: readings of a clinometer, pictures and a swing
-are all that is used. Usage: python tools/emulated_rig.py [-o FOLDER]   (two minutes, on a machine that does nothing else)
+are all that is used. Usage: python tools/emulated_rig.py [-o FOLDER]   (two minutes, on a quiet machine)
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.section import mapping, save_background
 from mazeplan.rigs.hardware.emulated import EmulatedRig
-from mazeplan.rigs.hardware.files import hardware_file
 from mazeplan.rigs.hardware.parts import open_board
 from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, WorldSettings, check_section, write_sections
 from mazeplan.rigs.hardware.table import Table
@@ -43,9 +42,10 @@ READ_DEG = 0.04  # 1 sigma of the clinometer, before it rounds to a tenth
 RANGE_DEG = 6.5  # servo limits, about level
 TILTS, BOARDS, PLATES, CORNERS, SQUARE = 7, 16, 8, (9, 6), 0.02
 HEAD = """\
-# The rig on an emulated table: the firmware in a simulated chip behind a serial port, rendered pictures, and MuJoCo's plate
-# and ball, at the pace of the clock on the wall. Needs `make emulator`. What servos, diodes and camera are like is drawn
-# by world.seed and stands nowhere; all else was found by calibrations and a swing of the plate: python tools/emulated_rig.py.
+# The rig on an emulated table: the firmware in a simulated chip behind a serial port, rendered pictures, and MuJoCo's
+# plate and ball, at the pace of the clock on the wall. Needs `make emulator`. What servos, diodes and camera are like
+# is drawn by world.seed and stands nowhere; all else was found by calibrations and a swing of the plate, as on a real
+# rig: python tools/emulated_rig.py
 class: mazeplan.rigs.hardware:EmulatedRig
 model: toy                     # what estimator and planner know of plate and ball
 """
@@ -137,7 +137,7 @@ def calibrate(folder: Path) -> None:
     finally:
         rig.close()
     print(found)
-    hardware_file(str(path)).write({"latency": found.section(today)})
+    write_sections(path, {"latency": found.section(today)})
 
 
 if __name__ == "__main__":

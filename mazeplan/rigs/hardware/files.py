@@ -1,4 +1,4 @@
-"""Which file a calibration reads and writes: the rig's own; for a packaged one, a copy in the folder where one works."""
+"""Which file a calibration reads and writes: the rig's own; for a packaged one a copy in the folder where one works."""
 
 from __future__ import annotations
 

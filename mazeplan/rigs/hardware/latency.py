@@ -1,11 +1,13 @@
 """How late a rig is, from one swing of its plate.
 
-    command to tilt    the plate follows as gain u through a lag of second order, `dead` later; fitted by output error
-                       to the tilt that the board told (a model of the rig's own: nothing of the planner's is in it)
+    command to tilt    the plate follows as gain u through a lag of second order, `dead` later, and half a servo pulse's
+                       period on average, as a pulse that has begun is not changed; fitted by output error to the tilt
+                       that the board told (a model of the rig's own: nothing of the planner's is in it)
     tilt to pixels     the tilt that the pictures show (markers) is that of the board, `age` earlier: the shift with the
                        smallest squared difference
 
-Commands are sums of sines that a servo follows without reaching its fastest speed: one at its limit would look late.
+Commands are a sine with small steps, at times that repeat in neither axis: steps tell a dead time from a slow servo.
+They are small, as a servo at its fastest would look late.
 """
 
 from __future__ import annotations
@@ -20,8 +22,11 @@ from scipy.signal import cont2discrete, lfilter
 from mazeplan.records import Array
 
 GRID_S = 1e-3  # s, of the simulated answer
-SWING_DEG = 1.5  # of each axis, at most
-SWING_HZ = ((0.35, 0.9, 1.5), (0.5, 1.1, 1.7))  # of beta, gamma: neither a multiple of the other's
+SWING_DEG, STEP_DEG = 1.0, 0.6  # of the sine, and of a step either way
+SWING_HZ = (0.45, 0.7)  # of beta, gamma
+DWELL_S = (0.2, 0.2667)  # between steps
+STEPS = np.random.default_rng(3).choice([-1.0, 1.0], (2, 1000))
+PULSE_S = 0.02  # s between servo pulses
 SHIFTS = (-0.05, 0.3)  # s, of ages that are tried
 START = (1.0, 20.0, 0.9)  # gain, rad/s, damping, from which the fit starts
 DEADS = (0.0, 0.03, 0.06, 0.1)  # s
@@ -37,14 +42,13 @@ class Delay:
 
 
 def swing(t: float, limit: float) -> tuple[float, float]:
-    """Commands of the swing at time t, rad: from rest, at most SWING_DEG or the limit."""
-    fade = min(1.0, t)
+    """Commands of the swing at time t, rad: from rest, within the limit."""
+    fade, most = min(1.0, t), min(1.0, math.degrees(limit) / (SWING_DEG + STEP_DEG))
     beta, gamma = (
-        fade * sum(math.sin(math.tau * f * t + k) - math.sin(k) * math.exp(-4.0 * t) for k, f in enumerate(axis)) / 3.0
-        for axis in SWING_HZ
+        SWING_DEG * math.sin(math.tau * f * t) + STEP_DEG * float(STEPS[axis, int(t / dwell) % STEPS.shape[1]])
+        for axis, (f, dwell) in enumerate(zip(SWING_HZ, DWELL_S, strict=True))
     )
-    most = min(math.radians(SWING_DEG), limit)
-    return most * beta, most * gamma
+    return math.radians(fade * most * beta), math.radians(fade * most * gamma)
 
 
 def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
@@ -52,6 +56,8 @@ def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
     start = float(sent[0])
     grid = np.arange(start, float(told[-1]) + GRID_S, GRID_S)
     held = np.searchsorted(sent, grid, side="right") - 1
+    late = max(1, round(PULSE_S / GRID_S))
+    smooth = lfilter(np.full(late, 1.0 / late), 1.0, u[held], axis=0)
     use = told > start + 0.3
     times, y = told[use], tilt[use]
 
@@ -60,7 +66,7 @@ def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
         out = []
         for axis in (0, 1):
             gain, wn, zeta, offset = p[1 + 4 * axis : 5 + 4 * axis]
-            out.append(np.interp(times - dead, grid, _answer(u[held, axis], wn, zeta)) * gain + offset - y[:, axis])
+            out.append(np.interp(times - dead, grid, _answer(smooth[:, axis], wn, zeta)) * gain + offset - y[:, axis])
         return np.concatenate(out)
 
     low = [0.0, *2 * (0.3, 4.0, 0.2, -0.2)]
@@ -69,7 +75,7 @@ def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
     best = min(fits, key=lambda fit: fit.cost)
     rms = math.sqrt(2.0 * best.cost / len(best.fun))
     covariance = np.linalg.pinv(best.jac.T @ best.jac) * rms**2
-    return Delay(float(best.x[0]), math.sqrt(float(covariance[0, 0])), rms)
+    return Delay(float(best.x[0]) + 0.5 * PULSE_S, math.sqrt(float(covariance[0, 0])), rms)
 
 
 def _answer(u: Array, wn: float, zeta: float) -> Array:

@@ -48,15 +48,15 @@ class Camera(threading.Thread):
 
     def __init__(self, overhead: Overhead, memory: mmap.mmap, delay_s: float, say: Callable[[dict], None]) -> None:
         super().__init__(name="camera", daemon=True)
-        self.shots: queue.Queue[Shot] = queue.Queue(maxsize=3)
+        self.shots: queue.Queue[Shot | None] = queue.Queue(maxsize=3)  # None: the end
         self.rng = np.random.default_rng(0)
         self._overhead, self._memory, self._delay, self._say = overhead, memory, delay_s, say
 
     def run(self) -> None:
-        """Until the process ends."""
+        """Until the end."""
         number = 0
-        while True:
-            exposed, ball, beta, gamma = self.shots.get()
+        while (shot := self.shots.get()) is not None:
+            exposed, ball, beta, gamma = shot
             image = self._overhead.render(ball, beta, gamma, self.rng)
             slot, number = number % SLOTS, number + 1
             size = image.nbytes
@@ -116,6 +116,8 @@ class World:
             if count % (2 * CHUNKS) == 0:
                 self._expose(now)
         self.chip.close()
+        self.camera.shots.put(None)
+        self.camera.join()  # an interpreter that ends under a thread in compiled code crashes
 
     def _step(self, now: float) -> None:
         machine, chip = self.machine, self.chip
