@@ -28,6 +28,7 @@ DWELL_S = (0.2, 0.2667)  # between steps
 STEPS = np.random.default_rng(3).choice([-1.0, 1.0], (2, 1000))
 PULSE_S = 0.02  # s between servo pulses
 SHIFTS = (-0.05, 0.3)  # s, of ages that are tried
+FAR = 6.0  # times the median of what is left over: a tilt that no marker shows
 START = (1.0, 20.0, 0.9)  # gain, rad/s, damping, from which the fit starts
 DEADS = (0.0, 0.03, 0.06, 0.1)  # s
 
@@ -95,10 +96,13 @@ def age(seen_at: Array, seen: Array, told: Array, tilt: Array) -> Delay:
         for axis in (0, 1):
             y = np.interp(seen_at - shift, told, tilt[:, axis])
             x = np.column_stack([y, np.ones(len(y))])
-            k, *_ = np.linalg.lstsq(x, seen[:, axis], rcond=None)
-            residual = seen[:, axis] - x @ k
-            # a marker that was read wrong must not decide
-            total += float(np.sum(np.minimum(residual**2, (4.0 * np.median(np.abs(residual))) ** 2)))
+            good = np.ones(len(y), dtype=bool)
+            for _ in range(3):  # a marker that was read wrong must not decide
+                k, *_ = np.linalg.lstsq(x[good], seen[good, axis], rcond=None)
+                residual = seen[:, axis] - x @ k
+                most = FAR * float(np.median(np.abs(residual)))
+                good = np.abs(residual) <= max(most, 1e-9)
+            total += float(np.sum(np.minimum(residual**2, most**2)))
             slopes += np.gradient(y * k[0], seen_at) ** 2
         return total, slopes
 

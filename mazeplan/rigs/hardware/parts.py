@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from time import monotonic
 
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
@@ -19,12 +21,13 @@ from mazeplan.rigs.link.messages import AxisLimits, ServoLimits, TiltReport
 from mazeplan.rigs.link.port import ports_found
 
 AUTO = "auto"
+KEPT = 10_000  # round trips
 SUPPLY_V, FULL = 5.0, 1023.0  # V and count at the upper end of the board's converter
 
 
 @dataclass
 class Parts:
-    """What is open."""
+    """What is open. trips: s from each command to the report that confirmed it, the newest KEPT."""
 
     board: Board
     pictures: Pictures
@@ -32,10 +35,21 @@ class Parts:
     track: TiltTrack
     port: str
     camera: str
+    trips: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _sent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=KEPT))
+
+    def command(self, pulse_beta_us: float, pulse_gamma_us: float) -> None:
+        """Have the servos go there. Raises RigError once the board is given up."""
+        now = monotonic()
+        self._sent.append((self.board.command(pulse_beta_us, pulse_gamma_us), now))
 
     def listen(self) -> None:
-        """Take in what the board has told of the tilt. Raises RigError once the board is given up."""
-        self.track.take(Told.of(report) for report in self.board.recent())
+        """Take in what the board has told. Raises RigError once the board is given up."""
+        reports = self.board.recent()
+        self.track.take(Told.of(report) for report in reports)
+        for report in reports:
+            while self._sent and report.sequence >= self._sent[0][0]:
+                self.trips.append(report.received_s - self._sent.popleft()[1])
 
     def close(self) -> None:
         """Level the plate, and give all back."""
