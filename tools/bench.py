@@ -32,6 +32,7 @@ from bench_plant import plant_section
 from bench_predictability import predictability_section
 from bench_real import real_section
 from bench_replay import replay_section
+from bench_rig import rig_section
 from bench_solver import solver_section
 from bench_trees import trees_section
 
@@ -187,7 +188,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
-    "trees": trees_section, "replay": replay_section,
+    "trees": trees_section, "replay": replay_section, "rig": rig_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
 

@@ -13,7 +13,7 @@ from mazeplan.rigs.hardware.tiltcalibration import Reading, fit_tilt, read_readi
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
 from mazeplan.rigs.hardware.truth import Diode
 
-ALL = np.linspace(-5.5, 5.5, 7)
+ALL = np.linspace(-5.75, 5.75, 7)
 
 
 def read_off(seed, slips=()):
