@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 LEVEL_TRIES, LEVEL_S = 3, 0.1  # how often level is asked for, and how long each may take to be confirmed
 EVENTS = 100  # of the newest kept
+REPORTS = 100  # of the newest kept: a second
 CLOSE_S = 1.0  # for the thread that reads to end
 RETRY_S = 0.1  # between tries to open a lost port
 
@@ -62,6 +63,7 @@ class Board:
         self._closing = threading.Event()
         self._failure: str | None = None
         self._report: TiltReport | None = None
+        self._reports: deque[TiltReport] = deque(maxlen=REPORTS)
         self._sent = 0
         self._clock = BoardClock()
         self._limits_again = 0.0  # not before this time of the monotonic clock
@@ -98,6 +100,12 @@ class Board:
         with self._news:
             self._check()
             return self._report
+
+    def recent(self) -> list[TiltReport]:
+        """The reports of the last second, newest last. Raises RigError once the board is given up."""
+        with self._news:
+            self._check()
+            return list(self._reports)
 
     def wait_newer(self, than: TiltReport | None, timeout_s: float) -> TiltReport | None:
         """The newest report as soon as it is another one, None when none comes. Raises RigError as `latest`."""
@@ -215,6 +223,7 @@ class Board:
             self._send_limits(report.received_s)
         with self._news:
             self._report = report
+            self._reports.append(report)
             self._news.notify_all()
 
     def _take_event(self, event: Event) -> None:

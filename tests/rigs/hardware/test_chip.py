@@ -20,7 +20,7 @@ from emulated_chip import chip
 from mazeplan.errors import RigError
 from mazeplan.rigs.hardware.chip import EmulatedChip, built
 from mazeplan.rigs.link.board import Board
-from mazeplan.rigs.link.frames import encode
+from mazeplan.rigs.link.frames import FrameReader, encode
 from mazeplan.rigs.link.handshake import Patience
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 
@@ -171,6 +171,29 @@ def test_any_bytes_may_come_and_it_still_answers(chip):
     assert max(widths) <= HARD[1]
     with Board(chip.port, LIMITS, QUICK) as board:
         reach(chip, board, 1700, 1300)
+    assert chip.resets == 0
+
+
+def test_a_flood_of_questions_does_not_hold_up_reports_and_commands(chip):
+    chip.pulses()
+    raw = os.open(chip.port, os.O_RDWR | os.O_NOCTTY)
+    for axis in (0, 1):
+        os.write(raw, encode("L", 1, axis, 12000, 18000, 15000, 20000))
+    chip.order("fast 1")
+    reader, frames = FrameReader(), []
+    for number in range(1, 41):
+        os.write(raw, encode("C", number, 16000, 14000) + encode("I", 7) * 60)  # 50 ms of the line
+        frames += reader.feed(os.read(raw, 65536))
+    chip.order("fast 0")
+    time.sleep(0.05)
+    frames += reader.feed(os.read(raw, 65536))
+    os.close(raw)
+    reports = [frame.numbers(9) for frame in frames if frame.kind == "T"]
+    lasted = (reports[-1][1] - reports[0][1]) / 1e4
+    assert len(reports) / lasted > 50  # of 100 a second
+    assert reports[-1][0] > 30
+    assert not any(report[7] for report in reports)  # no strike of the watchdog
+    assert sum(frame.kind == "I" for frame in frames) > 100
     assert chip.resets == 0
 
 
