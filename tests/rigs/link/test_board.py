@@ -105,6 +105,15 @@ def test_limits_that_the_firmware_does_not_take_as_they_are():
         assert "no answer" in refused(fake.port)
 
 
+def test_answers_to_somebody_elses_questions_are_not_ours():
+    def late(board, frame):
+        before = (int(frame.fields[0]) - 1) % 65536
+        return encode("L", before, frame.fields[1], 14000, 16000, 15000, 5000) + encode("L", *frame.fields)
+
+    with FakeBoard(L=late) as fake, Board(fake.port, LIMITS, SHORT) as board:
+        assert board.connected
+
+
 def test_a_board_without_reports():
     with FakeBoard(reports=False) as fake:
         assert "sends no reports" in refused(fake.port)
@@ -185,6 +194,16 @@ def test_a_half_open_port_is_given_up():
         fake.reports, fake.answers["I"] = False, silent
         until(lambda: not board.connected and board.counts.lost, 3.0)
         with pytest.raises(RigError, match=r"gave no report for 0.15 s and did not come back in 0.4 s"):
+            board.wait_confirmed(1, 3.0)
+        board.close()
+
+
+def test_a_board_that_speaks_but_does_not_report_is_given_up():
+    with FakeBoard() as fake:
+        board = Board(fake.port, LIMITS, SHORT)
+        board.open()
+        fake.reports, fake.noise, fake.answers["I"] = False, encode("E", 1, "HELLO", 5, 5), silent
+        with pytest.raises(RigError, match=r"gave no report for 0.15 s and did not come back"):
             board.wait_confirmed(1, 3.0)
         board.close()
 
