@@ -25,6 +25,7 @@ TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m, from where an edge counts no more
 INLIER = 0.0005  # m
 SHARE = 0.4  # of a ray's clearest edge, from which another is an edge, too
 PRIOR = np.diag([1e-9, 1e-9, 1.0])  # of the fit: how far the edge's radius may be off counts as much as one ray
+WHITE = 248.0  # in all colours from here on: dazzled, nothing is seen there
 WEAK = 8.0  # grey levels, sum of the colours', over the edge's width: less is no edge
 
 
@@ -49,10 +50,10 @@ class Fit:
 
 
 class Outline:
-    """Fits for one radius, m."""
+    """Fits for one radius, m. darker: the ball is darker than the floor, so that a bright spot has no edge."""
 
-    def __init__(self, radius: float, floor: Floor) -> None:
-        self.radius, self.floor = radius, floor
+    def __init__(self, radius: float, floor: Floor, darker: bool) -> None:
+        self.radius, self.floor, self.darker = radius, floor, darker
         angle = np.arange(RAYS) * math.tau / RAYS
         self._turn = np.column_stack([np.cos(angle), np.sin(angle)])
         self._offset = np.arange(-REACH, REACH + 1) * STEP
@@ -98,8 +99,10 @@ class Outline:
         now = cv2.remap(seen, where, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
         then = cv2.remap(empty, where, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
         sure = cv2.remap(clear, where, None, cv2.INTER_LINEAR) > 250  # type: ignore[call-overload]
+        sure &= now.min(axis=2) < WHITE
         off = now - then
-        change = np.abs(off[:, 2:] - off[:, :-2]).sum(axis=2)
+        rise = (off[:, 2:] - off[:, :-2]).sum(axis=2)  # of light, outwards
+        change = np.maximum(rise, 0.0) if self.darker else np.abs(rise)
         change[~(sure[:, 2:] & sure[:, :-2])] = 0.0
         at = self._offset[1:-1]
         likely = change * np.exp(-0.5 * (at / window) ** 2)
