@@ -68,7 +68,8 @@ class DetectorSettings:
     of the outline that must be seen and lie on the circle; agree: share of what is seen of it that must lie on the
     circle; error_m: largest 1 sigma; wider_m: by how much the circle may be than the ball; tolerance_m: of where walls
     and ball are; rival: share of the best outline's clearness that makes another one a second ball; edge: least step of
-    light at the outline, of the floor's light; filled: least mean difference over a disc, of 1, to look closer."""
+    light at the outline, of the floor's light; filled: least mean difference over a disc, of 1, to look closer;
+    candidates: places at which is looked closer; rival_score: least share of the best one's difference."""
 
     hue_deg: tuple[float, float] | None = None
     saturation: int = 90
@@ -84,6 +85,7 @@ class DetectorSettings:
     edge: float = 0.06
     filled: float = 0.05
     candidates: int = 4
+    rival_score: float = 0.2
 
 
 class BallDetector:
@@ -146,8 +148,9 @@ class BallDetector:
         if not good:
             return (Why.UNSURE if fits else Why.NO_BALL), None
         best = max(good, key=lambda fit: fit.strength * fit.confidence)
-        if any(self._rivals(fit, best) for fit in good):
-            return Why.TWO, None
+        rivals = [fit for fit in fits if self._rivals(fit, best)]
+        if rivals:
+            return (Why.TWO if any(self._good(fit) for fit in rivals) else Why.UNSURE), None
         return Why.FOUND, best
 
     def _rivals(self, fit: Fit, best: Fit) -> bool:
@@ -188,11 +191,12 @@ class BallDetector:
         k, foot = ball / eye[2], (floor.pixels(eye[None, :2])[0] + 0.5) / HALF - 0.5
         warp = np.array([[1.0 - k, 0.0, k * foot[0]], [0.0, 1.0 - k, k * foot[1]]])
         allowed = cv2.warpAffine(self._allowed, warp, score.shape[::-1], flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-        found = []
+        found, first = [], 0.0
         for _ in range(settings.candidates):
             _, best, _, at = cv2.minMaxLoc(score, allowed)
-            if best < settings.filled * self._disc.sum():
+            if best < max(settings.filled * self._disc.sum(), settings.rival_score * first):
                 break
+            first = max(first, best)
             q = floor.metres(np.array([at]) * HALF + 0.5 * (HALF - 1))[0]
             found.append(tuple((q + (eye[:2] - q) * ball / eye[2]).tolist()))
             cv2.circle(allowed, at, round(1.2 * ball * PX / HALF), 0, -1)
