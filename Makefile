@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate test check unit bench constraints wheel clean
+.PHONY: help navigate test check unit bench constraints wheel emulator clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
@@ -20,6 +20,7 @@ help:
 	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
 	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
 	@echo "make wheel                          dist/*.whl"
+	@echo "make emulator                       firmware and simulated board into build/ (needs Debian packages)"
 	@echo "make clean                          remove .venv and what was built"
 	@echo "Another Python: make PYTHON=python3.12 ..."
 
@@ -55,6 +56,7 @@ check: $(VENV)/installed-dev
 
 # one BLAS thread a worker: more of them fight over the same cores
 unit: $(VENV)/installed-dev
+	@$(MAKE) --no-print-directory emulator || echo "without them the tests of the board are skipped"
 	rm -f .coverage .coverage.*
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --cov --cov-report=term --cov-fail-under=85 $(ARGS)
 
@@ -67,6 +69,16 @@ constraints: $(VENV)/installed
 
 wheel: $(VENV)/installed-dev
 	$(BIN)/python -m build --wheel
+
+# what they need is named in one line, and not each missing header in many
+emulator:
+	@missing=; command -v avr-gcc > /dev/null || missing="gcc-avr avr-libc"; \
+	  [ -e /usr/include/simavr/sim_avr.h ] || missing="$$missing simavr libsimavr-dev"; \
+	  [ -e /usr/include/libelf.h ] || missing="$$missing libelf-dev"; \
+	  command -v $(CC) > /dev/null || missing="$$missing gcc libc6-dev"; \
+	  [ -z "$$missing" ] || { echo "the emulator needs, on Debian or Ubuntu: sudo apt-get install $$missing" >&2; exit 1; }
+	@$(MAKE) --no-print-directory -s -C tools/firmware OUT=$(CURDIR)/build/firmware
+	@$(MAKE) --no-print-directory -s -C tools/emulator OUT=$(CURDIR)/build/emulator
 
 clean:
 	rm -rf $(VENV) build dist htmlcov .coverage .coverage.* .pytest_cache .ruff_cache .import_linter_cache

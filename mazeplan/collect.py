@@ -140,7 +140,7 @@ def run_tour(
     try:
         with RunLogWriter(output, header) as log:
             job = Job(plan.rings[0], plan.rings[0], theta, plan.seed, plan.seconds)
-            run = Run(rig, setup, job, log, NullDisplay(), segment=0, slew=DRIVE_SLEW * setup.maze.tilt_limit)
+            run = Run(rig, setup.on(rig), job, log, NullDisplay(), segment=0, slew=DRIVE_SLEW * setup.maze.tilt_limit)
             rig.reset(ring=job.start, theta=theta, rng=np.random.default_rng([plan.seed, 0]))
             tour = _Tour(rig, run, log, setup.maze, plan, commands, options or TourOptions(), progress)
             return tour.whole()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.models.modelfile import RigModel
+from mazeplan.records import Latency
 from mazeplan.settings import Settings, load_settings
 from mazeplan.usermodule import user_module
 
@@ -40,7 +41,10 @@ class Job:
 class Setup:
     """With what a job is done: maze, model of ball and stage, tree (name or file), settings, names of modules with
     leaves of one's own, what is remembered of openings, which the run adds to, where the model can be loaded from
-    again, and who watches: called with each tree before it begins."""
+    again, and who watches: called with each tree before it begins.
+
+    Of the rig: the latency that was measured of it, in the place of the model's, and after how many seconds without the
+    ball a run ends."""
 
     maze: Maze
     model: RigModel
@@ -52,6 +56,20 @@ class Setup:
     memory: OpeningMemory | None = None
     model_source: str | None = None
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
+    latency: Latency | None = None
+    unseen_s: float | None = None
+
+    def on(self, rig: Any) -> Setup:
+        """With what a rig says of itself (`interface.Rig`), where it says something."""
+        latency, unseen = getattr(rig, "latency", None), getattr(rig, "unseen_s", None)
+        if latency is None and unseen is None:
+            return self
+        return replace(self, latency=latency or self.latency, unseen_s=unseen or self.unseen_s)
+
+    @property
+    def driving_model(self) -> RigModel:
+        """The model, as late as the rig is."""
+        return self.model if self.latency is None else self.model.late_by(self.latency)
 
 
 def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
@@ -78,7 +96,10 @@ def _to_replay(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
     behavior = resources.find("behaviors", setup.behavior, ".xml")
     modules = [(name, user_module(name, "--behavior-module").__file__ or "") for name in setup.behavior_modules]
     memory = None if setup.memory is None else setup.memory.document()
-    more = {"memory": memory, "start_theta": job.theta, "model": setup.model_source}
+    more = {
+        "memory": memory, "start_theta": job.theta, "model": setup.model_source, "unseen_s": setup.unseen_s,
+        "latency": None if setup.latency is None else asdict(setup.latency),
+    }  # fmt: skip
     return {
         "format": REPLAY_FORMAT,
         "rate_hz": rate_hz,

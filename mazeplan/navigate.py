@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
 from mazeplan.choices import model_source, resolve_model, ring_number
@@ -43,6 +43,7 @@ def navigate(
     display: Display | None = None,
     goals: Goals | None = None,
     own_process: bool = False,
+    guard: Callable[[Rig], AbstractContextManager[object]] | None = None,
     sense: str | None = None,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
@@ -54,8 +55,8 @@ def navigate(
     used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
     time_limit: s of rig time for each goal, from when it was given; own_process: whether the watchdog may end the
     process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
-    closes and opens openings, and stops; sense: how a simulated rig sees the ball, "ideal" or "camera": in rendered
-    pictures (None: as its settings say).
+    closes and opens openings, and stops; guard: entered with the rig around the run, such as an emergency stop; sense:
+    how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its settings say).
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -82,7 +83,8 @@ def navigate(
     source = None if isinstance(model, RigModel) else model_source(model, rig if isinstance(rig, str) else None)
     setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source)
     try:
-        result = run_job(machine, setup, job, log=log, display=display, goals=goals)
+        with nullcontext() if guard is None else guard(machine):
+            result = run_job(machine, setup, job, log=log, display=display, goals=goals)
     except BaseException:
         with suppress(RigError):  # what matters has been said
             machine.close()

@@ -58,6 +58,15 @@ LEVEL = Command(0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
+class Latency:
+    """What was measured of a rig's delays. camera_s: by how much the ball's position of a sample is older than its
+    tilt; command_s: from a sample to the first movement of the plate by the command that answers it."""
+
+    camera_s: float
+    command_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class State:
     """An estimate of ball and plate at time t (the moment at which the next command acts, unless said otherwise).
 

@@ -31,7 +31,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
 from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.records import FailureKind, Observation
+from mazeplan.records import FailureKind, Latency, Observation
 from mazeplan.rigs.interface import Rig
 from mazeplan.run import CRASHED, Run
 from mazeplan.settings import settings_from_text
@@ -158,7 +158,13 @@ def _setup_of(header: dict[str, Any], path: Path, model: str | Path | RigModel |
         settings=settings,
         behavior_modules=tuple(kept["modules"]),
         memory=None if memory is None else memory_from_document(memory),
+        latency=None if (late := kept.get("latency")) is None else _latency(late),
+        unseen_s=None if (unseen := kept.get("unseen_s")) is None else float(unseen),
     )
+
+
+def _latency(kept: dict[str, Any]) -> Latency:
+    return Latency(camera_s=float(kept["camera_s"]), command_s=float(kept["command_s"]))
 
 
 def _tree_of(header: dict[str, Any], path: Path, behavior: str | None) -> str:

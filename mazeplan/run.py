@@ -71,6 +71,7 @@ def attempt_job(
     goals: Goals | None = None, prepare: Callable[[Run], None] | None = None,
 ) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
     """As `run_job`, but a rig that fails is a result, too, and what it raised; `prepare` gets the run beforehand."""
+    setup = setup.on(rig)
     with ExitStack() as stack:
         if goals is not None:
             goals.begin(setup.maze)
@@ -124,19 +125,21 @@ class Run:
         watch: Stopwatch | None = None,
     ) -> None:
         self._rig, self._setup, self._job = rig, setup, job
+        self._model = model = setup.driving_model
         self._record = RunRecord(log, display, segment)
         self._most, self.sent = slew / rig.rate_hz, LEVEL
-        self._gears = Gears(setup.model.stage, setup.maze.tilt_limit)
-        self._estimator = estimator_for(setup.maze, setup.model, setup.settings.estimator, rig.rate_hz)
+        self._gears = Gears(model.stage, setup.maze.tilt_limit)
+        self._estimator = estimator_for(setup.maze, model, setup.settings.estimator, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
         # a plate that is kept from moving fast answers later, by half its range on average
-        self._late_s = setup.model.late_s + 0.5 * setup.maze.tilt_limit / slew
+        self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._watch = watch or Live()
         cost = setup.settings.leaves.cost
-        self._planners = planners_of(setup.maze, setup.model, cost, self._watch, late_s=self._late_s)
-        self._rollout = rollout_of(setup.maze, setup.model, setup.settings.leaves, self._late_s)
+        self._planners = planners_of(setup.maze, model, cost, self._watch, late_s=self._late_s)
+        self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._held = LEVEL  # what the rig was told last
+        self._seen_at = 0.0  # when the ball was seen last
         self._outside, self._goals = outside, [GoalGiven(job.goal, 0.0)]
         self._leaves = registry_with(setup.behavior_modules)
         self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
@@ -152,7 +155,7 @@ class Run:
         context = RunContext(
             maze=setup.maze,
             graph=graph,
-            plate=plate_of(setup.maze, setup.model),
+            plate=plate_of(setup.maze, self._model),
             goal=goal,
             planners=self._planners,
             ahead=self._estimator.ahead,
@@ -231,6 +234,8 @@ class Run:
             if self._told_to_stop(observation.t):
                 return self._end(False, "stopped", log, observation)
             status = self._answer(observation)
+            if self._unseen_for_long(observation):
+                return self._end(False, str(FailureKind.BALL_LOST), log)
             late = observation.t - self._goals[-1].t >= job.time_limit
             if (status == "RUNNING" and not late) or not (self._outside is None or self._outside.over()):
                 continue
@@ -244,6 +249,17 @@ class Run:
             detail = f"not in ring {self.context.goal} after {job.time_limit:g} s"
             self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
             return self._end(False, str(FailureKind.OUT_OF_TIME), log)
+
+    def _unseen_for_long(self, observation: Observation) -> bool:
+        """Whether the ball was not seen for as long as the rig allows: it may lie beside the plate."""
+        if observation.seen:
+            self._seen_at = observation.t
+        limit = self._setup.unseen_s
+        if limit is None or observation.t - self._seen_at < limit:
+            return False
+        detail = f"not seen for {observation.t - self._seen_at:.1f} s"
+        self.context.failed(Failure(FailureKind.BALL_LOST, "run", observation.t, detail))
+        return True
 
     def _succeeded(self, log: str | None) -> NavigationResult:
         """The tree says that all is done: it is where the ball was measured in the ring of the newest goal."""

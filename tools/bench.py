@@ -24,6 +24,7 @@ from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_emps import emps_section
 from bench_faults import faults_section
+from bench_firmware import firmware_section
 from bench_improve import improve_section
 from bench_models import measured_section, toy_section, training_section
 from bench_moves import moves_section
@@ -187,7 +188,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
     "trees": trees_section, "replay": replay_section,
-    "faults": lambda quick: faults_section(mazeplan, quick),
+    "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
 
 
@@ -237,7 +238,8 @@ def main() -> None:
         sections = [section(options.quick) for section in (navigation_section, drive_section, moves_section)]
         tables = models.result()
     # what is timed runs alone
-    sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick), *tables]
+    sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick)]
+    sections += [firmware_section(options.quick), *tables]
     if options.parallel:
         head.insert(-1, "- models and navigation were measured at the same time, on two cores; what is timed, alone")
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])

@@ -1,13 +1,17 @@
 """The command line. Each command imports what it needs when it runs, so that `--help` answers at once.
 
-Exit status: 0 done, 1 the job ran and did not succeed, 2 bad input or usage (one line), 3 the rig failed, 130 Ctrl-C.
+Exit status: 0 done, 1 the job ran and did not succeed, 2 bad input or usage (one line), 3 the rig failed, 130 Ctrl-C,
+143 and 129 for SIGTERM and SIGHUP, which end a run as Ctrl-C does: with the plate level and the log complete.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +23,7 @@ from mazeplan.errors import MazeplanError
 _UsageError: Any = typer.BadParameter.__base__  # the class is private to typer; its place above BadParameter is not
 
 INTERRUPTED = 130  # exit status
+ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 def keep_compiled() -> None:
@@ -32,9 +37,36 @@ def keep_compiled() -> None:
     print("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that may be written to", file=sys.stderr)
 
 
+@contextmanager
+def ended_as_interrupted() -> Iterator[list[int]]:
+    """Signals that end the program raise KeyboardInterrupt, the first one only; the list gets its number."""
+    told: list[int] = []
+    before: dict[int, Any] = {}
+
+    def on_signal(number: int, frame: Any) -> None:
+        if not told:
+            told.append(number)
+            raise KeyboardInterrupt
+
+    for number in ENDING:
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP, and means it
+            with suppress(ValueError):  # not in the main thread
+                before[number] = signal.signal(number, on_signal)
+    try:
+        yield told
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def main() -> None:
     """Entry point of the `mazeplan` command: turns deliberate errors into one line and their exit status."""
     keep_compiled()
+    with ended_as_interrupted() as told:
+        _main(told)
+
+
+def _main(told: list[int]) -> None:
     try:
         status = app(standalone_mode=False)  # or typer would print usage errors itself, over several lines
     except MazeplanError as error:
@@ -54,5 +86,7 @@ def main() -> None:
         sys.stderr.close()
         sys.exit(1)
     if status == INTERRUPTED:
-        print("mazeplan: interrupted", file=sys.stderr)
+        status = 128 + told[0] if told else INTERRUPTED
+        with suppress(OSError):  # the terminal may be gone
+            print(f"mazeplan: {signal.Signals(told[0]).name if told else 'interrupted'}", file=sys.stderr)
     sys.exit(status if isinstance(status, int) else 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from mazeplan.cli import behavior, data, learn, log, map, rig
+from mazeplan.cli import behavior, calibrate, data, learn, log, map, rig
 from mazeplan.cli.collect import collect
 from mazeplan.cli.compare import compare
 from mazeplan.cli.diagnose import diagnose
@@ -31,5 +31,6 @@ app.add_typer(map.app, name="map")
 app.add_typer(log.app, name="log")
 app.add_typer(behavior.app, name="behavior")
 app.add_typer(rig.app, name="rig")
+app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(data.app, name="data")
 app.command()(doctor)

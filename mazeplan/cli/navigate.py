@@ -55,13 +55,16 @@ def navigate(
 ) -> None:
     """Bring the ball from one ring to another."""
     from mazeplan.cli.arguments import positive
+    from mazeplan.cli.emergency import stop_key
     from mazeplan.cli.progress import NavigationProgress
     from mazeplan.errors import RigError
+    from mazeplan.goals import Goals
     from mazeplan.maze.mapfile import load_map
     from mazeplan.navigate import navigate as run
 
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
+    goals = Goals(maze)
     with NavigationProgress() as progress:
         try:
             result = run(
@@ -80,7 +83,9 @@ def navigate(
                 log=log,
                 memory=memory,
                 display=progress,
+                goals=goals,
                 own_process=True,
+                guard=lambda machine: stop_key(machine, goals.stop),
                 sense=sense,
             )
         except RigError as problem:  # the line that says so comes on top of what happened until then

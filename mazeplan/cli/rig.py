@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -19,24 +20,39 @@ def check(
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     seed: Annotated[int, typer.Option("--seed", min=0)] = 0,
     hardware: Annotated[bool, typer.Option("--hardware", help="Leave out what only a simulation can repeat.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Of a rig on a table: ask nothing.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="File that gets its latencies; default: the rig's own.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
-    """Try whether a rig does what every rig must: clock, signs, limits, level, repeatability."""
+    """Try whether a rig does what every rig must: clock, signs, limits, level, repeatability.
+
+    Of a rig on a table each part is looked at before, and its latencies are measured."""
+    from mazeplan.cli.rig_walk import check_hardware
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
+    from mazeplan.rigs.hardware.files import is_hardware
     from mazeplan.rigs.registry import make_rig
     from mazeplan.rigs.watchdog import watched
 
-    maze = load_map(map_)
-    machine = watched(make_rig(rig, maze), own_process=True)
-    results = check_rig(machine, maze, seed=seed, repeatable=not hardware)
+    maze, results, more = load_map(map_), [], {}
+    if is_hardware(rig):
+        found = check_hardware(rig, maze, seed=seed, yes=yes, output=output)
+    else:
+        machine = watched(make_rig(rig, maze), own_process=True)
+        found = iter(check_rig(machine, maze, seed=seed, repeatable=not hardware))
+    for result in found:
+        if isinstance(result, tuple):
+            more[result[0]] = result[1]
+            continue
+        results.append(result)
+        if not as_json:
+            detail = "" if result.detail == "ok" else result.detail
+            print(f"{'ok' if result.passed else 'FAILED':6s}  {result.name:26s} {detail}".rstrip(), flush=True)
     passed = all(result.passed for result in results)
     if as_json:
-        print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results]})
-    else:
-        for result in results:
-            word, detail = ("ok", "") if result.passed else ("FAILED", result.detail)
-            print(f"{word:6s}  {result.name:26s} {detail}".rstrip())
+        print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results], **more})
     sys.exit(0 if passed else 1)
 
 

@@ -40,6 +40,7 @@ from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.processfile import read_process, write_process
 from mazeplan.models.sensors import Camera, TiltSensor
 from mazeplan.models.stage import StageAxis, StageModel
+from mazeplan.records import Latency
 
 Sensor = TypeVar("Sensor", Camera, TiltSensor)
 FORMAT = 1
@@ -52,6 +53,7 @@ SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
 WALL_ROLLING = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a sphere that rolls on floor and wall at once
 FREE_ROLLING = 5.0 / 7.0  # 1 / (1 + 2/5): on the floor alone
 DEAD_TIME = 0.005  # s of commands, below which there is no need to call it an effect
+LATENCY_STDERR = 0.002  # s, of a delay that was measured while the plate swung
 NOMINAL_DRY = 0.05  # m/s^2; a steel ball that stays where it is up to 0.4 deg
 
 
@@ -91,6 +93,12 @@ class RigModel:
         """By how much what is seen is older than the moment at which a command acts, s; infinite where not known."""
         dead_time = max(self.stage.beta.dead_time, self.stage.gamma.dead_time)
         return self.camera_delay + dead_time if self.delay_known else math.inf
+
+    def late_by(self, latency: Latency) -> RigModel:
+        """With the delays that were measured of the rig in the place of its own."""
+        stage = StageModel(*(replace(a, dead_time=latency.command_s) for a in (self.stage.beta, self.stage.gamma)))
+        stderr = self.camera_delay_stderr or LATENCY_STDERR
+        return replace(self, stage=stage, camera_delay=latency.camera_s, camera_delay_stderr=stderr)
 
     def declared(self, ring: int) -> dict[str, dict[str, float]]:
         """What it says of a ring, as {effect: {parameter: value}}; the camera's delay as `sensor_delay`, its angle as

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter, lfiltic
 
 from mazeplan.records import Array, IntArray
 
@@ -74,9 +73,18 @@ def late(x: Array, lag: int) -> Array:
 
 def all_pole(a: Array, drive: Array, before: float) -> Array:
     """w (N,) with w_k = sum a_i w_(k-i) + drive_k, and w = before for k < 0."""
+    from scipy.signal import lfilter, lfiltic  # here: a second to import, of which navigating needs nothing
+
     denominator = np.concatenate([[1.0], -a])
     state = lfiltic([1.0], denominator, np.full(len(a), before))
     return np.asarray(lfilter([1.0], denominator, drive, zi=state)[0])
+
+
+def _from_rest(a: Array, drive: Array) -> Array:
+    """`all_pole` from 0, also of several at once: drive (..., N)."""
+    from scipy.signal import lfilter
+
+    return np.asarray(lfilter([1.0], np.concatenate([[1.0], -a]), drive))
 
 
 def regressors(s: Stretch, order: int, delay: int) -> Array:
@@ -183,7 +191,7 @@ def _columns(s: Stretch, a: Array, order: int, delay: int) -> tuple[Array, Array
     drive[0, :order] = np.cumsum(a[::-1])[::-1]  # as if w = 1 before the first row
     for j in range(1, order + 2):
         drive[j] = late(s.u, delay + j)
-    filtered = np.asarray(lfilter([1.0], np.concatenate([[1.0], -a]), drive))
+    filtered = _from_rest(a, drive)
     rest = filtered[0]
     rows = np.concatenate([filtered[1:], s.extra - s.extra[:, :1] * rest, [1.0 - rest]])
     return rows.T, float(np.mean(s.y[:3])) * rest
@@ -198,7 +206,7 @@ def jacobian(stretches: list[Stretch], x: Array, order: int, delay: int, keep: l
         before = float(np.mean(s.y[:3]) - x[2 * order + 1 : -1] @ s.extra[:, 0] - x[-1])
         w = np.concatenate([np.full(order, before), w])
         past = np.stack([w[order - i : len(w) - i] for i in range(1, order + 1)])
-        poles = np.asarray(lfilter([1.0], np.concatenate([[1.0], -x[:order]]), past))
+        poles = _from_rest(x[:order], past)
         parts.append(np.concatenate([poles.T, linear], axis=1)[k])
     return np.concatenate(parts)
 

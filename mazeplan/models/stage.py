@@ -15,8 +15,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
 from mazeplan.models.arx import AxisArx, fit_arx_alone
 from mazeplan.models.output_error import SETTLE_S, SETTLE_TIMES
@@ -133,6 +131,8 @@ def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
     The response to each change of the command is known in closed form; the sum over changes is a convolution, cut
     where the response has settled to 2e-9: a coarser cut would move with the parameters by steps that show in
     differences of a fit."""
+    from scipy.signal import lfilter  # here: a second to import, of which navigating needs nothing
+
     settle = max(0.5, -20.0 / max(pole.real for pole in axis.poles()))
     n = min(len(u), math.ceil((settle + axis.dead_time) / dt) + 1)
     response = step_response(axis, np.arange(n, dtype=np.float64) * dt - axis.dead_time)
@@ -156,6 +156,8 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None) -> 
     begins.
 
     Raises ValueError when there is nothing to fit: fewer than 60 samples, or a command that never moves."""
+    from scipy.optimize import least_squares
+
     if len(u) < 60 or np.ptp(u) < 1e-3:
         raise ValueError(f"got {len(u)} samples with commands over {np.ptp(u) if len(u) else 0.0:.2g} rad")
     number = np.zeros(len(u)) if breaks is None else np.cumsum(breaks).astype(np.float64)

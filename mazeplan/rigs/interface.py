@@ -20,6 +20,9 @@ class Rig(Protocol):
 
     A rig is watched: it must give a sample and take a command in time (`watchdog`). A simulation that waits for nobody
     says `realtime = False`.
+
+    It may also say `latency`, a `records.Latency` that was measured of it and counts for more than its model's, and
+    `unseen_s`: a run ends when the ball was not seen for so long.
     """
 
     rate_hz: float

@@ -126,6 +126,10 @@ class Machine:
         wanted = np.where(np.abs(wanted - last) < band, last, wanted) if band > 0.0 else wanted
         self._queue.append((self.time + 1e-3 * self.settings.command_delay_ms, wanted))
 
+    def aim(self, beta: float, gamma: float) -> None:
+        """The servos are told this tilt now, rad, whatever the limits of commands."""
+        self._target = np.array([beta, gamma])
+
     def level(self) -> None:
         """Level the plate, now: the queue of delayed commands is dropped."""
         self._queue.clear()

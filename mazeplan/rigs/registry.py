@@ -12,11 +12,12 @@ from typing import Any
 from mazeplan.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.yamltree import shown
+from mazeplan.maze.yamltree import Tree, shown
 from mazeplan.rigs.interface import Rig
 from mazeplan.usermodule import user_module
 
 PACKAGED = Path(__file__).resolve().parent
+HARDWARE = "hardware"  # this name means hardware.yaml in the folder where one works, if there is one
 SENSES = ("ideal", "camera")
 METHODS = ("reset", "observe", "command", "level", "close")
 
@@ -30,6 +31,8 @@ def rig_file(spec: str) -> Path | None:
     """The YAML file that a spec stands for, or None for module:Class. Raises SettingsError when there is none."""
     spec, _ = seeded(spec)
     packaged = PACKAGED / f"{spec}.yaml"
+    if spec == HARDWARE and Path(packaged.name).is_file():  # the rig that one has, before the template
+        return Path(packaged.name)
     if spec in rig_names():
         return packaged
     path = Path(spec)
@@ -107,7 +110,7 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
     kind, data, tree = read_rig_file(path)
     if kind is not None:
         _simulated_only(spec, sense)
-        return _from_class(kind, maze, data, file=path, line=tree.line(("class",)))
+        return _from_class(kind, maze, data, path, tree)
     from mazeplan.rigs.simulated import SimulatedRig
 
     settings, (_, seed) = settings_from(data, file=path, tree=tree), seeded(spec)
@@ -125,7 +128,10 @@ def _simulated_only(spec: str, sense: str | None) -> None:
         raise SettingsError(f"--sense: got {sense} for {spec!r}, expected a rig whose pictures are simulated here")
 
 
-def _from_class(spec: str, maze: Maze, settings: dict[str, Any], **where: Any) -> Rig:
+def _from_class(
+    spec: str, maze: Maze, settings: dict[str, Any], file: Path | None = None, tree: Tree | None = None
+) -> Rig:
+    where: dict[str, Any] = {} if tree is None else {"file": file, "line": tree.line(("class",))}
     module_name, _, class_name = spec.partition(":")
     try:
         kind = getattr(user_module(module_name, f"rig {spec!r}"), class_name)
@@ -133,11 +139,18 @@ def _from_class(spec: str, maze: Maze, settings: dict[str, Any], **where: Any) -
         raise SettingsError(problem.problem, **where) from None
     except AttributeError:
         raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
+    from mazeplan.rigs.settings import FileSettings
+
     missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
     if missing or not isinstance(kind, type):
         raise SettingsError(f"{spec!r} is no rig: it lacks {', '.join(missing) or 'a class'}", **where)
     try:
-        rig = kind(maze, settings)
+        rig = kind(maze, settings if file is None else FileSettings(settings, file))
+    except SettingsError as problem:  # the class knows the key, not where the key stands
+        if problem.key is None or tree is None or problem.file is not None:
+            raise
+        line = tree.line(tuple(problem.key.split(".")))
+        raise SettingsError(problem.problem, file=file, line=line, key=problem.key) from None
     except MazeplanError:
         raise
     except Exception as problem:  # it opens something, perhaps: a port that is not there

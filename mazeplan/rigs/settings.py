@@ -102,29 +102,46 @@ def settings_from(
 ) -> SimulatedSettings:
     """Validated settings. Raises SettingsError with file, line and key."""
     try:
-        return SimulatedSettings.model_validate(_tuples(data))
+        return SimulatedSettings.model_validate(as_tuples(data))
     except ValidationError as problem:
         first = problem.errors()[0]
         key: Key = tuple(first["loc"])
         raise SettingsError(
-            _sentence(first), file=file, line=None if tree is None else tree.line(key), key=key_path(key) or None
+            _said(first), file=file, line=None if tree is None else tree.line(key), key=key_path(key) or None
         ) from None
 
 
-def _tuples(value: Any) -> Any:
+def as_tuples(value: Any) -> Any:
     """Lists as tuples: strict validation takes them for fixed-length settings."""
     if isinstance(value, Mapping):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
+        return {key: as_tuples(item) for key, item in value.items()}
+    return tuple(as_tuples(item) for item in value) if isinstance(value, list | tuple) else value
 
 
-def _sentence(error: Any) -> str:
+def _said(error: Any) -> str:
     if error["type"] == "extra_forbidden":
         fields = Fault.model_fields if "faults" in error["loc"] else SimulatedSettings.model_fields
         return f"unknown key, expected one of {', '.join(fields)}"
+    return sentence(error)
+
+
+def sentence(error: Any) -> str:
+    """One of pydantic's errors in words: what was got, what is allowed."""
     message = str(error["msg"])
+    if error["type"] == "value_error":  # a validator of ours, which says all
+        return message.removeprefix("Value error, ")
+    if error["type"] == "missing":
+        return "is missing"
     expected = message.removeprefix("Input should be ").removeprefix("Field ")
     return f"got {shown(error.get('input'))}, expected {expected}"
+
+
+class FileSettings(dict[str, Any]):
+    """Settings of a rig out of a file, which knows where it is."""
+
+    def __init__(self, data: Mapping[str, Any], file: Path) -> None:
+        super().__init__(data)
+        self.file = file
 
 
 def read_rig_file(path: Path) -> tuple[str | None, dict[str, Any], Tree]:

@@ -93,6 +93,7 @@ def test_energy_never_grows_on_a_level_plate():
     assert energy[-1] < energy[1]
 
 
+@pytest.mark.no_cover  # ten minutes are long enough as they are
 def test_no_floor_penetration_and_no_escape_in_ten_minutes_of_random_tilt():
     machine = rig(theta=1.0, wall_segments=192)
     rng, limit = np.random.default_rng(5), MAZE.tilt_limit

@@ -1,0 +1,178 @@
+"""The emulated board: the real firmware on a simulated ATmega2560, with a serial port of its own (tools/emulator).
+
+chip = EmulatedChip(*built())
+board = Board(chip.port, limits)
+chip.set_volts(2.5, 2.4)        # at the two tilt inputs
+chip.pulses()                   # what comes out of the servo pins
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import tempfile
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from mazeplan.errors import RigError
+from mazeplan.resources import PACKAGE
+
+START_S, END_S = 5.0, 2.0
+DEBIAN = ("gcc-avr", "avr-libc", "simavr", "libsimavr-dev", "libelf-dev")
+HEADER = Path("/usr/include/simavr/sim_avr.h")  # where Debian has it
+KEPT = 100_000  # pulses remembered, more than half an hour of changes at 50 Hz
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A pulse that ended at `when` (monotonic clock of the host, s) on axis 0 (beta) or 1 (gamma); 0 us: none came for
+    50 ms."""
+
+    axis: int
+    width_us: float
+    when: float
+
+
+def paths(folder: Path | None = None) -> tuple[Path, Path]:
+    """Where `make emulator` puts emulator and firmware."""
+    folder = folder or PACKAGE.parent / "build"
+    return folder / "emulator" / "emulator", folder / "firmware" / "mazeplan.elf"
+
+
+def built(folder: Path | None = None) -> tuple[Path, Path]:
+    """Emulator and firmware as `make emulator` builds them. Raises RigError where they are not."""
+    host, firmware = paths(folder)
+    for path in (host, firmware):
+        if not path.is_file():
+            raise RigError(
+                f"{path}: is not built; in a checkout: sudo apt-get install {' '.join(DEBIAN)}; make emulator"
+            )
+    return host, firmware
+
+
+class EmulatedChip:
+    """Starts the emulator. Raises RigError where it does not start."""
+
+    def __init__(self, host: str | Path, firmware: str | Path) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="mazeplan-chip-")
+        self.port = str(Path(self._folder.name) / "port")
+        self._changed = threading.Condition()
+        self._now: list[Pulse | None] = [None, None]
+        self.history: list[Pulse] = []  # every change, oldest first
+        self.resets = 0
+        self._zero = 0.0  # monotonic clock, s, when the chip's time was 0
+        self._ready = self._ended = False
+        complaints = Path(self._folder.name) / "complaints"
+        try:
+            with complaints.open("w") as stderr:
+                self._process = subprocess.Popen(
+                    [str(host), str(firmware), self.port],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=stderr,
+                    text=True,
+                    bufsize=1,
+                    start_new_session=True,  # Ctrl-C is for the program, which levels the plate first
+                )
+        except OSError as problem:
+            self._folder.cleanup()
+            raise RigError(f"{host}: the emulator does not start: {problem.strerror}; make emulator") from problem
+        self._listener = threading.Thread(target=self._listen, name="emulated chip", daemon=True)
+        self._listener.start()
+        with self._changed:
+            self._changed.wait_for(lambda: self._ready or self._ended, START_S)
+        if not self._ready:
+            said = " ".join(complaints.read_text().split())
+            self.close()
+            raise RigError(f"{host}: the emulator does not start: {said or 'it says nothing'}; make emulator")
+
+    def set_volts(self, first: float, second: float) -> None:
+        """Voltages at the tilt inputs, 0 to 5 V."""
+        self.order(f"adc {first:.6f} {second:.6f}")
+
+    def set_noise(self, deviation_v: float) -> None:
+        """Noise that each conversion sees, V."""
+        self.order(f"noise {deviation_v:.6f}")
+
+    def order(self, line: str) -> None:
+        """One of the emulator's orders (tools/emulator/host.c): reset, stall, unplug, plug, hold, release, errors P ...
+
+        Raises RigError when it has ended."""
+        try:
+            assert self._process.stdin is not None
+            self._process.stdin.write(line + "\n")
+            self._process.stdin.flush()
+        except (OSError, ValueError) as problem:
+            raise RigError(f"{self.port}: the emulated board has ended") from problem
+
+    def pulses(self) -> tuple[float, float, float]:
+        """Widths on both pins now, us (0: none), and when the newest of them ended (monotonic clock of the host, s)."""
+        with self._changed:
+            self._changed.wait_for(lambda: None not in self._now or self._ended, START_S)
+            first, second = self._now
+        if first is None or second is None:
+            raise RigError(f"{self.port}: no pulses came from the emulated board")
+        return first.width_us, second.width_us, max(first.when, second.when)
+
+    def wait_for(self, beta_us: float, gamma_us: float, timeout_s: float, within_us: float = 2.0) -> float | None:
+        """When (monotonic clock, s) both pulses were as wished, from now on, or None if they were not in time."""
+
+        def there() -> bool:
+            return all(
+                pulse is not None and abs(pulse.width_us - wish) <= within_us
+                for pulse, wish in zip(self._now, (beta_us, gamma_us), strict=True)
+            )
+
+        with self._changed:
+            if not self._changed.wait_for(there, timeout_s):
+                return None
+            return max(pulse.when for pulse in self._now if pulse is not None)
+
+    def close(self) -> None:
+        """End the emulator; may be called twice."""
+        with contextlib.suppress(OSError, ValueError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._listener.join(END_S)
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        self._folder.cleanup()
+
+    def __enter__(self) -> EmulatedChip:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            word, *values = line.split()
+            with self._changed:
+                if word == "ready":
+                    self._ready = True
+                elif word == "clock":
+                    self._zero = float(values[0]) - 1e-6 * float(values[1])
+                elif word == "pulse":
+                    self._pulse(int(values[0]), float(values[1]), float(values[2]))
+                elif word == "silent":
+                    self._pulse(int(values[0]), 0.0, float(values[1]))
+                elif word == "reset":
+                    self.resets += 1
+                self._changed.notify_all()
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def _pulse(self, axis: int, width_us: float, t_us: float) -> None:
+        pulse = Pulse(axis, width_us, self._zero + 1e-6 * t_us)
+        self._now[axis] = pulse
+        self.history.append(pulse)
+        if len(self.history) > KEPT:
+            del self.history[: KEPT // 2]

@@ -1,0 +1,136 @@
+"""Clocks of three machines on one: that of the host (`time.monotonic`).
+
+`BoardClock` maps the board's stamps to it, `FrameClock` numbers the camera's pictures, `TiltTrack` knows the tilt at
+any moment of the last second.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Protocol
+
+from mazeplan.rigs.hardware.tiltsensor import TiltSensor
+
+KEPT_S = 1.0  # s of reports that are kept
+AHEAD_S = 0.03  # s that a tilt is carried on beyond the last report
+SLOPE_S = 0.02  # s before the last report over which its rate is taken
+DRIFT = 6e-3  # s/s by which the clocks of host and board may differ: the resonator of a Mega is good to .5 %
+# s from the middle of a report's conversions until it is received at the soonest: 3 for the rest of them, 4 for 45
+# characters at 115200 baud, the rest chip and host; measured on the emulated chip by steps of its voltages
+REPORT_AGE_S = 0.0095
+PHASE, PERIOD = 0.1, 0.002  # gains of `FrameClock`
+
+
+class Stamped(Protocol):
+    """What is needed of a report of the board: its stamp, s on the board's clock, the voltages of the two channels, and
+    when it was received, s on the host's clock."""
+
+    @property
+    def t(self) -> float: ...  # noqa: D102
+    @property
+    def volts(self) -> tuple[float, float]: ...  # noqa: D102
+    @property
+    def received_s(self) -> float: ...  # noqa: D102
+
+
+class BoardClock:
+    """What has to be added to the board's stamps. A report is never received before it is sent, often later: so the
+    smallest difference is the one to believe, and it may only creep up as fast as clocks drift."""
+
+    def __init__(self) -> None:
+        self._offset: float | None = None
+        self._last = 0.0
+
+    def host(self, stamp: float, received: float) -> float:
+        """The host's time for a board's stamp, s, given when it was received."""
+        offset = received - stamp
+        if self._offset is None or stamp < self._last:  # the board began anew
+            self._offset = offset
+        else:
+            crept = self._offset + DRIFT * (stamp - self._last)
+            self._offset = min(offset, crept)
+        self._last = stamp
+        return stamp + self._offset - REPORT_AGE_S
+
+
+class TiltTrack:
+    """The tilt of the last second, rad, by the host's clock."""
+
+    def __init__(self, sensor: TiltSensor) -> None:
+        self._sensor, self._clock = sensor, BoardClock()
+        self._track: deque[tuple[float, float, float]] = deque()
+        self._last: float | None = None
+
+    def take(self, reports: Iterable[Stamped]) -> None:
+        """Reports in order; those that were taken before are passed over."""
+        for report in reports:
+            if self._last is not None and report.received_s <= self._last:
+                continue
+            self._last = report.received_s
+            t = self._clock.host(report.t, report.received_s)
+            if self._track and t <= self._track[-1][0]:
+                continue
+            self._track.append((t, *self._sensor.tilt(*report.volts)))
+            while self._track[0][0] < t - KEPT_S:
+                self._track.popleft()
+
+    @property
+    def newest(self) -> float | None:
+        """Host's time of the last report, s."""
+        return self._track[-1][0] if self._track else None
+
+    def since(self, t: float) -> list[tuple[float, float, float]]:
+        """(time, beta, gamma) of what was told later than a time of the host's clock."""
+        return [told for told in self._track if told[0] > t]
+
+    def at(self, t: float) -> tuple[float, float] | None:
+        """beta, gamma at a time of the host's clock; carried on for AHEAD_S at most; None before the first report."""
+        if not self._track:
+            return None
+        track = self._track
+        if t >= track[-1][0]:
+            return self._ahead(min(t - track[-1][0], AHEAD_S))
+        later = track[-1]
+        for i in range(len(track) - 2, -1, -1):
+            earlier = track[i]
+            if earlier[0] <= t:
+                part = (t - earlier[0]) / (later[0] - earlier[0])
+                return earlier[1] + part * (later[1] - earlier[1]), earlier[2] + part * (later[2] - earlier[2])
+            later = earlier
+        return later[1], later[2]
+
+    def _ahead(self, seconds: float) -> tuple[float, float]:
+        last = self._track[-1]
+        before = next((p for p in reversed(self._track) if p[0] <= last[0] - SLOPE_S), self._track[0])
+        if last[0] - before[0] < 1e-6:
+            return last[1], last[2]
+        rate = seconds / (last[0] - before[0])
+        return last[1] + rate * (last[1] - before[1]), last[2] + rate * (last[2] - before[2])
+
+
+class FrameClock:
+    """Numbers pictures as they come, 1 / rate apart, and says when each was due: phase and period follow the camera's
+    own, so that a late thread does not shift the samples."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._nominal = self._period = 1.0 / rate_hz
+        self._number, self._due = -1, 0.0
+
+    def start(self, arrived: float) -> None:
+        """This picture is number 0."""
+        self._number, self._due = 0, arrived
+
+    def due(self, number: int) -> float:
+        """When that picture comes, s on the host's clock."""
+        return self._due + (number - self._number) * self._period
+
+    def take(self, arrived: float) -> int:
+        """The number of a picture that arrived at this time of the host's clock."""
+        number = self._number + round((arrived - self._due) / self._period)
+        error = arrived - self.due(number)
+        self._due, self._number = self.due(number) + PHASE * error, number
+        self._period += PERIOD * error
+        most = 0.02 * self._nominal
+        self._period = min(max(self._period, self._nominal - most), self._nominal + most)
+        return number

@@ -1,0 +1,114 @@
+"""How late a rig is, from one swing of its plate.
+
+    command to tilt    the plate follows as gain u through a lag of second order, `dead` later, and half a servo pulse's
+                       period on average, as a pulse that has begun is not changed; fitted by output error to the tilt
+                       that the board told (a model of the rig's own: nothing of the planner's is in it)
+    tilt to pixels     the tilt that the pictures show (markers) is that of the board, `age` earlier: the shift with the
+                       smallest squared difference
+
+Commands are a sine with small steps, at times that repeat in neither axis: steps tell a dead time from a slow servo.
+They are small, as a servo at its fastest would look late.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import cont2discrete, lfilter
+
+from mazeplan.records import Array
+
+GRID_S = 1e-3  # s, of the simulated answer
+SWING_DEG, STEP_DEG = 1.0, 0.6  # of the sine, and of a step either way
+SWING_HZ = (0.45, 0.7)  # of beta, gamma
+DWELL_S = (0.2, 0.2667)  # between steps
+STEPS = np.random.default_rng(3).choice([-1.0, 1.0], (2, 1000))
+PULSE_S = 0.02  # s between servo pulses
+SHIFTS = (-0.05, 0.3)  # s, of ages that are tried
+START = (1.0, 20.0, 0.9)  # gain, rad/s, damping, from which the fit starts
+DEADS = (0.0, 0.03, 0.06, 0.1)  # s
+
+
+@dataclass(frozen=True)
+class Delay:
+    """seconds, its standard error, and the rms of what is left over, rad."""
+
+    seconds: float
+    stderr: float
+    rms: float
+
+
+def swing(t: float, limit: float) -> tuple[float, float]:
+    """Commands of the swing at time t, rad: from rest, within the limit."""
+    fade, most = min(1.0, t), min(1.0, math.degrees(limit) / (SWING_DEG + STEP_DEG))
+    beta, gamma = (
+        SWING_DEG * math.sin(math.tau * f * t) + STEP_DEG * float(STEPS[axis, int(t / dwell) % STEPS.shape[1]])
+        for axis, (f, dwell) in enumerate(zip(SWING_HZ, DWELL_S, strict=True))
+    )
+    return math.radians(fade * most * beta), math.radians(fade * most * gamma)
+
+
+def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
+    """From commands to tilt. sent (M,) s, u (M, 2) rad; told (N,) s, tilt (N, 2) rad, by the same clock."""
+    start = float(sent[0])
+    grid = np.arange(start, float(told[-1]) + GRID_S, GRID_S)
+    held = np.searchsorted(sent, grid, side="right") - 1
+    late = max(1, round(PULSE_S / GRID_S))
+    smooth = lfilter(np.full(late, 1.0 / late), 1.0, u[held], axis=0)
+    use = told > start + 0.3
+    times, y = told[use], tilt[use]
+
+    def residual(p: Array) -> Array:
+        dead = p[0]
+        out = []
+        for axis in (0, 1):
+            gain, wn, zeta, offset = p[1 + 4 * axis : 5 + 4 * axis]
+            out.append(np.interp(times - dead, grid, _answer(smooth[:, axis], wn, zeta)) * gain + offset - y[:, axis])
+        return np.concatenate(out)
+
+    low = [0.0, *2 * (0.3, 4.0, 0.2, -0.2)]
+    high = [0.4, *2 * (3.0, 200.0, 4.0, 0.2)]
+    fits = [least_squares(residual, [dead, *2 * (*START, 0.0)], bounds=(low, high), x_scale="jac") for dead in DEADS]
+    best = min(fits, key=lambda fit: fit.cost)
+    rms = math.sqrt(2.0 * best.cost / len(best.fun))
+    covariance = np.linalg.pinv(best.jac.T @ best.jac) * rms**2
+    return Delay(float(best.x[0]) + 0.5 * PULSE_S, math.sqrt(float(covariance[0, 0])), rms)
+
+
+def _answer(u: Array, wn: float, zeta: float) -> Array:
+    """Of a lag of second order to u held on the grid, from rest at u[0] = 0."""
+    b, a, _ = cont2discrete(([wn * wn], [1.0, 2.0 * zeta * wn, wn * wn]), GRID_S)
+    return lfilter(np.ravel(b), a, u)
+
+
+def age(seen_at: Array, seen: Array, told: Array, tilt: Array) -> Delay:
+    """Of the pictures. seen_at (M,) s and seen (M, 2) rad from the pictures; told (N,) s and tilt (N, 2) rad of the
+    board."""
+    inside = (seen_at - SHIFTS[1] > told[0]) & (seen_at - SHIFTS[0] < told[-1])
+    seen_at, seen = seen_at[inside], seen[inside]
+
+    def left(shift: float) -> tuple[float, Array]:
+        total, slopes = 0.0, np.zeros(len(seen_at))
+        for axis in (0, 1):
+            y = np.interp(seen_at - shift, told, tilt[:, axis])
+            x = np.column_stack([y, np.ones(len(y))])
+            k, *_ = np.linalg.lstsq(x, seen[:, axis], rcond=None)
+            residual = seen[:, axis] - x @ k
+            # a marker that was read wrong must not decide
+            total += float(np.sum(np.minimum(residual**2, (4.0 * np.median(np.abs(residual))) ** 2)))
+            slopes += np.gradient(y * k[0], seen_at) ** 2
+        return total, slopes
+
+    coarse = np.arange(*SHIFTS, 5e-3)
+    costs = np.array([left(float(shift))[0] for shift in coarse])
+    middle = float(coarse[int(np.argmin(costs))])
+    fine = np.arange(middle - 6e-3, middle + 6.5e-3, 1e-3)
+    costs = np.array([left(float(shift))[0] for shift in fine])
+    c2, c1, _ = np.polyfit(fine - middle, costs, 2)
+    shift = middle - 0.5 * c1 / c2 if c2 > 0.0 else middle
+    total, slopes = left(shift)
+    rms = math.sqrt(total / max(2 * len(seen_at) - 5, 1))
+    return Delay(float(shift), rms / math.sqrt(max(float(np.sum(slopes)), 1e-12)), rms)

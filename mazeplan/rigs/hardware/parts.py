@@ -1,0 +1,114 @@
+"""Opens the parts of a rig on the table, as its settings name them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from mazeplan.errors import RigError
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.camera.detector import BallDetector
+from mazeplan.rigs.camera.section import camera_section
+from mazeplan.rigs.camera.source import FrameSource
+from mazeplan.rigs.hardware.clocks import TiltTrack
+from mazeplan.rigs.hardware.pictures import Pictures
+from mazeplan.rigs.hardware.settings import HardwareSettings
+from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.link.messages import AxisLimits, ServoLimits, TiltReport
+from mazeplan.rigs.link.port import ports_found
+
+AUTO = "auto"
+SUPPLY_V, FULL = 5.0, 1023.0  # V and count at the upper end of the board's converter
+
+
+@dataclass
+class Parts:
+    """What is open."""
+
+    board: Board
+    pictures: Pictures
+    detector: BallDetector
+    track: TiltTrack
+    port: str
+    camera: str
+
+    def listen(self) -> None:
+        """Take in what the board has told of the tilt. Raises RigError once the board is given up."""
+        self.track.take(Told.of(report) for report in self.board.recent())
+
+    def close(self) -> None:
+        """Level the plate, and give all back."""
+        try:
+            self.board.close()
+        finally:
+            self.pictures.close()
+
+
+@dataclass(frozen=True)
+class Told:
+    """A report with its channels in V."""
+
+    t: float
+    volts: tuple[float, float]
+    received_s: float
+
+    @classmethod
+    def of(cls, report: TiltReport) -> Told:
+        """The same, as `TiltTrack` takes it."""
+        return cls(report.time_s, volts(report), report.received_s)
+
+
+def volts(report: TiltReport) -> tuple[float, float]:
+    """Of the two channels."""
+    first, second = report.counts
+    return first * SUPPLY_V / FULL, second * SUPPLY_V / FULL
+
+
+def servo_limits(settings: HardwareSettings) -> ServoLimits:
+    """What the board is told never to exceed."""
+    servo = settings.servo
+    beta, gamma = (
+        AxisLimits(axis.min_us, axis.max_us, axis.level_us, servo.slew_us_per_s) for axis in (servo.beta, servo.gamma)
+    )
+    return ServoLimits(beta, gamma)
+
+
+def the_port(name: str) -> str:
+    """The port of that name; for auto the only one behind USB. Raises RigError when that is none or several."""
+    if name != AUTO:
+        return name
+    found = ports_found()
+    if len(found) != 1:
+        got = f"found {', '.join(found)}; name the board's as `port:`" if found else "none found; plug the board in"
+        raise RigError(f"port: auto: {got}")
+    return found[0]
+
+
+def open_board(settings: HardwareSettings, port: str | None = None) -> Board:
+    """The board, open. Raises RigError."""
+    board = Board(the_port(settings.port) if port is None else port, servo_limits(settings))
+    board.open()
+    return board
+
+
+def assemble(
+    settings: HardwareSettings,
+    maze: Maze,
+    folder: Path,
+    make: Callable[[], FrameSource],
+    camera: str,
+    port: str | None = None,
+) -> Parts:
+    """Everything open, or nothing. folder: of the rig's file; make: opens the camera. Raises RigError or
+    SettingsError."""
+    assert settings.tilt is not None
+    section = camera_section(settings.camera or {})
+    detector = section.detector(maze, folder)
+    board = open_board(settings, port)
+    try:
+        pictures = Pictures(make, camera)
+    except BaseException:
+        board.close()
+        raise
+    return Parts(board, pictures, detector, TiltTrack(settings.tilt.sensor()), board.port, camera)

@@ -1,0 +1,200 @@
+"""The rig on the table: camera, board, servos, tilt sensor, as settings of `hardware.yaml` describe them.
+
+    camera --Frame--> detector -----------------> x, y
+    board  --TiltReport--> TiltTrack, at the moment of the picture --> beta, gamma      Observation(number / rate, ...)
+    command, rad --ServoAxis--> pulses, us --> board
+
+A sample is a picture: `observe` wakes up with it, and its time is its number over the rate. A picture that does not
+come gives a sample without a ball, at its time. What the samples are late by is not taken off here: `latency` tells it,
+and the estimator does.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from mazeplan.errors import RigError, SettingsError
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Latency, Observation
+from mazeplan.rigs.camera.detector import Sighting
+from mazeplan.rigs.camera.section import camera_section
+from mazeplan.rigs.camera.source import VideoSource
+from mazeplan.rigs.hardware.clocks import FrameClock
+from mazeplan.rigs.hardware.parts import Parts, assemble
+from mazeplan.rigs.hardware.settings import HardwareSettings, check_section
+
+TOLERANCE = 1e-9  # rad, of the tilt limit
+LATE = 0.5  # periods after which a picture that was due is missing
+BLIND_S = 2.0  # s without any picture: the camera has failed
+SILENT_S = 0.4  # s without a report of the tilt: the board has failed
+START_S = 10.0  # s for the first picture
+LEVEL_DEG = 0.7  # within which the plate counts as level ...
+REST_MM = 2.0  # ... and within which a ball rests ...
+REST_S = 0.5  # ... for so long
+PLACED_MM = 12.0  # beside a channel in which a ball still counts as being in it
+
+
+class HardwareRig:
+    """See `interface.Rig`. settings: the keys of hardware.yaml.
+
+    latency: what was measured of its delays, or None; unseen_s: a run ends when the ball was not seen for so long."""
+
+    realtime = True
+
+    def __init__(self, maze: Maze, settings: Mapping[str, Any]) -> None:
+        self.maze = maze
+        file: Path | None = getattr(settings, "file", None)
+        self.file, self.folder = file, Path() if file is None else file.parent
+        self.settings = self._checked(settings)
+        if self.settings.calibrated_camera:
+            camera_section(self.settings.camera or {})
+        self.rate_hz = self.settings.rate_hz
+        self.latency: Latency | None = None if self.settings.latency is None else self.settings.latency.record()
+        self.unseen_s = self.settings.unseen_s
+        self._parts: Parts | None = None
+        self._clock = FrameClock(self.rate_hz)
+        self._numbered = False
+        self._arrived = -math.inf  # of the last picture, host's clock
+        self._next, self._first = 0, 0  # number of the next picture; of the one at time 0
+        self._stopped = False
+        self.sighting: Sighting | None = None  # of the last sample
+        self.due = 0.0  # when it was due, host's clock
+
+    def _checked(self, settings: Mapping[str, Any]) -> HardwareSettings:
+        return check_section(HardwareSettings, settings)
+
+    def _connect(self) -> Parts:
+        source, size = self.settings.source, self.settings.picture
+        return assemble(self.settings, self.maze, self.folder, lambda: VideoSource(source, size), str(source))
+
+    # -- life -------------------------------------------------------------------------------------------------------
+
+    @property
+    def parts(self) -> Parts:
+        """Board, camera and what goes with them; opened when first asked for. Raises RigError, SettingsError when
+        something has not been calibrated."""
+        if self._parts is None:
+            missing = self.settings.missing()
+            if missing:
+                advice = f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)"
+                raise SettingsError(advice, file=self.file)
+            self._parts = self._connect()
+            self._numbered, self._arrived = False, -math.inf
+        return self._parts
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """Level the plate, have the ball placed in a ring, and wait until it rests there; time 0 is the next picture.
+
+        Raises RigError when no ball rests there within `place_s`."""
+        parts = self.parts
+        self._stopped = False
+        self.level()
+        self._place(ring, theta, rng)
+        self._await_ball(ring)
+        parts.board.level()
+        self._first = self._next
+
+    def _place(self, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """Ask the person for it."""
+        where = f"ring {ring}, near {math.degrees(theta) % 360.0:.0f} degrees"
+        print(f"place the ball in {where}; waiting until it rests", file=sys.stderr, flush=True)
+
+    def _await_ball(self, ring: int) -> None:
+        """Until a ball rests in the ring."""
+        channel, until = self.maze.ring(ring), monotonic() + self.settings.place_s
+        rested: list[tuple[float, float, float]] = []
+        while monotonic() < until:
+            seen = self._sample()
+            at_rest = seen.seen and max(abs(seen.beta), abs(seen.gamma)) < math.radians(LEVEL_DEG)
+            if at_rest and seen.x is not None and seen.y is not None:
+                r = math.hypot(seen.x, seen.y)
+                inside = channel.inner_radius - 1e-3 * PLACED_MM < r < channel.outer_radius + 1e-3 * PLACED_MM
+                near = not rested or math.hypot(seen.x - rested[0][1], seen.y - rested[0][2]) < 1e-3 * REST_MM
+                rested = [*rested, (seen.t, seen.x, seen.y)] if inside and near else []
+                if rested and seen.t - rested[0][0] >= REST_S:
+                    return
+            elif not seen.seen:
+                rested = []
+        raise RigError(
+            f"no ball rested in ring {ring} within {self.settings.place_s:g} s; is it lit, and in the picture?"
+        )
+
+    def close(self) -> None:
+        """Level the plate, and give port and camera back; may be called twice."""
+        parts, self._parts = self._parts, None
+        if parts is not None:
+            parts.close()
+
+    # -- the loop ---------------------------------------------------------------------------------------------------
+
+    def observe(self) -> Observation:
+        """The next sample. Raises RigError when camera or board are gone."""
+        return self._sample()
+
+    def _sample(self) -> Observation:
+        parts = self.parts
+        number, image = self._picture(parts)
+        due = self._clock.due(number)
+        parts.listen()
+        sighting = None if image is None else parts.detector.locate(image, parts.track.at(due))
+        parts.listen()  # what came meanwhile is nearer to the moment of the picture
+        newest, tilt = parts.track.newest, parts.track.at(due)
+        if tilt is None or newest is None or monotonic() - newest > SILENT_S:
+            raise RigError(f"{parts.port}: the board has not told the tilt for {SILENT_S:g} s; is its cable in?")
+        x, y = (None, None) if sighting is None or sighting.x is None else (sighting.x, sighting.y)
+        self.sighting, self.due = sighting, due
+        return Observation((number - self._first) / self.rate_hz, x, y, *tilt)
+
+    def _picture(self, parts: Parts) -> tuple[int, np.ndarray | None]:
+        """Number and image of the next sample; without an image where the picture did not come."""
+        clock = self._clock
+        if not self._numbered:
+            frame = parts.pictures.wait(self._arrived, monotonic() + START_S)
+            if frame is None:
+                raise RigError(f"camera {parts.camera}: no picture within {START_S:g} s")
+            clock.start(frame.t)
+            self._numbered, self._arrived, self._next = True, frame.t, 1
+            return 0, frame.image
+        number = self._next
+        while True:
+            frame = parts.pictures.wait(self._arrived, clock.due(number) + LATE / self.rate_hz)
+            if frame is None:
+                if monotonic() - self._arrived > BLIND_S:
+                    raise RigError(f"camera {parts.camera}: no picture for {BLIND_S:g} s; is its cable in?")
+                self._next = number + 1
+                return number, None
+            self._arrived = frame.t
+            got = clock.take(frame.t)
+            if got >= number:  # more: this program was late, and pictures went by
+                self._next = got + 1
+                return got, frame.image
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit, and when the board is gone."""
+        limit = self.maze.tilt_limit + TOLERANCE
+        for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
+            if not -limit <= value <= limit:  # also refuses NaN
+                raise RigError(f"{name}: got {value} rad, expected at most {self.maze.tilt_limit:.4f} rad either way")
+        parts, servo = self.parts, self.settings.servo
+        if self._stopped:
+            parts.board.level()
+            return
+        parts.board.command(servo.beta.pulse(u_beta), servo.gamma.pulse(u_gamma))
+
+    def level(self) -> None:
+        """Level the plate, now."""
+        if self._parts is not None:
+            self._parts.board.level()
+
+    def stop(self) -> None:
+        """Emergency: the plate goes level, and stays so until the next reset, whatever is commanded. Any thread may
+        call."""
+        self._stopped = True
+        self.level()

@@ -1,0 +1,134 @@
+"""The emulated rig's table as the program sees it: starts the process of `world`, and takes its pictures."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import mmap
+import subprocess
+import sys
+import tempfile
+import threading
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from mazeplan.errors import RigError
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import dump_map
+from mazeplan.rigs.camera.source import Frame
+from mazeplan.rigs.hardware.settings import WorldSettings
+from mazeplan.rigs.hardware.world import SLOTS
+
+START_S, END_S, ANSWER_S = 60.0, 3.0, 2.0
+SIZE = (480, 640, 3)
+
+
+class Table:
+    """A running world. port: of its board; it is a source of pictures, too. Raises RigError where it does not start."""
+
+    def __init__(self, maze: Maze, settings: WorldSettings) -> None:
+        self._news = threading.Condition()
+        self._said: dict[str, Any] = {}
+        self._frame: Frame | None = None
+        self._given: Frame | None = None
+        self._ended = False
+        self.shown: list[tuple[float, float, float]] = []  # (exposed, handed out, received) of each picture
+        self._settings = settings
+        bytes_each = int(np.prod(SIZE))
+        with tempfile.TemporaryFile() as file:
+            file.truncate(SLOTS * bytes_each)
+            self._memory = mmap.mmap(file.fileno(), 0)
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "mazeplan.rigs.hardware.world", str(file.fileno())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                bufsize=1,
+                pass_fds=(file.fileno(),),
+                start_new_session=True,  # Ctrl-C is for the program, which levels the plate first
+            )
+        threading.Thread(target=self._listen, name="mazeplan table", daemon=True).start()
+        self.order({"map": dump_map(maze), "world": settings.model_dump(mode="json")})
+        if self._wait("ready", START_S) is None:
+            problem = self._said.get("problem", "it said nothing")
+            self.close()
+            raise RigError(f"the emulated rig does not start: {problem}")
+        self.port: str = self._said["ready"]
+
+    def order(self, document: dict[str, Any]) -> None:
+        """Raises RigError when the world has ended."""
+        try:
+            assert self._process.stdin is not None
+            self._process.stdin.write(json.dumps(document) + "\n")
+            self._process.stdin.flush()
+        except (OSError, ValueError):
+            raise RigError(f"the emulated rig has ended: {self._said.get('problem', 'nobody knows why')}") from None
+
+    def place(self, ring: int, theta: float, seed: int) -> None:
+        """Put the ball there, at rest; seed: of the camera's noise."""
+        self.order({"place": [ring, theta, seed]})
+
+    def remove(self) -> None:
+        """Take the ball away."""
+        self.order({"remove": True})
+
+    def tilt(self) -> tuple[float, float]:
+        """The true tilt, rad, as a clinometer that is exact would tell it."""
+        with self._news:
+            self._said.pop("tilt", None)
+        self.order({"tilt": True})
+        answer = self._wait("tilt", ANSWER_S)
+        if answer is None:
+            raise RigError("the emulated rig does not answer")
+        return float(answer[0]), float(answer[1])
+
+    def read(self) -> Frame | None:
+        """The next picture, or None when there are no more."""
+        with self._news:
+            self._news.wait_for(lambda: self._ended or self._frame is not self._given)
+            if self._ended:
+                return None
+            self._given = self._frame
+            return self._given
+
+    def close(self) -> None:
+        """End the world; may be called twice."""
+        with self._news:
+            self._ended = True
+            self._news.notify_all()
+        with contextlib.suppress(OSError, ValueError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        try:
+            self._process.wait(END_S + self._settings.linger_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _wait(self, word: str, seconds: float) -> Any:
+        with self._news:
+            self._news.wait_for(lambda: word in self._said or self._ended or "problem" in self._said, seconds)
+            return self._said.get(word)
+
+    def _listen(self) -> None:
+        stdout = self._process.stdout
+        assert stdout is not None
+        size = int(np.prod(SIZE))
+        with contextlib.suppress(ValueError), stdout:
+            for line in stdout:
+                document = json.loads(line)
+                slot = document.get("frame")
+                with self._news:
+                    if slot is None:
+                        self._said.update(document)
+                    else:
+                        now = monotonic()
+                        raw = self._memory[slot * size : (slot + 1) * size]
+                        self._frame = Frame(np.frombuffer(raw, dtype=np.uint8).reshape(SIZE), now)
+                        self.shown.append((document["exposed"], document["out"], now))
+                    self._news.notify_all()
+        with self._news:
+            self._ended = True
+            self._news.notify_all()

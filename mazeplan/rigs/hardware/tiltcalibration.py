@@ -1,0 +1,244 @@
+"""Fits the tilt sensor, and the servos, to what a person read off a clinometer.
+
+For each axis the terms are those of the smallest set (affine, with the product, with squares, with cubes) that predicts
+a reading left out nearly as well as the best set does: `e_i / (1 - h_ii)` is the error of the fit without reading i
+(Allen's PRESS; Belsley, Kuh, Welsch, "Regression Diagnostics", 1980). Readings that a slip of hand made useless are
+found in two steps: against the least median of squares over small random subsets (Rousseeuw, 1984), which half of
+them cannot spoil, then one by one against the fit without them. They are named, and take no part.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mazeplan.errors import InputError, TableError
+from mazeplan.records import Array
+from mazeplan.rigs.hardware.tiltsensor import TiltSensor, design
+
+SETS: tuple[tuple[str, ...], ...] = (
+    ("one", "a", "b"),
+    ("one", "a", "b", "ab"),
+    ("one", "a", "b", "ab", "aa", "bb"),
+    ("one", "a", "b", "ab", "aa", "bb", "aaa", "aab", "abb", "bbb"),
+)
+COLUMNS = ("v0", "v1", "beta_deg", "gamma_deg")
+PULSES = ("pulse_beta_us", "pulse_gamma_us")
+LEAST = 8  # readings
+ENOUGH = 1.05  # a larger set must predict better by more than this factor
+CLINOMETER = 0.1  # deg, its last digit
+GROSS, FINE = 5.0, 4.5  # sigmas beyond which a reading is a slip, in the first and in the second step
+VISIBLE = 0.2  # deg; nothing smaller is called one ...
+COARSE = 1.0  # deg; ... nor in the first step, which knows no cubes, anything smaller than this
+SUBSETS = 600
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Voltages of the diode, what the clinometer said, the line it stands in, and the pulses of the servos, us, where
+    they are known."""
+
+    v: tuple[float, float]
+    beta_deg: float
+    gamma_deg: float
+    line: int
+    pulses: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A reading that took no part: its line, the axis, what was read and what the fit says, deg."""
+
+    line: int
+    axis: str
+    got: float
+    expected: float
+
+
+@dataclass(frozen=True)
+class AxisFit:
+    """One axis: {term: deg}, rms and largest residual, and rms error at a reading left out, deg; readings used."""
+
+    terms: dict[str, float]
+    rms: float
+    worst: float
+    left_out: float
+    used: int
+
+
+@dataclass(frozen=True)
+class TiltFit:
+    """The sensor, how well it fits, and what was left out. level_us, us_per_deg: of the servos of beta and gamma, where
+    their pulses were among the readings."""
+
+    sensor: TiltSensor
+    beta: AxisFit
+    gamma: AxisFit
+    outliers: tuple[Outlier, ...]
+    readings: int
+    level_us: tuple[float, float] | None = None
+    us_per_deg: tuple[float, float] | None = None
+
+    @property
+    def error_deg(self) -> float:
+        """rms error of the worse axis at a reading that was left out, with what the clinometer adds."""
+        return max(self.beta.left_out, self.gamma.left_out)
+
+    def section(self, date: str) -> dict[str, object]:
+        """As it stands under `tilt:` in a rig's file."""
+        return {
+            "centre_v": [round(v, 5) for v in self.sensor.centre],
+            "scale_v": [round(v, 5) for v in self.sensor.scale],
+            "beta_deg": {name: round(k, 6) for name, k in self.sensor.beta.items()},
+            "gamma_deg": {name: round(k, 6) for name, k in self.sensor.gamma.items()},
+            "error_deg": round(self.error_deg, 4),
+            "readings": self.readings,
+            "date": date,
+        }
+
+
+def read_readings(path: Path) -> list[Reading]:
+    """Readings of a CSV file with the columns of `COLUMNS`, and of `PULSES` or not. Raises TableError."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = csv.reader(stream)
+            header = [name.strip() for name in next(rows, [])]
+            missing = [name for name in COLUMNS if name not in header]
+            if missing:
+                raise TableError(f"lacks the columns {', '.join(missing)}", file=path, line=1)
+            return [_reading(header, row, path, rows.line_num) for row in rows if any(cell.strip() for cell in row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "not a CSV file in UTF-8"
+        raise TableError(f"cannot be read: {reason}", file=path) from None
+
+
+def _reading(header: list[str], row: list[str], path: Path, line: int) -> Reading:
+    cells = dict(zip(header, row, strict=False))
+
+    def number(name: str) -> float:
+        try:
+            value = float(cells.get(name, ""))
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise TableError(f"got {cells.get(name, '')!r}, expected a number", file=path, line=line, key=name)
+        return value
+
+    v0, v1, beta, gamma = (number(name) for name in COLUMNS)
+    pulses = (number(PULSES[0]), number(PULSES[1])) if all(cells.get(name, "").strip() for name in PULSES) else None
+    return Reading((v0, v1), beta, gamma, line, pulses)
+
+
+def write_readings(path: Path, readings: Sequence[Reading]) -> None:
+    """The table that `read_readings` reads."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        rows = csv.writer(stream)
+        rows.writerow((*COLUMNS, *PULSES))
+        for r in readings:
+            rows.writerow([f"{v:.5f}" for v in r.v] + [r.beta_deg, r.gamma_deg, *(r.pulses or ("", ""))])
+
+
+def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
+    """The sensor that the readings tell of. Raises InputError when they are too few, or all along one line."""
+    if len(readings) < LEAST:
+        raise InputError(f"got {len(readings)} readings, expected at least {LEAST}")
+    v = np.array([r.v for r in readings])
+    low, high = v.min(axis=0), v.max(axis=0)
+    spread = np.linalg.svd((v - v.mean(axis=0)) / max(float(np.max(high - low)), 1e-12), compute_uv=False)
+    if spread[-1] < 0.05 * spread[0] or spread[0] == 0.0:
+        raise InputError("the voltages of the readings all lie on one line: tilt the plate about both axes")
+    centre, scale = 0.5 * (low + high), 0.5 * (high - low)
+    fits, outliers = {}, []
+    for axis in ("beta", "gamma"):
+        y = np.array([getattr(r, f"{axis}_deg") for r in readings])
+        fit, good, said = _fit_axis(v, y, centre, scale, np.random.default_rng(seed))
+        fits[axis] = fit
+        outliers += [Outlier(readings[i].line, axis, float(y[i]), float(said[i])) for i in np.flatnonzero(~good)]
+    beta, gamma = fits["beta"], fits["gamma"]
+    sensor = TiltSensor(
+        (float(centre[0]), float(centre[1])), (float(scale[0]), float(scale[1])), beta.terms, gamma.terms
+    )
+    slips = {(o.line, o.axis) for o in outliers}
+    level, per_deg = _fit_servos(readings, slips)
+    ordered = tuple(sorted(outliers, key=lambda o: (o.line, o.axis)))
+    return TiltFit(sensor, beta, gamma, ordered, len(readings), level, per_deg)
+
+
+def _fit_axis(
+    v: Array, y: Array, centre: Array, scale: Array, rng: np.random.Generator
+) -> tuple[AxisFit, np.ndarray, Array]:
+    """The fit, which readings took part (N,), and what it says of each (N,)."""
+    largest = max((s for s in SETS if len(y) >= 2 * len(s)), key=len, default=SETS[0])
+    coarse = max((s for s in SETS[:3] if len(y) >= 2 * len(s)), key=len, default=SETS[0])
+    good = _within_median(design(coarse, v, centre, scale), y, rng)
+    while True:
+        sets = [s for s in SETS if len(s) <= len(largest) and good.sum() >= len(s) + 3]
+        trials = [_leave_one_out(design(s, v, centre, scale), y, good) for s in sets]
+        best = min(rms for _, rms, _ in trials)
+        chosen = next(i for i, (_, rms, _) in enumerate(trials) if rms <= ENOUGH * best)
+        k, rms, studentised = trials[chosen]
+        said = design(sets[chosen], v, centre, scale) @ k
+        worst = int(np.argmax(np.abs(studentised)))
+        out = abs(studentised[worst]) > FINE and abs(y[worst] - said[worst]) > VISIBLE
+        if not out or good.sum() - 1 < LEAST or good.sum() - 1 < 0.6 * len(y):
+            break
+        good[worst] = False
+    good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # what the coarse step did wrong
+    k, rms, _ = _leave_one_out(design(sets[chosen], v, centre, scale), y, good)
+    said = design(sets[chosen], v, centre, scale) @ k
+    left = (y - said)[good]
+    terms = dict(zip(sets[chosen], (float(c) for c in k), strict=True))
+    fit = AxisFit(terms, float(np.sqrt(np.mean(left**2))), float(np.max(np.abs(left))), rms, int(good.sum()))
+    return fit, good, said
+
+
+def _within_median(x: Array, y: Array, rng: np.random.Generator) -> np.ndarray:
+    """Which readings the fit with the least median of squared residuals knows, (N,) bool."""
+    n, p = x.shape
+    subsets = np.array([rng.choice(n, p + 1, replace=False) for _ in range(SUBSETS)])
+    best, least = np.abs(y), math.inf
+    for rows in subsets:
+        k, *_ = np.linalg.lstsq(x[rows], y[rows], rcond=None)
+        residual = np.abs(y - x @ k)
+        if (median := float(np.median(residual))) < least:
+            best, least = residual, median
+    sigma = 1.4826 * (1.0 + 5.0 / max(n - p, 1)) * max(least, 0.3 * CLINOMETER)
+    return best <= max(GROSS * sigma, COARSE)
+
+
+def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, Array]:
+    """Coefficients from the good readings, rms error at one of them left out, and (N,) errors over their spread."""
+    k, *_ = np.linalg.lstsq(x[good], y[good], rcond=None)
+    inverse = np.linalg.pinv(x[good].T @ x[good])
+    leverage = np.clip(np.einsum("ij,jk,ik->i", x[good], inverse, x[good]), 0.0, 0.999)
+    residual = (y - x @ k)[good]
+    error = residual / (1.0 - leverage)
+    n, p = x[good].shape
+    squares = max(float(residual @ residual), n * (0.1 * CLINOMETER) ** 2)
+    without = np.maximum(squares - residual**2 / (1.0 - leverage), 1e-3 * squares) / max(n - p - 1, 1)
+    studentised = np.zeros(len(y))
+    studentised[good] = residual / np.sqrt(without * (1.0 - leverage))
+    return k, float(np.sqrt(np.mean(error**2))), studentised
+
+
+def _fit_servos(
+    readings: Sequence[Reading], slips: set[tuple[int, str]]
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+    """Pulse at which each axis is level, and us per degree; None where pulses are missing or hardly move."""
+    found = []
+    for i, axis in enumerate(("beta", "gamma")):
+        rows = [
+            (getattr(r, f"{axis}_deg"), r.pulses[i]) for r in readings
+            if r.pulses is not None and (r.line, axis) not in slips
+        ]  # fmt: skip
+        angles = np.array([angle for angle, _ in rows])
+        if len(rows) < LEAST or np.ptp(angles) < 1.0:
+            return None, None
+        slope, level = np.polyfit(angles, np.array([pulse for _, pulse in rows]), 1)
+        found.append((float(level), float(slope)))
+    return (found[0][0], found[1][0]), (found[0][1], found[1][1])

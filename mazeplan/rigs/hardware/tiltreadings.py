@@ -1,0 +1,89 @@
+"""Takes the readings for `tiltcalibration` at the board: moves the plate over a grid, and asks for the clinometer's.
+
+A board that hears nothing for 200 ms levels its plate; so the pulses of the moment are sent again and again by a
+thread, for as long as a person needs to read and type.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import sleep
+
+import numpy as np
+
+from mazeplan.errors import RigError
+from mazeplan.rigs.hardware.parts import volts
+from mazeplan.rigs.hardware.settings import Servo
+from mazeplan.rigs.hardware.tiltcalibration import Reading
+from mazeplan.rigs.link.board import Board
+
+AGAIN_S = 0.05  # between commands
+SETTLE_S, AVERAGE_S = 0.8, 0.4
+REACH = 1.1  # of the tilt limit: a polynomial is at its worst at the end of what it was fitted to
+Ask = Callable[[int, tuple[float, float]], tuple[float, float] | None]
+
+
+def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]]:
+    """Pulses of count x count tilts about level, there and back in each row: the plate never has far to go."""
+    steps = np.linspace(-REACH * limit_deg, REACH * limit_deg, count)
+    beta, gamma = (
+        [min(max(axis.level_us + axis.us_per_deg * float(step), axis.min_us), axis.max_us) for step in steps]
+        for axis in (servo.beta, servo.gamma)
+    )
+    return [(b, g) for i, b in enumerate(beta) for g in (gamma if i % 2 == 0 else gamma[::-1])]
+
+
+class Held:
+    """The pulses that are being sent."""
+
+    def __init__(self, board: Board, pulses: tuple[float, float]) -> None:
+        self.board, self.pulses = board, pulses
+        self.problem: RigError | None = None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="mazeplan hold", daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        while not self._ended.wait(AGAIN_S):
+            try:
+                self.board.command(*self.pulses)
+            except RigError as problem:
+                self.problem = problem
+                return
+
+    def end(self) -> None:
+        """Send no more."""
+        self._ended.set()
+        self._thread.join()
+
+
+@contextmanager
+def held(board: Board, pulses: tuple[float, float]) -> Iterator[Held]:
+    """Hold pulses until left; then the plate goes level."""
+    holding = Held(board, pulses)
+    try:
+        yield holding
+    finally:
+        holding.end()
+        board.level()
+
+
+def take_readings(board: Board, pulses: list[tuple[float, float]], ask: Ask) -> list[Reading]:
+    """A reading at each of the pulses; ask(number from 1, pulses) gives what the clinometer says in degrees, beta and
+    gamma, or None to leave it out. Raises RigError when the board is gone."""
+    readings = []
+    with held(board, pulses[0]) as holding:
+        for number, pair in enumerate(pulses, start=1):
+            holding.pulses = pair
+            sleep(SETTLE_S + AVERAGE_S)
+            if holding.problem is not None:
+                raise holding.problem
+            told = board.recent()
+            latest = [volts(r) for r in told if r.received_s > told[-1].received_s - AVERAGE_S]
+            said = ask(number, pair)
+            if said is not None:
+                first, second = np.mean(latest, axis=0)
+                readings.append(Reading((float(first), float(second)), *said, number, pair))
+    return readings

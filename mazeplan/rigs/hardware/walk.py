@@ -1,0 +1,230 @@
+"""A walk through a rig on a table, part by part, before it is trusted: port, firmware, tilt sensor, camera, servos,
+ball, and how late it all is.
+
+Each step says what it saw. A step without which the next ones make no sense ends the walk.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from time import monotonic
+
+import numpy as np
+
+from mazeplan.errors import MazeplanError, RigError
+from mazeplan.rigs.conformance import CheckResult
+from mazeplan.rigs.hardware.latency import Delay, age, dead_time, swing
+from mazeplan.rigs.hardware.parts import volts
+from mazeplan.rigs.hardware.rig import HardwareRig
+from mazeplan.rigs.hardware.tiltreadings import held
+from mazeplan.rigs.link.port import ports_found
+
+LOOK_S, SETTLE_S, SWING_S = 1.5, 1.0, 10.0
+TILT_DEG = 3.0  # of the steps that show which way is which
+OFF_DEG = 0.7  # by which a tilt may differ from what was commanded
+MARKERS_DEG = 0.5  # by which the tilt that markers show may differ from the sensor's
+RATE = 0.1  # by which the camera's rate may be off
+SURE_S = 0.004  # standard error of a latency that is worth writing
+NEEDED = ("port", "camera")
+Ask = Callable[[str], bool]  # a question to be answered with yes or no
+
+
+class _Problem(Exception):  # noqa: N818
+    """What is wrong, for the step that found it."""
+
+
+class _End(_Problem):
+    """The walk ends here."""
+
+
+@dataclass
+class Latencies:
+    """What the swing showed; host_s: from a sample to the command that answers it."""
+
+    command: Delay
+    camera: Delay
+    host_s: float
+
+    def section(self, date: str) -> dict[str, object]:
+        """As it stands under `latency:` in a rig's file."""
+        return {
+            "command_ms": round(1e3 * max(self.command.seconds, 0.0), 1),
+            "camera_ms": round(1e3 * max(self.camera.seconds, 0.0), 1),
+            "host_ms": round(1e3 * self.host_s, 1),
+            "date": date,
+        }
+
+
+class Walk:
+    """One walk. `steps` yields a result each; then `latencies` is what was measured, or None."""
+
+    def __init__(self, rig: HardwareRig, ask: Ask) -> None:
+        self.rig, self.ask = rig, ask
+        self.latencies: Latencies | None = None
+
+    def steps(self) -> Iterator[CheckResult]:
+        """Do it. The rig is left open, and level."""
+        for name, step in (
+            ("port", self._port), ("firmware", self._firmware), ("tilt sensor", self._tilt_sensor),
+            ("camera", self._camera), ("markers", self._markers), ("beta moves", lambda: self._moves("beta")),
+            ("gamma moves", lambda: self._moves("gamma")), ("ball", self._ball), ("latency", self._latency),
+        ):  # fmt: skip
+            try:
+                yield CheckResult(name, True, step())
+            except (_Problem, MazeplanError) as problem:
+                yield CheckResult(name, False, str(problem))
+                if isinstance(problem, _End) or name in NEEDED:
+                    return
+        self.rig.level()
+
+    # -- parts --------------------------------------------------------------------------------------------------------
+
+    def _port(self) -> str:
+        missing = self.rig.settings.missing()
+        if missing:
+            raise _End(f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)")
+        found = ", ".join(ports_found()) or "none"
+        return f"{self.rig.parts.port} answers (ports behind USB: {found})"
+
+    def _firmware(self) -> str:
+        identity = self.rig.parts.board.identity
+        assert identity is not None
+        return (
+            f"{identity.name} {identity.version}, protocol {identity.protocol}; pulses {identity.min_us:g} to "
+            f"{identity.max_us:g} us at most, level after {1e3 * identity.watchdog_s:g} ms of silence"
+        )
+
+    def _tilt_sensor(self) -> str:
+        self.rig.level()
+        samples = self._watch(LOOK_S)
+        report = self.rig.parts.board.latest()
+        first, second = (math.nan, math.nan) if report is None else volts(report)
+        seen = f"{first:.2f} and {second:.2f} V"
+        sensor = self.rig.settings.tilt
+        if sensor is None or not sensor.sensor().reaches(first, second):
+            raise _Problem(f"{seen} is outside what was calibrated: is the laser's spot on the diode?")
+        beta, gamma = self._tilt(samples)
+        if max(abs(beta), abs(gamma)) > OFF_DEG:
+            raise _Problem(f"level is {beta:+.2f}, {gamma:+.2f} deg by {seen}: calibrate anew")
+        return f"{seen}; level is {beta:+.2f}, {gamma:+.2f} deg"
+
+    def _camera(self) -> str:
+        began, clock = monotonic(), []
+        while monotonic() - began < LOOK_S:
+            self.rig.observe()
+            clock.append(self.rig.sighting is not None)
+        rate = sum(clock) / (monotonic() - began)
+        if abs(rate / self.rig.rate_hz - 1.0) > RATE:
+            raise _Problem(f"{rate:.1f} pictures a second, expected {self.rig.rate_hz:g}")
+        return f"{rate:.1f} pictures a second"
+
+    def _markers(self) -> str:
+        samples = self._watch(LOOK_S)
+        seen = [s for _, _, s in samples if s is not None]
+        if not seen:
+            raise _Problem(
+                "no markers are seen: are they lit, and in the picture? without them latency is not measured"
+            )
+        by_markers, (beta, gamma) = np.degrees(np.median(seen, axis=0)), self._tilt(samples)
+        off = max(abs(by_markers[0] - beta), abs(by_markers[1] - gamma))
+        told = f"in {len(seen)} of {len(samples)} pictures, tilt {by_markers[0]:+.2f}, {by_markers[1]:+.2f} deg"
+        if off > MARKERS_DEG:
+            raise _Problem(f"{told}, but {beta:+.2f}, {gamma:+.2f} by the sensor: calibrate the camera anew")
+        return told
+
+    def _moves(self, axis: str) -> str:
+        other = "gamma" if axis == "beta" else "beta"
+        self.rig.level()
+        most = min(math.radians(TILT_DEG), self.rig.maze.tilt_limit)
+        wanted = {"beta": (most, 0.0), "gamma": (0.0, most)}[axis]
+        samples = self._watch(SETTLE_S + LOOK_S, wanted)[round(SETTLE_S * self.rig.rate_hz) :]
+        got = dict(zip(("beta", "gamma"), self._tilt(samples), strict=True))
+        told = f"commanded {math.degrees(most):+.1f} deg, went to {got[axis]:+.2f}, the other axis to {got[other]:+.2f}"
+        seen = [s for _, _, s in samples if s is not None]
+        if seen:
+            by_markers = np.degrees(np.median(seen, axis=0))[0 if axis == "beta" else 1]
+            told += f", by the markers {by_markers:+.2f}"
+            if abs(by_markers - got[axis]) > OFF_DEG:
+                raise _Problem(f"{told}: sensor and camera disagree")
+        if got[axis] < 0.0 and abs(got[axis]) > OFF_DEG:
+            raise _Problem(f"{told}: the wrong way; change the sign of servo.{axis}.us_per_deg")
+        if abs(got[axis] - math.degrees(most)) > OFF_DEG or abs(got[other]) > OFF_DEG:
+            raise _Problem(told)
+        which = "the +x side (right in the maze's drawing) lower" if axis == "beta" else "the +y side (top) higher"
+        servo = self.rig.settings.servo
+        with held(self.rig.parts.board, (servo.beta.pulse(wanted[0]), servo.gamma.pulse(wanted[1]))):
+            if not self.ask(f"is {which} than the middle?"):
+                raise _Problem(f"{told}, but to your eyes it is the other way: tilt and servo signs are both wrong")
+        return told
+
+    def _ball(self) -> str:
+        self.rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+        xs = [(o.x, o.y) for o in (self.rig.observe() for _ in range(round(LOOK_S * self.rig.rate_hz)))]
+        seen = np.array([(x, y) for x, y in xs if x is not None])
+        if len(seen) < 0.9 * len(xs):
+            raise _Problem(f"seen in {len(seen)} of {len(xs)} pictures; light, or calibrate the camera anew")
+        spread = 1e3 * float(np.sqrt(np.mean(np.var(seen, axis=0))))
+        x, y = 1e3 * np.mean(seen, axis=0)
+        return f"in {len(seen)} of {len(xs)} pictures, at {x:.1f}, {y:.1f} mm, scatter {spread:.2f} mm"
+
+    # -- latency ------------------------------------------------------------------------------------------------------
+
+    def _latency(self) -> str:
+        measured = measure(self.rig)
+        self.rig.level()
+        told = (
+            f"command to tilt {1e3 * measured.command.seconds:.0f} ± {1e3 * measured.command.stderr:.0f} ms, "
+            f"tilt to pixels {1e3 * measured.camera.seconds:.0f} ± {1e3 * measured.camera.stderr:.0f} ms, "
+            f"sample to command {1e3 * measured.host_s:.0f} ms"
+        )
+        if max(measured.command.stderr, measured.camera.stderr) > SURE_S:
+            raise _Problem(f"{told}: too uncertain to be written; are the markers well lit?")
+        self.latencies = measured
+        return told
+
+    # -- small things -------------------------------------------------------------------------------------------------
+
+    def _watch(self, seconds: float, u: tuple[float, float] = (0.0, 0.0)) -> list[tuple[float, float, tuple | None]]:
+        """(beta, gamma by the sensor, (beta, gamma) by the markers) of the samples of some time under a command."""
+        out = []
+        for _ in range(round(seconds * self.rig.rate_hz)):
+            o = self.rig.observe()
+            self.rig.command(*u)
+            s = self.rig.sighting
+            markers = None if s is None or s.beta is None or s.gamma is None else (s.beta, s.gamma)
+            out.append((o.beta, o.gamma, markers))
+        return out
+
+    @staticmethod
+    def _tilt(samples: list[tuple[float, float, tuple | None]]) -> tuple[float, float]:
+        """Mean of beta and gamma, deg."""
+        beta, gamma = np.degrees(np.mean([(b, g) for b, g, _ in samples], axis=0))
+        return float(beta), float(gamma)
+
+
+def measure(rig: HardwareRig, seconds: float = SWING_S) -> Latencies:
+    """Swing the plate and see how late what comes. Raises RigError when no picture showed the markers."""
+    sent, u, told, seen_at, seen, host = [], [], [], [], [], []
+    rig.level()
+    first, last = rig.observe().t, monotonic()
+    for _ in range(round(seconds * rig.rate_hz)):
+        o = rig.observe()
+        command = swing(o.t - first, rig.maze.tilt_limit)
+        now = monotonic()
+        rig.command(*command)
+        sent.append(now)
+        u.append(command)
+        host.append(now - rig.due)
+        told += rig.parts.track.since(last if not told else told[-1][0])
+        s = rig.sighting
+        if s is not None and s.beta is not None and s.gamma is not None:
+            seen_at.append(rig.due)
+            seen.append((s.beta, s.gamma))
+    if len(seen) < 0.5 * len(sent):
+        raise RigError(f"markers were seen in {len(seen)} of {len(sent)} pictures, expected at least half")
+    track = np.array(told)
+    command = dead_time(np.array(sent), np.array(u), track[:, 0], track[:, 1:])
+    camera = age(np.array(seen_at), np.array(seen), track[:, 0], track[:, 1:])
+    return Latencies(command, camera, float(np.median(host)))

@@ -1,0 +1,269 @@
+"""The board that moves the plate, over a serial port.
+
+    board = Board("/dev/ttyACM0", limits)
+    board.open()                            # who is there? limits, and the first report
+    number = board.command(1510.0, 1490.0)  # us; again at least every 200 ms, or the board levels the plate
+    board.wait_newer(board.latest(), 0.1)   # the next TiltReport
+
+A thread of its own reads. When the port is lost, or nothing comes for `Patience.silence_s`, it is opened again, the
+board is asked who it is and gets its limits; commands of the meantime are lost, and the board levels the plate. After
+`Patience.reconnect_s` the board is given up: from then on every call raises RigError, with the port and what to try.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from mazeplan.errors import RigError
+from mazeplan.rigs.link import messages
+from mazeplan.rigs.link.frames import Frame, FrameReader
+from mazeplan.rigs.link.handshake import Patience, connect
+from mazeplan.rigs.link.messages import BoardClock, Event, Flag, Identity, ServoLimits, TiltReport
+
+if TYPE_CHECKING:
+    import serial
+
+LEVEL_TRIES, LEVEL_S = 3, 0.1  # how often level is asked for, and how long each may take to be confirmed
+EVENTS = 100  # of the newest kept
+REPORTS = 100  # of the newest kept: a second
+CLOSE_S = 1.0  # for the thread that reads to end
+RETRY_S = 0.1  # between tries to open a lost port
+
+
+@dataclass
+class Counts:
+    """What went wrong on the line so far: frames that could not be read, refusals, times that the port was lost, times
+    that the board began anew."""
+
+    bad_frames: int = 0
+    refused: int = 0
+    lost: int = 0
+    restarts: int = 0
+
+
+class Board:
+    """See the module. Calls may come from several threads."""
+
+    def __init__(self, port: str, limits: ServoLimits, patience: Patience | None = None) -> None:
+        """Opens nothing yet."""
+        self.port, self.limits, self.patience = port, limits, patience or Patience()
+        self.identity: Identity | None = None
+        self.events: deque[Event] = deque(maxlen=EVENTS)
+        self.counts = Counts()
+        self._serial: serial.Serial | None = None
+        self._news = threading.Condition()
+        self._writing = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._closing = threading.Event()
+        self._failure: str | None = None
+        self._report: TiltReport | None = None
+        self._reports: deque[TiltReport] = deque(maxlen=REPORTS)
+        self._sent = 0
+        self._clock = BoardClock()
+        self._limits_again = 0.0  # not before this time of the monotonic clock
+
+    def open(self) -> Identity:
+        """Connect: identity, limits, first report. Raises RigError with the port and what to try."""
+        if self._thread is not None:
+            raise RigError(f"{self.port}: is open already")
+        self._closing.clear()
+        self._failure = None
+        until = monotonic() + self.patience.answer_s
+        self._serial, self.identity = connect(self.port, self.limits, self.patience, until, self._closing)
+        self._thread = threading.Thread(target=self._read, name=f"board {self.port}", daemon=True)
+        self._thread.start()
+        if self.wait_newer(None, self.patience.silence_s) is None:
+            self.close()
+            raise RigError(f"{self.port}: the board answers, but sends no reports; unplug it and plug it in again")
+        return self.identity
+
+    @property
+    def connected(self) -> bool:
+        """Whether the port is open and reports come."""
+        return self._serial is not None and self._failure is None
+
+    def command(self, pulse_beta_us: float, pulse_gamma_us: float) -> int:
+        """Command both pulses, clamped to the limits; the number by which a report will confirm it.
+
+        Raises RigError once the board is given up; what is commanded while the port is being opened again is lost."""
+        beta, gamma = self.limits.beta.clamp(pulse_beta_us), self.limits.gamma.clamp(pulse_gamma_us)
+        return self._send(lambda wire: messages.command(wire, beta, gamma))
+
+    def latest(self) -> TiltReport | None:
+        """The newest report. Raises RigError once the board is given up."""
+        with self._news:
+            self._check()
+            return self._report
+
+    def recent(self) -> list[TiltReport]:
+        """The reports of the last second, newest last. Raises RigError once the board is given up."""
+        with self._news:
+            self._check()
+            return list(self._reports)
+
+    def wait_newer(self, than: TiltReport | None, timeout_s: float) -> TiltReport | None:
+        """The newest report as soon as it is another one, None when none comes. Raises RigError as `latest`."""
+        with self._news:
+            self._news.wait_for(lambda: self._failure or self._report is not than, timeout_s)
+            self._check()
+            return self._report if self._report is not than else None
+
+    def wait_confirmed(self, number: int, timeout_s: float) -> TiltReport | None:
+        """The newest report once the board has accepted this command or a later one, or None. Raises as `latest`."""
+        with self._news:
+            self._news.wait_for(lambda: self._failure or self._confirmed(number), timeout_s)
+            self._check()
+            return self._report if self._confirmed(number) else None
+
+    def level(self) -> TiltReport:
+        """Level now, without slew rate; the report that confirms it. Raises RigError when none does."""
+        for _ in range(LEVEL_TRIES):
+            report = self.wait_confirmed(self._send(messages.level), LEVEL_S)
+            if report is not None and Flag.LEVEL in report.flags:
+                return report
+        raise RigError(
+            f"{self.port}: the board does not confirm that the plate is level; without commands it levels it itself"
+            " after 0.2 s, and if it does not: take its supply away"
+        )
+
+    def close(self) -> None:
+        """Level the plate where that is possible, and give the port back. Never raises; may be called twice."""
+        if self._thread is None:
+            return
+        with contextlib.suppress(RigError):
+            self.level()
+        self._closing.set()
+        self._thread.join(timeout=CLOSE_S)
+        self._thread = None
+        self._drop_port()
+
+    def __enter__(self) -> Board:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ---- sending
+
+    def _send(self, frame: Callable[[int], bytes]) -> int:
+        """Send what `frame` makes of a new number, and return the number; a port that is lost is left to the reader."""
+        with self._writing:
+            self._check()
+            if self._thread is None:
+                raise RigError(f"{self.port}: is not open")
+            self._sent += 1
+            self._write(frame(messages.wire_number(self._sent)))
+            return self._sent
+
+    def _write(self, data: bytes) -> None:
+        """With the lock held. A port that is lost, or takes nothing, is noticed by the thread that reads."""
+        if self._serial is not None:
+            with contextlib.suppress(OSError):
+                self._serial.write(data)
+
+    def _check(self) -> None:
+        if self._failure:
+            raise RigError(self._failure)
+
+    def _confirmed(self, number: int) -> bool:
+        return self._report is not None and self._report.sequence >= number
+
+    # ---- the thread that reads
+
+    def _read(self) -> None:
+        """Frames into reports and events, until the board is closed or given up."""
+        reader, heard = FrameReader(), monotonic()
+        while not self._closing.is_set():
+            trouble = None
+            try:
+                frames = reader.feed(self._bytes())
+            except (OSError, TypeError):  # TypeError: pyserial's, for a port that was closed meanwhile
+                frames, trouble = [], "was lost (unplugged?)"
+            self.counts.bad_frames += reader.take_bad()
+            reports = [self._take(frame) for frame in frames]
+            if any(reports):
+                heard = monotonic()
+            elif monotonic() - heard > self.patience.silence_s:
+                trouble = trouble or f"gave no report for {self.patience.silence_s:g} s"
+            if trouble is None:
+                continue
+            if not self._reconnect(trouble):
+                return
+            reader, heard = FrameReader(), monotonic()
+
+    def _bytes(self) -> bytes:
+        """What has come, after the first byte or 50 ms. Raises OSError when the port is lost."""
+        assert self._serial is not None
+        data = self._serial.read(1)
+        return data + self._serial.read(self._serial.in_waiting) if data else data
+
+    def _take(self, frame: Frame) -> bool:
+        """Do what a frame asks for; whether it is a report. One that makes no sense is counted."""
+        try:
+            if frame.kind == "T":
+                self._take_report(messages.read_report(frame, self._sent, self._clock, monotonic()))
+                return True
+            if frame.kind == "E":
+                self._take_event(messages.read_event(frame))
+            elif frame.kind == "N":
+                self.counts.refused += 1
+        except ValueError:
+            self.counts.bad_frames += 1
+        return False
+
+    def _take_report(self, report: TiltReport) -> None:
+        if Flag.UNSET in report.flags:
+            self._send_limits(report.received_s)
+        with self._news:
+            self._report = report
+            self._reports.append(report)
+            self._news.notify_all()
+
+    def _take_event(self, event: Event) -> None:
+        self.events.append(event)
+        if event.word == "BOOT":
+            self.counts.restarts += 1
+            self._send_limits(monotonic())
+
+    def _send_limits(self, now: float) -> None:
+        """To a board that has begun anew in the midst of things; again with later reports, until it has them."""
+        if now < self._limits_again:
+            return
+        self._limits_again = now + LEVEL_S
+        with self._writing:
+            for axis, limits in enumerate(self.limits.axes()):
+                self._write(messages.set_limits(0, axis, limits))
+
+    def _reconnect(self, trouble: str) -> bool:
+        """Open the port again within the time for it; False when the board had to be given up."""
+        self._drop_port()
+        self.counts.lost += 1
+        until, last = monotonic() + self.patience.reconnect_s, ""
+        while monotonic() < until and not self._closing.is_set():
+            try:
+                serial, self.identity = connect(self.port, self.limits, self.patience, until, self._closing)
+            except RigError as problem:
+                last = str(problem).removeprefix(f"{self.port}: ")
+                self._closing.wait(RETRY_S)
+                continue
+            with self._writing:
+                self._serial = serial
+            return True
+        with self._news:
+            self._failure = f"{self.port}: {trouble} and did not come back in {self.patience.reconnect_s:g} s: {last}"
+            self._news.notify_all()
+        return False
+
+    def _drop_port(self) -> None:
+        with self._writing:
+            serial, self._serial = self._serial, None
+        if serial is not None:
+            with contextlib.suppress(OSError):
+                serial.close()

@@ -1,0 +1,110 @@
+"""Frames of the line protocol, as docs/protocol.md has them; tools/firmware/frame.c is the same for the board.
+
+    $T,17,123450,32768,32760,15000,15000,0,0,0*B6DC\\n
+
+'$', a body of at most 64 printable characters, '*', the CRC-16 of the body in four upper-case hexadecimal digits,
+newline. Nothing here opens a port or reads a clock.
+"""
+
+from __future__ import annotations
+
+import binascii
+from dataclasses import dataclass
+
+MOST_BODY = 64  # characters
+U16, U32 = 1 << 16, 1 << 32
+BEGIN, SUM, END, HEX = b"$"[0], b"*"[0], b"\n"[0], b"0123456789ABCDEF"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame whose sum was right: its letter, and the fields behind it."""
+
+    kind: str
+    fields: tuple[str, ...]
+
+    def numbers(self, count: int, *, first: int = 0) -> tuple[int, ...]:
+        """`count` fields from the `first` on as whole numbers. Raises ValueError."""
+        fields = self.fields[first : first + count]
+        if len(fields) != count or not all(
+            field.isascii() and field.isdigit() and len(field) <= 10 for field in fields
+        ):
+            raise ValueError(f"got {','.join((self.kind, *self.fields))!r}, expected {count} numbers")
+        return tuple(int(field) for field in fields)
+
+
+def crc16(body: bytes | bytearray) -> int:
+    """CRC-16 with polynomial 0x1021, begun with 0xFFFF."""
+    return binascii.crc_hqx(body, 0xFFFF)
+
+
+def encode(kind: str, *fields: int | str) -> bytes:
+    """The frame as it goes over the line. Raises ValueError for what no frame can hold."""
+    body = ",".join((kind, *map(str, fields)))
+    if len(body) > MOST_BODY or not body.isascii() or not body.isprintable() or {"$", "*"} & set(body):
+        raise ValueError(f"got {body!r}, expected up to {MOST_BODY} printable characters, without $ and *")
+    return b"$%s*%04X\n" % (body.encode(), crc16(body.encode()))
+
+
+class FrameReader:
+    """Bytes in, in pieces of any size; frames out. After noise it goes on with the next '$'.
+
+    bad: frames given up; silent about bytes that are in no frame."""
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self._rest = bytearray()  # empty, or a '$' and what came of its frame
+
+    def take_bad(self) -> int:
+        """Frames given up since this was asked last."""
+        bad, self.bad = self.bad, 0
+        return bad
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames that these bytes complete."""
+        found = []
+        self._rest += data
+        while True:
+            begin = self._rest.find(BEGIN)
+            if begin < 0:
+                self._rest.clear()
+                return found
+            del self._rest[:begin]
+            length, complete = _look(self._rest)
+            if length == 0:
+                return found
+            body = bytes(self._rest[1 : length - 6])
+            del self._rest[:length]
+            if complete:
+                kind, *fields = body.decode("ascii").split(",")
+                found.append(Frame(kind, tuple(fields)))
+            else:
+                self.bad += 1
+
+
+def _look(data: bytearray) -> tuple[int, bool]:
+    """Bytes to take off, which begin with '$', and whether they are a good frame; (0, False) while it is open."""
+    for at in range(1, len(data)):
+        byte = data[at]
+        if byte == BEGIN:
+            return at, False
+        if byte == SUM:
+            return _look_at_sum(data, at)
+        if not 32 <= byte <= 126 or at > MOST_BODY:
+            return at + 1, False
+    return 0, False
+
+
+def _look_at_sum(data: bytearray, star: int) -> tuple[int, bool]:
+    """The same for a frame whose body ends before `star`."""
+    for at in range(star + 1, min(len(data), star + 6)):
+        byte = data[at]
+        if byte == BEGIN:
+            return at, False
+        if at < star + 5:
+            if byte not in HEX:
+                return at + 1, False
+        else:
+            right = byte == END and int(data[star + 1 : at], 16) == crc16(data[1:star])
+            return at + 1, right
+    return 0, False

@@ -1,0 +1,115 @@
+"""The first words with a board: who is there, the right protocol, limits sent and confirmed."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic, monotonic_ns
+from typing import TYPE_CHECKING, TypeVar
+
+from mazeplan.errors import RigError
+from mazeplan.rigs.link import messages
+from mazeplan.rigs.link.frames import Frame, FrameReader
+from mazeplan.rigs.link.messages import AXES, NAME, PROTOCOL, AxisLimits, Identity, ServoLimits
+from mazeplan.rigs.link.port import open_port
+
+if TYPE_CHECKING:
+    import serial
+
+FIRST_BELOW = 60000  # numbers of questions begin somewhere, and stay below 65536
+Answer = TypeVar("Answer")
+FLASH = "`make emulator` builds build/firmware/mazeplan.hex, tools/firmware/Makefile says how to flash it"
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long to wait, s: for the first answer (a boot loader takes up to 2 s); between questions; for a report before
+    the port counts as lost; for the port to come back."""
+
+    answer_s: float = 5.0
+    again_s: float = 0.25
+    silence_s: float = 0.5
+    reconnect_s: float = 5.0
+
+
+def connect(
+    name: str, limits: ServoLimits, patience: Patience, until: float, stop: threading.Event
+) -> tuple[serial.Serial, Identity]:
+    """Open the port, find out who is there, send the limits, all of it `until` this time of the monotonic clock, or
+    until told to stop. Raises RigError that names the port and what to try."""
+    port = open_port(name)
+    try:
+        talk = _Talk(name, port, patience.again_s, until, stop)
+        identity = talk.identify()
+        for axis, one in enumerate(limits.axes()):
+            talk.set_limits(axis, one, identity)
+        return port, identity
+    except BaseException:
+        port.close()
+        raise
+
+
+class _Talk:
+    """Questions and answers on an open port."""
+
+    def __init__(self, name: str, port: serial.Serial, again_s: float, until: float, stop: threading.Event) -> None:
+        self._stop = stop
+        self._name, self._port, self._again, self._until = name, port, again_s, until
+        self._reader, self._bytes = FrameReader(), 0
+        self._wire = monotonic_ns() % FIRST_BELOW  # so that what a former program asked is not answered to us
+
+    def identify(self) -> Identity:
+        """Who is there. What a board sent before it was asked, and what was lost while it booted, does not matter."""
+        identity = self._ask("I", messages.identify, messages.read_identity)
+        if identity.name != NAME:
+            raise RigError(f"{self._name}: got {identity.name!r} at the other end, expected {NAME!r}: {FLASH}")
+        if identity.protocol != PROTOCOL:
+            raise RigError(
+                f"{self._name}: got protocol {identity.protocol} of firmware {identity.version}, this program speaks"
+                f" {PROTOCOL}; flash the firmware that belongs to it: {FLASH}"
+            )
+        return identity
+
+    def set_limits(self, axis: int, limits: AxisLimits, identity: Identity) -> None:
+        """Limits of one axis, which must be in force as they were sent."""
+        sent = limits.on_the_line()
+        got, in_force = self._ask("L", lambda wire: messages.set_limits(wire, axis, limits), messages.read_limits)
+        if (got, in_force) != (axis, sent):
+            raise RigError(
+                f"{self._name}: got limits {limits.min_us:g} to {limits.max_us:g} us, {limits.slew_us_per_s:g} us/s for"
+                f" {AXES[axis]}, the firmware allows {identity.min_us:g} to {identity.max_us:g} us,"
+                f" {identity.slew_us_per_s:g} us/s: choose narrower ones in the rig's file"
+            )
+
+    def _ask(self, kind: str, question: Callable[[int], bytes], read: Callable[[Frame], tuple[int, Answer]]) -> Answer:
+        """Ask until it is answered, by its number."""
+        while monotonic() < self._until and not self._stop.is_set():
+            self._wire += 1
+            with contextlib.suppress(OSError):
+                self._port.write(question(self._wire))
+            again = min(monotonic() + self._again, self._until)
+            while monotonic() < again:
+                for frame in self._frames():
+                    if frame.kind != kind:
+                        continue
+                    with contextlib.suppress(ValueError):
+                        wire, answer = read(frame)
+                        if wire == self._wire:
+                            return answer
+        raise RigError(f"{self._name}: {self._silence()}")
+
+    def _frames(self) -> list[Frame]:
+        try:
+            data = self._port.read(1)
+            data += self._port.read(self._port.in_waiting) if data else b""
+        except (OSError, TypeError) as problem:
+            raise RigError(f"{self._name}: was lost while the board was asked who it is; plug it in again") from problem
+        self._bytes += len(data)
+        return self._reader.feed(data)
+
+    def _silence(self) -> str:
+        if self._bytes == 0:
+            return f"the board does not answer; is its firmware on it ({FLASH}), and is this its port?"
+        return f"{self._bytes} bytes came, but no answer; another firmware, or another baud rate: {FLASH}"

@@ -1,0 +1,18 @@
+"""What holds for all tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).resolve().parent
+WHOLE = (TESTS, TESTS / "testing")  # folders whose tests drive the whole program, tick by tick
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Lines are counted by the tests of the rooms and of the command line: counting makes the long runs of the whole
+    program half as long again, and there is little that they alone reach."""
+    for item in items:
+        if item.path.parent in WHOLE:
+            item.add_marker("no_cover")

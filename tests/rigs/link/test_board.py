@@ -1,0 +1,226 @@
+"""The host's end of the serial line, against boards that answer as they should and otherwise."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import threading
+import time
+
+import numpy as np
+import pytest
+from fake_board import AXIS, LIMITS, FakeBoard, silent
+from test_frames import damaged_stream
+
+from mazeplan.errors import RigError
+from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.link.frames import encode
+from mazeplan.rigs.link.handshake import Patience
+from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
+from mazeplan.rigs.link.port import open_port
+
+SHORT = Patience(answer_s=0.4, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
+
+
+def refused(port, limits=LIMITS):
+    """One line with which `open` gives up."""
+    board = Board(port, limits, SHORT)
+    with pytest.raises(RigError) as caught:
+        board.open()
+    board.close()
+    assert str(caught.value).startswith(f"{port}: ")
+    assert len(str(caught.value).splitlines()) == 1
+    return str(caught.value)
+
+
+def until(true, timeout_s=3.0):
+    end = time.monotonic() + timeout_s
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_it_says_who_is_there_commands_and_levels():
+    with FakeBoard() as fake, Board(fake.port, LIMITS, SHORT) as board:
+        assert board.identity is not None
+        assert (board.identity.version, board.identity.max_us, board.identity.cause) == ("1.0", 2200.0, "power on")
+        before = board.latest()
+        number = board.command(1510.06, 9999.0)
+        report = board.wait_confirmed(number, 1.0)
+        assert report is not None
+        assert report is not before
+        assert report.counts == (512.0, 500.0)
+        assert fake.got[-1].fields[1:] == ("15101", "18000")  # the second was clamped here already
+        assert Flag.LEVEL not in report.flags
+        assert Flag.LEVEL in board.level().flags
+        newest = board.latest()
+        assert board.wait_newer(newest, 1.0) is not newest
+    assert fake.got[-1].kind == "Z"  # closing levels
+
+
+def test_no_such_port():
+    assert "no such port; plug the board in" in refused("/dev/no-such-port")
+
+
+def test_a_file_is_no_port(tmp_path):
+    (tmp_path / "file").write_text("x")
+    assert "serial port" in refused(str(tmp_path / "file"))
+
+
+def test_a_port_that_another_program_uses():
+    with FakeBoard() as fake:
+        other = os.open(fake.port, os.O_RDWR | os.O_NOCTTY)
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert "another program uses it" in refused(fake.port)
+        os.close(other)
+        open_port(fake.port).close()
+
+
+def test_a_silent_port_and_one_that_speaks_otherwise():
+    with FakeBoard(reports=False, I=silent) as fake:
+        assert "does not answer" in refused(fake.port)
+    with FakeBoard(reports=False, noise=b"\xff\x00 hello\r\n" * 20, I=silent) as fake:
+        assert "but no answer; another firmware" in refused(fake.port)
+
+
+def test_another_firmware_and_another_protocol():
+    with FakeBoard(I=lambda board, frame: encode("I", frame.fields[0], "kettle", 1, "0.3")) as fake:
+        assert "got 'kettle' at the other end, expected 'mazeplan'" in refused(fake.port)
+    with FakeBoard(I=lambda board, frame: encode("I", frame.fields[0], "mazeplan", 2, "2.0", 1, 2, 3)) as fake:
+        assert "got protocol 2 of firmware 2.0, this program speaks 1; flash" in refused(fake.port)
+    with FakeBoard(I=lambda board, frame: encode("I", frame.fields[0], "mazeplan", "?", "2.0")) as fake:
+        assert "no answer" in refused(fake.port)
+
+
+def test_limits_that_the_firmware_does_not_take_as_they_are():
+    def narrow(board, frame):
+        number, axis, *_, level, slew = frame.fields
+        return encode("L", number, axis, 14000, 16000, level, slew)
+
+    with FakeBoard(L=narrow) as fake:
+        said = refused(fake.port)
+    assert "got limits 1200 to 1800 us, 5000 us/s for beta" in said
+    assert "allows 800 to 2200 us" in said
+    with FakeBoard(L=silent) as fake:
+        assert "no answer" in refused(fake.port)
+
+
+def test_a_board_without_reports():
+    with FakeBoard(reports=False) as fake:
+        assert "sends no reports" in refused(fake.port)
+
+
+def test_answers_that_were_lost_are_asked_for_again():
+    asked = []
+
+    def third(board, frame):
+        asked.append(frame)
+        return encode("I", frame.fields[0], "mazeplan", 1, "1.0", 8000, 22000, 20000, 200, 1) if len(asked) > 2 else b""
+
+    with FakeBoard(I=third) as fake, Board(fake.port, LIMITS, SHORT) as board:
+        assert board.connected
+    assert len(asked) == 3
+
+
+def test_a_flood_of_noise_between_frames_is_no_trouble():
+    noise = bytes(np.random.default_rng(1).integers(0, 256, 2000).tolist())
+    with FakeBoard(noise=noise) as fake, Board(fake.port, LIMITS, Patience(silence_s=0.5)) as board:
+        for _ in range(5):
+            assert board.wait_confirmed(board.command(1500, 1500), 2.0) is not None
+        assert board.counts.bad_frames > 0
+
+
+def test_damaged_frames_raise_nothing_in_the_thread_that_reads():
+    stream = damaged_stream(np.random.default_rng(2), 3000)
+    with FakeBoard() as fake, Board(fake.port, LIMITS, Patience(silence_s=0.5)) as board:
+        for at in range(0, len(stream), 3000):
+            fake.noise = stream[at : at + 3000]
+            board.wait_newer(board.latest(), 1.0)
+        fake.noise = b""
+        assert board.wait_confirmed(board.command(1500, 1500), 2.0) is not None
+        assert board.counts.bad_frames > 100
+
+
+def test_a_lost_port_ends_in_an_error_that_names_it():
+    with FakeBoard() as fake:
+        board = Board(fake.port, LIMITS, SHORT)
+        board.open()
+        waiting = []
+
+        def wait():
+            with pytest.raises(RigError) as caught:
+                board.wait_confirmed(99, 5.0)
+            waiting.append(caught.value)
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        fake.unplug()
+        number = board.command(1500, 1500)  # one that is lost, as the reader has not given up yet
+        assert number >= 1
+        thread.join()
+    assert waiting
+    for call in (board.latest, board.level, lambda: board.command(1500, 1500), lambda: board.wait_newer(None, 1.0)):
+        with pytest.raises(RigError, match=r"was lost .*and did not come back in 0.4 s: no such port") as caught:
+            call()
+        assert str(caught.value).startswith(fake.port)
+    began = time.monotonic()
+    board.close()
+    board.close()
+    assert time.monotonic() - began < 1.0
+
+
+def test_a_board_that_falls_silent_is_asked_again_and_goes_on():
+    with FakeBoard() as fake, Board(fake.port, LIMITS, SHORT) as board:
+        fake.reports = False
+        until(lambda: board.counts.lost)
+        fake.reports = True
+        until(lambda: board.connected)
+        assert board.wait_confirmed(board.command(1500, 1500), 2.0) is not None
+
+
+def test_a_half_open_port_is_given_up():
+    with FakeBoard() as fake:
+        board = Board(fake.port, LIMITS, SHORT)
+        board.open()
+        fake.reports, fake.answers["I"] = False, silent
+        until(lambda: not board.connected and board.counts.lost, 3.0)
+        with pytest.raises(RigError, match=r"gave no report for 0.15 s and did not come back in 0.4 s"):
+            board.wait_confirmed(1, 3.0)
+        board.close()
+
+
+def test_a_board_that_began_anew_gets_its_limits_again():
+    with FakeBoard() as fake, Board(fake.port, LIMITS, SHORT) as board:
+        before = board.latest()
+        fake.got.clear()
+        fake.flags, fake._began = 2 | 4, time.monotonic()
+        until(lambda: sum(frame.kind == "L" for frame in fake.got) >= 2)
+        fake.flags = 4
+        after = board.wait_newer(board.latest(), 1.0)
+        assert before is not None
+        assert after is not None
+        assert after.time_s > before.time_s
+
+
+def test_level_that_is_not_confirmed_is_said():
+    with FakeBoard(Z=silent) as fake:
+        board = Board(fake.port, LIMITS, SHORT)
+        board.open()
+        with pytest.raises(RigError, match="does not confirm that the plate is level"):
+            board.level()
+        board.close()
+
+
+def test_calls_before_open_and_twice():
+    with FakeBoard() as fake:
+        board = Board(fake.port, ServoLimits(AXIS, AxisLimits(1300, 1700, 1500, 100)), SHORT)
+        with pytest.raises(RigError, match="is not open"):
+            board.command(1500, 1500)
+        board.close()
+        board.open()
+        with pytest.raises(RigError, match="is open already"):
+            board.open()
+        board.close()
+        board.open()  # and again after close
+        assert board.connected
+        board.close()

@@ -1,0 +1,125 @@
+"""Frames of the line protocol, in Python and in the firmware's C."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from native_firmware import Native, native
+
+from mazeplan.rigs.link.frames import MOST_BODY, Frame, FrameReader, crc16, encode
+from mazeplan.rigs.link.messages import PROTOCOL, Flag
+
+__all__ = ["native"]
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def read(*pieces):
+    reader = FrameReader()
+    return [frame for piece in pieces for frame in reader.feed(piece)], reader.bad
+
+
+def damaged_stream(rng, frames):
+    """Frames, whole, cut, with wrong bytes, and noise between them."""
+    stream = bytearray()
+    for _ in range(frames):
+        fields = rng.integers(0, 1 << 17, rng.integers(0, 9)).tolist()
+        frame = bytearray(encode("CLZITNEQ"[rng.integers(8)], *fields))
+        if rng.random() < 0.3:
+            frame[rng.integers(len(frame))] = rng.integers(256)
+        if rng.random() < 0.1:
+            del frame[rng.integers(len(frame)) :]
+        if rng.random() < 0.1:
+            frame += bytes(rng.choice(list(b"$*,0A\n\x00\xff"), rng.integers(80)).tolist())
+        stream += frame
+    return bytes(stream)
+
+
+def test_the_sum_is_the_published_one():
+    assert crc16(b"123456789") == 0x29B1  # check value of CRC-16/IBM-3740 in the catalogue of parametrised CRCs
+    assert encode("Z", 7) == b"$Z,7*%04X\n" % crc16(b"Z,7")
+
+
+@pytest.mark.parametrize("page", ["docs/protocol.md", "mazeplan/rigs/link/frames.py", "tools/firmware/frame.h"])
+def test_frames_that_are_shown_are_frames(page):
+    shown = re.findall(r"^ +(\$.*\*[0-9A-F]{4})\\+n$", (ROOT / page).read_text(), re.MULTILINE)
+    assert shown
+    for text in shown:
+        assert len(read(text.encode() + b"\n")[0]) == 1, text
+
+
+def test_the_page_tells_of_every_message_and_limit_of_the_firmware():
+    page = (ROOT / "docs" / "protocol.md").read_text()
+    control, main = ((ROOT / "tools" / "firmware" / name).read_text() for name in ("control.h", "main.c"))
+    for letter in "ILCZ":
+        assert f"`{letter},n" in page
+    for name, unit in (("HARD_MIN", 10), ("HARD_MAX", 10), ("HARD_SLEW", 1), ("MIDDLE", 10), ("WATCHDOG_MS", 1)):
+        found = re.search(rf"#define {name} (\d+)", control)
+        assert found
+        assert re.search(rf"\b{int(found[1]) // unit}\b", page), name
+    for name, value in re.findall(r"FLAG_(\w+) = (\d+)", control):
+        assert Flag[name] == int(value)
+    protocol = re.search(r"#define PROTOCOL (\d+)", main)
+    assert protocol
+    assert int(protocol[1]) == PROTOCOL
+
+
+@pytest.mark.parametrize("fields", [("a$",), ("*",), ("é",), ("x" * MOST_BODY,), ("a\n",)])
+def test_what_no_frame_can_hold_is_refused(fields):
+    with pytest.raises(ValueError, match="printable"):
+        encode("E", *fields)
+
+
+def test_the_longest_body_passes_and_one_more_does_not():
+    body = b"E," + b"x" * (MOST_BODY - 2)
+    assert read(b"$%s*%04X\n" % (body, crc16(body)))[0] == [Frame("E", ("x" * (MOST_BODY - 2),))]
+    body += b"x"
+    assert read(b"$%s*%04X\n" % (body, crc16(body))) == ([], 1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=5), st.data())
+def test_frames_come_out_of_pieces_of_any_size(numbers, data):
+    stream = b"".join(encode("C", number) for number in numbers)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=6)))
+    pieces = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
+    assert read(*pieces) == ([Frame("C", (str(number),)) for number in numbers], 0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.binary(max_size=200))
+def test_noise_gives_no_frame_and_what_follows_is_read(noise):
+    frames, _ = read(noise, encode("C", 1, 2))
+    assert frames[-1:] == [Frame("C", ("1", "2"))]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 16), st.integers(1, 255))
+def test_a_wrong_byte_never_passes(at, change):
+    frame = bytearray(encode("C", 15000, 14000))
+    frame[at] ^= change
+    frames, bad = read(bytes(frame), encode("Z", 1))
+    assert frames == [Frame("Z", ("1",))]
+    assert bad or at == 0  # without its "$" it is no frame at all
+
+
+def test_numbers_of_a_frame():
+    assert Frame("C", ("1", "020")).numbers(2) == (1, 20)
+    for fields in ((), ("",), ("-1",), ("1.0",), ("٣",), ("99999999999",)):
+        with pytest.raises(ValueError, match="numbers"):
+            Frame("C", fields).numbers(1)
+
+
+def test_the_firmware_reads_the_same_frames(native: Native):
+    stream = damaged_stream(np.random.default_rng(0), 3000)
+    frames, bad = read(stream)
+    bodies, given_up = native.frames(stream)
+    assert [",".join((frame.kind, *frame.fields)) for frame in frames] == bodies
+    assert (bad - given_up) % 65536 == 0
+    assert 1000 < len(bodies) < 2900
+    assert bad > 300
