@@ -22,6 +22,7 @@ from mazeplan.rigs.camera.outline import Fit, Outline
 from mazeplan.rigs.camera.pinhole import CameraModel
 
 HALF = 2  # the search for discs goes over a picture so many times smaller
+LIGHT = 100.0  # median of the floor, 0 to 255, from which on the ball is darker than it
 SLOW = 8  # the light over one that is so many times smaller
 
 
@@ -64,9 +65,11 @@ class DetectorSettings:
     """hue_deg: from, to, in which the ball's colour lies (0 red, 120 green, 240 blue), None for a ball of steel;
     saturation: least of 255 then. contrast: grey levels by which ball and floor differ at least; darkest: share of the
     background's light below which nothing is tried; moved_px: distance of markers from where they belong; clear: share
-    of the outline that must be seen; agree: share of what is seen of it that must lie on the circle; error_m: largest 1
-    sigma; tolerance_m: of where walls and ball are; rival: share of the best outline's clearness that makes another one
-    a second ball; filled: least mean difference over a disc, of 1, to look closer."""
+    of the outline that must be seen and lie on the circle; agree: share of what is seen of it that must lie on the
+    circle; error_m: largest 1 sigma; wider_m: by how much the circle may be than the ball; tolerance_m: of where walls
+    and ball are; rival: share of the best outline's clearness that makes another one a second ball; edge: least step of
+    light at the outline, of the floor's light; filled: least mean difference over a disc, of 1, to look closer;
+    candidates: places at which is looked closer; rival_score: least share of the best one's difference."""
 
     hue_deg: tuple[float, float] | None = None
     saturation: int = 90
@@ -74,12 +77,15 @@ class DetectorSettings:
     darkest: float = 0.2
     moved_px: float = 2.5
     clear: float = 0.3
-    agree: float = 0.6
-    error_m: float = 0.00025
+    agree: float = 0.66
+    error_m: float = 0.00012
+    wider_m: float = 0.0005
     tolerance_m: float = 0.001
     rival: float = 0.5
+    edge: float = 0.06
     filled: float = 0.05
     candidates: int = 4
+    rival_score: float = 0.2
 
 
 class BallDetector:
@@ -97,7 +103,9 @@ class BallDetector:
         self.floor = Floor(maze)
         self.background = background
         self._tilt = None if markers is None else TiltFinder(camera, markers)
-        self._outline = Outline(maze.ball.radius, self.floor)
+        floor = np.median(background.picture[background.known > 0], axis=0)
+        self._light = float(floor.sum())
+        self._outline = Outline(maze.ball.radius, self.floor, darker=float(floor.mean()) > LIGHT)
         room = cv2.distanceTransform(255 - self.floor.solid, cv2.DIST_L2, 5) / PX
         allowed = (room >= maze.ball.radius - self.settings.tolerance_m).astype(np.uint8) * 255
         self._room, self._allowed = room, cv2.resize(allowed, None, fx=1 / HALF, fy=1 / HALF)
@@ -131,16 +139,18 @@ class BallDetector:
             return Why.DARK, None
         differs = self._differs(seen, empty, clear)
         fits = []
+        least = settings.edge * self._light * light
         for x, y in self._candidates(differs, clear, eye):
             fit = self._outline.fit(seen, empty, clear, eye, np.array([x, y]))
-            if fit is not None and self._possible(fit):
+            if fit is not None and fit.strength >= least and self._possible(fit):
                 fits.append(fit)
         good = [fit for fit in fits if self._good(fit)]
         if not good:
             return (Why.UNSURE if fits else Why.NO_BALL), None
         best = max(good, key=lambda fit: fit.strength * fit.confidence)
-        if any(self._rivals(fit, best) for fit in good):
-            return Why.TWO, None
+        rivals = [fit for fit in fits if self._rivals(fit, best)]
+        if rivals:
+            return (Why.TWO if any(self._good(fit) for fit in rivals) else Why.UNSURE), None
         return Why.FOUND, best
 
     def _rivals(self, fit: Fit, best: Fit) -> bool:
@@ -181,11 +191,12 @@ class BallDetector:
         k, foot = ball / eye[2], (floor.pixels(eye[None, :2])[0] + 0.5) / HALF - 0.5
         warp = np.array([[1.0 - k, 0.0, k * foot[0]], [0.0, 1.0 - k, k * foot[1]]])
         allowed = cv2.warpAffine(self._allowed, warp, score.shape[::-1], flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-        found = []
+        found, first = [], 0.0
         for _ in range(settings.candidates):
             _, best, _, at = cv2.minMaxLoc(score, allowed)
-            if best < settings.filled * self._disc.sum():
+            if best < max(settings.filled * self._disc.sum(), settings.rival_score * first):
                 break
+            first = max(first, best)
             q = floor.metres(np.array([at]) * HALF + 0.5 * (HALF - 1))[0]
             found.append(tuple((q + (eye[:2] - q) * ball / eye[2]).tolist()))
             cv2.circle(allowed, at, round(1.2 * ball * PX / HALF), 0, -1)
@@ -200,7 +211,12 @@ class BallDetector:
 
     def _good(self, fit: Fit) -> bool:
         settings = self.settings
-        return fit.clear >= settings.clear and fit.agree >= settings.agree and fit.error <= settings.error_m
+        return (
+            fit.clear * fit.agree >= settings.clear
+            and fit.agree >= settings.agree
+            and fit.error <= settings.error_m
+            and abs(fit.wider) <= settings.wider_m
+        )
 
 
 def _kernels(radius: float) -> tuple[np.ndarray, np.ndarray]:

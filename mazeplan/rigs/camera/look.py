@@ -30,7 +30,7 @@ class Look:
     slope: float = 0.15
     gloss: float = 0.5
     veils: tuple[tuple[float, float, float, float], ...] = ()
-    lamp: tuple[float, float, float] = (-0.45, 0.35, 0.9)
+    lamp: tuple[float, float, float] = (-0.2, 0.15, 0.9)
     sharp: bool = True
     floor: Colour = (206, 218, 224)
     wall: Colour = (176, 148, 118)

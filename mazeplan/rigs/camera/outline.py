@@ -25,6 +25,8 @@ TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m, from where an edge counts no more
 INLIER = 0.0005  # m
 SHARE = 0.4  # of a ray's clearest edge, from which another is an edge, too
 PRIOR = np.diag([1e-9, 1e-9, 1.0])  # of the fit: how far the edge's radius may be off counts as much as one ray
+WHITE = 248.0  # in all colours from here on, just inside the circle: the ray is dazzled
+HOPELESS = 0.3  # share of the seen rays that must agree in every round
 WEAK = 8.0  # grey levels, sum of the colours', over the edge's width: less is no edge
 
 
@@ -49,10 +51,10 @@ class Fit:
 
 
 class Outline:
-    """Fits for one radius, m."""
+    """Fits for one radius, m. darker: the ball is darker than the floor, so that a bright spot has no edge."""
 
-    def __init__(self, radius: float, floor: Floor) -> None:
-        self.radius, self.floor = radius, floor
+    def __init__(self, radius: float, floor: Floor, darker: bool) -> None:
+        self.radius, self.floor, self.darker = radius, floor, darker
         angle = np.arange(RAYS) * math.tau / RAYS
         self._turn = np.column_stack([np.cos(angle), np.sin(angle)])
         self._offset = np.arange(-REACH, REACH + 1) * STEP
@@ -72,6 +74,8 @@ class Outline:
             if np.hypot(*(place - start)) > self.radius:
                 return None
             on = known & (np.abs(off) < INLIER)
+            if on.sum() < HOPELESS * ok.sum():
+                return None
             scatter = math.sqrt(float((weight * off**2).sum()) / max(1.0, float(weight.sum()) - 3.0))
             error = scatter * math.sqrt(float(np.trace(spread[:2, :2])))
             agree, clearest = float(on.sum() / max(1, ok.sum())), float(np.median(strength[on])) if on.any() else 0.0
@@ -99,7 +103,8 @@ class Outline:
         then = cv2.remap(empty, where, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
         sure = cv2.remap(clear, where, None, cv2.INTER_LINEAR) > 250  # type: ignore[call-overload]
         off = now - then
-        change = np.abs(off[:, 2:] - off[:, :-2]).sum(axis=2)
+        rise = (off[:, 2:] - off[:, :-2]).sum(axis=2)  # of light, outwards
+        change = np.maximum(rise, 0.0) if self.darker else np.abs(rise)
         change[~(sure[:, 2:] & sure[:, :-2])] = 0.0
         at = self._offset[1:-1]
         likely = change * np.exp(-0.5 * (at / window) ** 2)
@@ -111,6 +116,7 @@ class Outline:
         bend = np.minimum(before + after - 2.0 * there, -1e-6)
         edge = at[best] + STEP * np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
         ok = sure[:, REACH - 4 : REACH + 5].all(axis=1)
+        ok &= ~(now[:, REACH - 4 : REACH].min(axis=2) > WHITE).any(axis=1)
         return edge, there, ok, rays[:, :2]
 
 

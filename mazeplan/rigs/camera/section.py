@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -12,14 +12,11 @@ from pydantic import Field, ValidationError
 
 from mazeplan.errors import SettingsError
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.yamltree import Tree, key_path, shown
+from mazeplan.maze.yamltree import Key, Tree, key_path, shown
 from mazeplan.rigs.camera.detector import Background, BallDetector, DetectorSettings
 from mazeplan.rigs.camera.markers import SIZE, Markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 from mazeplan.rigs.settings import Section
-
-if TYPE_CHECKING:
-    from mazeplan.maze.yamltree import Key
 
 Positive = Annotated[float, Field(gt=0.0)]
 Pair = tuple[float, float]
@@ -83,18 +80,28 @@ def camera_section(
     data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None
 ) -> CameraSection:
     """A validated section. Raises SettingsError with file, line and key."""
+    return _checked(CameraSection, ("camera",), data, file, tree)
+
+
+def marker_section(
+    data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None
+) -> MarkerSection:
+    """What the section says of markers, where the rest of it is not known yet. Raises SettingsError."""
+    return _checked(MarkerSection, ("camera", "markers"), data, file, tree)
+
+
+def _checked(kind: type[Any], place: Key, data: Any, file: str | Path | None, tree: Tree | None) -> Any:
     try:
-        return CameraSection.model_validate(_tuples(dict(data)))
+        return kind.model_validate(_tuples(data))
     except ValidationError as problem:
         first = problem.errors()[0]
-        key: Key = ("camera", *first["loc"])
-        said = str(first["msg"]).removeprefix("Input should be ")
+        key: Key = (*place, *first["loc"])
+        said = f"got {shown(first.get('input'))}, expected " + str(first["msg"]).removeprefix("Input should be ")
         if first["type"] == "extra_forbidden":
-            said = f"unknown key, expected one of {', '.join(CameraSection.model_fields)}"
+            known = MarkerSection if "markers" in key[:-1] else CameraSection
+            said = f"unknown key, expected one of {', '.join(known.model_fields)}"
         elif first["type"] == "missing":
             said = "missing; `mazeplan calibrate camera` writes it"
-        else:
-            said = f"got {shown(first.get('input'))}, expected {said}"
         raise SettingsError(said, file=file, line=None if tree is None else tree.line(key), key=key_path(key)) from None
 
 

@@ -1,0 +1,141 @@
+"""`calibrate camera`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.cli.output import print_json, say
+
+if TYPE_CHECKING:
+    from mazeplan.rigs.camera.calibration import Calibration, Lens
+    from mazeplan.rigs.camera.markers import Markers
+    from mazeplan.rigs.hardware.files import RigFile
+
+PLATES = 20  # pictures of the empty plate that are taken from a camera or video
+BOARDS = 40
+
+
+def camera(
+    rig: Annotated[
+        str, typer.Option("--rig", help="The rig's YAML file; hardware: hardware.yaml in this folder.")
+    ] = "hardware",
+    boards: Annotated[
+        str | None,
+        typer.Option(
+            "--boards", help="Pictures of a chessboard: folder, pattern, video or device; default: keep the lens."
+        ),
+    ] = None,
+    plate: Annotated[
+        str | None,
+        typer.Option("--plate", help="Pictures of the level plate without ball; default: the rig's own camera."),
+    ] = None,
+    corners: Annotated[str, typer.Option("--corners", help="Inner corners of the chessboard, across x down.")] = "9x6",
+    square_mm: Annotated[float, typer.Option("--square-mm", help="Side of a square of the chessboard.")] = 20.0,
+    circles: Annotated[bool, typer.Option("--circles", help="The plate has no markers: go by its walls.")] = False,
+    map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
+    marker_sheet: Annotated[
+        Path | None,
+        typer.Option("--sheet", help="Only draw the markers where they belong, to scale (.pdf, .svg, .png)."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Calibrate and report; leave the rig's file as it is.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
+) -> None:
+    """The overhead camera: lens from a chessboard, place over the plate, look of the empty floor."""
+    from mazeplan.cli.arguments import positive
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
+    from mazeplan.rigs.camera.source import pictures
+    from mazeplan.rigs.hardware.files import hardware_file
+
+    square, counts = positive("--square-mm", square_mm), _corners(corners)
+    maze = load_map(map_)
+    if marker_sheet is not None:
+        from mazeplan.rigs.camera.sheet import draw_sheet
+
+        draw_sheet(maze, marker_sheet)
+        say(f"wrote {marker_sheet}; print it without scaling")
+        return
+    file = hardware_file(rig)
+    given = dict(file.settings.camera or {})
+    lens = _lens(given, file) if boards is None else calibrate_lens(pictures(boards, BOARDS), counts, square / 1000.0)
+    source = plate or str(given.get("source", 0))
+    markers = None if circles else _markers(given, maze, file)
+    done = calibrate_plate(lens, list(pictures(source, PLATES)), maze, markers, _pivot(given))
+    section = _section(done, markers, given, file)
+    written = None
+    if not dry_run:
+        from mazeplan.rigs.camera.section import save_background
+
+        save_background(done.background, file.target.parent / section["background"])
+        written = str(file.write({"camera": section}))
+    if as_json:
+        out = {key: section[key] for key in ("error_px", "error_mm", "focal_px", "shift_mm")}
+        print_json({"lens_px": lens.error_px, "left_out": list(lens.left_out), "by": done.by, **out, "rig": written})
+        return
+    for name in lens.left_out:
+        say(f"left out {name}")
+    if boards is not None:
+        print(f"lens          {lens.error_px:.2f} px over {lens.used} pictures of the chessboard")
+    print(f"plate         {done.error_px:.2f} px or {done.error_mm:.2f} mm, by {done.by}")
+    print(f"camera        {1000.0 * float(done.camera.centre()[2]):.0f} mm above the plate")
+    print(f"written       {written or 'nothing'}")
+
+
+def _corners(text: str) -> tuple[int, int]:
+    from mazeplan.errors import InputError
+
+    found = re.fullmatch(r"([0-9]{1,2})x([0-9]{1,2})", text.strip().lower())
+    if found is None or not (3 <= int(found[1]) <= 30 and 3 <= int(found[2]) <= 30):
+        raise InputError(f"--corners: got {text!r}, expected inner corners across x down, such as 9x6, 3 to 30 each")
+    return int(found[1]), int(found[2])
+
+
+def _lens(given: dict[str, Any], file: RigFile) -> Lens:
+    """The lens that the rig's file knows. Raises InputError when it knows none."""
+    from mazeplan.errors import SettingsError
+    from mazeplan.rigs.camera.calibration import Lens
+    from mazeplan.rigs.camera.section import camera_section
+
+    if "focal_px" not in given:
+        raise SettingsError("no lens there yet: give pictures of a chessboard, --boards", file=file.path, key="camera")
+    model = camera_section(given, file=file.path).model()
+    return Lens(model.matrix, model.distortion, model.size, 0.0, 0)
+
+
+def _markers(given: dict[str, Any], maze: Any, file: RigFile) -> Markers:
+    """Where the rig's file says that markers are, else where `--sheet` draws them."""
+    from mazeplan.rigs.camera.markers import corner_markers
+    from mazeplan.rigs.camera.section import marker_section
+
+    if given.get("markers") is None:
+        return corner_markers(maze)
+    return marker_section(given["markers"], file=file.path).markers()
+
+
+def _pivot(given: dict[str, Any]) -> Any:
+    import numpy as np
+
+    return np.array(given.get("pivot_mm", (0.0, 0.0, 0.0)), dtype=float) / 1000.0
+
+
+def _section(done: Calibration, markers: Markers | None, given: dict[str, Any], file: RigFile) -> dict[str, Any]:
+    from datetime import date
+
+    from mazeplan.rigs.camera.section import mapping
+
+    return mapping(
+        done.camera,
+        markers,
+        source=given.get("source", 0),
+        ball_hue_deg=given.get("ball_hue_deg"),
+        background=f"{file.target.stem}-background.png",
+        date=date.today().isoformat(),
+        error_px=round(done.error_px, 3),
+        error_mm=round(done.error_mm, 3),
+    )
