@@ -181,7 +181,7 @@ def _fit_axis(
     while True:
         sets = [s for s in SETS if len(s) <= len(largest) and good.sum() >= len(s) + 3]
         trials = [_leave_one_out(design(s, v, centre, scale), y, good) for s in sets]
-        best = min(rms for _, rms, _ in trials)
+        best = max(min(rms for _, rms, _ in trials), 0.1 * CLINOMETER)
         chosen = next(i for i, (_, rms, _) in enumerate(trials) if rms <= ENOUGH * best)
         k, rms, studentised = trials[chosen]
         said = design(sets[chosen], v, centre, scale) @ k
