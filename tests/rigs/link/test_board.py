@@ -19,7 +19,7 @@ from mazeplan.rigs.link.handshake import Patience
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 from mazeplan.rigs.link.port import open_port
 
-SHORT = Patience(answer_s=0.4, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
+SHORT = Patience(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
 
 
 def refused(port, limits=LIMITS):
