@@ -112,6 +112,9 @@ def test_volts_become_counts_with_a_stamp(chip):
         assert 0 < np.std([report.counts[0] for report in reports]) < 2
         times = [report.time_s for report in reports]
         assert all(late - early > 0.004 for early, late in itertools.pairwise(times))
+        hold(board, *LEVEL, 0.5)
+        times = [report.time_s for report in board.recent()]
+        assert min(np.diff(times)) < 0.008  # a command is confirmed by the next sample, and not after 10 ms
         chip.set_volts(3.0, 2.0)
         time.sleep(0.1)
         assert board.latest().counts == pytest.approx((613, 409), abs=4)
@@ -291,6 +294,10 @@ def test_nothing_to_start(tmp_path):
         EmulatedChip(tmp_path / "none", tmp_path / "none")
     with pytest.raises(RigError, match="the emulator does not start: it says nothing"):
         EmulatedChip("/bin/true", tmp_path / "none")
+
+
+def test_ctrl_c_in_the_terminal_leaves_the_board_to_the_program(chip):
+    assert os.getpgid(chip._process.pid) != os.getpgid(0)
 
 
 def test_an_emulator_that_ended_is_a_rig_error(chip):

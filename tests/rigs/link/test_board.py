@@ -55,6 +55,10 @@ def test_it_says_who_is_there_commands_and_levels():
         assert Flag.LEVEL in board.level().flags
         newest = board.latest()
         assert board.wait_newer(newest, 1.0) is not newest
+        until(lambda: len(board.recent()) > 5)
+        times = [report.time_s for report in board.recent()]
+        assert times == sorted(times)
+        assert board.recent()[-1].time_s >= report.time_s
     assert fake.got[-1].kind == "Z"  # closing levels
 
 
