@@ -47,7 +47,8 @@ class Bench:
         self.run = RunContext(
             maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(MAZE.tilt_limit), goal=goal,
             planners={n: planner(n) for n in (1, 2)},
-            ahead=lambda seconds, beside=(0.0, 0.0): self.run.here, on_event=lambda kind, detail: self.events.append((kind, detail)),
+            ahead=lambda seconds, beside=(0.0, 0.0): self.run.here,
+            on_event=lambda kind, detail: self.events.append((kind, detail)),
         )  # fmt: skip
 
     def leaf(self, kind, **ports):
