@@ -19,7 +19,7 @@ from mazeplan.rigs.link.handshake import Patience
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 from mazeplan.rigs.link.port import open_port
 
-SHORT = Patience(answer_s=0.4, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
+SHORT = Patience(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
 
 
 def refused(port, limits=LIMITS):
@@ -55,6 +55,10 @@ def test_it_says_who_is_there_commands_and_levels():
         assert Flag.LEVEL in board.level().flags
         newest = board.latest()
         assert board.wait_newer(newest, 1.0) is not newest
+        until(lambda: len(board.recent()) > 5)
+        times = [report.time_s for report in board.recent()]
+        assert times == sorted(times)
+        assert board.recent()[-1].time_s >= report.time_s
     assert fake.got[-1].kind == "Z"  # closing levels
 
 
