@@ -2,7 +2,7 @@
 
 Lens: Zhang's method (cv2.calibrateCamera) on the board's corners; a picture without which the others agree much better
 is left out and named. Pose: the plate level, by its markers, or by the circles of its walls where it has none
-(`circles`). Background: the empty floor, straightened, the mean of all pictures. """
+(`circles`). Background: the empty floor, straightened, the mean of all pictures."""
 
 from __future__ import annotations
 
