@@ -20,6 +20,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench_baselines import baselines_section
+from bench_camera import camera_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_emps import emps_section
@@ -165,6 +166,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         trees_section(quick),
         faults_section(mazeplan, quick),
         replay_section(quick),
+        camera_section(mazeplan, quick),
     ]
 
 
@@ -187,6 +189,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
+    "camera": lambda quick: camera_section(mazeplan, quick),
     "trees": trees_section, "replay": replay_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
