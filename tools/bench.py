@@ -20,6 +20,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench_baselines import baselines_section
+from bench_camera import camera_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_emps import emps_section
@@ -166,6 +167,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         trees_section(quick),
         faults_section(mazeplan, quick),
         replay_section(quick),
+        camera_section(mazeplan, quick),
     ]
 
 
@@ -188,6 +190,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
+    "camera": lambda quick: camera_section(mazeplan, quick),
     "trees": trees_section, "replay": replay_section, "rig": rig_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
@@ -240,7 +243,7 @@ def main() -> None:
         tables = models.result()
     # what is timed runs alone
     sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick)]
-    sections += [firmware_section(options.quick), *tables]
+    sections += [firmware_section(options.quick), rig_section(options.quick), *tables]
     if options.parallel:
         head.insert(-1, "- models and navigation were measured at the same time, on two cores; what is timed, alone")
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])

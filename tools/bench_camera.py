@@ -202,7 +202,7 @@ def scenarios() -> list[tuple[str, Look, dict[str, Any]]]:
 def accuracy_rows(quick: bool) -> list[str]:
     maze = load_map("cme")
     eye, finder = overhead(maze)
-    got = tally(eye, finder, 100 if quick else 3000, 1)
+    got = tally(eye, finder, 100 if quick else 2400, 1)
     share = got.words["found"] / got.frames
     rows = [
         f"{got.frames} pictures of 640 x 480 with gloss, noise of 2.5 grey levels and light that flickers by 2 %; the",
@@ -221,7 +221,7 @@ def accuracy_rows(quick: bool) -> list[str]:
         other = BallDetector(maze, done.camera, done.background, corner_markers(maze))
         rows.append(
             f"| anywhere, calibrated anew from 10 chessboards ({lens.error_px:.2f} px) | "
-            f"{tally(eye, other, 500, 10 + seed).row()} |"
+            f"{tally(eye, other, 300, 10 + seed).row()} |"
         )
     return rows
 
@@ -234,7 +234,7 @@ def scenario_rows(quick: bool) -> list[str]:
         "|---|---|---|---|---|---|---|",
     ]
     for name, look, how in scenarios():
-        got = tally(Overhead(maze, TRUE, look), finder, 10 if quick else 200, 5, **how)
+        got = tally(Overhead(maze, TRUE, look), finder, 10 if quick else 100, 5, **how)
         e = got.mm
         words = ", ".join(f"{word} {count}" for word, count in got.words.most_common() if word != "found")
         rms = f"{math.sqrt(float((e**2).mean())):.2f}" if len(e) else "-"

@@ -1,4 +1,4 @@
-"""`calibrate tilt`."""
+"""`calibrate tilt`, `calibrate camera`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.cli.calibrate_camera import camera
 from mazeplan.cli.output import print_json, say
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Calibrate a rig on a table; what was found goes into its file.", no_args_is_help=True)
 RigFileName = Annotated[str, typer.Option("--rig", help="The rig's YAML file; hardware: hardware.yaml in this folder.")]
 WANTED_DEG = 0.1
+
+app.command("camera")(camera)
 
 
 @app.command("tilt")

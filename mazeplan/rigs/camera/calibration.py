@@ -1,9 +1,8 @@
 """From pictures of a chessboard and of the empty plate to a camera whose numbers are known.
 
-Lens: Zhang's method (cv2.calibrateCamera) on the board's corners; a picture whose corners lie far off is left out and
-named. Pose: the plate level, by its markers, or by the circles of its walls where it has none (`circles`). Background:
-the empty floor, straightened, the mean of all pictures.
-"""
+Lens: Zhang's method (cv2.calibrateCamera) on the board's corners; a picture without which the others agree much better
+is left out and named. Pose: the plate level, by its markers, or by the circles of its walls where it has none
+(`circles`). Background: the empty floor, straightened, the mean of all pictures."""
 
 from __future__ import annotations
 
@@ -22,7 +21,8 @@ from mazeplan.rigs.camera.markers import Markers, TiltFinder, detector, find
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
 LEAST_BOARDS = 5
-FAR = 2.5  # times the median error of a picture's corners: it is left out
+GOOD_PX = 0.25  # rms of a chessboard's corners above which a picture may be at fault
+BETTER = 0.7  # times the error that is left without a picture: it is left out
 MOST_PX = 1.5  # rms in px that a calibration may leave
 NamedPicture = tuple[str, np.ndarray]
 
@@ -78,30 +78,32 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
             f"chessboard: got {len(found)} pictures with a board of {corners[0]} x {corners[1]} inner corners, "
             f"expected at least {LEAST_BOARDS}"
         )
-    lens, each = _zhang(board, [at for _, at in found], size)
-    keep = each < max(FAR * float(np.median(each)), 0.3)
-    if not keep.all() and keep.sum() >= LEAST_BOARDS:
-        without += [f"{name}: {e:.2f} px off" for (name, _), e, k in zip(found, each, keep, strict=True) if not k]
-        lens, _ = _zhang(board, [at for (_, at), k in zip(found, keep, strict=True) if k], size)
+    lens = _zhang(board, [at for _, at in found], size)
+    while lens.error_px > GOOD_PX and len(found) > LEAST_BOARDS:
+        # one that lies spoils the others: without which of them do the rest agree best?
+        fewer = [_zhang(board, [at for _, at in found[:i] + found[i + 1 :]], size) for i in range(len(found))]
+        worst = min(range(len(found)), key=lambda i: fewer[i].error_px)
+        if fewer[worst].error_px > BETTER * lens.error_px:
+            break
+        without.append(
+            f"{found[worst][0]}: without it the error falls from {lens.error_px:.2f} px to "
+            f"{fewer[worst].error_px:.2f} px"
+        )
+        lens = fewer[worst]
+        found.pop(worst)
     if lens.error_px > MOST_PX:
         raise InputError(f"chessboard: corners are {lens.error_px:.1f} px off after all, expected below {MOST_PX:g} px")
     return replace(lens, left_out=tuple(without))
 
 
-def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]) -> tuple[Lens, Array]:
-    """The lens, and the rms of each picture, px."""
+def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]) -> Lens:
     start = np.array([[1.5 * size[0], 0, 0.5 * size[0]], [0, 1.5 * size[0], 0.5 * size[1]], [0, 0, 1.0]])
     flags = cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
-    error, matrix, bent, turns, shifts = cv2.calibrateCamera(
+    error, matrix, bent, _, _ = cv2.calibrateCamera(
         [board] * len(found), list(found), size, start, np.zeros(5), flags=flags
     )
-    each = [
-        np.sqrt(((cv2.projectPoints(board, turn, shift, matrix, bent)[0] - at) ** 2).sum(axis=2).mean())
-        for at, turn, shift in zip(found, turns, shifts, strict=True)
-    ]
-    return Lens(
-        np.array(matrix, dtype=float), np.array(bent, dtype=float).ravel()[:5], size, float(error), len(found)
-    ), np.array(each)
+    values = np.array(bent, dtype=float).ravel()[:5]
+    return Lens(np.array(matrix, dtype=float), values, size, float(error), len(found))
 
 
 def calibrate_plate(

@@ -83,7 +83,7 @@ def _wall_line(maze: Maze, wall: Wall) -> tuple[Array, Array, np.ndarray]:
     middle = 0.5 * (wall.inner_radius + wall.outer_radius)
     gap = np.zeros(TURNS, dtype=bool)
     for opening in wall.openings:
-        gap |= np.abs(difference(angles, opening.angle)) < math.asin(0.5 * opening.width / middle)
+        gap |= np.abs(difference(angles, np.full(TURNS, opening.angle))) < math.asin(0.5 * opening.width / middle)
     return (
         angles, np.column_stack([middle * np.cos(angles), middle * np.sin(angles), np.full(TURNS, maze.wall_height)]),
         gap )  # fmt: skip

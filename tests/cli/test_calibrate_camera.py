@@ -1,0 +1,117 @@
+"""`calibrate camera`, from pictures in files to the rig's file, and what it says of bad ones."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from commands import call
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.maze.yamltree import read_yaml
+from mazeplan.rigs.camera.boards import board_poses, draw_board
+from mazeplan.rigs.camera.render import Overhead
+from mazeplan.rigs.camera.section import camera_section
+from mazeplan.rigs.camera.sensing import TRUE
+
+MAZE = load_map("cme")
+RIG = """# the rig in room 3
+class: mazeplan.rigs.hardware:HardwareRig
+camera:
+  source: 0   # the grey one
+port: auto  # stays
+"""
+
+
+@pytest.fixture(scope="module")
+def shots(tmp_path_factory):
+    """A folder with pictures of chessboards, a video of the empty plate, one picture of it."""
+    folder = tmp_path_factory.mktemp("shots")
+    (folder / "boards").mkdir()
+    rng = np.random.default_rng(5)
+    for i, pose in enumerate(board_poses(TRUE, (7, 5), 0.025, 6, rng)):
+        cv2.imwrite(str(folder / "boards" / f"{i}.png"), draw_board(TRUE, (7, 5), 0.025, *pose, rng))
+    eye = Overhead(MAZE, TRUE)
+    video = cv2.VideoWriter(str(folder / "plate.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30, (640, 480))
+    for _ in range(4):
+        video.write(eye.render(None, 0.0, 0.0, rng))
+    video.release()
+    cv2.imwrite(str(folder / "plate.png"), eye.render(None, 0.0, 0.0, rng))
+    return folder
+
+
+@pytest.fixture
+def calibrate(monkeypatch, capsys, tmp_path):
+    """`calibrate camera` in a folder of its own with a rig's file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.yaml").write_text(RIG)
+    return lambda *words: call(monkeypatch, capsys, "calibrate", "camera", "--rig", "rig.yaml", *words)
+
+
+def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
+    words = ("--boards", shots / "boards", "--corners", "7x5", "--square-mm", 25, "--plate", shots / "plate.avi")
+    status, out, err = calibrate(*words)
+    assert status == 0, err
+    assert "over 6 pictures" in out
+    assert "by markers" in out
+    text = (tmp_path / "rig.yaml").read_text()
+    assert text.startswith("# the rig in room 3")
+    assert "port: auto  # stays" in text
+    section = camera_section(read_yaml(tmp_path / "rig.yaml").data["camera"])
+    assert section.source == 0
+    assert section.date is not None
+    camera = section.model()
+    balls = np.array([[0.089, 0.0, 0.006], [0.0, -0.089, 0.006]])
+    assert np.abs(camera.project(balls, 0.05, -0.05) - TRUE.project(balls, 0.05, -0.05)).max() < 0.6
+    ball = np.array([-0.04879, 0.0, 0.00635])
+    picture = Overhead(MAZE, TRUE).render(ball, 0.03, 0.02, np.random.default_rng(0))
+    seen = section.detector(MAZE, tmp_path).locate(picture)
+    assert seen.x is not None
+    assert abs(seen.x - ball[0]) < 0.0005
+    # again, the lens as the file has it now, the plate by its walls; nothing written
+    before = (tmp_path / "rig.yaml").read_text()
+    status, out, err = calibrate("--plate", shots / "plate.png", "--circles", "--dry-run", "--json")
+    assert status == 0, err
+    document = json.loads(out)
+    assert (document["by"], document["rig"]) == ("circles", None)
+    assert document["error_mm"] < 0.5
+    assert (tmp_path / "rig.yaml").read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "said"),
+    [
+        (["--plate", "plate.png"], 2, "rig.yaml: camera: no lens there yet"),
+        (["--boards", "nix", "--plate", "plate.png"], 2, "nix"),
+        (["--boards", "boards", "--corners", "7", "--plate", "plate.png"], 2, "--corners: got '7', expected"),
+        (["--boards", "boards", "--corners", "9x6", "--plate", "plate.png"], 2, "expected at least 5"),
+        (["--boards", "boards", "--corners", "7x5", "--square-mm", "0"], 2, "--square-mm"),
+        (["--boards", "boards", "--corners", "7x5", "--plate", "boards/0.png"], 2, "expected at least two of"),
+        (["--boards", "boards", "--corners", "7x5", "--plate", "97"], 3, "camera 97 cannot be opened"),
+        (["--sheet", "markers.doc"], 2, "expected one of .pdf"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(calibrate, shots, tmp_path, words, status, said):
+    for name in ("boards", "plate.png"):
+        (tmp_path / name).symlink_to(shots / name)
+    got, out, err = calibrate(*words)
+    assert got == status
+    assert said in err
+    assert len(err.strip().splitlines()) == 1
+    assert (tmp_path / "rig.yaml").read_text() == RIG
+    assert out == ""
+
+
+def test_a_sheet_of_markers_that_the_camera_knows(calibrate, tmp_path):
+    status, _, err = calibrate("--sheet", "markers.png")
+    assert status == 0, err
+    sheet = cv2.imread(str(tmp_path / "markers.png"))
+    finder = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    corners, ids, _ = finder.detectMarkers(sheet)
+    assert sorted(ids.ravel()) == [0, 1, 2, 3]
+    upper_right = corners[ids.ravel().tolist().index(0)][0]
+    assert upper_right[:, 0].mean() > 0.5 * sheet.shape[1]
+    assert upper_right[:, 1].mean() < 0.5 * sheet.shape[0]
+    assert np.ptp(upper_right[:, 0]) * 25.4 / 300.0 == pytest.approx(24.0, abs=0.3)  # mm on paper

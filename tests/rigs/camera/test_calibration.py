@@ -1,0 +1,164 @@
+"""The camera's numbers come back from pictures that a known camera took."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from scenes import MAZE, overlooking, usual
+
+from mazeplan.errors import InputError, SettingsError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.camera.boards import board_poses, draw_board
+from mazeplan.rigs.camera.calibration import Lens, calibrate_lens, calibrate_plate
+from mazeplan.rigs.camera.circles import pose_by_circles
+from mazeplan.rigs.camera.look import Look
+from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
+from mazeplan.rigs.camera.pinhole import CameraModel, rotation
+from mazeplan.rigs.camera.render import Overhead
+from mazeplan.rigs.camera.section import camera_section, load_background, mapping, save_background
+from mazeplan.rigs.camera.sensing import FOUND, TRUE
+
+CORNERS, SQUARE = (9, 6), 0.02
+TRUE_LENS = Lens(TRUE.matrix, TRUE.distortion, TRUE.size, 0.0, 0)
+BALLS = np.array([[0.089, 0.0, 0.006], [0.0, 0.089, 0.006], [-0.06, -0.06, 0.006], [0.0, 0.0, 0.006]])
+
+
+@cache
+def boards(count=8):
+    rng = np.random.default_rng(2)
+    poses = board_poses(TRUE, CORNERS, SQUARE, count, rng)
+    return tuple((f"board {i}", draw_board(TRUE, CORNERS, SQUARE, *pose, rng)) for i, pose in enumerate(poses))
+
+
+def plates(count=3):
+    rng = np.random.default_rng(3)
+    return [(f"plate {i}", overlooking(Look()).render(None, 0.0, 0.0, rng)) for i in range(count)]
+
+
+def apart_mm(camera, other=TRUE, beta=0.0, gamma=0.0):
+    """How far two cameras disagree on where balls are, mm on the plate."""
+    pixels = camera.project(BALLS, beta, gamma) - other.project(BALLS, beta, gamma)
+    return 1000.0 * np.abs(pixels).max() * other.translation[2] / other.matrix[0, 0]
+
+
+def test_lens_and_pose_from_rendered_pictures():
+    lens = calibrate_lens(boards(), CORNERS, SQUARE)
+    assert lens.error_px < 0.15
+    assert lens.matrix[0, 0] == pytest.approx(1200.0, rel=0.005)
+    assert lens.distortion[0] == pytest.approx(-0.12, abs=0.03)
+    done = calibrate_plate(lens, plates(), MAZE, corner_markers(MAZE))
+    assert done.by == "markers"
+    assert apart_mm(done.camera) < 0.3
+    assert apart_mm(done.camera, beta=0.08, gamma=-0.08) < 0.4
+
+
+def test_the_packaged_numbers_are_such_a_calibrations_and_not_the_true_ones():
+    assert 0.01 < apart_mm(FOUND) < 0.2
+
+
+def test_a_board_that_lies_is_left_out_and_named():
+    crooked = dict(boards())
+    name = "board 3"
+    picture = crooked[name]
+    bent = cv2.warpPerspective(
+        picture, np.array([[1.0, 0, 0], [0, 1, 0], [0, 4e-4, 1]]), (640, 480), borderValue=(120,) * 3
+    )
+    bent = np.roll(bent, 3, axis=1)
+    rows = np.arange(480, dtype=np.float32)
+    shear = np.stack(np.meshgrid(np.arange(640, dtype=np.float32), rows), axis=-1)
+    shear[..., 0] += 6.0 * np.sin(rows / 40.0)[:, None]
+    crooked[name] = cv2.remap(bent, shear[..., 0], shear[..., 1], cv2.INTER_LINEAR)
+    lens = calibrate_lens(crooked.items(), CORNERS, SQUARE)
+    assert len(lens.left_out) == 1
+    assert lens.left_out[0].startswith(name)
+    assert lens.matrix[0, 0] == pytest.approx(1200.0, rel=0.01)
+
+
+def test_too_few_boards():
+    with pytest.raises(InputError, match="got 0 pictures with a board of 9 x 6"):
+        calibrate_lens(plates(2), CORNERS, SQUARE)
+    with pytest.raises(InputError, match="expected 640 x 480"):
+        calibrate_lens([*boards()[:2], ("small", np.zeros((240, 320, 3), np.uint8))], CORNERS, SQUARE)
+
+
+@pytest.mark.parametrize("name", ["cme", "lopsided"])
+@pytest.mark.parametrize("turn", [0.5, -1.9])
+def test_pose_by_the_walls_circles(name, turn):
+    maze = load_map(name)
+    camera = CameraModel(TRUE.matrix, TRUE.distortion, TRUE.rotation @ rotation([0.0, 0.0, turn]), TRUE.translation)
+    picture = Overhead(maze, camera).render(None, 0.0, 0.0, np.random.default_rng(0))
+    turned, shift, error = pose_by_circles(FOUND.matrix, FOUND.distortion, picture, maze)
+    assert error < 0.6
+    found = CameraModel(FOUND.matrix, FOUND.distortion, turned, shift)
+    assert apart_mm(found, camera) < 0.6
+
+
+def test_no_maze_in_the_picture():
+    noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
+    with pytest.raises(InputError, match="not found in the picture"):
+        calibrate_plate(TRUE_LENS, [("noise.png", noise)], MAZE, None)
+    with pytest.raises(InputError, match="expected at least two of"):
+        calibrate_plate(TRUE_LENS, [("noise.png", noise)], MAZE, corner_markers(MAZE))
+
+
+def test_markers_that_lie_elsewhere_are_noticed():
+    from dataclasses import replace
+
+    markers = corner_markers(MAZE)
+    places = dict(markers.places)
+    places[0] = (places[0][0] - 0.01, places[0][1], 0.0)
+    with pytest.raises(InputError, match="px from where they belong"):
+        calibrate_plate(TRUE_LENS, plates(1), MAZE, replace(markers, places=places))
+
+
+def test_tilt_from_exact_corners():
+    markers = corner_markers(MAZE)
+    points = np.vstack([markers.corners(number) for number in markers.places])
+    for beta, gamma in ((0.0, 0.0), (0.087, -0.087), (-0.05, 0.02)):
+        got = fit_tilt(TRUE, points, TRUE.project(points, beta, gamma))
+        assert got[:2] == pytest.approx((beta, gamma), abs=1e-9)
+        assert got[2] < 1e-6
+
+
+def test_the_section_says_all_and_comes_back(tmp_path):
+    data = mapping(FOUND, corner_markers(MAZE), source="video.avi", background="b.png", date="2026-01-02", error_px=0.3)
+    section = camera_section(data)
+    back = section.model()
+    assert apart_mm(back, FOUND) < 0.001
+    assert section.source == "video.avi"
+    assert section.markers is not None
+    assert section.markers.markers().places[2] == pytest.approx(corner_markers(MAZE).places[2], abs=1e-6)
+    save_background(usual()[1].background, tmp_path / "b.png")
+    finder = section.detector(MAZE, tmp_path)
+    picture = usual()[0].render(np.array([0.0, 0.068, 0.00635]), 0.02, 0.03, np.random.default_rng(0))
+    seen = finder.locate(picture)
+    assert math.hypot((seen.x or 0.0), (seen.y or 0.0) - 0.068) < 0.0005
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"focal_px": [0.0, 1.0]}, "focal_px"),
+        ({"colour": 1}, "unknown key, expected one of source"),
+        ({"markers": {"at_mm": [[1, 2.0]]}}, "markers"),
+        ({"turn_rad": None}, "camera.turn_rad"),
+    ],
+)
+def test_sections_that_are_wrong_are_refused(change, said):
+    with pytest.raises(SettingsError, match=said):
+        camera_section({**mapping(FOUND, None), **change})
+
+
+def test_backgrounds_that_are_none(tmp_path):
+    (tmp_path / "b.png").write_bytes(b"no picture")
+    with pytest.raises(SettingsError, match="expected"):
+        load_background(tmp_path / "b.png", MAZE)
+    with pytest.raises(SettingsError, match="cannot be read"):
+        load_background(tmp_path / "nix.png", MAZE)
+    save_background(usual()[1].background, tmp_path / "c.png")
+    with pytest.raises(SettingsError, match="a background of map lopsided"):
+        load_background(tmp_path / "c.png", load_map("lopsided"))
