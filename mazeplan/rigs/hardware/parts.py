@@ -7,18 +7,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
+from typing import TYPE_CHECKING
 
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.camera.detector import BallDetector
-from mazeplan.rigs.camera.section import camera_section
-from mazeplan.rigs.camera.source import FrameSource
 from mazeplan.rigs.hardware.clocks import TiltTrack
-from mazeplan.rigs.hardware.pictures import Pictures
 from mazeplan.rigs.hardware.settings import HardwareSettings
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.messages import AxisLimits, ServoLimits, TiltReport
 from mazeplan.rigs.link.port import ports_found
+
+if TYPE_CHECKING:  # OpenCV is not needed to talk to the board
+    from mazeplan.rigs.camera.detector import BallDetector
+    from mazeplan.rigs.camera.source import FrameSource
+    from mazeplan.rigs.hardware.pictures import Pictures
 
 AUTO = "auto"
 KEPT = 10_000  # round trips
@@ -92,7 +94,10 @@ def the_port(name: str) -> str:
     """The port of that name; for auto the only one behind USB. Raises RigError when that is none or several."""
     if name != AUTO:
         return name
-    found = ports_found()
+    try:
+        found = ports_found()
+    except ModuleNotFoundError:
+        raise RigError("port: auto: needs pyserial: pip install 'mazeplan[hardware]'") from None
     if len(found) != 1:
         got = f"found {', '.join(found)}; name the board's as `port:`" if found else "none found; plug the board in"
         raise RigError(f"port: auto: {got}")
@@ -116,6 +121,9 @@ def assemble(
 ) -> Parts:
     """Everything open, or nothing. folder: of the rig's file; make: opens the camera. Raises RigError or
     SettingsError."""
+    from mazeplan.rigs.camera.section import camera_section
+    from mazeplan.rigs.hardware.pictures import Pictures
+
     assert settings.tilt is not None
     section = camera_section(settings.camera or {})
     detector = section.detector(maze, folder)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -104,3 +106,12 @@ def test_a_file_that_cannot_be_read_is_not_written(tmp_path):
     with pytest.raises(SettingsError, match="not valid YAML"):
         file.write({"latency": {"camera_ms": 1.0}})
     assert path.read_text() == "a: [1\n"
+
+
+@pytest.mark.parametrize("name", ["hardware", "emulated"])
+def test_without_opencv_it_says_what_to_install(name, tmp_path):
+    script = "import sys; sys.modules['cv2'] = None; sys.argv[0] = 'mazeplan'; import mazeplan.cli; mazeplan.cli.main()"
+    command = [sys.executable, "-c", script, "navigate", "--rig", name]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert done.stderr == "mazeplan: a rig on a table needs cv2: pip install 'mazeplan[hardware]'\n"
