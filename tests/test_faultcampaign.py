@@ -109,7 +109,7 @@ class Restless(PlanarRig):
 
 
 def planar_campaign(monkeypatch, rig):
-    monkeypatch.setattr(faultcampaign, "make_rig", lambda spec, maze: rig)
+    monkeypatch.setattr(faultcampaign, "make_rig", lambda spec, maze, sense=None: rig)
     setup = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
     monkeypatch.setattr(faultcampaign, "setup_of", lambda campaign, maze: setup)
     return Campaign(runs=1, start=4, seed=3)

@@ -127,12 +127,12 @@ def test_it_is_a_rig_and_is_watched():
 
 
 def test_a_sample_is_a_picture_and_one_that_does_not_come_is_a_sample_without_a_ball(table):
-    rig, parts = table(gaps=(12, 20, 21))
-    samples = [rig.observe() for _ in range(30)]
+    rig, parts = table(gaps=range(12, 24))
+    samples = [rig.observe() for _ in range(40)]
     steps = np.diff([o.t for o in samples]) * 30.0
     assert np.allclose(steps, np.round(steps))  # on the grid of the rate
-    if np.allclose(steps, 1.0):  # this machine kept up
-        assert sum(o.x is None for o in samples) == 3
+    unseen = sum(o.x is None for o in samples)
+    assert 4 <= unseen <= 16  # 12, where this machine keeps up
     assert all(o.x == RING1 for o in samples if o.seen)
     assert [math.degrees(v) for v in (samples[-1].beta, samples[-1].gamma)] == pytest.approx([1.0, -1.0], abs=1e-3)
     assert parts.detector.tilt == pytest.approx((samples[-1].beta, samples[-1].gamma))
@@ -173,14 +173,15 @@ def test_after_an_emergency_stop_nothing_moves_until_the_next_reset(table):
     assert abs(rig.observe().t) < 3.1 / 30.0
 
 
-@pytest.mark.parametrize("ball", [None, (0.0, 0.0), "rolling"])
+@pytest.mark.parametrize("ball", [None, (0.0, 0.0), "rolling", "on a tilted plate"])
 def test_reset_waits_for_a_ball_at_rest_in_the_ring(table, ball):
     rig, parts = table()
-    parts.track = TiltTrack(TiltSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))
+    if ball != "on a tilted plate":
+        parts.track = TiltTrack(TiltSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))
     if ball == "rolling":
         places = ((RING1 * math.cos(0.05 * k), RING1 * math.sin(0.05 * k)) for k in itertools.count())
         parts.detector.locate = lambda image, tilt=None: Sighting(*next(places), 1.0, Why.FOUND)
-    else:
+    elif not isinstance(ball, str):
         parts.detector.ball = ball
     with pytest.raises(RigError, match="no ball rested in ring 1 within 1 s"):
         rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))

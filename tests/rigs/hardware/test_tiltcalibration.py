@@ -47,6 +47,20 @@ def test_the_tilt_is_true_to_a_tenth_of_a_degree_though_two_readings_are_wrong(s
     assert fit.sensor.beta == pytest.approx(plain.sensor.beta, abs=0.02)  # they took no part
 
 
+def test_a_slip_of_half_a_degree_and_a_handful_of_large_ones_that_lean_on_one_another():
+    diode, readings = read_off(5)
+    r = readings[24]
+    readings[24] = Reading(r.v, r.beta_deg + 0.5, r.gamma_deg, r.line)
+    assert [(o.line, o.axis) for o in fit_tilt(readings).outliers] == [(26, "beta")]
+    corner = [i for i, r in enumerate(readings) if r.beta_deg > 3.0 and r.gamma_deg > 1.5]
+    for i in corner:  # a whole corner read with the plate's other half in mind
+        r = readings[i]
+        readings[i] = Reading(r.v, -r.beta_deg, r.gamma_deg, r.line)
+    fit = fit_tilt(readings)
+    assert {o.line for o in fit.outliers if o.axis == "beta"} == {readings[i].line for i in corner} | {26}
+    assert np.abs(errors(diode, fit)[:, 1]).max() < 0.1
+
+
 def test_no_more_terms_than_the_readings_ask_for():
     eye = np.random.default_rng(3).normal(0.0, 0.04, (49, 2))  # or rounding would depend on the place alone
     straight = [
