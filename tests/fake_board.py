@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+import tempfile
 import threading
 import time
 import tty
 from collections.abc import Callable
+from pathlib import Path
 
 from mazeplan.rigs.link.frames import Frame, FrameReader, encode
 from mazeplan.rigs.link.messages import AxisLimits, ServoLimits
@@ -45,7 +47,9 @@ class FakeBoard:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
+        self._folder = tempfile.TemporaryDirectory()  # a name of its own: those of terminals are given out again
+        self.port = str(Path(self._folder.name) / "port")
+        Path(self.port).symlink_to(os.ttyname(self._slave))
         self._began = time.monotonic()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -78,6 +82,7 @@ class FakeBoard:
         self._stop.set()
         self._thread.join()
         if self._master >= 0:
+            self._folder.cleanup()
             os.close(self._slave)
             os.close(self._master)
         self._master = self._slave = -1
