@@ -93,7 +93,7 @@ def test_another_goal_in_the_middle_of_a_recovery(tmp_path, hinder, leaf):
 
 
 def test_recoveries_are_counted_anew_for_each_goal():
-    """back_off is for the first missed opening on the way to a goal."""
+    """back_off is for the second missed opening on the way to a goal."""
     held = (MAZE.opening("1-2@45").angle, MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3)
 
     def plug(rig):
@@ -106,7 +106,7 @@ def test_recoveries_are_counted_anew_for_each_goal():
     others = [name for name in FIRST if name != "1-2@45"]
     first, _ = go({}, plug, theta=held[0], limit=4.0, closed=others)
     assert [f.recovery for f in first.failures].count("back_off") == 1
-    acts[round(30 * first.failures[1].t) + 2] = lambda: goals.aim(4)
+    acts[round(30 * first.failures[2].t) + 2] = lambda: goals.aim(4)
     again, _ = go(acts, plug, goals=goals, theta=held[0], limit=4.0, closed=others)
     assert [f.recovery for f in again.failures].count("back_off") == 2
 

@@ -55,7 +55,7 @@ class SettleOptions:
         check_numbers(self)
 
 
-ENTERING = 0.35  # s that a ball may take from the middle of a wall's opening into the next ring
+ENTERING = 0.24  # s that a ball may take from the middle of a wall's opening into the next ring
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,8 @@ class TwoCommandsError(CommandError, AssertionError):
 @dataclass
 class RunContext:
     """The shared side of one run. `clock` gives rig time; `on_event(kind, detail)` goes to log and display;
-    `ahead(seconds)` is the state that much later if the last command is held; `refused`: the opening that did not take
+    `ahead(seconds, beside)` is the state that much later if the last command is held, from beside where the ball is
+    (x, y in m) if that is given; `refused`: the opening that did not take
     a ball which was already taken for one in the next ring; `prepared`: a plan by which this opening was chosen; `law`:
     what is followed now; `late_s`: by how much what is seen is older than the moment at which a command acts, s, by the
     model; `rollout`: tries commands before an opening, None where the gate's law alone is trusted; `rerouted`: openings
@@ -89,7 +90,7 @@ class RunContext:
     plate: Plate
     goal: int
     planners: dict[int, RingPlanner]
-    ahead: Callable[[float], State]
+    ahead: Callable[..., State]
     on_event: Callable[[str, dict[str, Any]], None]
     options: LeafOptions = field(default_factory=LeafOptions)
     now: float = 0.0

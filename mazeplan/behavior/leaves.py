@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
+import numpy as np
 from py_trees.common import Status
 
 from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
 from mazeplan.control.gate import aligned, gate_command
+from mazeplan.maze.geometry import Opening
 from mazeplan.records import FailureKind
 
 LOST_TRACK = 2.5  # rad; turn to the opening beyond which aligning makes no sense
@@ -78,7 +80,7 @@ class PassOpening(MazeLeaf):
         if run.now - self._began > self.get("timeout_s"):
             run.graph.record(opening.name, success=False)
             return self.fail_as(FailureKind.MISSED_OPENING, f"{opening.name} did not take the ball")
-        if run.ahead(run.options.gate.entry_s).ring == target:
+        if self._gets_in(opening, target):
             run.enter(target)
         # an opening that was missed tells that the model, or its delay, is not what it should be for this
         trusted = None if run.count(FailureKind.MISSED_OPENING) else run.rollout
@@ -88,6 +90,14 @@ class PassOpening(MazeLeaf):
             command = gate_command(ahead, opening, target, run.plate, run.options.gate)
         run.steer(self.name, command)
         return Status.RUNNING
+
+    def _gets_in(self, opening: Opening, target: int) -> bool:
+        """Whether the ball will be in the next ring soon, also if it is a little to one side of where it seems to be:
+        the gap is hardly wider than the ball."""
+        run, gate = self.context, self.context.options.gate
+        across = 1e-3 * gate.entry_doubt_mm * np.array([-math.sin(opening.angle), math.cos(opening.angle)])
+        places = (0.0, -1.0, 1.0) if gate.entry_doubt_mm > 0.0 else (0.0,)
+        return all(run.ahead(gate.entry_s, (k * across[0], k * across[1])).ring == target for k in places)
 
 
 class ConfirmRing(MazeLeaf):

@@ -25,7 +25,7 @@ from mazeplan.behavior.expression import ExpressionError, parse_expression
 from mazeplan.behavior.leaf import REQUIRED, Context, Key, Leaf, Place, Port, TreeNode, shown
 from mazeplan.behavior.nodes import CONTROLS, Node
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.errors import TreeError
+from mazeplan.errors import MazeplanError, TreeError
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 60  # nodes on one path, subtrees included
@@ -209,7 +209,14 @@ class _Builder:
             leaf = self._registry[kind]
             if len(element):
                 raise self.error(element, path, f"{kind} is a leaf and has no children")
-            node = leaf(name, self._context, board, self._values(element, path, leaf.ports, attributes, board))
+            values = self._values(element, path, leaf.ports, attributes, board)
+            try:
+                node = leaf(name, self._context, board, values)
+            except MazeplanError:
+                raise
+            except Exception as problem:  # a user's own `__init__` may raise anything
+                what = f"{type(problem).__name__}: {problem}"
+                raise self.error(element, path, f"{kind} could not be made: {what}") from problem
         else:
             raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
         node.place, node.conditions = Place(self._file, element.sourceline, path), conditions

@@ -24,7 +24,8 @@ from mazeplan.records import Command, State
 class GateOptions:
     """kp 1/s^2 and kd 1/s: PD across the opening; push_deg: tilt towards the other ring; window_mm and
     window_speed_m_s: inside both the ball is aligned and may be pushed; lead_s: servo lag to look ahead; entry_s:
-    before the ball is in the next ring by so much the next move begins. Raises SettingsError."""
+    before the ball is in the next ring by so much the next move begins, if it gets there from entry_doubt_mm to either
+    side, too. Raises SettingsError."""
 
     kp: float = 90.0
     kd: float = 16.0
@@ -33,6 +34,7 @@ class GateOptions:
     window_speed_m_s: float = 0.10
     lead_s: float = 0.08
     entry_s: float = 0.12
+    entry_doubt_mm: float = 0.6
 
     def __post_init__(self) -> None:
         check_numbers(self)

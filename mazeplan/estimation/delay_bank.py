@@ -89,9 +89,9 @@ class DelayBank:
                 self._best = best
         return states[self._best]
 
-    def ahead(self, seconds: float) -> State:
-        """The last state that `update` returned, `seconds` later, with the last command held."""
-        return self._bank[self._best].ahead(seconds)
+    def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
+        """See `Estimator.ahead`."""
+        return self._bank[self._best].ahead(seconds, beside)
 
 
 def estimator_for(

@@ -122,11 +122,13 @@ class Estimator:
             self._carry_to(moment)
         return self._state(t, observation.seen)
 
-    def ahead(self, seconds: float) -> State:
-        """The last state that `update` returned, `seconds` later, with the last command held."""
+    def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
+        """The last state that `update` returned, `seconds` later, with the last command held; from a place that lies
+        `beside` it (x, y in m)."""
         if self._acting_z is None or self._ring is None:
             raise RuntimeError("no observation yet")
         z, t = self._acting_z.copy(), self._acts_at
+        z[:2] += beside
         _, u_beta, u_gamma = self._commands[-1]
         predict(z, t, t + seconds, np.array([t]), np.array([[u_beta, u_gamma]]), *self._planar.arrays())
         return _as_state(t + seconds, z, self._hysteresis(self._ring, math.hypot(z[0], z[1])), True, False)

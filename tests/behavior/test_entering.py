@@ -15,7 +15,9 @@ from mazeplan.records import FailureKind
 
 def falling(bench):
     """A ball at the opening 1-2@45 that will be in ring 2 in a moment."""
-    bench.run.ahead = lambda seconds: replace(bench.run.here, ring=2) if seconds > 0.1 else bench.run.here
+    bench.run.ahead = lambda seconds, beside=(0.0, 0.0): (
+        replace(bench.run.here, ring=2) if seconds > 0.1 else bench.run.here
+    )
     leaf = bench.leaf("PassOpening", opening="1-2@45")
     return leaf, bench.tick(leaf, at(1, 45.0))
 

@@ -47,7 +47,8 @@ class Bench:
         self.run = RunContext(
             maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(MAZE.tilt_limit), goal=goal,
             planners={n: planner(n) for n in (1, 2)},
-            ahead=lambda seconds: self.run.here, on_event=lambda kind, detail: self.events.append((kind, detail)),
+            ahead=lambda seconds, beside=(0.0, 0.0): self.run.here,
+            on_event=lambda kind, detail: self.events.append((kind, detail)),
         )  # fmt: skip
 
     def leaf(self, kind, **ports):
@@ -309,6 +310,24 @@ def test_recoveries_name_themselves_and_end(bench):
         assert any(c != LEVEL for c in commands)
     assert [detail["recovery"] for kind, detail in bench.events if kind == "recovery"] == ["dither", "back_off"]
     assert bench.run.failures[-1].recovery == "back_off"
+
+
+@pytest.mark.parametrize(("doubt_mm", "seen_in"), [(0.0, 2), (0.6, 1)])
+def test_the_next_move_begins_only_if_the_ball_gets_in_from_either_side(bench, doubt_mm, seen_in):
+    opening, asked = MAZE.opening("1-2@45"), []
+
+    def ahead(seconds, beside=(0.0, 0.0)):  # from a little clockwise it would meet the edge
+        asked.append(beside)
+        across = -math.sin(opening.angle) * beside[0] + math.cos(opening.angle) * beside[1]
+        return replace(bench.run.here, ring=1 if across < -1e-6 else 2)
+
+    bench.run.ahead = ahead
+    bench.run.options = replace(bench.run.options, gate=replace(bench.run.options.gate, entry_doubt_mm=doubt_mm))
+    leaf = bench.leaf("PassOpening", opening=opening.name)
+    assert bench.tick(leaf, at(1, 45.0)) is Status.RUNNING
+    assert max(math.hypot(*beside) for beside in asked) == pytest.approx(1e-3 * doubt_mm)
+    bench.run.begin(0.1, replace(at(1, 45.0), t=0.1), at(1, 45.0))
+    assert bench.run.here.ring == seen_in
 
 
 def test_back_off_rolls_past_the_opening(bench):

@@ -139,6 +139,17 @@ def test_what_is_no_module_of_leaves_is_one_line_and_two(call, tmp_path, source,
     assert len(err.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize("made", ["{}['rails']", "super().__init__(name)"])
+def test_a_leaf_that_cannot_be_made_is_one_line_and_two(call, tmp_path, made):
+    own = f"    def __init__(self, name, context, board, values):\n        {made}\n"
+    (tmp_path / "mine.py").write_text(COUNT.replace("    def start", f"{own}\n    def start", 1))
+    for words in (("behavior", "check", "tree.xml"), ("navigate", "--behavior", "tree.xml")):
+        code, out, err = call(*words, "--behavior-module", "mine")
+        assert (code, out) == (2, "")
+        assert "tree.xml:2: Main/GiveUp: GiveUp could not be made: " in err
+        assert len(err.strip().splitlines()) == 1
+
+
 def test_every_command_says_so(call):
     for words in (["navigate"], ["evaluate"], ["behavior", "show"], ["behavior", "list"], ["behavior", "palette"]):
         for name in ("nowhere", "../up", ""):

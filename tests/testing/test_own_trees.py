@@ -60,9 +60,9 @@ def blind_for_good():
 
 
 def blocked():
-    """Once from the other side, then by another opening."""
+    """Once more, once from the other side, then by another opening."""
     record = run_tree(mishaps="- opening_blocked: {opening: 1-2@45}\n", start_angle_deg=40)
-    record.visits("PassOpening", "BackOff", "ChooseOpening", "PassOpening").reaches(within=8.0)
+    record.visits("PassOpening", "Replan", "PassOpening", "BackOff", "ChooseOpening", "PassOpening").reaches(within=8.0)
     assert record.failures[0] == "missed_opening"
     assert record.openings[0] != "1-2@45"
     return record
@@ -165,8 +165,9 @@ def test_there_is_no_packaged_tree_without_such_runs():
         (["stuck"], "Dither"),
         (["stuck"] * 6, "Dither"),
         (["stuck"] * 7, "AvoidOpening"),
-        (["missed_opening"], "BackOff"),
-        (["missed_opening"] * 2, "AvoidOpening"),
+        (["missed_opening"], "Replan"),
+        (["missed_opening"] * 2, "BackOff"),
+        (["missed_opening"] * 3, "AvoidOpening"),
         (["fell_back"], "Replan"),
         (["wrong_ring"], "Replan"),
         (["plan_failed"], "Replan"),
