@@ -42,6 +42,8 @@ def test_wheel_holds_everything_and_runs_elsewhere(tmp_path):
         "_share/maps/cme.yaml",
         "_share/behaviors/navigate.xml",
         "rigs/toy.yaml",
+        "rigs/hardware.yaml",
+        "rigs/emulated.png",
         "models/packaged/toy/model.yaml",
     ):
         assert f"mazeplan/{name}" in names

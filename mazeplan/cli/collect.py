@@ -41,6 +41,7 @@ def collect(
 ) -> None:
     """Excite a rig with 50 random sines per axis and log what it does."""
     from mazeplan.cli.arguments import parse_ring, positive
+    from mazeplan.cli.emergency import interrupt, stop_key
     from mazeplan.cli.navigate import note_missing_model
     from mazeplan.cli.progress import campaign_progress
     from mazeplan.collect import Collection, run_collection, run_tour
@@ -62,7 +63,7 @@ def collect(
     plan = Collection(positive("--seconds", seconds), (first, *others), seed, most, highest)
     if not rings or place:
         machine = watched(make_rig(rig, maze), own_process=True)
-        with campaign_progress(math.ceil(seconds), label="seconds") as advance:
+        with stop_key(machine, interrupt), campaign_progress(math.ceil(seconds), label="seconds") as advance:
             rows = run_collection(machine, maze, plan, output, rig_name=rig_label(rig), progress=advance)
         say(f"wrote {rows} samples to {output}")
         return
@@ -72,8 +73,9 @@ def collect(
 
     note_missing_model(rig, model, maze)
     setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
-    with campaign_progress(math.ceil(seconds), label="seconds") as advance:
-        done = run_tour(watched(make_rig(rig, maze), own_process=True), setup, plan, output, progress=advance)
+    machine = watched(make_rig(rig, maze), own_process=True)
+    with stop_key(machine, interrupt), campaign_progress(math.ceil(seconds), label="seconds") as advance:
+        done = run_tour(machine, setup, plan, output, progress=advance)
     report(done)
     say(f"wrote {done.rows} samples to {output}")
 

@@ -18,6 +18,11 @@ from mazeplan.cli.output import say
 TTY = "/dev/tty"
 
 
+def interrupt() -> None:
+    """End what goes on as Ctrl-C does."""
+    os.kill(os.getpid(), signal.SIGINT)
+
+
 @contextmanager
 def stop_key(rig: Any, then: Callable[[], object], *, terminal: str = TTY) -> Iterator[bool]:
     """While it is entered a key calls `rig.stop()` and `then`, once; True if there is a terminal to press it at.

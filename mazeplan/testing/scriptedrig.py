@@ -152,13 +152,11 @@ class ScriptedSimulation(SimulatedRig):
                 place = np.array([r * math.cos(angle), r * math.sin(angle), self.maze.ball.radius])
                 self.set_ball(place, np.zeros(3), np.zeros(3))
             else:
-                self._faults.add(
-                    Fault(kind="push", at_s=t, speed_m_s=mishap.speed_m_s, direction_deg=mishap.direction_deg)
-                )
+                self.inject(Fault(kind="push", at_s=t, speed_m_s=mishap.speed_m_s, direction_deg=mishap.direction_deg))
         for sticking in self._sticking:
             held = sticking.held
             if sticking.catches(t, self) and not held:
-                self._faults.add(Fault(kind="stuck", at_s=t, duration_s=sticking.stuck.to_s - t))
+                self.inject(Fault(kind="stuck", at_s=t, duration_s=sticking.stuck.to_s - t))
         return observation
 
 

@@ -6,7 +6,7 @@
    in again. Orders come on stdin, one a line, and the program ends with stdin:
 
        adc V0 V1       volts at A0 and A1        noise V       their deviation in each conversion
-       reset [MS]      pull the reset line, and let a boot loader swallow what comes for so long
+       reset [MS]      pull the reset line, and let a boot loader swallow what comes until it heard nothing for so long
        stall           let the chip hang         errors P      lost and wrong bytes on the line, probability of each
        unplug          take the port away        plug          ... and give it back
        hold            no byte moves either way  release       ... until here
@@ -31,19 +31,22 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
 
 #define STEP_CYCLES (1000 * CYCLES_PER_US) /* how often the outside is looked at */
 #define MOST_LATE_S 0.1                    /* caught up with afterwards; more is passed over */
+#define FIRST -10 /* nice value: it takes a tenth of a core, but wants it in time */
 #define AGAIN_S 0.5
 #define SAME_US 0.4 /* pins change between instructions, up to .25 us late; a step of the timer is .5 */
 
 static const char *link_name;
 static int master = -1, slave = -1; /* the slave is kept open, so that a reader may come and go */
 static bool held, fast;
-static double zero, boot_until; /* seconds of the monotonic clock: when T was 0; end of the boot loader */
+static double zero;             /* seconds of the monotonic clock when T was 0 */
+static double boot_s, boot_until; /* of the boot loader: how long it listens, and until when, 0 when it has ended */
 static double last_width[2], last_said[2];
 
 static double seconds(void)
@@ -132,7 +135,8 @@ static void obey(char *line)
     } else if (strncmp(line, "reset", 5) == 0) {
         machine_drop_fed();
         machine_reset();
-        boot_until = sscanf(line, "reset %lf", &a) == 1 ? seconds() + 1e-3 * a : 0;
+        boot_s = sscanf(line, "reset %lf", &a) == 1 ? 1e-3 * a : 0;
+        boot_until = boot_s > 0 ? seconds() + boot_s : 0;
     } else if (strcmp(line, "stall") == 0) {
         machine_stall();
     } else if (strcmp(line, "hold") == 0) {
@@ -184,7 +188,9 @@ static void from_port(void)
     size_t room = machine_room();
     ssize_t count = read(master, bytes, room < sizeof bytes ? room : sizeof bytes);
 
-    if (count > 0 && boot_until == 0)
+    if (count > 0 && boot_until != 0)
+        boot_until = seconds() + boot_s;
+    else if (count > 0)
         machine_feed(bytes, (size_t)count);
 }
 
@@ -236,6 +242,8 @@ int main(int count, char **arguments)
         return 2;
     }
     signal(SIGPIPE, SIG_IGN);
+    if (setpriority(PRIO_PROCESS, 0, FIRST) != 0)
+        errno = 0; /* not allowed: real time is then as good as the load of the machine lets it be */
     link_name = arguments[2];
     if (!machine_start(arguments[1]))
         return 2;

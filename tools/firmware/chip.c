@@ -21,7 +21,7 @@
 
 uint8_t chip_cause __attribute__((section(".noinit")));
 
-static volatile uint8_t received[256], to_send[256];
+static volatile uint8_t received[CHIP_RING], to_send[CHIP_RING];
 static volatile uint8_t received_in, received_out, send_in, send_out; /* one byte: they wrap by themselves */
 
 static volatile uint32_t ticks;

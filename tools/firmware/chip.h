@@ -6,6 +6,7 @@
 #include "control.h"
 
 #define CHANNELS 2
+#define CHIP_RING 256           /* bytes received or to be sent; one less fits */
 #define CONVERSIONS 16          /* of each channel in a sample of 5 ms */
 
 /* The samples since they were last taken. */

@@ -59,11 +59,14 @@ void on_pulse(uint16_t half_us[AXES])
     control_pulse(&control, half_us);
 }
 
-/* Nothing waits for the line, as a flood would then stop the board: answers are left out where there is no room for
-   them and a report, reports and events come later. */
-static bool room_for(uint8_t frames)
+/* Nothing waits for the line, as a flood would then stop the board, nor long in front of it, as a report must be new:
+   where more than this many frames are under way, answers are left out, and reports and events come later. */
+#define BEFORE_ANSWER 1
+#define BEFORE_REPORT 2
+
+static bool at_most(uint8_t frames)
 {
-    return chip_room() >= frames * FRAME_BYTES;
+    return chip_room() >= CHIP_RING - 1 - frames * FRAME_BYTES;
 }
 
 static void send(struct frame_writer *writer)
@@ -136,7 +139,7 @@ static void obey(const char *body)
     }
     if (answer == ANSWER_LIMITS)
         keep_limits();
-    if (!room_for(2))
+    if (!at_most(BEFORE_ANSWER))
         return;
     if (answer == ANSWER_IDENTITY)
         send_identity(sequence);
@@ -150,7 +153,7 @@ static bool send_event(const char *word, uint16_t value)
 {
     struct frame_writer writer;
 
-    if (!room_for(1))
+    if (!at_most(BEFORE_REPORT))
         return false; /* and try again */
     frame_begin(&writer, 'E');
     frame_number(&writer, events++);
@@ -177,7 +180,7 @@ static void report(void)
     uint16_t accepted = 0, pulse[AXES] = {0, 0}, strikes = 0;
     uint8_t i, flags = 0;
 
-    if (!room_for(1) || !chip_samples(&samples, answered ? REPORT_SAMPLES : ANSWER_SAMPLES))
+    if (!at_most(BEFORE_REPORT) || !chip_samples(&samples, answered ? REPORT_SAMPLES : ANSWER_SAMPLES))
         return;
     answered = true;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {

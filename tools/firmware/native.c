@@ -110,12 +110,12 @@ static size_t next_bytes(uint8_t *bytes)
         return length;
     }
     frame_begin(&writer, kinds[drawn(sizeof kinds - 1)]);
-    if (drawn(2) == 0) { /* one that is meant */
+    if (drawn(2) == 0) { /* one that is meant, with pulses that are allowed, and others */
         frame_number(&writer, drawn(65536));
         frame_number(&writer, drawn(3) ? 8000 + drawn(14000) : drawn(2));
-        frame_number(&writer, 8000 + drawn(7000));
+        frame_number(&writer, drawn(4) ? 8000 + drawn(7000) : drawn(15000));
         for (i = 0; i < more; i++)
-            frame_number(&writer, 10000 + drawn(10000));
+            frame_number(&writer, drawn(4) ? 10000 + drawn(10000) : 15000 + drawn(50000));
     } else {
         for (i = 0; i < fields; i++)
             frame_number(&writer, drawn(3) ? drawn(70000) : drawn(2000000000));
@@ -163,7 +163,7 @@ static int fuzz(unsigned long bytes)
                     quiet = 0;
             }
         }
-        if (drawn(3) == 0) {
+        for (i = drawn(3) ? 0 : drawn(400) ? 1 : 50; i; i--) { /* now and then nobody speaks for long */
             strikes += control_tick(&control);
             if (!(control.flags & FLAG_LEVEL) && ++quiet > WATCHDOG_MS / TICK_MS)
                 fail("the watchdog slept");

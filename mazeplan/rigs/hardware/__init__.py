@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
+
+from mazeplan.errors import RigError
+
+WHERE = {"HardwareRig": "rig", "EmulatedRig": "emulated"}
 
 
 def __getattr__(name: str) -> Any:
-    """The classes, once they are asked for: they bring camera and serial line with them."""
-    if name == "HardwareRig":
-        from mazeplan.rigs.hardware.rig import HardwareRig
-
-        return HardwareRig
-    if name == "EmulatedRig":
-        from mazeplan.rigs.hardware.emulated import EmulatedRig
-
-        return EmulatedRig
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """The classes, once they are asked for: they bring camera and serial line with them. Raises RigError that says what
+    to install."""
+    if name not in WHERE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        return getattr(import_module(f"{__name__}.{WHERE[name]}"), name)
+    except ModuleNotFoundError as missing:
+        if missing.name not in ("cv2", "serial"):
+            raise
+        raise RigError(f"a rig on a table needs {missing.name}: pip install 'mazeplan[hardware]'") from None

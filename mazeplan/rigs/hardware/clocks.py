@@ -16,9 +16,9 @@ KEPT_S = 1.0  # s of reports that are kept
 AHEAD_S = 0.03  # s that a tilt is carried on beyond the last report
 SLOPE_S = 0.02  # s before the last report over which its rate is taken
 DRIFT = 6e-3  # s/s by which the clocks of host and board may differ: the resonator of a Mega is good to .5 %
-# s from the middle of a report's conversions until it is received at the soonest: 3 for the rest of them, 4 for 45
-# characters at 115200 baud, the rest chip and host; measured on the emulated chip by steps of its voltages
-REPORT_AGE_S = 0.0095
+# s from the middle of a report's conversions until it is received at the soonest: half the conversions, 4 ms of line,
+# and two of chip and host; as the emulated chip has it
+REPORT_AGE_S = 0.008
 PHASE, PERIOD = 0.1, 0.002  # gains of `FrameClock`
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,6 +29,7 @@ DWELL_S = (0.2, 0.2667)  # between steps
 STEPS = np.random.default_rng(3).choice([-1.0, 1.0], (2, 1000))
 PULSE_S = 0.02  # s between servo pulses
 SHIFTS = (-0.05, 0.3)  # s, of ages that are tried
+FAR = 6.0  # times the median of what is left over: a tilt that no marker shows
 START = (1.0, 20.0, 0.9)  # gain, rad/s, damping, from which the fit starts
 DEADS = (0.0, 0.03, 0.06, 0.1)  # s
 
@@ -57,7 +59,7 @@ def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
     grid = np.arange(start, float(told[-1]) + GRID_S, GRID_S)
     held = np.searchsorted(sent, grid, side="right") - 1
     late = max(1, round(PULSE_S / GRID_S))
-    smooth = lfilter(np.full(late, 1.0 / late), 1.0, u[held], axis=0)
+    smooth = np.asarray(lfilter(np.full(late, 1.0 / late), 1.0, u[held], axis=0))
     use = told > start + 0.3
     times, y = told[use], tilt[use]
 
@@ -80,8 +82,8 @@ def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
 
 def _answer(u: Array, wn: float, zeta: float) -> Array:
     """Of a lag of second order to u held on the grid, from rest at u[0] = 0."""
-    b, a, _ = cont2discrete(([wn * wn], [1.0, 2.0 * zeta * wn, wn * wn]), GRID_S)
-    return lfilter(np.ravel(b), a, u)
+    discrete: Any = cont2discrete(([wn * wn], [1.0, 2.0 * zeta * wn, wn * wn]), GRID_S)
+    return np.asarray(lfilter(np.ravel(discrete[0]), discrete[1], u))
 
 
 def age(seen_at: Array, seen: Array, told: Array, tilt: Array) -> Delay:
@@ -94,12 +96,10 @@ def age(seen_at: Array, seen: Array, told: Array, tilt: Array) -> Delay:
         total, slopes = 0.0, np.zeros(len(seen_at))
         for axis in (0, 1):
             y = np.interp(seen_at - shift, told, tilt[:, axis])
-            x = np.column_stack([y, np.ones(len(y))])
-            k, *_ = np.linalg.lstsq(x, seen[:, axis], rcond=None)
-            residual = seen[:, axis] - x @ k
-            # a marker that was read wrong must not decide
-            total += float(np.sum(np.minimum(residual**2, (4.0 * np.median(np.abs(residual))) ** 2)))
-            slopes += np.gradient(y * k[0], seen_at) ** 2
+            residual, gain = _line(y, seen[:, axis])
+            most = FAR * float(np.median(np.abs(residual)))
+            total += float(np.sum(np.minimum(residual**2, most**2)))
+            slopes += np.gradient(y * gain, seen_at) ** 2
         return total, slopes
 
     coarse = np.arange(*SHIFTS, 5e-3)
@@ -112,3 +112,14 @@ def age(seen_at: Array, seen: Array, told: Array, tilt: Array) -> Delay:
     total, slopes = left(shift)
     rms = math.sqrt(total / max(2 * len(seen_at) - 5, 1))
     return Delay(float(shift), rms / math.sqrt(max(float(np.sum(slopes)), 1e-12)), rms)
+
+
+def _line(x: Array, y: Array) -> tuple[Array, float]:
+    """What a straight line through (x, y) leaves over, and its slope; a marker that was read wrong must not decide."""
+    columns, good = np.column_stack([x, np.ones(len(x))]), np.ones(len(x), dtype=bool)
+    residual, slope = y, 1.0
+    for _ in range(3):
+        k, *_ = np.linalg.lstsq(columns[good], y[good], rcond=None)
+        residual, slope = y - columns @ k, float(k[0])
+        good = np.abs(residual) <= max(FAR * float(np.median(np.abs(residual))), 1e-9)
+    return residual, slope

@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING
 
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.camera.detector import BallDetector
-from mazeplan.rigs.camera.section import camera_section
-from mazeplan.rigs.camera.source import FrameSource
 from mazeplan.rigs.hardware.clocks import TiltTrack
-from mazeplan.rigs.hardware.pictures import Pictures
 from mazeplan.rigs.hardware.settings import HardwareSettings
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.messages import AxisLimits, ServoLimits, TiltReport
 from mazeplan.rigs.link.port import ports_found
 
+if TYPE_CHECKING:  # OpenCV is not needed to talk to the board
+    from mazeplan.rigs.camera.detector import BallDetector
+    from mazeplan.rigs.camera.source import FrameSource
+    from mazeplan.rigs.hardware.pictures import Pictures
+
 AUTO = "auto"
+KEPT = 10_000  # round trips
 SUPPLY_V, FULL = 5.0, 1023.0  # V and count at the upper end of the board's converter
 
 
 @dataclass
 class Parts:
-    """What is open."""
+    """What is open. trips: s from each command to the report that confirmed it, the newest KEPT."""
 
     board: Board
     pictures: Pictures
@@ -32,10 +37,21 @@ class Parts:
     track: TiltTrack
     port: str
     camera: str
+    trips: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _sent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=KEPT))
+
+    def command(self, pulse_beta_us: float, pulse_gamma_us: float) -> None:
+        """Have the servos go there. Raises RigError once the board is given up."""
+        now = monotonic()
+        self._sent.append((self.board.command(pulse_beta_us, pulse_gamma_us), now))
 
     def listen(self) -> None:
-        """Take in what the board has told of the tilt. Raises RigError once the board is given up."""
-        self.track.take(Told.of(report) for report in self.board.recent())
+        """Take in what the board has told. Raises RigError once the board is given up."""
+        reports = self.board.recent()
+        self.track.take(Told.of(report) for report in reports)
+        for report in reports:
+            while self._sent and report.sequence >= self._sent[0][0]:
+                self.trips.append(report.received_s - self._sent.popleft()[1])
 
     def close(self) -> None:
         """Level the plate, and give all back."""
@@ -78,7 +94,10 @@ def the_port(name: str) -> str:
     """The port of that name; for auto the only one behind USB. Raises RigError when that is none or several."""
     if name != AUTO:
         return name
-    found = ports_found()
+    try:
+        found = ports_found()
+    except ModuleNotFoundError:
+        raise RigError("port: auto: needs pyserial: pip install 'mazeplan[hardware]'") from None
     if len(found) != 1:
         got = f"found {', '.join(found)}; name the board's as `port:`" if found else "none found; plug the board in"
         raise RigError(f"port: auto: {got}")
@@ -102,6 +121,9 @@ def assemble(
 ) -> Parts:
     """Everything open, or nothing. folder: of the rig's file; make: opens the camera. Raises RigError or
     SettingsError."""
+    from mazeplan.rigs.camera.section import camera_section
+    from mazeplan.rigs.hardware.pictures import Pictures
+
     assert settings.tilt is not None
     section = camera_section(settings.camera or {})
     detector = section.detector(maze, folder)

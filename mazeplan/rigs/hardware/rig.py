@@ -186,7 +186,7 @@ class HardwareRig:
         if self._stopped:
             parts.board.level()
             return
-        parts.board.command(servo.beta.pulse(u_beta), servo.gamma.pulse(u_gamma))
+        parts.command(servo.beta.pulse(u_beta), servo.gamma.pulse(u_gamma))
 
     def level(self) -> None:
         """Level the plate, now."""

@@ -158,7 +158,9 @@ def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
         y = np.array([getattr(r, f"{axis}_deg") for r in readings])
         fit, good, said = _fit_axis(v, y, centre, scale, np.random.default_rng(seed))
         fits[axis] = fit
-        outliers += [Outlier(readings[i].line, axis, float(y[i]), float(said[i])) for i in np.flatnonzero(~good)]
+        outliers += [
+            Outlier(readings[i].line, axis, float(y[i]), float(said[i])) for i in np.flatnonzero(~good).tolist()
+        ]
     beta, gamma = fits["beta"], fits["gamma"]
     sensor = TiltSensor(
         (float(centre[0]), float(centre[1])), (float(scale[0]), float(scale[1])), beta.terms, gamma.terms
@@ -179,7 +181,7 @@ def _fit_axis(
     while True:
         sets = [s for s in SETS if len(s) <= len(largest) and good.sum() >= len(s) + 3]
         trials = [_leave_one_out(design(s, v, centre, scale), y, good) for s in sets]
-        best = min(rms for _, rms, _ in trials)
+        best = max(min(rms for _, rms, _ in trials), 0.1 * CLINOMETER)
         chosen = next(i for i, (_, rms, _) in enumerate(trials) if rms <= ENOUGH * best)
         k, rms, studentised = trials[chosen]
         said = design(sets[chosen], v, centre, scale) @ k
@@ -223,7 +225,7 @@ def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, 
     without = np.maximum(squares - residual**2 / (1.0 - leverage), 1e-3 * squares) / max(n - p - 1, 1)
     studentised = np.zeros(len(y))
     studentised[good] = residual / np.sqrt(without * (1.0 - leverage))
-    return k, float(np.sqrt(np.mean(error**2))), studentised
+    return np.asarray(k, dtype=float), float(np.sqrt(np.mean(error**2))), studentised
 
 
 def _fit_servos(

@@ -21,7 +21,7 @@ from mazeplan.rigs.link.board import Board
 
 AGAIN_S = 0.05  # between commands
 SETTLE_S, AVERAGE_S = 0.8, 0.4
-REACH = 1.1  # of the tilt limit: a polynomial is at its worst at the end of what it was fitted to
+REACH = 1.15  # of the tilt limit: a polynomial is at its worst at the end of what it was fitted to
 Ask = Callable[[int, tuple[float, float]], tuple[float, float] | None]
 
 

@@ -140,7 +140,7 @@ class Walk:
         most = min(math.radians(TILT_DEG), self.rig.maze.tilt_limit)
         wanted = {"beta": (most, 0.0), "gamma": (0.0, most)}[axis]
         samples = self._watch(SETTLE_S + LOOK_S, wanted)[round(SETTLE_S * self.rig.rate_hz) :]
-        got = dict(zip(("beta", "gamma"), self._tilt(samples), strict=True))
+        got: dict[str, float] = dict(zip(("beta", "gamma"), self._tilt(samples), strict=True))
         told = f"commanded {math.degrees(most):+.1f} deg, went to {got[axis]:+.2f}, the other axis to {got[other]:+.2f}"
         seen = [s for _, _, s in samples if s is not None]
         if seen:

@@ -57,6 +57,8 @@ class Camera(threading.Thread):
         number = 0
         while (shot := self.shots.get()) is not None:
             exposed, ball, beta, gamma = shot
+            if monotonic() > exposed + self._delay and not self.shots.empty():
+                continue  # a machine that is too slow for all pictures loses some: they must not all be late
             image = self._overhead.render(ball, beta, gamma, self.rng)
             slot, number = number % SLOTS, number + 1
             size = image.nbytes
@@ -136,7 +138,7 @@ class World:
 
     def _expose(self, now: float) -> None:
         ball = self.machine.ball()[0] if self.here else None
-        if not self.camera.shots.full():  # a machine that is too slow for all pictures loses some
+        if not self.camera.shots.full():
             self.camera.shots.put((now, ball, *self.machine.tilt))
 
     def _obey(self, order: dict[str, Any]) -> None:

@@ -19,16 +19,18 @@ if TYPE_CHECKING:
     import serial
 
 FIRST_BELOW = 60000  # numbers of questions begin somewhere, and stay below 65536
+HEARD_S = 0.05  # between two frames of a board that runs
 Answer = TypeVar("Answer")
 FLASH = "`make emulator` builds build/firmware/mazeplan.hex, tools/firmware/Makefile says how to flash it"
 
 
 @dataclass(frozen=True)
 class Patience:
-    """How long to wait, s: for the first answer (a boot loader takes up to 2 s); between questions; for a report before
-    the port counts as lost; for the port to come back."""
+    """How long to wait, s: for the first answer; for the board to be heard before it is asked; between questions; for a
+    report before the port counts as lost; for the port to come back."""
 
     answer_s: float = 5.0
+    listen_s: float = 2.5
     again_s: float = 0.25
     silence_s: float = 0.5
     reconnect_s: float = 5.0
@@ -42,6 +44,7 @@ def connect(
     port = open_port(name)
     try:
         talk = _Talk(name, port, patience.again_s, until, stop)
+        talk.listen(patience.listen_s)
         identity = talk.identify()
         for axis, one in enumerate(limits.axes()):
             talk.set_limits(axis, one, identity)
@@ -60,8 +63,20 @@ class _Talk:
         self._reader, self._bytes = FrameReader(), 0
         self._wire = monotonic_ns() % FIRST_BELOW  # so that what a former program asked is not answered to us
 
+    def listen(self, most_s: float) -> None:
+        """Wait until the board reports by itself, and no longer than this.
+
+        To open a port restarts many boards, and their boot loader, 1 to 2 s, does not end as long as it is spoken to.
+        The first frame may be one that was under way before that."""
+        end, first = min(monotonic() + most_s, self._until), float("inf")
+        while monotonic() < end and not self._stop.is_set():
+            if self._frames():
+                first = min(first, monotonic())
+                if monotonic() - first > HEARD_S:
+                    return
+
     def identify(self) -> Identity:
-        """Who is there. What a board sent before it was asked, and what was lost while it booted, does not matter."""
+        """Who is there."""
         identity = self._ask("I", messages.identify, messages.read_identity)
         if identity.name != NAME:
             raise RigError(f"{self._name}: got {identity.name!r} at the other end, expected {NAME!r}: {FLASH}")

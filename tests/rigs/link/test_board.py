@@ -19,7 +19,7 @@ from mazeplan.rigs.link.handshake import Patience
 from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
 from mazeplan.rigs.link.port import open_port
 
-SHORT = Patience(answer_s=0.4, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
+SHORT = Patience(answer_s=0.4, listen_s=0.1, again_s=0.05, silence_s=0.15, reconnect_s=0.4)
 
 
 def refused(port, limits=LIMITS):
@@ -55,6 +55,10 @@ def test_it_says_who_is_there_commands_and_levels():
         assert Flag.LEVEL in board.level().flags
         newest = board.latest()
         assert board.wait_newer(newest, 1.0) is not newest
+        until(lambda: len(board.recent()) > 5)
+        times = [report.time_s for report in board.recent()]
+        assert times == sorted(times)
+        assert board.recent()[-1].time_s >= report.time_s
     assert fake.got[-1].kind == "Z"  # closing levels
 
 
@@ -103,6 +107,15 @@ def test_limits_that_the_firmware_does_not_take_as_they_are():
     assert "allows 800 to 2200 us" in said
     with FakeBoard(L=silent) as fake:
         assert "no answer" in refused(fake.port)
+
+
+def test_answers_to_somebody_elses_questions_are_not_ours():
+    def late(board, frame):
+        before = (int(frame.fields[0]) - 1) % 65536
+        return encode("L", before, frame.fields[1], 14000, 16000, 15000, 5000) + encode("L", *frame.fields)
+
+    with FakeBoard(L=late) as fake, Board(fake.port, LIMITS, SHORT) as board:
+        assert board.connected
 
 
 def test_a_board_without_reports():
@@ -185,6 +198,16 @@ def test_a_half_open_port_is_given_up():
         fake.reports, fake.answers["I"] = False, silent
         until(lambda: not board.connected and board.counts.lost, 3.0)
         with pytest.raises(RigError, match=r"gave no report for 0.15 s and did not come back in 0.4 s"):
+            board.wait_confirmed(1, 3.0)
+        board.close()
+
+
+def test_a_board_that_speaks_but_does_not_report_is_given_up():
+    with FakeBoard() as fake:
+        board = Board(fake.port, LIMITS, SHORT)
+        board.open()
+        fake.reports, fake.noise, fake.answers["I"] = False, encode("E", 1, "HELLO", 5, 5), silent
+        with pytest.raises(RigError, match=r"gave no report for 0.15 s and did not come back"):
             board.wait_confirmed(1, 3.0)
         board.close()
 

@@ -1,0 +1,162 @@
+"""`calibrate tilt` as a person would give it: from a table, and at a board that asks back."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commands import call
+
+from mazeplan.errors import RigError
+from mazeplan.maze.yamltree import read_yaml
+from mazeplan.rigs.hardware import tiltreadings
+from mazeplan.rigs.hardware.tiltsensor import TiltSection
+from mazeplan.rigs.hardware.truth import Diode
+
+RIG = "class: mazeplan.rigs.hardware:HardwareRig\nport: fake   # mine\nservo: {slew_us_per_s: 5000.0}\n"
+DIODE = Diode.drawn(np.random.default_rng(4))
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("hardware.yaml").write_text(RIG)
+    return tmp_path
+
+
+def table(path: Path, noise: float = 0.04) -> None:
+    rng, rows = np.random.default_rng(0), ["v0,v1,beta_deg,gamma_deg,pulse_beta_us,pulse_gamma_us"]
+    for beta in np.linspace(-5.75, 5.75, 7):
+        for gamma in np.linspace(-5.75, 5.75, 7):
+            v = DIODE.volts(math.radians(beta), math.radians(gamma))
+            said = np.array([beta, gamma]) + rng.normal(0.0, noise, 2)
+            rows.append(f"{v[0]:.4f},{v[1]:.4f},{said[0]:.1f},{said[1]:.1f},{1510 + 40 * beta},{1490 - 38 * gamma}")
+    rows[20] = rows[20].replace(rows[20].split(",")[3], "4.9")
+    path.write_text("\n".join(rows) + "\n")
+
+
+def test_a_table_becomes_a_section_of_the_rigs_file(desk, monkeypatch, capsys):
+    table(desk / "r.csv")
+    code, out, err = call(monkeypatch, capsys, "calibrate", "tilt", "--readings", "r.csv")
+    assert code == 0, err
+    assert "r.csv:21: gamma: got 4.9, the others say" in out
+    assert "wrote tilt and servo to hardware.yaml" in err
+    text = Path("hardware.yaml").read_text()
+    assert "port: fake   # mine\n" in text
+    data = read_yaml(Path("hardware.yaml")).data
+    assert data["servo"]["slew_us_per_s"] == 5000.0
+    assert data["servo"]["beta"]["level_us"] == pytest.approx(1510.0, abs=1.0)
+    assert data["servo"]["gamma"]["us_per_deg"] == pytest.approx(-38.0, abs=0.3)
+    assert set(data["tilt"]) == set(TiltSection.model_fields)
+
+
+def test_json_and_a_dry_run(desk, monkeypatch, capsys):
+    table(desk / "r.csv")
+    code, out, _ = call(monkeypatch, capsys, "calibrate", "tilt", "--readings", "r.csv", "--json", "--dry-run")
+    document = json.loads(out)
+    assert code == 0
+    assert document["error_deg"] < 0.1
+    assert [o["line"] for o in document["outliers"]] == [21]
+    assert document["rig"] is None
+    assert Path("hardware.yaml").read_text() == RIG
+
+
+def test_a_fit_that_is_not_good_enough_is_status_1_and_says_what_to_do(desk, monkeypatch, capsys):
+    table(desk / "r.csv", noise=0.4)
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", "--readings", "r.csv")
+    assert code == 1
+    assert "expected at most 0.1: take more readings, over the whole range" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--readings", "none.csv"], "none.csv: cannot be read: No such file or directory"),
+        (["--rig", "toy"], "got rig 'toy', expected one on a table"),
+        (["--rig", "none.yaml"], "none.yaml: no such file"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(desk, monkeypatch, capsys, arguments, said):
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", *arguments)
+    assert code == 2
+    assert err.startswith("mazeplan: ")
+    assert said in err
+    assert err.count("\n") == 1
+
+
+class Board:
+    """Its diode sees the tilt that the pulses of the moment make."""
+
+    def __init__(self):
+        self.pulses, self.levelled, self.closed, self.lost = (1500.0, 1500.0), 0, 0, False
+
+    def command(self, *pulses):
+        if self.lost:
+            raise RigError("fake: was lost (unplugged?)")
+        self.pulses = pulses
+
+    def recent(self):
+        tilt = math.radians((self.pulses[0] - 1500.0) / 40.0), math.radians((self.pulses[1] - 1500.0) / 40.0)
+        counts = [v * 1023.0 / 5.0 for v in DIODE.volts(*tilt)]
+        return [SimpleNamespace(counts=counts, received_s=0.01 * k) for k in range(100)]
+
+    def level(self):
+        self.levelled += 1
+
+    def close(self):
+        self.closed += 1
+
+
+@pytest.fixture
+def board(monkeypatch):
+    board = Board()
+    monkeypatch.setattr("mazeplan.rigs.hardware.parts.open_board", lambda settings: board)
+    for name in ("SETTLE_S", "AVERAGE_S", "AGAIN_S"):
+        monkeypatch.setattr(tiltreadings, name, 0.002)
+    monkeypatch.setattr(tiltreadings, "sleep", lambda seconds: __import__("time").sleep(0.01))
+    return board
+
+
+def test_at_a_board_it_asks_for_each_tilt_and_a_slip_of_typing_is_asked_again(desk, board, monkeypatch, capsys):
+    asked = []
+
+    def prompt(text, **more):
+        asked.append(text)
+        if len(asked) == 2:
+            return "1.2 x"
+        if len(asked) == 3:
+            return ""
+        beta, gamma = ((pulse - 1500.0) / 40.0 for pulse in board.pulses)
+        return f"{beta:.1f}, {gamma:.1f}"
+
+    monkeypatch.setattr("typer.prompt", prompt)
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", "--grid", "5", "--keep", "kept.csv")
+    assert code == 0, err
+    assert asked[0] == "1 of 25: beta gamma"
+    assert asked[1] == asked[2] == "2 of 25: beta gamma"
+    assert "expected two numbers, such as: -2.3 0.4" in err
+    assert len(Path("kept.csv").read_text().splitlines()) == 25  # a header, and 24 readings
+    assert (board.levelled >= 1, board.closed) == (True, 1)
+    assert "tilt" in read_yaml(Path("hardware.yaml")).data
+
+
+def test_a_board_that_is_lost_and_a_person_who_gives_up_leave_a_level_plate(desk, board, monkeypatch, capsys):
+    board.lost = True
+    monkeypatch.setattr("typer.prompt", lambda text, **more: "0 0")
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt")
+    assert (code, err.splitlines()[-1]) == (3, "mazeplan: fake: was lost (unplugged?)")
+    assert board.closed == 1
+    board.lost = False
+
+    def interrupted(text, **more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("typer.prompt", interrupted)
+    code, _, _ = call(monkeypatch, capsys, "calibrate", "tilt")
+    assert code == 130
+    assert (board.levelled >= 1, board.closed) == (True, 2)
+    assert Path("hardware.yaml").read_text() == RIG

@@ -1,0 +1,128 @@
+"""Firmware, serial line, pixels and physics in one chain, in real time: run by themselves, as nothing may starve them.
+
+What must be true is judged here, not milliseconds; figures are in BENCHMARKS.md (tools/bench.py --only rig).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from commands import call
+from emulated_chip import NEEDED
+
+from mazeplan.errors import RigError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.hardware import walk
+from mazeplan.rigs.hardware.chip import built
+from mazeplan.rigs.hardware.emulated import EmulatedRig
+from mazeplan.rigs.registry import PACKAGED, make_rig
+
+pytestmark = pytest.mark.realtime
+MAZE = load_map("cme")
+
+
+@pytest.fixture(autouse=True)
+def _built():
+    try:
+        built()
+    except RigError as missing:
+        if NEEDED:
+            raise
+        pytest.skip(str(missing))
+
+
+def rig_file(folder: Path, **world) -> Path:
+    """The packaged emulated rig with another world."""
+    data = yaml.safe_load((PACKAGED / "emulated.yaml").read_text())
+    data["world"] |= world
+    (folder / "emulated.png").write_bytes((PACKAGED / "emulated.png").read_bytes())
+    (folder / "mine.yaml").write_text(yaml.safe_dump(data))
+    return folder / "mine.yaml"
+
+
+def trace(folder: Path) -> np.ndarray:
+    """t, pulse_beta_us, pulse_gamma_us, target_beta, target_gamma, beta, gamma, x, y: one row a step."""
+    with (folder / "trace.csv").open() as stream:
+        rows = list(csv.reader(stream))[1:]
+    return np.array([[float(v) for v in row] for row in rows if len(row) == 9])
+
+
+def test_the_ball_is_driven_through_the_whole_chain(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["navigate", "--rig", "emulated", "--from", "ring4", "--to", "ring5", "--json", "--log", "run.mcap"]
+    code, out, err = call(monkeypatch, capsys, *arguments)
+    result = json.loads(out)
+    assert (code, result["success"]) == (0, True), err
+    assert result["rig"] == "emulated"
+    code, out, _ = call(monkeypatch, capsys, "log", "replay", "run.mcap")
+    assert code == 0, out
+
+
+def test_the_walk_through_the_parts_and_what_it_measures(tmp_path, monkeypatch):
+    for name, seconds in (("LOOK_S", 0.2), ("SETTLE_S", 0.6), ("SWING_S", 5.0)):
+        monkeypatch.setattr(walk, name, seconds)
+    rig = make_rig("emulated", MAZE)
+    assert isinstance(rig, EmulatedRig)
+    asked = []
+    try:
+        going = walk.Walk(rig, lambda question: asked.append(question) or True)
+        results = list(going.steps())
+    finally:
+        rig.close()
+    names = ["port", "firmware", "tilt sensor", "camera", "markers", "beta moves", "gamma moves", "ball", "latency"]
+    assert [r.name for r in results] == names
+    assert [
+        r for r in results if not r.passed and r.name not in ("camera", "latency")
+    ] == []  # those need a quiet machine
+    assert len(asked) == 2
+    if going.latencies is not None:
+        assert going.latencies.camera.seconds == pytest.approx(0.05, abs=0.015)
+
+
+def test_a_program_that_is_killed_leaves_a_level_plate(tmp_path):
+    rig_file(tmp_path, trace=str(tmp_path / "trace.csv"), linger_s=1.5)
+    with subprocess.Popen(
+        [sys.executable, "-m", "mazeplan", "navigate", "--rig", "mine.yaml"], cwd=tmp_path, stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "in ring 1" in line:
+                break
+        time.sleep(0.6)
+        process.send_signal(signal.SIGKILL)
+        killed = time.monotonic()
+    time.sleep(2.5)
+    rows = trace(tmp_path)
+    tilted = np.degrees(np.abs(rows[:, 5:7]).max(axis=1))
+    assert tilted[(rows[:, 0] > killed - 0.5) & (rows[:, 0] < killed)].max() > 0.5  # it was driving
+    assert tilted[rows[:, 0] > killed + 0.8].size > 0
+    assert tilted[rows[:, 0] > killed + 0.8].max() < 0.3
+
+
+def test_what_tilt_the_servos_got_is_what_was_commanded(tmp_path):
+    """To a tenth of a degree by the calibrations, which know nothing of the true servos."""
+    rig = make_rig(str(rig_file(tmp_path, trace=str(tmp_path / "trace.csv"))), MAZE)
+    wanted = math.radians(3.0), math.radians(-2.0)
+    try:
+        for _ in range(45):
+            last = rig.observe()
+            rig.command(*wanted)
+    finally:
+        rig.close()
+    rows = trace(tmp_path)
+    held = rows[np.abs(rows[:, 3:5] - wanted).max(axis=1) < math.radians(0.1)]
+    assert len(held) > 100
+    assert np.degrees(np.abs(held[-40, 5:7] - wanted)).max() < 0.1
+    assert np.degrees(np.abs(np.array([last.beta, last.gamma]) - wanted)).max() < 0.15
