@@ -77,10 +77,14 @@ def camera(
     if as_json:
         out = {key: section[key] for key in ("error_px", "error_mm", "focal_px", "shift_mm")}
         print_json({"lens_px": lens.error_px, "left_out": list(lens.left_out), "by": done.by, **out, "rig": written})
-        return
+    else:
+        _report(lens, done, written)
+
+
+def _report(lens: Lens, done: Calibration, written: str | None) -> None:
     for name in lens.left_out:
         say(f"left out {name}")
-    if boards is not None:
+    if lens.used:
         print(f"lens          {lens.error_px:.2f} px over {lens.used} pictures of the chessboard")
     print(f"plate         {done.error_px:.2f} px or {done.error_mm:.2f} mm, by {done.by}")
     print(f"camera        {1000.0 * float(done.camera.centre()[2]):.0f} mm above the plate")

@@ -114,7 +114,7 @@ def test_two_balls_are_none():
 
 def test_dark():
     _, finder = usual()
-    for share in (0.0, 0.05):
+    for share in (0.0, 0.05, 0.15):
         picture = overlooking(replace(Look(), exposure=share)).render(
             place(1, 20.0), 0.0, 0.0, np.random.default_rng(0)
         )
@@ -140,6 +140,26 @@ def test_a_bright_spot_over_half_of_the_ball_or_elsewhere_is_never_taken_for_it(
                 found += 1
                 assert math.hypot(seen.x - ball[0], seen.y - ball[1]) < 0.001
     assert found > 15
+
+
+def test_a_bright_spot_alone_is_no_ball():
+    eye, finder = usual()
+    rng = np.random.default_rng(0)
+    for ball, beta, gamma in STANDARD:
+        at = TRUE.project(ball[None], beta, gamma)[0]
+        for strength in (0.15, 0.9):
+            seen = finder.locate(veiled(eye.render(None, beta, gamma, rng), at, strength=strength))
+            assert seen.x is None, seen
+
+
+def test_shadows_alone_are_no_ball():
+    # the lamp stands low: long shadows of the walls wander over the floor when the plate tilts
+    _, finder = usual()
+    eye = overlooking(replace(Look(), lamp=(0.5, -0.4, 0.7), gloss=0.0))
+    rng = np.random.default_rng(0)
+    for _, beta, gamma in STANDARD:
+        seen = finder.locate(eye.render(None, beta, gamma, rng))
+        assert seen.x is None, seen
 
 
 def test_half_a_ball_under_a_hand_is_right_or_none():
