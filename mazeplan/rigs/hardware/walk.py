@@ -161,13 +161,17 @@ class Walk:
 
     def _ball(self) -> str:
         self.rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
-        xs = [(o.x, o.y) for o in (self.rig.observe() for _ in range(round(LOOK_S * self.rig.rate_hz)))]
-        seen = np.array([(x, y) for x, y in xs if x is not None])
-        if len(seen) < 0.9 * len(xs):
-            raise _Problem(f"seen in {len(seen)} of {len(xs)} pictures; light, or calibrate the camera anew")
+        pictures, seen = 0, []
+        for _ in range(round(LOOK_S * self.rig.rate_hz)):
+            o = self.rig.observe()
+            pictures += self.rig.sighting is not None
+            seen += [(o.x, o.y)] if o.seen else []
+        if not seen or len(seen) < 0.9 * pictures:
+            why = "" if self.rig.sighting is None else f" ({self.rig.sighting.why})"
+            raise _Problem(f"seen in {len(seen)} of {pictures} pictures{why}; more light, or calibrate the camera anew")
         spread = 1e3 * float(np.sqrt(np.mean(np.var(seen, axis=0))))
         x, y = 1e3 * np.mean(seen, axis=0)
-        return f"in {len(seen)} of {len(xs)} pictures, at {x:.1f}, {y:.1f} mm, scatter {spread:.2f} mm"
+        return f"in {len(seen)} of {pictures} pictures, at {x:.1f}, {y:.1f} mm, scatter {spread:.2f} mm"
 
     # -- latency ------------------------------------------------------------------------------------------------------
 
