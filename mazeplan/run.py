@@ -82,7 +82,8 @@ def attempt_job(
         # the collector looks at what the run itself makes: at all of the program it takes .1 s, in the midst of a tick
         gc.freeze()
         stack.callback(gc.unfreeze)
-        stack.callback(rig.level)
+        told: list[NavigationResult] = []
+        stack.callback(_level, rig, told)
         if prepare is not None:
             prepare(run)
         problem, path = None, None if log is None else str(log)
@@ -100,7 +101,17 @@ def attempt_job(
             raise
         if writer is not None:
             writer.result(result.to_json())
+        told.append(result)
         return result, problem
+
+
+def _level(rig: Rig, told: list[NavigationResult]) -> None:
+    """Level the plate; where not even that goes, what had happened until then is not lost with it."""
+    try:
+        rig.level()
+    except RigError as error:
+        error.result = told[-1] if told and not told[-1].success else None
+        raise
 
 
 class Run:

@@ -8,6 +8,7 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan.data.runlog import read_log
+from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
@@ -80,6 +81,22 @@ def test_a_ball_that_is_unseen_for_too_long_ends_the_run_with_a_level_plate(tmp_
 def test_one_that_comes_back_in_time_does_not():
     result = run_job(Told(unseen_s=1.0, hides=12, back=40), SETUP, Job(1, 5, 0.3))
     assert result.success
+
+
+def test_what_happened_is_told_though_the_plate_cannot_be_levelled():
+    class Dead(Told):
+        def observe(self):
+            if self.k == 10:
+                raise RigError("the cable is out")
+            return super().observe()
+
+        def level(self):
+            raise RigError("no answer")
+
+    with pytest.raises(RigError, match="no answer") as caught:
+        run_job(Dead(), SETUP, Job(1, 5, 0.3))
+    assert caught.value.result.reason == "rig_failed"
+    assert "the cable is out" in caught.value.result.failures[-1].detail
 
 
 def test_without_a_limit_the_tree_decides():
