@@ -54,7 +54,9 @@ class Overhead:
         self.maze, self.camera, self.look = maze, camera, look or Look()
         self.markers = corner_markers(maze) if markers is None else markers
         self._times = 2 if self.look.sharp else 1
-        self._outlines = [outline for wall in maze.walls for outline in outlines(wall)]
+        pieces = [outline for wall in maze.walls for outline in outlines(wall)]
+        self._corners = np.concatenate(pieces)  # all at once, as calls for each piece take longer than the drawing
+        self._ends = np.cumsum([len(piece) for piece in pieces])[:-1]
         places = [abs(value) + 0.5 * self.markers.size for at in self.markers.places.values() for value in at[:2]]
         self._half = max([maze.walls[0].outer_radius, *places]) + 2.0 * MARGIN
         self._bend = self._lens()
@@ -88,8 +90,8 @@ class Overhead:
         for number in self.markers.places:
             self._marker(floor, number)
         solid = np.zeros((side, side), np.uint8)
-        corners = [np.round(self._floor_px(o) * (1 << SHIFT)).astype(np.int32) for o in self._outlines]
-        cv2.fillPoly(solid, corners, 255, cv2.LINE_AA, SHIFT)
+        corners = np.round(self._floor_px(self._corners) * (1 << SHIFT)).astype(np.int32)
+        cv2.fillPoly(solid, np.split(corners, self._ends), 255, cv2.LINE_AA, SHIFT)
         near = cv2.GaussianBlur(solid, (0, 0), 0.004 * FLOOR_PX).astype(np.float32) / 255.0
         floor *= (1.0 - 0.22 * near)[..., None]  # corners get less of the room's light
         self._solid, self._floor = solid, floor.astype(np.uint8)
@@ -219,7 +221,7 @@ class Overhead:
     def _level(self, canvas: np.ndarray, camera: Array, z: float, colour: tuple[float, ...], line: int) -> None:
         plane = camera[:, [0, 1, 3]].copy()
         plane[:, 2] += z * camera[:, 2]
-        cv2.fillPoly(canvas, [_fixed(plane, outline) for outline in self._outlines], colour, line, SHIFT)
+        cv2.fillPoly(canvas, np.split(_fixed(plane, self._corners), self._ends), colour, line, SHIFT)
 
     def _ball(self, canvas: np.ndarray, camera: Array, ball: Array, eye: Array, lamp: Array) -> None:
         """A sphere: its outline is a circle across the line of sight, a little nearer than its centre."""
@@ -263,10 +265,9 @@ class Overhead:
         picture = cv2.remap(canvas, *self._bend, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         if look.blur > 0.0:
             picture = cv2.GaussianBlur(picture, (0, 0), look.blur)
-        out = picture.astype(np.float32)
         light = look.exposure * max(0.0, 1.0 + look.flicker * rng.standard_normal())
         across = light * (1.0 + look.slope * np.linspace(-0.5, 0.5, width, dtype=np.float32))
-        out *= across[None, :, None]
+        out = picture * across[None, :, None]
         for x, y, radius, strength in look.veils:
             square = (np.arange(width, dtype=np.float32) - x) ** 2 + (
                 np.arange(height, dtype=np.float32)[:, None] - y
@@ -274,10 +275,11 @@ class Overhead:
             out += (255.0 * strength) / (1.0 + (square / radius**2) ** 3)[..., None]
         start = int(rng.integers(len(self._noise) - out.size + 1))
         out += self._noise[start : start + out.size].reshape(out.shape)
-        return np.clip(out + 0.5, 0, 255).astype(np.uint8)
+        out += 0.5
+        return np.clip(out, 0, 255, out=out).astype(np.uint8)
 
 
-def _fixed(plane: Array, outline: Array) -> np.ndarray:
-    """An outline (N, 2), m, of a plane as pixels of the picture, in whole parts of 1 / 2**SHIFT."""
-    at = outline @ plane[:, :2].T + plane[:, 2]
+def _fixed(plane: Array, points: Array) -> np.ndarray:
+    """Points (N, 2), m, of a plane as pixels of the picture, in whole parts of 1 / 2**SHIFT."""
+    at = points @ plane[:, :2].T + plane[:, 2]
     return np.round(at[:, :2] / at[:, 2:] * (1 << SHIFT)).astype(np.int32)
