@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate test check unit bench constraints wheel emulator clean
+.PHONY: help navigate test check unit coverage compiled bench constraints wheel emulator clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
@@ -16,7 +16,8 @@ help:
 	@echo "make navigate [ARGS='--rig ideal']  the main job: the ball goes from ring 1 to ring 5"
 	@echo "make test                           check, then unit"
 	@echo "make check                          formatting, lint, types, import contracts"
-	@echo "make unit [ARGS='-k map']           the tests, with coverage"
+	@echo "make unit [ARGS='-k map']           the tests"
+	@echo "make coverage                       the tests, and the lines they reach: 85 % or more"
 	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
 	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
 	@echo "make wheel                          dist/*.whl"
@@ -46,7 +47,7 @@ $(VENV)/installed-dev: $(VENV)/installed
 navigate: $(VENV)/installed
 	$(BIN)/mazeplan navigate --from ring1 --to ring5 $(ARGS)
 
-test: check unit
+test: compiled check unit
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check .
@@ -54,13 +55,23 @@ check: $(VENV)/installed-dev
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
-# one BLAS thread a worker: more of them fight over the same cores; what goes by the clock on the wall comes alone (5: none
-# of them was asked for)
+# one BLAS thread a worker: more of them fight over the same cores
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+
+# what goes by the clock on the wall comes alone (5: none of them was asked for)
 unit: $(VENV)/installed-dev
 	@$(MAKE) --no-print-directory emulator || echo "without them the tests of the board are skipped"
+	$(PYTEST) -n $(JOBS) -m 'not realtime' $(ARGS)
+	$(PYTEST) -m realtime $(ARGS) || [ $$? -eq 5 ]
+
+# apart, as counting lines makes the tests half as long again
+coverage: $(VENV)/installed-dev
 	rm -f .coverage .coverage.*
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) -m 'not realtime' --cov --cov-report=term --cov-fail-under=85 $(ARGS)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m realtime $(ARGS) || [ $$? -eq 5 ]
+	$(PYTEST) -n $(JOBS) -m 'not realtime' --cov --cov-report=term --cov-fail-under=85 $(ARGS)
+
+# Numba's share, two minutes on one core the first time, beside the checks, which need the other
+compiled: $(VENV)/installed-dev
+	@(for rig in toy ideal; do OMP_NUM_THREADS=1 $(BIN)/mazeplan navigate --rig $$rig; done > /dev/null 2>&1 &)
 
 bench: $(VENV)/installed
 	OMP_NUM_THREADS=1 $(BIN)/python tools/bench.py $(ARGS)

@@ -23,6 +23,7 @@ from emulated_chip import NEEDED
 
 from mazeplan.errors import RigError
 from mazeplan.maze.mapfile import load_map
+from mazeplan.navigate import navigate
 from mazeplan.rigs.hardware import walk
 from mazeplan.rigs.hardware.chip import built
 from mazeplan.rigs.hardware.emulated import EmulatedRig
@@ -67,6 +68,16 @@ def test_the_ball_is_driven_through_the_whole_chain(tmp_path, monkeypatch, capsy
     assert result["rig"] == "emulated"
     code, out, _ = call(monkeypatch, capsys, "log", "replay", "run.mcap")
     assert code == 0, out
+
+
+def test_it_arrives_from_ring_1_with_each_of_five_seeds():
+    rig = make_rig("emulated", MAZE)
+    try:
+        results = [navigate("ring1", "ring5", rig=rig, model="toy", seed=seed) for seed in range(5)]
+    finally:
+        rig.close()
+    assert [(result.reason, result.failures) for result in results if not result.success] == []
+    assert all([leg.ring for leg in result.rings][-1] == 5 for result in results)
 
 
 def test_the_walk_through_the_parts_and_what_it_measures(tmp_path, monkeypatch):
