@@ -16,3 +16,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent in WHOLE:
             item.add_marker("no_cover")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """One run on the toy in which the deadline ended searches: its log, and its result."""
+    from replayed import HURRIED
+
+    from mazeplan.navigate import navigate
+
+    path = tmp_path_factory.mktemp("replay") / "run.mcap"
+    result = navigate(3, 5, rig="toy", settings=HURRIED, log=path, seed=4)
+    return path, result

@@ -56,7 +56,7 @@ def exact(gp, states):
     return gp.mean(x), through_inputs("state", k, gp.gradient(x))
 
 
-def agree(gp, states):
+def assert_agreement(gp, states):
     """Mean within 1e-6 rad/s^2, derivatives within 1e-6 of the largest of their column (and of 1)."""
     mean, by_state = evaluate(pack(gp), states)
     wanted, slopes = exact(gp, states)
@@ -80,7 +80,7 @@ def test_mean_and_derivatives_are_those_of_the_process(n):
     rng = np.random.default_rng(n)
     gp = process(drawn(rng, n))
     assert np.abs(exact(gp, drawn(rng, 50))[0]).max() > 1e-3  # something to compare
-    agree(gp, drawn(rng, 200, turns=9.0))
+    assert_agreement(gp, drawn(rng, 200, turns=9.0))
 
 
 @pytest.mark.parametrize("theta", [0.05, 0.1, 0.3, 1.0, 5.0])
@@ -88,9 +88,9 @@ def test_at_any_length_scale_in_theta(theta):
     rng = np.random.default_rng(5)
     rows = drawn(rng, 500)
     gp = process(rows, scales(theta))
-    agree(gp, drawn(rng, 200, turns=5.0))
-    agree(gp, rows[:50])  # at its own rows
-    agree(gp, rows[:50] + 0.3 * theta * THETA)
+    assert_agreement(gp, drawn(rng, 200, turns=5.0))
+    assert_agreement(gp, rows[:50])  # at its own rows
+    assert_agreement(gp, rows[:50] + 0.3 * theta * THETA)
 
 
 def test_at_different_length_scales_of_sine_and_cosine():
@@ -98,7 +98,7 @@ def test_at_different_length_scales_of_sine_and_cosine():
     for pair in ((0.05, 5.0), (5.0, 0.05), (0.1, 0.4)):
         lengths = SCALES.copy()
         lengths[3:5] = pair
-        agree(process(drawn(rng, 400), lengths), drawn(rng, 200))
+        assert_agreement(process(drawn(rng, 400), lengths), drawn(rng, 200))
 
 
 def test_edges_of_bins_belong_to_one_of_both():
@@ -110,7 +110,7 @@ def test_edges_of_bins_belong_to_one_of_both():
     for shift in (-1e-12, 0.0, 1e-12, 1e-3, -1e-3, 4.0 * math.pi):
         states = drawn(rng, BINS + 1)
         states[:, 0] = edges + shift
-        agree(gp, states)
+        assert_agreement(gp, states)
 
 
 def test_whole_turns_change_nothing():
@@ -133,7 +133,7 @@ def test_far_from_all_rows_nothing_is_left():
         assert np.abs(mean).max() < 1e-9
         assert np.isfinite(by_state).all()
         assert np.abs(by_state[:, 1:]).max() < 1e-9
-    agree(gp, 8.0 * drawn(rng, 200))
+    assert_agreement(gp, 8.0 * drawn(rng, 200))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -163,7 +163,7 @@ def test_many_clusters_are_joined_into_few_ranges_without_losing_a_row():
     counts = packed[TABLE:HEAD:SIZE]
     assert counts.max() <= RANGES
     assert counts.max() > 1
-    agree(gp, drawn(rng, 400, turns=3.0))
+    assert_agreement(gp, drawn(rng, 400, turns=3.0))
 
 
 def test_more_ranges_than_there_is_room_for():
@@ -295,7 +295,7 @@ def test_a_kernel_that_does_not_look_at_all_inputs(columns):
     x, y = inputs(kinematics(states)), np.sin(3.0 * states[:, 0]) + states[:, 1] + 9.0 * states[:, 2]
     hyper = Hyperparameters((Term(columns, SCALES[list(columns)], 2.0),), 0.3, np.zeros(0))
     gp = GaussianProcess.condition(hyper, x, np.zeros((len(x), 0)), y)
-    agree(gp, drawn(rng, 200))
+    assert_agreement(gp, drawn(rng, 200))
     packed, gap = pack(gp), np.empty(D)
     for state in drawn(rng, 20):
         exact_one = nearest_variance(gp, inputs(kinematics(state[None])), rows=1)[0]

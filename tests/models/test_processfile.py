@@ -39,7 +39,7 @@ def folder(tmp_path):
     return tmp_path / "m"
 
 
-def refused(folder, key, *said, line_of=None):
+def assert_refused(folder, key, *said, line_of=None):
     """Loading fails with one line that names file, line and key."""
     with pytest.raises(ModelError) as error:
         load_model(folder)
@@ -133,7 +133,7 @@ def test_a_file_without_columns_is_of_a_kernel_that_looks_at_all(folder):
 )
 def test_columns_that_are_none_are_refused(folder, columns):
     put(folder, saved(**{**arrays(folder), "columns": columns}))
-    refused(folder, "processes.1", "columns", "expected some of 0 to 8")
+    assert_refused(folder, "processes.1", "columns", "expected some of 0 to 8")
 
 
 def test_saving_again_what_was_loaded_changes_nothing(folder, tmp_path):
@@ -203,22 +203,22 @@ def test_hyperparameters_changed_by_hand_are_refused(folder, old, new, key):
 
 def test_a_newer_format_is_refused_with_the_reason(folder):
     edit(folder, "format: 1", "format: 2")
-    refused(folder, "format", "got 2, expected 1; it was written by a newer version of mazeplan")
+    assert_refused(folder, "format", "got 2, expected 1; it was written by a newer version of mazeplan")
 
 
 @pytest.mark.parametrize("kind", ["np", "sp"])
 def test_kinds_that_need_processes(tmp_path, kind):
     save_model(replace(MODEL, kind="pi", processes={}), tmp_path)
     edit(tmp_path, "kind: pi", f"kind: {kind}")
-    refused(tmp_path, "kind", f"kind {kind} needs processes")
+    assert_refused(tmp_path, "kind", f"kind {kind} needs processes")
     edit(tmp_path, "data:", "processes: {}\ndata:")
-    refused(tmp_path, "kind", f"kind {kind} needs processes")
+    assert_refused(tmp_path, "kind", f"kind {kind} needs processes")
 
 
 @pytest.mark.parametrize("kind", ["p", "pi"])
 def test_kinds_that_have_none(folder, kind):
     edit(folder, "kind: sp", f"kind: {kind}")
-    refused(folder, "processes", f"kind {kind} has no processes")
+    assert_refused(folder, "processes", f"kind {kind} has no processes")
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_entries_that_lead_nowhere(folder, entry, key, said):
     entry = entry.replace("SHA", hashlib.sha256((folder / "ring1.npz").read_bytes()).hexdigest())
     begin, end = text.index("processes:"), text.index("data:")
     path.write_text(text[:begin] + f"processes: {entry}\n" + text[end:])
-    refused(folder, key, said, line_of="processes")
+    assert_refused(folder, key, said, line_of="processes")
 
 
 @pytest.mark.parametrize("name", ["../x.npz", "/etc/passwd", "sub/x.npz", "ring1.txt", "..", ".npz", "a/../ring1.npz"])
@@ -250,12 +250,12 @@ def test_files_elsewhere_are_not_read(folder, name):
     (folder / "sub").mkdir()
     (folder / "sub" / "x.npz").write_bytes((folder / "ring1.npz").read_bytes())
     edit(folder, "file: ring1.npz", f"file: {name}")
-    refused(folder, "processes.1", f"file: got '{name}', expected the name of an .npz file", line_of="1:")
+    assert_refused(folder, "processes.1", f"file: got '{name}', expected the name of an .npz file", line_of="1:")
 
 
 def test_a_ring_that_is_none(folder):
     edit(folder, "processes:\n  1:", "processes:\n  one:")
-    refused(folder, "processes.one", "got 'one', expected a ring number")
+    assert_refused(folder, "processes.one", "got 'one', expected a ring number")
 
 
 # --- arrays that are not what they should be ---
@@ -263,13 +263,13 @@ def test_a_ring_that_is_none(folder):
 
 def test_a_missing_file(folder):
     (folder / "ring2.npz").unlink()
-    refused(folder, "processes.2", "ring2.npz cannot be read: No such file", line_of="2:")
+    assert_refused(folder, "processes.2", "ring2.npz cannot be read: No such file", line_of="2:")
 
 
 def test_a_folder_in_place_of_the_file(folder):
     (folder / "ring1.npz").unlink()
     (folder / "ring1.npz").mkdir()
-    refused(folder, "processes.1", "cannot be read", line_of="1:")
+    assert_refused(folder, "processes.1", "cannot be read", line_of="1:")
 
 
 @pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
@@ -278,13 +278,13 @@ def test_one_byte_altered(folder, place):
     content = bytearray(path.read_bytes())
     content[int(place * len(content))] ^= 1
     path.write_bytes(content)
-    refused(folder, "processes.1", "its sha256 differs", line_of="1:")
+    assert_refused(folder, "processes.1", "its sha256 differs", line_of="1:")
 
 
 @pytest.mark.parametrize("left", [0, 1, 3, 30, 200, -1, -30, -300])
 def test_truncated(folder, left):
     put(folder, (folder / "ring1.npz").read_bytes()[:left])
-    refused(folder, "processes.1", "ring1.npz", line_of="1:")
+    assert_refused(folder, "processes.1", "ring1.npz", line_of="1:")
 
 
 def test_damaged_anywhere_it_is_refused_or_still_whole(folder):
@@ -342,7 +342,7 @@ def test_damaged_anywhere_it_is_refused_or_still_whole(folder):
 )
 def test_other_arrays_than_expected(folder, change, said):
     put(folder, saved(**{**arrays(folder), **change}))
-    refused(folder, "processes.1", said, line_of="1:")
+    assert_refused(folder, "processes.1", said, line_of="1:")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -350,14 +350,14 @@ def test_an_array_that_is_missing(folder, name):
     held = arrays(folder)
     del held[name]
     put(folder, saved(**held))
-    refused(folder, "processes.1", f"ring1.npz is no such file of arrays: it lacks {name}", line_of="1:")
+    assert_refused(folder, "processes.1", f"ring1.npz is no such file of arrays: it lacks {name}", line_of="1:")
 
 
 def test_an_array_on_its_own_is_no_archive(folder):
     stream = io.BytesIO()
     np.save(stream, np.zeros(3))
     put(folder, stream.getvalue())
-    refused(folder, "processes.1", "ring1.npz is no such file of arrays", line_of="1:")
+    assert_refused(folder, "processes.1", "ring1.npz is no such file of arrays", line_of="1:")
 
 
 # --- nothing is executed, nothing is unpacked without limit ---
@@ -379,7 +379,7 @@ def test_a_pickle_among_the_arrays_is_not_executed(folder, tmp_path, name):
     stream = io.BytesIO()
     np.savez(stream, **{**arrays(folder), name: trap})  # pyright: ignore[reportArgumentType]
     put(folder, stream.getvalue())
-    refused(folder, "processes.1", line_of="1:")
+    assert_refused(folder, "processes.1", line_of="1:")
     assert not (tmp_path / "mark").exists()
     with np.load(folder / "ring1.npz", allow_pickle=True) as held:
         held[name]
@@ -388,7 +388,7 @@ def test_a_pickle_among_the_arrays_is_not_executed(folder, tmp_path, name):
 
 def test_a_pickle_in_place_of_the_archive_is_not_executed(folder, tmp_path):
     put(folder, pickle.dumps(Trap(tmp_path / "mark")))
-    refused(folder, "processes.1", line_of="1:")
+    assert_refused(folder, "processes.1", line_of="1:")
     assert not (tmp_path / "mark").exists()
     pickle.loads((folder / "ring1.npz").read_bytes())
     assert (tmp_path / "mark").exists()
@@ -406,7 +406,7 @@ def test_a_small_file_that_unpacks_to_a_large_one_is_refused(folder):
     content = zipped({"inputs.npy": bytes(MOST_BYTES // 2 + 1), "alpha.npy": bytes(MOST_BYTES // 2 + 1)})
     assert len(content) < 200_000
     put(folder, content)
-    refused(
+    assert_refused(
         folder,
         "processes.1",
         f"ring1.npz is no such file of arrays: it unpacks to more than {MOST_BYTES} bytes",
@@ -426,9 +426,9 @@ def header(shape, dtype="<f8"):
 def test_an_array_that_claims_to_be_huge_is_not_made(folder, shape):
     members = {f"{name}.npy": header("()") for name in NAMES} | {"inputs.npy": header(shape)}
     put(folder, zipped(members))
-    refused(folder, "processes.1", "ring1.npz", line_of="1:")
+    assert_refused(folder, "processes.1", "ring1.npz", line_of="1:")
 
 
 def test_a_file_too_large_is_not_read(folder, monkeypatch):
     monkeypatch.setattr("mazeplan.models.processfile.MOST_BYTES", 1000)
-    refused(folder, "processes.1", "ring1.npz is larger than 1000 bytes", line_of="1:")
+    assert_refused(folder, "processes.1", "ring1.npz is larger than 1000 bytes", line_of="1:")

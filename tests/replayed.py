@@ -1,0 +1,52 @@
+"""Recorded runs to be replayed, and logs of which something was changed."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+from planar_rig import PATIENT, PlanarRig, known
+
+from mazeplan.data.runlog import RunLogWriter
+from mazeplan.data.runlog_reader import read_messages
+from mazeplan.job import Job, Setup
+from mazeplan.maze.mapfile import load_map
+from mazeplan.replay import replay
+from mazeplan.run import run_job
+from mazeplan.settings import load_settings
+
+MAZE = load_map("cme")
+HURRIED = load_settings().with_values({"travel": {"deadline_ms": 0.5}})  # searches end early, by the clock on the wall
+
+
+def planar(path, start=3, goal=5, theta=0.3, mishap=None, limit=20.0, settings=PATIENT, **more):
+    """A run on the planar rig; its model is known to nobody but the test."""
+    setup = Setup(MAZE, known(MAZE), rig_name="planar", settings=settings, **more)
+    return run_job(PlanarRig(MAZE, mishap=mishap), setup, Job(start, goal, theta, 0, limit), log=path)
+
+
+def again(path):
+    return replay(path, model=known(MAZE))
+
+
+def rewritten(path, change, name="other.mcap"):
+    """A log with its header and messages changed by `change(header, messages)`."""
+    header, messages, _ = read_messages(path)
+    header, messages = deepcopy(header), deepcopy([m for m in messages if m[0] != "/header"])
+    change(header, messages)
+    other = path.with_name(name)
+    with RunLogWriter(other, header) as log:
+        for topic, document in messages:
+            log._add(topic, 0.0, document)
+    return other
+
+
+def tick(messages, number):
+    return [document for topic, document in messages if topic == "/tick"][number]
+
+
+def of(messages, topic, number=0):
+    return [i for i, (t, _) in enumerate(messages) if t == topic][number]
+
+
+def other_end(header, messages):
+    messages[of(messages, "/result")][1]["reason"] = "stuck"
