@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.cli.arguments import check_folder
 from mazeplan.cli.calibrate_camera import camera
 from mazeplan.cli.output import print_json, say
+from mazeplan.errors import SettingsError
 
 if TYPE_CHECKING:
     from mazeplan.rigs.hardware.tiltcalibration import Reading, TiltFit
@@ -37,12 +39,15 @@ def tilt(
 ) -> None:
     """The tilt sensor, and where pulses are known the servos, from what a clinometer says.
 
-    Exit status 1: fitted, but worse than 0.1 degrees."""
+    Exit status 1: fitted, but worse than 0.1 degrees; the rig's file stays as it is."""
     from mazeplan.rigs.hardware.files import hardware_file
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings, write_readings
 
     file = hardware_file(rig)
-    taken = read_readings(readings) if readings is not None else _ask_at_board(file.settings, map_, grid)
+    if keep is not None:
+        check_folder("--keep", keep.absolute().parent)
+        write_readings(keep, [])  # before anything is asked
+    taken = read_readings(readings) if readings is not None else _ask_at_board(file.settings, map_, grid, keep)
     if keep is not None:
         write_readings(keep, taken)
     fit = fit_tilt(taken)
@@ -50,9 +55,14 @@ def tilt(
     servo = _servo(fit, file.data.get("servo"))
     if servo is not None:
         sections["servo"] = servo
-    written = None if dry_run else file.write(sections)
+    good = fit.error_deg <= WANTED_DEG
+    try:
+        written = None if dry_run or not good else file.write(sections)
+    except SettingsError as problem:
+        _report(fit, str(readings or "reading"), as_json, None)
+        raise problem
     _report(fit, str(readings or "reading"), as_json, None if written is None else str(written))
-    sys.exit(0 if fit.error_deg <= WANTED_DEG else 1)
+    sys.exit(0 if good else 1)
 
 
 def today() -> str:
@@ -72,10 +82,11 @@ def _servo(fit: TiltFit, given: Any) -> dict[str, Any] | None:
     return old
 
 
-def _ask_at_board(settings: Any, map_: str, count: int) -> list[Reading]:
-    """Move the plate from tilt to tilt, and ask."""
+def _ask_at_board(settings: Any, map_: str, count: int, keep: Path | None) -> list[Reading]:
+    """Move the plate from tilt to tilt, and ask; what is said is kept at once."""
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.hardware.parts import open_board
+    from mazeplan.rigs.hardware.tiltcalibration import write_readings
     from mazeplan.rigs.hardware.tiltreadings import grid, take_readings
 
     pulses = grid(settings.servo, math.degrees(load_map(map_).tilt_limit), count)
@@ -98,7 +109,7 @@ def _ask_at_board(settings: Any, map_: str, count: int) -> list[Reading]:
             say("expected two finite numbers")
 
     try:
-        return take_readings(board, pulses, ask)
+        return take_readings(board, pulses, ask, lambda taken: None if keep is None else write_readings(keep, taken))
     finally:
         board.close()
 
@@ -137,5 +148,6 @@ def _report(fit: TiltFit, place: str, as_json: bool, written: str | None) -> Non
         print(f"{at}: {slip.axis}: got {slip.got:g}, the others say {slip.expected:.2f}: it took no part")
     if fit.error_deg > WANTED_DEG:
         say(f"error {fit.error_deg:.2f} deg, expected at most {WANTED_DEG}: take more readings, over the whole range")
+        say("the rig's file stays as it is")
     if written is not None:
         say(f"wrote {'tilt and servo' if servos else 'tilt'} to {written}")

@@ -70,6 +70,56 @@ def test_a_fit_that_is_not_good_enough_is_status_1_and_says_what_to_do(desk, mon
     code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", "--readings", "r.csv")
     assert code == 1
     assert "expected at most 0.1: take more readings, over the whole range" in err
+    assert Path("hardware.yaml").read_text() == RIG
+
+
+@pytest.mark.parametrize(
+    ("pulses", "said"),
+    [
+        ("constant", "servo.beta: what was found cannot be: us_per_deg: expected at least 1 us per degree"),
+        ("tenths", "servo.beta.level_us: what was found cannot be: got 151"),
+    ],
+)
+def test_what_could_not_be_read_again_is_not_written(desk, monkeypatch, capsys, pulses, said):
+    """A servo that does not move the plate; pulses in another unit."""
+    table(desk / "r.csv")
+    lines = [line.split(",") for line in (desk / "r.csv").read_text().splitlines()]
+    for cells in lines[1:]:
+        cells[4] = "1510.0" if pulses == "constant" else str(10.0 * float(cells[4]))
+    (desk / "r.csv").write_text("\n".join(",".join(cells) for cells in lines) + "\n")
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", "--readings", "r.csv")
+    assert code == 2
+    assert said in err.splitlines()[-1]
+    assert err.splitlines()[-1].endswith("the file stays as it is")
+    assert Path("hardware.yaml").read_text() == RIG
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        (0, 1000.0, "r.csv:2: v0: got "),
+        (2, 60.0, "r.csv:2: beta_deg: got "),
+        (2, 0.0174, "beta_deg: got -0.1 to 0.1 deg, expected readings over 1 deg at least; are they degrees?"),
+    ],
+)
+def test_readings_in_other_units_are_refused(desk, monkeypatch, capsys, column, factor, said):
+    table(desk / "r.csv")
+    lines = [line.split(",") for line in (desk / "r.csv").read_text().splitlines()]
+    for cells in lines[1:]:
+        cells[column] = f"{factor * float(cells[column]):.1f}"
+    (desk / "r.csv").write_text("\n".join(",".join(cells) for cells in lines) + "\n")
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", "--readings", "r.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    assert said in err
+    assert Path("hardware.yaml").read_text() == RIG
+
+
+def test_where_readings_cannot_be_kept_nobody_is_asked(desk, board, monkeypatch, capsys):
+    monkeypatch.setattr("typer.prompt", lambda text, **more: pytest.fail("it asked"))
+    (desk / "file").write_text("")
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", "--keep", "file/kept.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--keep: got " in err
 
 
 @pytest.mark.parametrize(
@@ -153,10 +203,13 @@ def test_a_board_that_is_lost_and_a_person_who_gives_up_leave_a_level_plate(desk
     board.lost = False
 
     def interrupted(text, **more):
-        raise KeyboardInterrupt
+        if text.startswith("3"):
+            raise KeyboardInterrupt
+        return "0.5 0.5"
 
     monkeypatch.setattr("typer.prompt", interrupted)
-    code, _, _ = call(monkeypatch, capsys, "calibrate", "tilt")
+    code, _, _ = call(monkeypatch, capsys, "calibrate", "tilt", "--keep", "kept/r.csv")
     assert code == 130
+    assert len(Path("kept/r.csv").read_text().splitlines()) == 3  # a header, and what was said until then
     assert (board.levelled >= 1, board.closed) == (True, 2)
     assert Path("hardware.yaml").read_text() == RIG

@@ -31,7 +31,13 @@ class RigFile:
         return self.target == self.path or self.path.stem == HARDWARE
 
     def write(self, sections: Mapping[str, Any], target: Path | None = None) -> Path:
-        """Put sections in the place of those of their names; the file that was written. Raises SettingsError."""
+        """Put sections in the place of those of their names; the file that was written. Raises SettingsError, the file
+        being as it was, where they could not be read again."""
+        try:
+            check_section(type(self.settings), {**self.data, **sections})
+        except SettingsError as problem:
+            found = f"what was found cannot be: {problem.problem}; the file stays as it is"
+            raise SettingsError(found, file=target or self.target, key=problem.key) from None
         write_sections(target or self.target, sections, base=self.path)
         return target or self.target
 

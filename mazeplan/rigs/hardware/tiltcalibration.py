@@ -30,6 +30,8 @@ SETS: tuple[tuple[str, ...], ...] = (
 COLUMNS = ("v0", "v1", "beta_deg", "gamma_deg")
 PULSES = ("pulse_beta_us", "pulse_gamma_us")
 LEAST = 8  # readings
+LEAST_RANGE = 1.0  # deg that they span
+VOLTS, DEGREES = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees")  # that a reading may have
 ENOUGH = 1.05  # a larger set must predict better by more than this factor
 CLINOMETER = 0.1  # deg, its last digit
 GROSS, FINE = 5.0, 4.5  # sigmas beyond which a reading is a slip, in the first and in the second step
@@ -130,17 +132,25 @@ def _reading(header: list[str], row: list[str], path: Path, line: int) -> Readin
         return value
 
     v0, v1, beta, gamma = (number(name) for name in COLUMNS)
+    for name, value in zip(COLUMNS, (v0, v1, beta, gamma), strict=True):
+        low, high, unit = VOLTS if name in COLUMNS[:2] else DEGREES
+        if not low <= value <= high:
+            raise TableError(f"got {value:g}, expected {low:g} to {high:g} {unit}", file=path, line=line, key=name)
     pulses = (number(PULSES[0]), number(PULSES[1])) if all(cells.get(name, "").strip() for name in PULSES) else None
     return Reading((v0, v1), beta, gamma, line, pulses)
 
 
 def write_readings(path: Path, readings: Sequence[Reading]) -> None:
-    """The table that `read_readings` reads."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        rows = csv.writer(stream)
-        rows.writerow((*COLUMNS, *PULSES))
-        for r in readings:
-            rows.writerow([f"{v:.5f}" for v in r.v] + [r.beta_deg, r.gamma_deg, *(r.pulses or ("", ""))])
+    """The table that `read_readings` reads; its folder is made. Raises TableError when it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            rows = csv.writer(stream)
+            rows.writerow((*COLUMNS, *PULSES))
+            for r in readings:
+                rows.writerow([f"{v:.5f}" for v in r.v] + [r.beta_deg, r.gamma_deg, *(r.pulses or ("", ""))])
+    except OSError as problem:
+        raise TableError(f"cannot be written: {problem.strerror}", file=path) from None
 
 
 def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
@@ -156,6 +166,11 @@ def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
     fits, outliers = {}, []
     for axis in ("beta", "gamma"):
         y = np.array([getattr(r, f"{axis}_deg") for r in readings])
+        if np.ptp(y) < LEAST_RANGE:
+            got = f"got {y.min():g} to {y.max():g} deg"
+            raise InputError(
+                f"{axis}_deg: {got}, expected readings over {LEAST_RANGE:g} deg at least; are they degrees?"
+            )
         fit, good, said = _fit_axis(v, y, centre, scale, np.random.default_rng(seed))
         fits[axis] = fit
         outliers += [

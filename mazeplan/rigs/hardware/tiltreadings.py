@@ -70,10 +70,13 @@ def held(board: Board, pulses: tuple[float, float]) -> Iterator[Held]:
         board.level()
 
 
-def take_readings(board: Board, pulses: list[tuple[float, float]], ask: Ask) -> list[Reading]:
+def take_readings(
+    board: Board, pulses: list[tuple[float, float]], ask: Ask, keep: Callable[[list[Reading]], None] | None = None
+) -> list[Reading]:
     """A reading at each of the pulses; ask(number from 1, pulses) gives what the clinometer says in degrees, beta and
-    gamma, or None to leave it out. Raises RigError when the board is gone."""
-    readings = []
+    gamma, or None to leave it out; keep: called with all that there is whenever there is one more. Raises RigError when
+    the board is gone."""
+    readings: list[Reading] = []
     with held(board, pulses[0]) as holding:
         for number, pair in enumerate(pulses, start=1):
             holding.pulses = pair
@@ -86,4 +89,6 @@ def take_readings(board: Board, pulses: list[tuple[float, float]], ask: Ask) -> 
             if said is not None:
                 first, second = np.mean(latest, axis=0)
                 readings.append(Reading((float(first), float(second)), *said, number, pair))
+                if keep is not None:
+                    keep(readings)
     return readings

@@ -126,6 +126,7 @@ def test_it_is_a_rig_and_is_watched():
     assert (late.latency.camera_s, late.latency.command_s) == (0.05, pytest.approx(0.023))
 
 
+@pytest.mark.realtime
 def test_a_sample_is_a_picture_and_one_that_does_not_come_is_a_sample_without_a_ball(table):
     rig, parts = table(gaps=range(12, 24))
     samples = [rig.observe() for _ in range(40)]
