@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
@@ -110,8 +111,12 @@ class HardwareRig:
         """Until a ball rests in the ring."""
         channel, until = self.maze.ring(ring), monotonic() + self.settings.place_s
         rested: list[tuple[float, float, float]] = []
+        due, found, without = 0, 0, Counter[str]()
         while monotonic() < until:
             seen = self._sample()
+            due, found = due + 1, found + seen.seen
+            if not seen.seen:
+                without["did not come" if self.sighting is None else str(self.sighting.why)] += 1
             at_rest = seen.seen and max(abs(seen.beta), abs(seen.gamma)) < math.radians(LEVEL_DEG)
             if at_rest and seen.x is not None and seen.y is not None:
                 r = math.hypot(seen.x, seen.y)
@@ -122,8 +127,10 @@ class HardwareRig:
                     return
             elif not seen.seen:
                 rested = []
+        why = "".join(f", {number} {word}" for word, number in without.most_common(2))
         raise RigError(
-            f"no ball rested in ring {ring} within {self.settings.place_s:g} s; is it lit, and in the picture?"
+            f"no ball rested in ring {ring} within {self.settings.place_s:g} s: of {due} pictures {found} showed one"
+            f"{why}; is it lit, and in the picture, and does this machine keep up?"
         )
 
     def close(self) -> None:
