@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from mazeplan.records import Array
-from mazeplan.rigs.camera.pinhole import CameraModel
+from mazeplan.rigs.camera.pinhole import CameraModel, sampled
 
 CELL = 40  # px of a square in the board's own picture
 
@@ -42,7 +42,7 @@ def draw_board(
     straight = cv2.undistortPoints(grid, camera.matrix, camera.distortion, P=camera.matrix, criteria=term)
     where = (2.0 * straight.reshape(height, width, 2) + 0.5).astype(np.float32)
     soft = cv2.GaussianBlur(canvas, (0, 0), 1.4)
-    picture = cv2.remap(soft, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    picture = sampled(soft, where, cv2.BORDER_REPLICATE)
     noisy = picture[..., None] + 2.5 * rng.standard_normal((height, width, 3))
     return np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
 

@@ -18,7 +18,7 @@ from mazeplan.errors import InputError
 from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Wall
 from mazeplan.records import Array
-from mazeplan.rigs.camera.pinhole import CameraModel, rotation
+from mazeplan.rigs.camera.pinhole import CameraModel, rotation, sampled
 
 REACHES = (10.0, 5.0, 3.0)  # px on either side in which an edge is looked for, round by round
 FITTING = 0.6  # share of all points whose edge must lie within a pixel of where it belongs
@@ -213,4 +213,4 @@ def _steps(gray: np.ndarray, here: Array, across: Array, reach: float) -> tuple[
 
 def _sample(gray: np.ndarray, pixels: Array) -> Array:
     where = np.resize(pixels.astype(np.float32), (math.ceil(len(pixels) / ROW), ROW, 2))  # OpenCV takes no long ones
-    return cv2.remap(gray, where, None, cv2.INTER_LINEAR).ravel()[: len(pixels)].astype(float)  # type: ignore[call-overload]
+    return sampled(gray, where).ravel()[: len(pixels)].astype(float)

@@ -14,7 +14,7 @@ import numpy as np
 from mazeplan.maze.drawing import wall_outlines
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
-from mazeplan.rigs.camera.pinhole import CameraModel
+from mazeplan.rigs.camera.pinhole import CameraModel, sampled
 
 PX = 2000.0  # pixels of floor per m
 CELL = 8  # px between points that are projected; between them the map is bent too little to matter
@@ -72,7 +72,7 @@ class Floor:
         cells = self.side // CELL
         coarse = camera.project(self._nodes, beta, gamma).astype(np.float32).reshape(cells, cells, 2)
         where = cv2.resize(coarse, (self.side, self.side), interpolation=cv2.INTER_LINEAR)
-        return cv2.remap(image, where, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+        return sampled(image, where)
 
     def visible(self, eye: Array) -> np.ndarray:
         """255 where the floor is seen from `eye` (3,) in the plate frame, 0 where a wall stands or hides it."""

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from mazeplan.records import Array
 from mazeplan.rigs.camera.floor import Floor
+from mazeplan.rigs.camera.pinhole import sampled
 
 RAYS = 72
 STEP = 0.00025  # m, between samples on a ray
@@ -99,9 +99,9 @@ class Outline:
         points = middle + (circle + self._offset)[None, :, None] * rays[:, None, :]
         on_floor = eye[:2] + (points[..., :2] - eye[:2]) * (eye[2] / (eye[2] - points[..., 2]))[..., None]
         where = self.floor.pixels(on_floor.reshape(-1, 2)).astype(np.float32).reshape(RAYS, -1, 2)
-        now = cv2.remap(seen, where, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
-        then = cv2.remap(empty, where, None, cv2.INTER_LINEAR).astype(np.float32)  # type: ignore[call-overload]
-        sure = cv2.remap(clear, where, None, cv2.INTER_LINEAR) > 250  # type: ignore[call-overload]
+        now = sampled(seen, where).astype(np.float32)
+        then = sampled(empty, where).astype(np.float32)
+        sure = sampled(clear, where) > 250
         off = now - then
         rise = (off[:, 2:] - off[:, :-2]).sum(axis=2)  # of light, outwards
         change = np.maximum(rise, 0.0) if self.darker else np.abs(rise)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -30,6 +30,12 @@ def rotation(vector: Sequence[float] | Array) -> Array:
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0], dtype=float)
 
 
+def sampled(image: np.ndarray, where: np.ndarray, border: int = cv2.BORDER_CONSTANT) -> np.ndarray:
+    """The image between its pixels, linearly, at places (..., 2) in float32: x, y."""
+    # both coordinates in one array, and no second one, is what OpenCV documents; its types do not know it
+    return cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=border)  # type: ignore[call-overload]
+
+
 @dataclass(frozen=True)
 class CameraModel:
     """matrix (3, 3); distortion (5,) k1 k2 p1 p2 k3; rotation (3, 3) and translation (3,) from the level plate frame to
@@ -40,11 +46,9 @@ class CameraModel:
     rotation: Array
     translation: Array
     size: tuple[int, int] = (640, 480)
-    pivot: Array = None  # type: ignore[assignment]
+    pivot: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        if self.pivot is None:
-            object.__setattr__(self, "pivot", np.zeros(3))
         for name, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("rotation", (3, 3)), ("translation", (3,))):
             value = np.asarray(getattr(self, name), dtype=float)
             if value.shape != shape or not np.isfinite(value).all():

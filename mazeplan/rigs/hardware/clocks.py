@@ -27,11 +27,19 @@ class Stamped(Protocol):
     when it was received, s on the host's clock."""
 
     @property
-    def t(self) -> float: ...  # noqa: D102
+    def t(self) -> float:
+        """Stamp, s."""
+        ...
+
     @property
-    def volts(self) -> tuple[float, float]: ...  # noqa: D102
+    def volts(self) -> tuple[float, float]:
+        """Of both channels, V."""
+        ...
+
     @property
-    def received_s(self) -> float: ...  # noqa: D102
+    def received_s(self) -> float:
+        """When it came, s."""
+        ...
 
 
 class BoardClock:
