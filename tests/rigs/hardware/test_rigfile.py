@@ -104,7 +104,7 @@ def test_a_file_that_cannot_be_read_is_not_written(tmp_path):
     file = hardware_file(str(path))
     path.write_text("a: [1\n")
     with pytest.raises(SettingsError, match="not valid YAML"):
-        file.write({"latency": {"camera_ms": 1.0}})
+        file.write({"latency": {"camera_ms": 1.0, "command_ms": 1.0}})
     assert path.read_text() == "a: [1\n"
 
 
