@@ -73,7 +73,7 @@ class EmulatedChip:
                     stderr=stderr,
                     text=True,
                     bufsize=1,
-                    start_new_session=True,  # Ctrl-C is for the program, which levels the plate first
+                    process_group=0,  # Ctrl-C is for the program, which levels the plate first
                 )
         except OSError as problem:
             self._folder.cleanup()

@@ -47,7 +47,7 @@ class Table:
                 text=True,
                 bufsize=1,
                 pass_fds=(file.fileno(),),
-                start_new_session=True,  # Ctrl-C is for the program, which levels the plate first
+                process_group=0,  # Ctrl-C is for the program, which levels the plate first
             )
         threading.Thread(target=self._listen, name="mazeplan table", daemon=True).start()
         self.order({"map": dump_map(maze), "world": settings.model_dump(mode="json")})

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import mmap
+import os
 import queue
 import sys
 import threading
@@ -39,6 +40,7 @@ from mazeplan.rigs.settings import SimulatedSettings, settings_from
 
 SLOTS = 8
 PICTURES_HZ = 30.0
+BEHIND = 10  # niceness of what draws: a camera takes no time from the program, nor from the board
 LATE_S = 0.2  # by which the world may lag behind the clock on the wall and still catch up
 Shot = tuple[float, Any, float, float]  # when it is exposed (host's clock), ball (3,) or None, beta, gamma
 
@@ -54,6 +56,7 @@ class Camera(threading.Thread):
 
     def run(self) -> None:
         """Until the end."""
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), BEHIND)
         number = 0
         while (shot := self.shots.get()) is not None:
             exposed, ball, beta, gamma = shot
