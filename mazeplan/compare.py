@@ -28,6 +28,7 @@ from mazeplan.models.fitting import FitOptions, fit_kind
 from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.learned import AccelerationModel
 from mazeplan.models.linear import fit_linear
+from mazeplan.models.residual_map import ResidualMap, residual_map
 from mazeplan.models.rollout import CHECKED, Rollout, Windows, choose_windows, roll_out, roll_out_delayed
 from mazeplan.models.samples import RingSamples, SampleOptions, joined, orientation, oriented, ring_samples
 from mazeplan.models.start import angle_noise, causal_start
@@ -110,6 +111,8 @@ class RingScores:
     rollout: dict[str, dict[str, float]]
     interval: dict[str, dict[str, tuple[float, float]]]
     curve: dict[str, list[tuple[int, float]]]
+    bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)  # of roll-outs, by the sample
+    residual: ResidualMap | None = None
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
@@ -129,6 +132,8 @@ class RingScores:
             "nrmse_train": rounded(self.nrmse_train), "nrmse_test": rounded(self.nrmse_test),
             "rollout": rounded(self.rollout), "interval95": rounded(self.interval),
             **({"curve": rounded(self.curve)} if self.curve else {}),
+            **({"bands": rounded(self.bands)} if self.bands else {}),
+            **({"residual": self.residual.document()} if self.residual else {}),
         }  # fmt: skip
 
 
@@ -280,7 +285,7 @@ def _score(
     rng = np.random.default_rng([options.seed, ring])
     windows = choose_windows(data.test, data.test_mask, openings)
     train_rows = data.train_rows[uniform_downsample(len(data.train_rows), options.fit.most)]
-    nrmse_train, nrmse_test, models = {}, {}, {}
+    nrmse_train, nrmse_test, models, left = {}, {}, {}, {}
     interval: dict[str, dict[str, tuple[float, float]]] = {"nrmse_test": {}, "20": {}, "40": {}}
     for kind in options.kinds:
         tell(kind)
@@ -292,13 +297,16 @@ def _score(
         pairs = np.stack([truth, predicted], axis=1)
         blocks = data.block[data.test_rows]
         interval["nrmse_test"][kind] = block_bootstrap(pairs, blocks, lambda p: nrmse(p[:, 0], p[:, 1]), rng)
+        left[kind] = truth - predicted
     misfit = MISFIT * float(np.std(data.train.theta_ddot[train_rows]))
     rollout: dict[str, dict[str, float]] = {}
+    bands: dict[str, dict[str, list[float]]] = {}
     for kind in ROLLED:
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
         done = _roll(kind, fitted.typical if fitted else None, data, windows, misfit, rates, train_rows, options)
         if done is not None:
             rollout[kind] = {str(n): done.after(n) for n in CHECKED}
+            bands[kind] = done.bands()
             for n in CHECKED:
                 blocks = data.block[windows.start]
                 interval[str(n)][kind] = block_bootstrap(done.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
@@ -318,6 +326,8 @@ def _score(
         rollout,
         interval,
         curve,
+        bands,
+        residual_map(data.test.k.theta[data.test_rows], data.test.k.theta_dot[data.test_rows], left),
     )
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from mazeplan.attempt import attempt_job
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.errors import RigError
-from mazeplan.job import TIME_LIMIT, Job, Setup
+from mazeplan.job import TIME_LIMIT, Job, Setup, log_header
 from mazeplan.maths.spread import spread
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -155,6 +155,15 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
         "tick_ms": worst(outcomes, "tick_ms"),
         "results": [outcome.to_json() for outcome in outcomes],
     }
+
+
+def setup_document(campaign: Campaign) -> dict[str, Any]:
+    """With what a campaign is done, for who reads its document: program, rig, map (its text) and the rest by name."""
+    maze = load_map(campaign.map)
+    job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
+    header = log_header(setup, job, 0.0)
+    names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")
+    return {name: header[name] for name in (*names, "time_limit_s")}
 
 
 def worst(outcomes: list[NavigationResult], which: str) -> dict[str, float]:

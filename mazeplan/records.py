@@ -189,13 +189,16 @@ class FailureKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """One thing that went wrong: kind, where (leaf or place), rig time in s, a sentence for people."""
+    """One thing that went wrong: kind, where (leaf or place), rig time in s, a sentence for people; x, y: where the
+    ball was, m, None where nobody knew."""
 
     kind: FailureKind
     where: str
     t: float
     detail: str = ""
     recovery: str | None = None
+    x: float | None = None
+    y: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,13 +229,22 @@ class GoalGiven:
     t: float
 
 
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where the ball was placed: ring, and angle in rad."""
+
+    ring: int
+    theta: float
+
+
 @dataclass(frozen=True)
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
     success: the tree succeeded with the ball in the newest of `goals`; reason is "arrived", a failure kind, "stopped"
     from outside, "skipped", "interrupted", or "crashed" where the program itself raised what it should not.
-    planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed.
+    planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed. start: None where the
+    rig did not come so far.
     """
 
     success: bool
@@ -248,6 +260,7 @@ class NavigationResult:
     tick_ms: dict[str, float] = field(default_factory=dict)
     goals: tuple[GoalGiven, ...] = ()
     doubts: tuple[Doubt, ...] = ()
+    start: Start | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on are ours)."""
@@ -258,11 +271,15 @@ class NavigationResult:
             "seed": self.seed,
             "rig": self.rig,
             "rings": [{"ring": p.ring, "time_s": p.time_s, "opening": p.opening} for p in self.rings],
-            "failures": [{"t": f.t, "kind": str(f.kind), "recovery": f.recovery} for f in self.failures],
+            "failures": [
+                {"t": f.t, "kind": str(f.kind), "recovery": f.recovery, "where": f.where, "x": f.x, "y": f.y}
+                for f in self.failures
+            ],
             "replans": self.replans,
             "planner_ms": self.planner_ms,
             "log": self.log,
             "tick_ms": self.tick_ms,
             "goals": [{"ring": g.ring, "t": g.t} for g in self.goals],
             "doubts": [{"t": d.t, "what": d.what} for d in self.doubts],
+            "start": None if self.start is None else {"ring": self.start.ring, "theta": self.start.theta},
         }

@@ -306,9 +306,20 @@ def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
     if a is None or b is None or a[0] != b[0]:
         return ("message",)
     (topic, then), (_, now) = a, b
+    if topic == "/result":  # a log from before tells less
+        now = _as_far_as_told(then, now)
     names = CHOSEN if topic == "/tick" else [name for name in {**then, **now} if name not in MEASURED]
     near = LAST_DIGIT if topic == "/plan" else NEAR
     return tuple(name for name in names if not _near(then.get(name), now.get(name), near))
+
+
+def _as_far_as_told(then: Any, now: Any) -> Any:
+    """Of what is told now only what was told then, too."""
+    if isinstance(then, dict) and isinstance(now, dict):
+        return {name: _as_far_as_told(then[name], value) for name, value in now.items() if name in then}
+    if isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        return [_as_far_as_told(a, b) for a, b in zip(then, now, strict=True)]
+    return now
 
 
 def _near(a: Any, b: Any, near: float) -> bool:

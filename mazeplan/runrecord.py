@@ -14,7 +14,7 @@ from mazeplan.goals import SAID
 from mazeplan.job import Job
 from mazeplan.maths.spread import spread
 from mazeplan.parts import passed_by
-from mazeplan.records import Command, Doubt, GoalGiven, NavigationResult, Observation, RingPassage
+from mazeplan.records import Command, Doubt, GoalGiven, NavigationResult, Observation, RingPassage, Start
 
 
 class RunRecord:
@@ -27,6 +27,7 @@ class RunRecord:
         self._ring: int | None = None
         self._ring_since = 0.0
         self._statuses = ""
+        self._start: Start | None = None
 
     @property
     def began(self) -> bool:
@@ -39,6 +40,8 @@ class RunRecord:
             if self._log is not None:
                 self._log.plan(detail["plan"])
             return
+        if kind == "start":
+            self._start = Start(detail["ring"], detail["theta"])
         if self._log is not None:
             self._log.event(t, kind, detail)
         if kind in ("failure", "recovery"):
@@ -123,6 +126,7 @@ class RunRecord:
             tick_ms=spread(self._tick_ms),
             goals=tuple(goals),
             doubts=tuple(doubts),
+            start=self._start,
         )
 
 

@@ -192,7 +192,10 @@ class RunContext:
             self.on_event("law", {"law": law})
 
     def failed(self, failure: Failure) -> None:
-        """Keep a failure and tell log and display."""
+        """Keep a failure, with the place of the ball, and tell log and display."""
+        seen = self.measured
+        if seen is not None and not seen.lost and math.isfinite(seen.r):
+            failure = replace(failure, x=round(seen.x, 6), y=round(seen.y, 6))
         self.failures.append(failure)
         self.on_event("failure", {"kind": str(failure.kind), "where": failure.where, "detail": failure.detail})
 
@@ -200,7 +203,7 @@ class RunContext:
         """Name the recovery chosen for the last failure."""
         last = self.last_failure
         if last is not None:
-            self.failures[-1] = Failure(last.kind, last.where, last.t, last.detail, recovery)
+            self.failures[-1] = replace(last, recovery=recovery)
         self.on_event("recovery", {"recovery": recovery})
 
     @property

@@ -164,14 +164,17 @@ def _new_model(
 
 def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title: str, as_json: bool) -> None:
     """Write the report where one is wished, and print what was found."""
-    from mazeplan.diagnosis.report import write_report
+    from mazeplan.diagnosis.report import evidence_document
+    from mazeplan.report.diagnosis import write_diagnosis
 
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
         document["report"] = str(output / "report.html")
         (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
         further = [note for note in document["notes"] if note not in done.remarks]
-        write_report(done, output / "report.html", title, further)
+        evidence = evidence_document(done, title, further)
+        (output / "evidence.json").write_text(json.dumps(evidence) + "\n")
+        write_diagnosis(document, evidence, output / "report.html")
     if as_json:
         print_json(document)
         return

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool) -> int:
     """Do it and print it; the exit status: 0 when every run ended as it should."""
     from mazeplan.cli.progress import campaign_progress
-    from mazeplan.evaluate import summary
+    from mazeplan.evaluate import setup_document, summary
     from mazeplan.faultcampaign import evaluate_faults, good, report
     from mazeplan.rigs.faultschedule import every_kind, load_schedule
 
@@ -25,7 +25,7 @@ def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool
     if as_json:
         document = summary([outcome.result for outcome in chain(*outcomes)])
         document["results"] = [outcome.to_json() for outcome in chain(*outcomes)]
-        print_json({**document, "faults": rows})
+        print_json({**document, "setup": setup_document(campaign), "faults": rows})
     else:
         print_rows(rows)
     return 0 if good(rows) else 1

@@ -123,7 +123,7 @@ def evaluate(
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.progress import campaign_progress
     from mazeplan.errors import RigError
-    from mazeplan.evaluate import Campaign, summary
+    from mazeplan.evaluate import Campaign, setup_document, summary
     from mazeplan.evaluate import evaluate as run
     from mazeplan.maze.mapfile import load_map
     from mazeplan.records import FailureKind
@@ -141,7 +141,7 @@ def evaluate(
         sys.exit(evaluate_faulty(campaign, faults, workers, as_json))
     with campaign_progress(count) as advance:
         outcomes = run(campaign, workers=workers, progress=advance)
-    document = summary(outcomes)
+    document = {**summary(outcomes), "setup": setup_document(campaign)}
     if as_json:
         print_json(document)
     else:

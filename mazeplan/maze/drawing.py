@@ -56,11 +56,14 @@ def wall_outlines(wall: Wall) -> list[Array]:
     return outlines
 
 
-def draw_maze(maze: Maze, ax: Axes | None = None, *, labels: bool = True, path: Array | None = None) -> Axes:
+def draw_maze(
+    maze: Maze, ax: Axes | None = None, *, labels: bool = True, path: Array | None = None, ball: bool = True
+) -> Axes:
     """Draw walls, openings, ball and tilt axes into `ax`, or into a figure of its own; returns the axes.
 
     labels=False leaves the bare maze. path: (N, 2) in m, what will be drawn over the maze (a route, a trail): the ball
-    lies at its first point, ring numbers keep away from it, and the angles of the openings make room for it.
+    lies at its first point, ring numbers keep away from it, and the angles of the openings make room for it. ball=False
+    leaves the ball out.
     """
     if ax is None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -78,7 +81,8 @@ def draw_maze(maze: Maze, ax: Axes | None = None, *, labels: bool = True, path: 
         if opening.closed:
             _draw_closed(ax, maze, opening)
     rays = _clear_rays(maze, path)
-    _draw_ball(ax, maze, maze.track_radius(1) * _unit(rays[1]) if path is None else path[0])
+    if ball:
+        _draw_ball(ax, maze, maze.track_radius(1) * _unit(rays[1]) if path is None else path[0])
     if labels:
         _draw_ring_numbers(ax, maze, rays[0])
         _draw_tilt_axes(ax, rim)

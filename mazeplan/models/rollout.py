@@ -46,6 +46,12 @@ class Rollout:
         """Mean absolute error after so many samples, rad."""
         return float(np.mean(self.error[:, steps]))
 
+    def bands(self) -> dict[str, list[float]]:
+        """Mean and deciles 1, 5 and 9 of the error over the windows, after 0 to STEPS samples, rad."""
+        low, middle, high = np.quantile(self.error, [0.1, 0.5, 0.9], axis=0)
+        parts = {"mean": self.error.mean(axis=0), "p10": low, "p50": middle, "p90": high}
+        return {name: part.tolist() for name, part in parts.items()}
+
 
 def choose_windows(samples: RingSamples, allowed: np.ndarray, openings: Array | None = None) -> Windows:
     """Windows whose rows are all allowed (N,) and good, not overlapping by more than three quarters.

@@ -1,0 +1,68 @@
+"""`report`: what happened, as pictures in one HTML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mazeplan.cli.arguments import check_folder
+from mazeplan.cli.output import say
+from mazeplan.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.report.inputs import Input
+    from mazeplan.report.page import Section
+
+
+def report(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="INPUT...",
+            help="Run logs; what evaluate, compare, diagnose or improve printed with --json; folders of diagnose -o.",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")],
+    pictures: Annotated[
+        Path | None, typer.Option("--pictures", help="Folder for each picture as PNG and SVG, too.")
+    ] = None,
+    title: Annotated[str | None, typer.Option("--title", help="Of the page; default: what it shows.")] = None,
+) -> None:
+    """Pictures of runs, evaluations (several are compared), models and diagnoses: one HTML file that loads nothing."""
+    from mazeplan.report.inputs import read_input
+    from mazeplan.report.page import write_page
+
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"-o: got {str(output)!r}, expected a file that ends in .html")
+    if output.is_dir():
+        raise InputError(f"-o: got {str(output)!r}, a folder, expected a file that ends in .html")
+    check_folder("-o", output.absolute().parent)
+    if pictures is not None:
+        check_folder("--pictures", pictures)
+    found = _sections([part for path in inputs for part in read_input(path)])
+    write_page(output, title or found[0].title + (" and more" if len(found) > 1 else ""), found, pictures)
+    say(f"wrote {output}" + (f", pictures in {pictures}" if pictures is not None else ""))
+
+
+def _sections(given: list[Input]) -> list[Section]:
+    """In the order of the inputs, but evaluations together, where the first of them is."""
+    from mazeplan.data.runlog import read_log
+    from mazeplan.report.diagnosis import diagnosis_section
+    from mazeplan.report.evaluation import evaluation_section
+    from mazeplan.report.models import models_section
+    from mazeplan.report.run import run_section
+
+    together = [part for part in given if part.kind == "evaluation"]
+    found = []
+    for part in given:
+        if part.kind == "run":
+            found.append(run_section(read_log(part.path)))
+        elif part.kind == "comparison":
+            found.append(models_section(part))
+        elif part.kind == "diagnosis":
+            found.append(diagnosis_section(part))
+        elif part is together[0]:
+            found.append(evaluation_section(together))
+    return found

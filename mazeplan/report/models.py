@@ -1,0 +1,191 @@
+"""Kinds of models on the same data, by the documents of `compare --json`: the paper's tables, curves, residuals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from mazeplan.errors import InputError
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.records import Array
+from mazeplan.report import published
+from mazeplan.report.inputs import Input
+from mazeplan.report.page import Note, Section, Table
+
+KINDS = {
+    "rf": "random forest", "p": "equation", "pi": "linear in the equation's terms", "np": "Gaussian process",
+    "npd": "process on the discrete map", "sp": "process and terms",
+}  # fmt: skip
+Document = dict[str, Any]
+
+
+def rings(document: Document) -> list[int]:
+    """Their numbers, in order."""
+    return sorted(int(key.removeprefix("ring")) for key in document)
+
+
+def kinds(document: Document, part: str) -> list[str]:
+    """Kinds of models that any ring tells of, in the paper's order."""
+    found = {kind for scores in document.values() for kind in scores.get(part, {})}
+    return [kind for kind in KINDS if kind in found] + sorted(found - set(KINDS))
+
+
+def best_kind(document: Document) -> str:
+    """That with the least test nRMSE on the average of the rings that have it."""
+    means = {
+        kind: float(np.mean([known(s["nrmse_test"].get(kind)) for s in document.values()]))
+        for kind in kinds(document, "nrmse_test")
+    }
+    finite = {kind: mean for kind, mean in means.items() if math.isfinite(mean)}
+    return min(finite, key=lambda kind: finite[kind]) if finite else ""
+
+
+def known(value: float | None) -> float:
+    """A number of a document, NaN where it is null."""
+    return math.nan if value is None else float(value)
+
+
+def cells(rows: Sequence[Sequence[float | None]]) -> Array:
+    """A table of a document, NaN where it is null."""
+    return np.array([[known(value) for value in row] for row in rows])
+
+
+def around(residual: Document, kind: str) -> Array:
+    """Root mean square of what a kind leaves over in each cell of angle (A,), all rates together, rad/s^2."""
+    rms, count = cells(residual["rms"][kind]), np.array(residual["count"], dtype=float)
+    count = np.where(np.isfinite(rms), count, 0.0)
+    total = count.sum(axis=0)
+    power = np.sum(count * np.nan_to_num(rms) ** 2, axis=0)
+    return np.sqrt(np.divide(power, total, out=np.full(len(total), math.nan), where=total > 0))
+
+
+def models_section(given: Input) -> Section:
+    """Everything about a comparison. Raises InputError."""
+    from mazeplan.report.models_pictures import models_pictures
+
+    document = given.document
+    maze = _maze(given)
+    parts: list[Any] = [_accelerations(document), _rollouts(document), *models_pictures(document, maze)]
+    if not any(scores.get("curve") for scores in document.values()):
+        parts.append(Note("Learning curves are in the document of", "mazeplan compare LOG... --curve FILE.png --json"))
+    if not any(scores.get("residual") for scores in document.values()):
+        parts.append(Note("The document is from before it told of residuals over the maze and of bands."))
+    first = next(iter(document.values()))
+    facts = [("rings", ", ".join(str(ring) for ring in rings(document)))]
+    for name, label in (("rates", "rates"), ("delay_s", "ball behind the tilt, s")):
+        if name in first:
+            facts.append((label, f"{first[name]}"))
+    return Section(f"Models, {given.name}", _lead(document), facts, parts)
+
+
+def _maze(given: Input) -> Maze:
+    """To draw over: the rings must be there. Raises InputError."""
+    maze = load_map("cme")
+    most = max(rings(given.document))
+    if most > len(maze.rings):
+        raise InputError(f"got ring{most}, expected ring1 to ring{len(maze.rings)}", file=given.path)
+    return maze
+
+
+def _lead(document: Document) -> str:
+    best = best_kind(document)
+    if not best:
+        return "No kind of model could be scored."
+    told = [
+        f"{known(document[f'ring{ring}']['nrmse_test'].get(best)):.3f} in ring {ring}" for ring in rings(document)
+    ]  # fmt: skip
+    return (
+        f"{KINDS.get(best, best)[:1].upper()}{KINDS.get(best, best)[1:]} ({best}) predicts the acceleration best: "
+        + (f"test nRMSE {', '.join(told)}.")
+    )
+
+
+def _marked(
+    rows: Sequence[str], head: Sequence[str], value: Callable[[str, str], float], text: Callable[[str, str], str]
+) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
+    """Cells (row x head), and the least of each row."""
+    out, strong = [], set()
+    for i, row in enumerate(rows):
+        values = [value(row, column) for column in head]
+        out.append([row, *(text(row, column) for column in head)])
+        if any(math.isfinite(v) for v in values):
+            strong.add((i, 1 + int(np.nanargmin(values))))
+    return out, frozenset(strong)
+
+
+def _accelerations(document: Document) -> Table:
+    """The paper's first table."""
+    columns = kinds(document, "nrmse_test")
+
+    def test(row: str, kind: str) -> float:
+        return known(document[row]["nrmse_test"].get(kind))
+
+    def text(row: str, kind: str) -> str:
+        train = known(document[row]["nrmse_train"].get(kind))
+        low, high = (document[row].get("interval95", {}).get("nrmse_test", {}).get(kind) or (None, None))[:2]
+        band = "" if low is None or high is None else f" [{low:.2f}, {high:.2f}]"
+        return f"{_three(train)} / {_three(test(row, kind))}{band}"
+
+    names = [f"ring{ring}" for ring in rings(document)]
+    rows, strong = _marked(names, columns, test, text)
+    for row, ring in zip(rows, rings(document), strict=True):
+        row[0] = f"ring {ring}: {document[f'ring{ring}'].get('n_train', '?')} rows, {_tests(document, ring)}"
+    rows += _paper(columns, rings(document), published.NRMSE, lambda value: f"{value:.2f}")
+    return Table(
+        "nRMSE of theta_dd, train / test [95 % interval]; published: test, on the paper's rig",
+        ("", *columns),
+        rows,
+        strong,
+    )
+
+
+def _tests(document: Document, ring: int) -> str:
+    return f"{document[f'ring{ring}'].get('n_test', '?')} to test"
+
+
+def _paper(
+    columns: Sequence[str], numbers: Sequence[int], table: dict[str, Any], text: Callable[[Any], str]
+) -> list[list[str]]:
+    """What was published, of other data: rows of the same form."""
+    rows = []
+    for ring in numbers:
+        if not any(ring <= len(table[kind]) for kind in columns if kind in table):
+            continue
+        told = [text(table[kind][ring - 1]) if kind in table and ring <= len(table[kind]) else "-" for kind in columns]
+        rows.append([f"published, ring {ring}", *told])
+    return rows
+
+
+def _rollouts(document: Document) -> Table:
+    """The paper's second table."""
+    columns = kinds(document, "rollout")
+
+    def late(row: str, kind: str) -> float:
+        return known(document[row]["rollout"].get(kind, {}).get("40"))
+
+    def text(row: str, kind: str) -> str:
+        errors = document[row]["rollout"].get(kind)
+        return f"{_three(known(errors['20']))} / {_three(late(row, kind))}" if errors else "-"
+
+    names = [f"ring{ring}" for ring in rings(document) if document[f"ring{ring}"]["rollout"]]
+    rows, strong = _marked(names, columns, late, text)
+    for row in rows:
+        scores = document[row[0]]
+        row[0] = f"ring {row[0].removeprefix('ring')}: {scores.get('windows', '?')} windows, " + str(
+            scores.get("windows_chosen", "")
+        )
+    rows += _paper(columns, rings(document), published.ROLLOUT, lambda pair: f"{pair[0]:.2f} / {pair[1]:.2f}")
+    return Table(
+        "Mean absolute error of theta after 20 / 40 samples, rad; published: on the paper's rig",
+        ("", *columns),
+        rows,
+        strong,
+    )
+
+
+def _three(value: float) -> str:
+    return f"{value:.3f}" if math.isfinite(value) else "-"

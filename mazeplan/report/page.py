@@ -1,0 +1,161 @@
+"""A page: sections of tables and pictures, to one HTML file that loads nothing and runs nothing.
+
+Pictures are drawn as SVG, in print as sharp as text; one that is larger than SVG_MOST that way goes in as PNG. All text
+is escaped by the template (Jinja2, autoescape), and a Content-Security-Policy forbids what could come from elsewhere.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SVG_MOST = 400_000  # bytes
+DPI = 160
+STYLE: Any = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.linewidth": 0.7,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "hatch.linewidth": 0.6,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "svg.fonttype": "path",  # or it would look otherwise on every machine
+    "svg.hashsalt": "mazeplan",  # the same picture, the same file
+}
+NUMBER = re.compile(r"|-|-?[0-9][0-9.e+-]*( (s|ms|mm|%))?")
+NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """name: of its files; title; alt: what it shows, in words; draw: draws it into a figure; size: inches;
+    automatic: whether a layout engine places what is in it."""
+
+    name: str
+    title: str
+    alt: str
+    draw: Callable[[Figure], None]
+    size: tuple[float, float] = (9.0, 3.4)
+    automatic: bool = True
+
+    def files(self) -> tuple[bytes, bytes]:
+        """As SVG and as PNG."""
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+
+        with rc_context(STYLE):
+            figure = Figure(figsize=self.size, layout="constrained" if self.automatic else None)
+            self.draw(figure)
+            svg, png = io.BytesIO(), io.BytesIO()
+            figure.savefig(svg, format="svg", metadata=NO_METADATA)
+            figure.savefig(png, format="png", dpi=DPI)
+        return svg.getvalue(), png.getvalue()
+
+
+@dataclass(frozen=True)
+class Table:
+    """head: of its columns; rows: of text; strong: (row, column) of cells that stand out."""
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    strong: frozenset[tuple[int, int]] = frozenset()
+
+    @property
+    def numeric(self) -> set[int]:
+        """Columns of nothing but numbers, with or without a unit: they stand to the right."""
+        columns = list(zip(*self.rows, strict=True))
+        return {i for i, cells in enumerate(columns) if all(NUMBER.fullmatch(cell) for cell in cells) and any(cells)}
+
+
+@dataclass(frozen=True)
+class Note:
+    """A paragraph; code: what is to be typed."""
+
+    text: str
+    code: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """title; lead: what came out, in a sentence; facts: (name, value) of what it is about; parts: in their order."""
+
+    title: str
+    lead: str
+    facts: Sequence[tuple[str, str]]
+    parts: Sequence[Picture | Table | Note]
+
+
+def write_page(path: Path, title: str, sections: Sequence[Section], pictures: Path | None = None) -> None:
+    """Write the page, and each picture as PNG and SVG into the folder `pictures`. Raises InputError for a place that
+    cannot be written."""
+    shown, stems = [], set[str]()
+    for number, section in enumerate(sections, start=1):
+        parts = []
+        for part in section.parts:
+            if not isinstance(part, Picture):
+                parts.append({"kind": type(part).__name__.lower(), "part": part})
+                continue
+            svg, png = part.files()
+            parts.append({"kind": "picture", "part": part, "source": _data(svg, png)})
+            if pictures is not None:
+                _save(pictures, _stem(part.name, number if len(sections) > 1 else 0, stems), svg, png)
+        shown.append({"section": section, "parts": parts})
+    text = _template().render(title=title, sections=shown, version=version("mazeplan"))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
+
+
+def _data(svg: bytes, png: bytes) -> str:
+    kind, content = ("svg+xml", svg) if len(svg) <= SVG_MOST else ("png", png)
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _stem(name: str, number: int, taken: set[str]) -> str:
+    """A file name without its suffix: of plain letters, and given once."""
+    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "picture"
+    plain = f"{number}-{plain}" if number else plain
+    stem, again = plain, 1
+    while stem in taken:
+        again += 1
+        stem = f"{plain}-{again}"
+    taken.add(stem)
+    return stem
+
+
+def _save(folder: Path, stem: str, svg: bytes, png: bytes) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{stem}.svg").write_bytes(svg)
+        (folder / f"{stem}.png").write_bytes(png)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=folder) from None
+
+
+def _template() -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    room = Environment(
+        loader=PackageLoader("mazeplan.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    return room.get_template("page.html")
