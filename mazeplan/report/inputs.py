@@ -198,10 +198,10 @@ def _check_residual(found: dict[str, Any], key: str, path: Path) -> None:
     rows = len(_a(list, found, "rate", path, f"{key}.rate")) - 1
     count = _a(list, found, "count", path, f"{key}.count")
     columns = len(_is(list, count[0], f"{key}.count[0]", path)) if count else 0
+    _table(count, columns, f"{key}.count", path, rows)
     for name in ("mean", "rms"):
         for kind, cells in _a(dict, found, name, path, f"{key}.{name}").items():
             _table(cells, columns, f"{key}.{name}.{kind}", path, rows)
-    _table(count, columns, f"{key}.count", path, rows)
 
 
 def _table(cells: Any, columns: int, key: str, path: Path, rows: int | None = None) -> None:

@@ -54,18 +54,19 @@ class Picture:
     size: tuple[float, float] = (9.0, 3.4)
     automatic: bool = True
 
-    def files(self) -> tuple[bytes, bytes]:
-        """As SVG and as PNG."""
+    def files(self, png: bool = True) -> tuple[bytes, bytes]:
+        """As SVG, and as PNG where that is wished, or the SVG is too large."""
         from matplotlib import rc_context
         from matplotlib.figure import Figure
 
         with rc_context(STYLE):
             figure = Figure(figsize=self.size, layout="constrained" if self.automatic else None)
             self.draw(figure)
-            svg, png = io.BytesIO(), io.BytesIO()
+            svg, points = io.BytesIO(), io.BytesIO()
             figure.savefig(svg, format="svg", metadata=NO_METADATA)
-            figure.savefig(png, format="png", dpi=DPI)
-        return svg.getvalue(), png.getvalue()
+            if png or svg.tell() > SVG_MOST:
+                figure.savefig(points, format="png", dpi=DPI)
+        return svg.getvalue(), points.getvalue()
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def write_page(path: Path, title: str, sections: Sequence[Section], pictures: Pa
             if not isinstance(part, Picture):
                 parts.append({"kind": type(part).__name__.lower(), "part": part})
                 continue
-            svg, png = part.files()
+            svg, png = part.files(png=pictures is not None)
             parts.append({"kind": "picture", "part": part, "source": _data(svg, png)})
             if pictures is not None:
                 _save(pictures, _stem(part.name, number if len(sections) > 1 else 0, stems), svg, png)

@@ -163,7 +163,8 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) ->
         height = 0.72 if name == "running" else 0.13
         axes.broken_barh([(bar.start, bar.end - bar.start)], (y - 0.5 * height, height), **area(name, hatch=""))
         if name == "failure":
-            axes.plot([bar.start], [y], **(_mark("X") | {"markersize": 6.0}))
+            cross: Any = _mark("X") | {"markersize": 6.0}
+            axes.plot([bar.start], [y], **cross)
         elif name == "success":
             axes.plot([bar.start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5)
     _failure_lines(axes, failures, kinds)

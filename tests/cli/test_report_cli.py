@@ -1,0 +1,125 @@
+"""`report`, as a person would call it."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import partial
+
+import commands
+import pytest
+from report_documents import EVIL, a_log, comparison, diagnosis, evaluation, evidence
+from standalone_page import alone
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    return partial(commands.call, monkeypatch, capsys, "report")
+
+
+def written(path, document):
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_each_kind_in_one_page_that_stands_alone(call, tmp_path):
+    folder = tmp_path / "diagnosed"
+    folder.mkdir()
+    written(folder / "report.json", diagnosis())
+    written(folder / "evidence.json", evidence(EVIL))
+    inputs = [
+        a_log(tmp_path / "run.mcap", rig=EVIL, detail=EVIL),
+        written(tmp_path / "e.json", evaluation(EVIL)),
+        written(tmp_path / "c.json", comparison()),
+        folder,
+        written(tmp_path / "f.json", evaluation("other")),
+    ]
+    code, out, err = call(*inputs, "-o", tmp_path / "all.html", "--pictures", tmp_path / "pictures")
+    assert (code, out) == (0, ""), err
+    assert err == f"wrote {tmp_path / 'all.html'}, pictures in {tmp_path / 'pictures'}\n"
+    page = alone(tmp_path / "all.html")
+    assert EVIL not in page
+    assert page.count("&lt;script&gt;") >= 4
+    titles = re.findall(r"<h2>(.*?)</h2>", page)
+    assert [title.split()[0] for title in titles] == ["Run", "Evaluations:", "Models,", "Diagnosis"]
+    for number in ("2.97 s", "7.71 s", "3.33 s", "0.200 / 0.345 [0.31, 0.37]", "0.2929", "0.4123 rad/s^2"):
+        assert f">{number}<" in page or number in page, number
+    assert len(list((tmp_path / "pictures").glob("*.svg"))) == 5 + 5 + 4 + 3
+    assert len(list((tmp_path / "pictures").glob("*.png"))) == 5 + 5 + 4 + 3
+
+
+def test_the_rounds_of_improve(call, tmp_path):
+    part = {"runs": 16, "success": 12, "time_s": {"mean": 3.217, "best": 2.0, "worst": None}}
+    entry = {"diagnosis": diagnosis(), "navigation": {"before": part, "after": {**part, "success": 16}}}
+    code, _, err = call(written(tmp_path / "i.json", {"rounds": [entry, entry]}), "-o", tmp_path / "i.html")
+    assert code == 0, err
+    page = alone(tmp_path / "i.html")
+    assert page.count("Diagnosis of i, round") == 2 + 1 * ("<title>Diagnosis" in page) * 2
+    assert "16 of 16" in page
+    assert "3.22 s" in page
+
+
+def spoilt(document, *path, value):
+    inner = document
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return document
+
+
+BAD = {
+    "no file": (None, "cannot be read: No such file"),
+    "no json": ("{", "x.json:1: is no JSON: "),
+    "a list": ([], "got a list, expected a run log, or the JSON"),
+    "nothing": ({}, "got JSON with nothing in it, expected"),
+    "other keys": ({"<b>": 1}, "got JSON with the keys '<b>', expected"),
+    "one run": ({"success": True, "rings": []}, "expected its log (navigate --log FILE.mcap)"),
+    "no runs": ({"results": []}, "results: got no runs"),
+    "a run": ({"results": [1]}, "results[0]: got 1, expected an object"),
+    "time": (spoilt(evaluation(), "results", 2, "time_s", value="x"), 'results[2].time_s: got "x", expected a finite'),
+    "nan": (spoilt(evaluation(), "results", 2, "time_s", value=float("nan")), "results[2].time_s: got NaN, expected"),
+    "place": (spoilt(evaluation(), "results", 0, "failures", 0, "x", value=[]), "results[0].failures[0].x: got []"),
+    "start": (spoilt(evaluation(), "results", 1, "start", value={}), "results[1].start.theta: is not there"),
+    "map": (spoilt(evaluation(), "setup", "map", value="rings: 3"), "x.json: setup.map: the map in it cannot be used"),
+    "score": (spoilt(comparison(), "ring2", "nrmse_test", "sp", value="low"), "ring2.nrmse_test.sp: got"),
+    "ring": ({"ringx": comparison()["ring1"]}, "got the key 'ringx', expected ring1"),
+    "many": ({"ring9": comparison()["ring1"]}, "got ring9, expected ring1 to ring5"),
+    "cells": (spoilt(comparison(), "ring1", "residual", "count", value=[[1]]), "count: got 1 rows, expected 6"),
+    "effect": (spoilt(diagnosis(), "effects", 0, "parameters", "coefficient", "value", value=None), "got null"),
+    "rounds": ({"rounds": [{"diagnosis": 3}]}, "rounds[0].diagnosis: got 3, expected an object"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_with_its_place(call, tmp_path, name):
+    document, words = BAD[name]
+    path = tmp_path / "x.json"
+    if document is not None:
+        path.write_text(document if isinstance(document, str) else json.dumps(document))
+    code, out, err = call(path, "-o", tmp_path / "x.html")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert words in err
+    assert str(path) in err
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_places_to_write_to_are_looked_at_first(call, tmp_path):
+    log = a_log(tmp_path / "run.mcap")
+    (tmp_path / "folder.html").mkdir()
+    (tmp_path / "file").write_text("")
+    for arguments, words in (
+        (("-o", tmp_path / "x.pdf"), "expected a file that ends in .html"),
+        (("-o", tmp_path / "folder.html"), "a folder, expected"),
+        (("-o", tmp_path / "file" / "x.html"), "is a file; expected a folder"),
+        (("-o", tmp_path / "x.html", "--pictures", tmp_path / "file"), "is a file; expected a folder"),
+    ):
+        code, _, err = call(log, *arguments)
+        assert (code, err.count("\n")) == (2, 1)
+        assert words in err
+    code, _, err = call(tmp_path, "-o", tmp_path / "x.html")
+    assert code == 2
+    assert "got a folder without report.json" in err
+    code, _, err = call(tmp_path / "none.mcap", "-o", tmp_path / "x.html")
+    assert code == 2
+    assert "none.mcap: cannot be read" in err

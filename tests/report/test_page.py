@@ -1,0 +1,74 @@
+"""The page: nothing from elsewhere, everything escaped, pictures as files."""
+
+from __future__ import annotations
+
+import html
+
+import pytest
+from report_documents import EVIL
+from standalone_page import alone, svgs
+
+from mazeplan.errors import InputError
+from mazeplan.report import page as module
+from mazeplan.report.page import Note, Picture, Section, Table, write_page
+
+
+def plot(figure):
+    axes = figure.add_subplot()
+    axes.plot([0, 1], [0, 1], label=EVIL)
+    axes.set_title(EVIL)
+    axes.legend()
+
+
+PICTURE = Picture("One & only", EVIL, f'"{EVIL}', plot, (3.0, 2.0))
+
+
+def section(title="A title", parts=()):
+    table = Table(EVIL, ("", EVIL), [[EVIL, "1.50 s"], ["b", "2 s"]], frozenset({(1, 0)}))
+    return Section(title, EVIL, [(EVIL, EVIL)], [table, Note(EVIL, EVIL), PICTURE, *parts])
+
+
+def test_everything_is_escaped_and_nothing_is_loaded(tmp_path):
+    write_page(tmp_path / "page.html", EVIL, [section(EVIL), section(EVIL)])
+    plain = alone(tmp_path / "page.html")
+    assert EVIL not in plain
+    escaped = html.escape(EVIL, quote=False)
+    assert escaped.replace("'", "&#39;") in plain
+    assert len(svgs((tmp_path / "page.html").read_text())) == 2
+
+
+def test_pictures_are_files_too_each_with_a_name_of_its_own(tmp_path):
+    write_page(tmp_path / "new" / "page.html", "t", [section(parts=[PICTURE])], tmp_path / "pictures")
+    names = sorted(path.name for path in (tmp_path / "pictures").iterdir())
+    assert names == ["one-only-2.png", "one-only-2.svg", "one-only.png", "one-only.svg"]
+    for path in (tmp_path / "pictures").iterdir():
+        assert path.read_bytes().startswith({".png": b"\x89PNG", ".svg": b"<?xml"}[path.suffix])
+
+
+def test_a_picture_that_is_large_as_svg_goes_in_as_png(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SVG_MOST", 1000)
+    write_page(tmp_path / "page.html", "t", [section()])
+    text = (tmp_path / "page.html").read_text()
+    assert "data:image/png;base64,iVBOR" in text
+    assert "svg+xml" not in text
+
+
+def test_the_same_report_is_the_same_file(tmp_path):
+    for name in ("a", "b"):
+        write_page(tmp_path / name, "t", [section()])
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_columns_of_numbers_stand_to_the_right():
+    rows = [["a", "1", "1.5 s", "-"], ["b", "-2.5", "-", "-"]]
+    assert Table("", ("", "", "", ""), rows).numeric == {1, 2, 3}
+    assert Table("", ("", ""), [["1", "1 of 2"]]).numeric == {0}
+    assert Table("", ("",), []).numeric == set()
+
+
+def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"^.*file/page.html: cannot be written: "):
+        write_page(tmp_path / "file" / "page.html", "t", [])
+    with pytest.raises(InputError, match="cannot be written: "):
+        write_page(tmp_path / "page.html", "t", [section()], tmp_path / "file")

@@ -1,0 +1,134 @@
+"""Small documents of each kind, as the commands print them, with values that a test can know; and a small log."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mazeplan.data.runlog import RunLogWriter
+from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.records import Plan, StopReason
+
+MAZE = load_map("cme")
+EVIL = "<script>alert('x')</script>"
+STEP = 1.0 / 30.0
+LEAVES = ("Root/Go/Track", "Root/Go/PassOpening", "Root/Recover/Dither")
+
+
+def a_log(path, *, trees=True, rig="toy", detail="it does not move", result=True):
+    """90 ticks at 30 Hz: a ball that goes around ring 1 at 1 rad/s, into ring 2 after 2 s, stuck at 1 s. Plans at each
+    tenth tick say that it goes 1.5 rad/s. Track runs until 1 s and from 2 s on, Dither between, which ends well."""
+    header = {"rig": rig, "version": "9.9", "map": dump_map(MAZE), "map_name": "cme", "model": "sp", "seed": 3,
+              "start_ring": 1, "goal_ring": 2, "behavior": "navigate"}  # fmt: skip
+    with RunLogWriter(path, header) as log:
+        if trees:
+            parents = [-1, 0, 1, 1, 0, 4]
+            paths = ["Root", "Root/Go", *LEAVES[:2], "Root/Recover", LEAVES[2]]
+            log.tree(0.0, paths, ["Sequence"] * 6, [p.split("/")[-1] for p in paths], parents)
+        log.event(0.0, "ring", {"ring": 1})
+        for k in range(90):
+            t = k * STEP
+            _tick(log, k, t)
+            if k == 30:
+                log.event(t, "failure", {"kind": "stuck", "where": "Track", "detail": detail})
+                log.event(t, "recovery", {"recovery": "dither"})
+            if k == 60:
+                log.event(t, "ring", {"ring": 2})
+            if trees and k in (0, 30, 60):
+                log.statuses(t, {0: "RRR---", 30: "RFF-RR", 60: "RRR-SS"}[k])
+        if result:
+            log.result({"success": True, "reason": "arrived", "time_s": 89 * STEP, "replans": 0,
+                        "rings": [{"ring": 1, "time_s": 2.0, "opening": "1-2@135"}, {"ring": 2, "time_s": 0.97}],
+                        "failures": [{"t": 1.0, "kind": "stuck", "recovery": "dither"}]})  # fmt: skip
+    return path
+
+
+def _tick(log, k, t):
+    r = MAZE.track_radius(1 if k < 60 else 2)
+    leaf = "Dither" if 30 <= k < 60 else "Track"
+    place = {"estimate_x": r * math.cos(t), "estimate_y": r * math.sin(t), "estimate_t": t}
+    document = {"t": t, "x": place["estimate_x"], "y": place["estimate_y"], "beta": 0.01, "gamma": 0.0, "u_beta": 0.02,
+                "u_gamma": 0.0, "ring": 1 if k < 60 else 2, "leaf": leaf, "tick_ms": 1.0 + k, "goal_theta": t + 1.5,
+                **place}  # fmt: skip
+    log._add("/tick", t, document)
+    if k % 10 == 0:
+        states = np.zeros((31, 6))
+        states[:, 0] = t + 1.5 * STEP * np.arange(31)
+        for aside in (-3.0, 0.0):  # one for another opening, further from the goal of the tick
+            states_of = states + np.array([aside, 0, 0, 0, 0, 0])
+            controls, gains = np.zeros((30, 2)), np.zeros((30, 2, 6))
+            log.plan(Plan(states_of, controls, gains, 1.0, StopReason.CONVERGED, 3, 2.0, t, STEP))
+
+
+def evaluation(name="toy", arrived=(True, True, False, True)):
+    """Four runs: starts at 10, 11, 100 and 200 deg, 2, 3, 4 and 5 s long."""
+    results = []
+    for i, (good, degrees) in enumerate(zip(arrived, (10.0, 11.0, 100.0, 200.0), strict=True)):
+        failures = [{"t": 1.0, "kind": "stuck", "recovery": "dither", "where": "Track", "x": 0.05, "y": -0.01}]
+        rings = [
+            {"ring": 1, "time_s": 1.0 + i, "opening": "1-2@45"}, {"ring": 2, "time_s": 0.5, "opening": None},
+            {"ring": 1, "time_s": 0.25, "opening": None},
+        ]  # fmt: skip
+        results.append({
+            "success": good, "reason": "arrived" if good else "out_of_time", "time_s": 2.0 + i, "rings": rings,
+            "failures": failures if i in (0, 2) else [], "start": {"ring": 1, "theta": math.radians(degrees)},
+        })  # fmt: skip
+    setup = {"rig": name, "map": dump_map(MAZE), "map_name": "cme", "model": "sp", "version": "9.9", "time_limit_s": 20}
+    return {"runs": 4, "success": sum(arrived), "results": results, "setup": setup}
+
+
+def comparison(rings=(1, 2)):
+    """Two kinds in each ring; sp is the best; residuals of 2 in one cell and 1 in another."""
+    out = {}
+    for ring in rings:
+        cells = [[None] * 36 for _ in range(6)]
+        rms, count = [row[:] for row in cells], [[0] * 36 for _ in range(6)]
+        rms[0][4], rms[5][4], count[0][4], count[5][4] = 2.0, 1.0, 10, 30
+        mean = [row[:] for row in cells]
+        mean[0][4], mean[5][4] = -1.75, 0.5
+        residual = {"rate": [-3, -2, -1, 0, 1, 2, 3], "count": count, "mean": {"p": mean, "sp": mean},
+                    "rms": {"p": rms, "sp": rms}}  # fmt: skip
+        band = {name: [0.01 * k for k in range(41)] for name in ("mean", "p10", "p50", "p90")}
+        out[f"ring{ring}"] = {
+            "n_train": 400, "n_test": 100, "rates": "smoothed", "delay_s": 0.05, "windows": 7,
+            "windows_chosen": "evenly spaced", "nrmse_train": {"p": 0.91, "sp": 0.2},
+            "nrmse_test": {"p": 0.9 + 0.01 * ring, "sp": 0.3451}, "rollout": {"sp": {"20": 0.1234, "40": 0.2468}},
+            "interval95": {"nrmse_test": {"sp": [0.31, 0.37]}}, "curve": {"sp": [[50, 0.8], [200, 0.5]]},
+            "bands": {"sp": band}, "residual": residual,
+        }  # fmt: skip
+    return out
+
+
+def diagnosis():
+    """Two that cannot be told apart."""
+    part = {"value": 0.4123, "stderr": 0.02, "unit": "rad/s^2"}
+    return {
+        "verdict": "ambiguous", "sentence": "The model lacks dry friction (this record cannot tell).",
+        "effects": [{"name": "dry_friction", "parameters": {"coefficient": part}, "evidence": 321.5}],
+        "ambiguous_with": [["dry_friction", "viscous_friction"]],
+        "separate_by": [{"why": "dry friction shows at rest", "first": "turn the rig",
+                         "command": "mazeplan collect --tilt 1.5 -o apart.mcap"}],
+        "before": {"nrmse": 0.7654, "rollout20": 0.1, "rollout40": 0.2929},
+        "after": {"nrmse": 0.3, "rollout20": 0.003, "rollout40": 0.0061}, "noise_floor": 0.005, "held_out": 0.3,
+        "ring": 2, "radius_m": 0.06892, "declared": {}, "notes": ["Scores are of the last 30 %."],
+    }  # fmt: skip
+
+
+def evidence(title="log, ring 2"):
+    """Where speed explains most."""
+
+    def part(by_speed):
+        curve = {"at": [-1.0, 0.0, 1.0], "mean": [0.1, 0.0, 0.1], "stderr": [0.1, 0.1, 0.1]}
+        steep = {**curve, "mean": [by_speed, 0.0, -by_speed]}
+        spectrum = {"hz": [1.0, 2.0, 3.0], "highest": [3.0, 30.0, 2.0], "mean": [1.0, 1.2, 0.9]}
+        return {"correlations": [0.3, 0.1], "white": 0.05, "position": curve, "speed": steep, "time": curve,
+                "spectrum": spectrum}  # fmt: skip
+
+    names = ("dry_friction", True), ("placebo: noise", True), ("powers of the speed", False)
+    tried = [{"name": name, "gain": 100.0 - 40 * i, "named": named, "placebo": name.startswith("placebo")}
+             for i, (name, named) in enumerate(names)]  # fmt: skip
+    return {"title": title, "notes": ["Tilt: commands."], "labels": {"nrmse": "nRMSE of theta_dd",
+            "rollout40": "theta error after 40 samples, rad"}, "drawn": "rollout40", "floor": 0.005, "accept": 15.0,
+            "peak": 18.0, "axes": ["theta, rad", "theta_dot, rad/s"], "candidates": tried, "before": part(0.8),
+            "after": part(0.1)}  # fmt: skip
