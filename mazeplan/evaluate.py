@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from mazeplan.attempt import attempt_job
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.errors import RigError
 from mazeplan.job import TIME_LIMIT, Job, Setup
@@ -28,7 +29,6 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Failure, FailureKind, NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run import attempt_job
 from mazeplan.settings import load_settings
 
 FIXED_STARTS = 16

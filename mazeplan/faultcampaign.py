@@ -16,6 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from mazeplan.attempt import attempt_job
 from mazeplan.errors import RigError
 from mazeplan.evaluate import Campaign, each, job_of, rig_failed, setup_of
 from mazeplan.goals import Goals
@@ -26,7 +27,7 @@ from mazeplan.rigs.faulty import FaultyRig, Orders
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.watchdog import WatchedRig, watched
-from mazeplan.run import Run, attempt_job
+from mazeplan.run import Run
 
 AT_ONCE = ("doubt clock", "rig_failed")
 NAMED = {"arrived", *map(str, FailureKind)}

@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
+from mazeplan.attempt import run_job
 from mazeplan.choices import model_source, resolve_model, ring_number
+from mazeplan.data.runlog import Take
 from mazeplan.display import Display
 from mazeplan.errors import InputError, RigError
 from mazeplan.goals import Goals
@@ -20,7 +22,6 @@ from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
-from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 
 
@@ -45,6 +46,7 @@ def navigate(
     own_process: bool = False,
     guard: Callable[[Rig], AbstractContextManager[object]] | None = None,
     sense: str | None = None,
+    feed: Take | None = None,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
@@ -56,7 +58,8 @@ def navigate(
     time_limit: s of rig time for each goal, from when it was given; own_process: whether the watchdog may end the
     process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
     closes and opens openings, and stops; guard: entered with the rig around the run, such as an emergency stop; sense:
-    how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its settings say).
+    how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its settings say); feed:
+    called with topic, rig time and document of each message that a log would get, in the thread of the run.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -84,7 +87,7 @@ def navigate(
     setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source)
     try:
         with nullcontext() if guard is None else guard(machine):
-            result = run_job(machine, setup, job, log=log, display=display, goals=goals)
+            result = run_job(machine, setup, job, log=log, display=display, goals=goals, feed=feed)
     except BaseException:
         with suppress(RigError):  # what matters has been said
             machine.close()

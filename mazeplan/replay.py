@@ -43,6 +43,7 @@ NEAR = 1e-9  # relative, and absolute in rad and m: processors may round differe
 LAST_DIGIT = 1.5e-6  # of a plan's trajectory, which the log holds with six digits
 CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # of a tick
 MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # what other messages tell besides decisions
+UNCOMPARED = ("/header", "/tree", "/status")  # the nodes' part in a decision is told by the tick
 # reasons of runs that stopped anywhere in a tick
 UNFINISHED = ("interrupted", CRASHED, str(FailureKind.RIG_FAILED), str(FailureKind.LEAF_FAILED))
 
@@ -94,7 +95,7 @@ def replay(log: str | Path, *, model: str | Path | RigModel | None = None, behav
     header, messages, complete = read_messages(path)
     _check_kind(header, complete, path)
     try:
-        script = _Script([m for m in messages if m[0] != "/header"], float(header["replay"]["rate_hz"]))
+        script = _Script([m for m in messages if m[0] not in UNCOMPARED], float(header["replay"]["rate_hz"]))
         setup = _setup_of(header, path, model, behavior)
         job = _job_of(header, setup.maze)
         said = Retold((document for topic, document in messages if topic == "/event"), setup.maze)
@@ -203,7 +204,7 @@ class _Script:
 
     recorded: list[Message]
     rate_hz: float
-    log: RunLogMemory = field(default_factory=RunLogMemory)
+    log: RunLogMemory = field(default_factory=lambda: RunLogMemory(UNCOMPARED))
     watch: Recorded = field(default_factory=Recorded)
     _given: int = 0
     _same: int = 0  # messages that were compared and are alike

@@ -7,11 +7,8 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 
 from __future__ import annotations
 
-import gc
 import math
-from collections.abc import Callable, Collection
-from contextlib import ExitStack
-from pathlib import Path
+from collections.abc import Collection
 from time import perf_counter
 from typing import Any
 
@@ -25,13 +22,13 @@ from mazeplan.behavior.treefile import read_tree
 from mazeplan.behavior.winding import WindDown
 from mazeplan.control.play import Gears
 from mazeplan.control.stopwatch import Live, Stopwatch
-from mazeplan.data.runlog import RunDocuments, RunLogWriter
-from mazeplan.display import Display, NullDisplay
+from mazeplan.data.runlog import RunDocuments
+from mazeplan.display import Display
 from mazeplan.errors import MazeplanError, RigError
 from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.estimation.scrutiny import Scrutiny
-from mazeplan.goals import Edit, Goals, Outside, Stop
-from mazeplan.job import Job, Setup, log_header
+from mazeplan.goals import Edit, Outside, Stop
+from mazeplan.job import Job, Setup
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.parts import planners_of, plate_of, rollout_of
@@ -49,69 +46,6 @@ from mazeplan.runrecord import RunRecord
 
 CRASHED = "crashed"  # the reason where the program itself raised what it should not
 HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
-
-
-def run_job(
-    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
-    goals: Goals | None = None,
-) -> NavigationResult:  # fmt: skip
-    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens. Raises RigError when
-    the rig failed.
-
-    goals: where other goals come from meanwhile."""
-    result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals)
-    if problem is not None:
-        problem.result = result
-        raise problem
-    return result
-
-
-def attempt_job(
-    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
-    goals: Goals | None = None, prepare: Callable[[Run], None] | None = None,
-) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
-    """As `run_job`, but a rig that fails is a result, too, and what it raised; `prepare` gets the run beforehand."""
-    setup = setup.on(rig)
-    with ExitStack() as stack:
-        if goals is not None:
-            goals.begin(setup.maze)
-            stack.callback(goals.end)
-        header = None if log is None else log_header(setup, job, rig.rate_hz)
-        writer = None if log is None or header is None else stack.enter_context(RunLogWriter(log, header))
-        run = Run(rig, setup, job, writer, display or NullDisplay(), outside=goals)
-        # the collector looks at what the run itself makes: at all of the program it takes .1 s, in the midst of a tick
-        gc.freeze()
-        stack.callback(gc.unfreeze)
-        told: list[NavigationResult] = []
-        stack.callback(_level, rig, told)
-        if prepare is not None:
-            prepare(run)
-        problem, path = None, None if log is None else str(log)
-        try:
-            result = run.drive(path)
-        except RigError as error:
-            problem, result = error, run.broken(error, path)
-        except KeyboardInterrupt:
-            if writer is not None:
-                writer.result(run.result(False, "interrupted", str(log)).to_json())
-            raise
-        except Exception as error:
-            if writer is not None:
-                writer.result(run.broke_off(error, path).to_json())
-            raise
-        if writer is not None:
-            writer.result(result.to_json())
-        told.append(result)
-        return result, problem
-
-
-def _level(rig: Rig, told: list[NavigationResult]) -> None:
-    """Level the plate; where not even that goes, what had happened until then is not lost with it."""
-    try:
-        rig.level()
-    except RigError as error:
-        error.result = told[-1] if told and not told[-1].success else None
-        raise
 
 
 class Run:
@@ -157,7 +91,7 @@ class Run:
         self.context, self._tree = self._towards(job.goal, job.closed)
         self._warm_up()
 
-    def _towards(self, goal: int, closed: Collection[str]) -> tuple[RunContext, BehaviorTree]:
+    def _towards(self, goal: int, closed: Collection[str], t: float = 0.0) -> tuple[RunContext, BehaviorTree]:
         """A tree that has not begun, with openings closed and failures of its own; what openings did is kept."""
         setup = self._setup
         graph = RouteGraph(setup.maze, memory=self._memory)
@@ -177,6 +111,7 @@ class Run:
         )
         tree = self._tree_file.build(self._leaves, context)
         tree.blackboard.set("goal", goal)
+        self._record.tree(t, tree)
         if setup.watch is not None:
             setup.watch(tree, context)
         return context, tree
@@ -197,7 +132,7 @@ class Run:
         the last command, too: the plate is not levelled."""
         before = self.context
         self._tree.halt()
-        self.context, self._tree = self._towards(goal, closed)
+        self.context, self._tree = self._towards(goal, closed, before.now)
         self.context.carry_on(before)
 
     def _told_to_stop(self, t: float) -> bool:
@@ -375,6 +310,7 @@ class Run:
             cut_off=self._watch.taken(),
             doubts=" ".join(sorted(self._scrutiny.found)) or None,
         )
+        self._record.statuses(observation.t, self._tree)
         self._record.took(1e3 * (perf_counter() - began))
 
     def _slewed(self, wanted: Command) -> Command:

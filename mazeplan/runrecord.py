@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.control.tracking import plan_step
-from mazeplan.data.runlog import RunDocuments
+from mazeplan.data.runlog import STATUSES, RunDocuments
 from mazeplan.display import Display
 from mazeplan.goals import SAID
 from mazeplan.job import Job
@@ -25,6 +26,7 @@ class RunRecord:
         self._passages: list[RingPassage] = []
         self._ring: int | None = None
         self._ring_since = 0.0
+        self._statuses = ""
 
     @property
     def began(self) -> bool:
@@ -79,6 +81,21 @@ class RunRecord:
                 segment=self._segment,
                 doubts=doubts,
             )
+
+    def tree(self, t: float, tree: BehaviorTree) -> None:
+        """A tree begins."""
+        self._statuses = ""
+        if self._log is not None:
+            self._log.tree(t, *tree.outline())
+
+    def statuses(self, t: float, tree: BehaviorTree) -> None:
+        """The tree has been ticked."""
+        if self._log is None:
+            return
+        letters = "".join([STATUSES[name] for name in tree.results()])
+        if letters != self._statuses:
+            self._statuses = letters
+            self._log.statuses(t, letters)
 
     def took(self, ms: float) -> None:
         """How long the last tick took with what was told of it."""

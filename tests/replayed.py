@@ -6,12 +6,12 @@ from copy import deepcopy
 
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog import RunLogWriter
 from mazeplan.data.runlog_reader import read_messages
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.replay import replay
-from mazeplan.run import run_job
 from mazeplan.settings import load_settings
 
 MAZE = load_map("cme")

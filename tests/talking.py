@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run import run_job
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)

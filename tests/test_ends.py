@@ -6,13 +6,13 @@ from __future__ import annotations
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog_reader import read_log
 from mazeplan.errors import TreeError
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.replay import replay
-from mazeplan.run import run_job
 
 MAZE = load_map("cme")
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Main">\n{}\n</BehaviorTree></root>'

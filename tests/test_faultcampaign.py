@@ -9,6 +9,7 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan import faultcampaign
+from mazeplan.attempt import attempt_job, run_job
 from mazeplan.errors import RigError
 from mazeplan.evaluate import Campaign, evaluate
 from mazeplan.faultcampaign import Outcome, evaluate_faults, good, report, run_trial
@@ -16,7 +17,6 @@ from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Doubt, Failure, FailureKind, NavigationResult, RingPassage
 from mazeplan.rigs.faultschedule import Entry, Trial
-from mazeplan.run import attempt_job, run_job
 
 MAZE = load_map("cme")
 SHORT = Campaign(runs=1, rig="ideal", start=3, seed=40)

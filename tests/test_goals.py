@@ -10,11 +10,12 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 from talking import FIRST, MAZE, SETUP, go, said
 
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog import read_log
 from mazeplan.display import NullDisplay
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
-from mazeplan.run import Run, run_job
+from mazeplan.run import Run
 
 # -- another goal ------------------------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 from talking import MAZE, NAMES, SETUP, go, said
 
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog import RunLogWriter, read_log
 from mazeplan.data.runlog_reader import read_messages
 from mazeplan.errors import LogError, TreeError
@@ -16,7 +17,6 @@ from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.navigate import navigate
 from mazeplan.replay import replay
-from mazeplan.run import run_job
 
 # -- told again --------------------------------------------------------------------------------------------------------
 

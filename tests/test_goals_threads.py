@@ -8,12 +8,12 @@ import pytest
 from planar_rig import PlanarRig
 from talking import MAZE, NAMES, SETUP, go, said
 
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import SettingsError
 from mazeplan.goals import Goals
 from mazeplan.job import Job
 from mazeplan.navigate import navigate
-from mazeplan.run import run_job
 
 # -- what cannot be meant, and threads ---------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ import math
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.choices import resolve_model, ring_number
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import InputError
@@ -17,7 +18,6 @@ from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.navigate import navigate
 from mazeplan.records import FailureKind
-from mazeplan.run import run_job
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)

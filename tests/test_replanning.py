@@ -10,12 +10,12 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 from mazeplan import resources
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog import read_log
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.maths.angles import difference
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run import run_job
 
 MAZE = load_map("cme")
 PACKAGED = (resources.share("behaviors") / "navigate.xml").read_text(encoding="utf-8")

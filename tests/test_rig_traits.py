@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import DelayBank, estimator_for
@@ -15,7 +16,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.records import FailureKind, Latency
 from mazeplan.replay import replay
-from mazeplan.run import Run, run_job
+from mazeplan.run import Run
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)

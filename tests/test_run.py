@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.behavior.travel import arrival_speed
 from mazeplan.choices import resolve_model
 from mazeplan.display import NullDisplay
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command, FailureKind
-from mazeplan.run import Run, run_job
+from mazeplan.run import Run
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)

@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import RigError
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Doubt
 from mazeplan.replay import replay
-from mazeplan.run import run_job
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)

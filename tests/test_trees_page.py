@@ -64,9 +64,9 @@ def test_the_page_names_what_a_context_has():
 def test_the_leaf_of_the_page_winds_down(tmp_path, monkeypatch):
     from planar_rig import PATIENT, PlanarRig, known
 
+    from mazeplan.attempt import run_job
     from mazeplan.job import Job, Setup
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.run import run_job
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "leaves_of_the_page.py").write_text(LEAF, encoding="utf-8")

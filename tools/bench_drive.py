@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from random_rigs import RANGES, draw, drive, packaged_model
 
+from mazeplan.attempt import run_job
 from mazeplan.evaluate import start_angle
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig
-from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 
 ASKED = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan.attempt import run_job
 from mazeplan.choices import resolve_model
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
@@ -18,7 +19,6 @@ from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.run import run_job
 from mazeplan.settings import Settings
 
 RANGES = {  # key of a simulated rig: lowest, highest; whole numbers where both are

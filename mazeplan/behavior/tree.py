@@ -38,6 +38,23 @@ class BehaviorTree:
         """(path, how its last tick ended) of every node; INVALID: it was halted since, or never ticked."""
         return [(path, node.result.name) for path, node in self._paths]
 
+    def outline(self) -> tuple[list[str], list[str], list[str], list[int]]:
+        """Paths, kinds (class names), names and parents (numbers, -1 of the root) of all nodes, parents first."""
+        number = {id(node): i for i, (_, node) in enumerate(self._paths)}
+        parents = [-1] * len(self._paths)
+        for _, node in self._paths:
+            for child in parts_of(node):
+                parents[number[id(child)]] = number[id(node)]
+        nodes = list(self.nodes())
+        return (
+            [path for path, _ in self._paths], [type(node).__name__ for node in nodes],
+            [node.name for node in nodes], parents,
+        )  # fmt: skip
+
+    def results(self) -> list[str]:
+        """How the last tick of each node ended, in the same order; see `snapshot`."""
+        return [node.result.name for _, node in self._paths]
+
     def active_path(self) -> list[str]:
         """Names from the root to the leaf that is running; empty when none is."""
         path, node = [], self.root

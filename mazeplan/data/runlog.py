@@ -6,6 +6,9 @@ Topics (JSON with a JSON schema each, so that general MCAP viewers read them); t
     /tick    each control tick: what was observed, estimated and commanded, by which leaf; cut_off: after how many
              iterations the planner's deadline ended each search of the tick (`control.stopwatch`)
     /plan    each plan: states and controls by component, cost, why the solver stopped
+    /tree    at each tree's beginning: path, kind (class), name of every node, parents first; parent: number of the
+             node above, -1 of the root
+    /status  each tick after which they are others: how every node's last tick ended, a letter each (`STATUSES`)
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 
@@ -19,6 +22,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -33,7 +37,9 @@ from mazeplan.records import Command, Observation, Plan, State
 __all__ = ["RunLog", "RunLogWriter", "read_log"]
 
 NUMBER, INTEGER, TEXT, FLAG = ({"type": name} for name in ("number", "integer", "string", "boolean"))
-NUMBERS = {"type": "array", "items": NUMBER}
+NUMBERS, TEXTS = ({"type": "array", "items": kind} for kind in (NUMBER, TEXT))
+STATUSES = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F", "SKIPPED": "K"}
+Take = Callable[[str, float, dict[str, Any]], None]  # topic, rig time in s, document
 
 
 def _object(**fields: Any) -> dict[str, Any]:
@@ -65,6 +71,10 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         iterations=INTEGER,
         **dict.fromkeys((*PLAN_STATES, *PLAN_CONTROLS), NUMBERS),
     ),
+    "/tree": _object(
+        t=NUMBER, **dict.fromkeys(("paths", "kinds", "names"), TEXTS), parents={"type": "array", "items": INTEGER}
+    ),
+    "/status": _object(t=NUMBER, nodes=TEXT),
     "/event": _object(
         t=NUMBER,
         kind=TEXT,
@@ -164,6 +174,15 @@ class RunDocuments:
             document |= zip(PLAN_CONTROLS, np.round(plan.controls, 6).T.tolist(), strict=True)
         self._add("/plan", plan.t0, document)
 
+    def tree(self, t: float, paths: Sequence[str], kinds: Sequence[str], names: Sequence[str], parents: Sequence[int]):
+        """A tree that begins; see the module."""
+        document = {"t": t, "paths": paths, "kinds": kinds, "names": names, "parents": parents}
+        self._add("/tree", t, document)
+
+    def statuses(self, t: float, nodes: str) -> None:
+        """How the last tick of each of its nodes ended, letters of `STATUSES`."""
+        self._add("/status", t, {"t": t, "nodes": nodes})
+
     def event(self, t: float, kind: str, detail: dict[str, Any]) -> None:
         """Something that happened at rig time t; detail is plain data (text, numbers, lists)."""
         self._add("/event", t, {"t": t, "kind": kind, "detail": detail})
@@ -173,13 +192,43 @@ class RunDocuments:
         self._add("/result", self._t, document)
 
 
-class RunLogMemory(RunDocuments):
-    """The messages of a run as a reader of its log would find them: (topic, document), without a header."""
+class Feed(RunDocuments):
+    """Hands all messages, the header first, to somebody who must take them without delay."""
 
-    def __init__(self) -> None:
-        self.messages: list[tuple[str, dict[str, Any]]] = []
+    def __init__(self, take: Take, header: dict[str, Any]) -> None:
+        self._take = take
+        take("/header", 0.0, header)
 
     def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        self._take(topic, t, document)
+
+
+class _Both(RunDocuments):
+    def __init__(self, *ends: RunDocuments) -> None:
+        self._ends = ends
+
+    def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        for end in self._ends:
+            end._add(topic, t, document)
+
+
+def told_to(*ends: RunDocuments | None) -> RunDocuments | None:
+    """One that tells all of them; None where there are none."""
+    some = [end for end in ends if end is not None]
+    return some[0] if len(some) == 1 else _Both(*some) if some else None
+
+
+class RunLogMemory(RunDocuments):
+    """The messages of a run as a reader of its log would find them: (topic, document), without a header; none of the
+    topics in `but`."""
+
+    def __init__(self, but: Collection[str] = ()) -> None:
+        self.messages: list[tuple[str, dict[str, Any]]] = []
+        self._but = but
+
+    def _add(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        if topic in self._but:
+            return
         self.messages.append((topic, json.loads(_encode(document))))
 
 

@@ -37,6 +37,8 @@ class RunLog:
     ticks:    column -> array of N: float with NaN for missing, or object (str, "" for missing) for text
     plans:    documents with t0, dt, cost, reason, iterations, ms and the arrays states (T+1, 6) and controls (T, 2)
     events:   documents with t, kind, detail
+    trees:    documents with t, paths, kinds, names, parents (`runlog`), and statuses: ((t, letters), ...) from each
+              tick after which they were others; empty in logs of older versions
     result:   the outcome, None when there is none
     complete: whether the file was finished; False after a crash, when the last message may be missing
     """
@@ -48,6 +50,7 @@ class RunLog:
     events: tuple[dict[str, Any], ...]
     result: dict[str, Any] | None
     complete: bool
+    trees: tuple[dict[str, Any], ...] = ()
 
 
 class _Whole:
@@ -80,6 +83,7 @@ def read_log(path: str | Path) -> RunLog:
             tuple(_event(document) for document in of("/event")),
             next(iter(of("/result")), None),
             complete,
+            _trees(messages),
         )
     except (KeyError, TypeError, ValueError, OverflowError) as problem:
         raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
@@ -161,6 +165,22 @@ def _plan(document: dict[str, Any]) -> dict[str, Any]:
 
     rest = {key: value for key, value in document.items() if key not in PLAN_STATES + PLAN_CONTROLS}
     return {**rest, "states": stack(PLAN_STATES), "controls": stack(PLAN_CONTROLS)}
+
+
+def _trees(messages: list[tuple[str, dict[str, Any]]]) -> tuple[dict[str, Any], ...]:
+    """The trees of a run, one after another, each with its statuses."""
+    trees: list[dict[str, Any]] = []
+    for topic, document in messages:
+        if topic == "/tree":
+            if len({len(document[name]) for name in ("paths", "kinds", "names", "parents")}) != 1:
+                raise ValueError("a tree whose nodes are not all told")
+            trees.append({**document, "t": float(document["t"]), "statuses": []})
+        elif topic == "/status" and trees:
+            nodes = str(document["nodes"])
+            if len(nodes) != len(trees[-1]["paths"]):
+                raise ValueError("statuses of another tree")
+            trees[-1]["statuses"].append((float(document["t"]), nodes))
+    return tuple({**tree, "statuses": tuple(tree["statuses"])} for tree in trees)
 
 
 def _event(document: dict[str, Any]) -> dict[str, Any]:

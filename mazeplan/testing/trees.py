@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mazeplan.attempt import run_job
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.treefile import load_tree
@@ -24,7 +25,6 @@ from mazeplan.records import Failure, FailureKind, NavigationResult, State
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.run import run_job
 from mazeplan.settings import Settings, load_settings
 from mazeplan.testing.balls import DT, BallBehaviour, PlayedRig, after, states
 from mazeplan.testing.leafscript import Script

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.behavior.ownleaves import MOST_WIND_DOWN, registry_with
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import InputError, TreeError
@@ -17,7 +18,6 @@ from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.replay import replay
-from mazeplan.run import run_job
 
 MAZE = load_map("cme")
 LEAVES = '''

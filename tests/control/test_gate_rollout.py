@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.attempt import run_job
 from mazeplan.control.gate import GateOptions, gate_command
 from mazeplan.control.gate_rollout import GateRollout, RolloutOptions, law_command, passing_time
 from mazeplan.control.tilt import GRAVITY, Plate
 from mazeplan.errors import SettingsError
+from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.planar import FREE_ROLLING, PlanarModel
 from mazeplan.records import State
-from mazeplan.run import Job, Setup, run_job
 
 MAZE = load_map("cme")
 PLATE = Plate(MAZE.tilt_limit, 0.004, -0.006)
