@@ -54,11 +54,15 @@ def compare(
     curve: Annotated[
         Path | None, typer.Option("--curve", help="Draw learning curves into this PNG, SVG or PDF.")
     ] = None,
+    page: Annotated[
+        Path | None, typer.Option("--report", help="HTML file with tables and pictures, learning curves among them.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of starts, forests and intervals.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """nRMSE of theta_dd and roll-out errors of rf, p, pi, np, sp (and npd), ring by ring."""
     from mazeplan.cli.arguments import positive
+    from mazeplan.cli.report import check_page, write_report
     from mazeplan.compare import THOROUGH, CompareOptions
     from mazeplan.compare import compare as run
     from mazeplan.data.smoothing import Smoothing
@@ -76,6 +80,8 @@ def compare(
             raise InputError(f"{option}: got {value!r}, expected one of {', '.join(allowed)}")
     if curve is not None and not (curve.suffix in PICTURES and curve.absolute().parent.is_dir()):  # not minutes later
         raise InputError(f"--curve: got {str(curve)!r}, expected {', '.join(PICTURES)} in a folder that exists")
+    if page is not None:
+        check_page("--report", page)
     require_torch()
     maze, known = _maze(map_, logs[0])
     options = CompareOptions(
@@ -84,15 +90,18 @@ def compare(
         samples=SampleOptions(ring=ring, radius=None if radius is None else positive("--radius", radius)),
         rates=rates,
         fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel, device=device), seed=seed),
-        curve=curve is not None,
+        curve=curve is not None or page is not None,
         seed=seed,
     )
     tables, held = ([read_table(log) for log in group] for group in (logs, test or []))
     scores = run(tables, held, maze, options, openings_known=known, progress=say)
     if curve is not None:
         _draw(scores, curve)
+    document = {f"ring{score.ring}": score.document() for score in scores}
+    if page is not None:
+        write_report("comparison", document, page, ", ".join(log.name for log in logs))
     if as_json:
-        print_json({f"ring{score.ring}": score.document() for score in scores})
+        print_json(document)
         return
     report(scores)
 

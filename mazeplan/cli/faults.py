@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.cli.output import print_json
@@ -11,9 +12,10 @@ if TYPE_CHECKING:
     from mazeplan.evaluate import Campaign
 
 
-def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool) -> int:
-    """Do it and print it; the exit status: 0 when every run ended as it should."""
+def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool, page: Path | None = None) -> int:
+    """Do it and print it, and write a report into `page`; the exit status: 0 when every run ended as it should."""
     from mazeplan.cli.progress import campaign_progress
+    from mazeplan.cli.report import write_report
     from mazeplan.evaluate import setup_document, summary
     from mazeplan.faultcampaign import evaluate_faults, good, report
     from mazeplan.rigs.faultschedule import every_kind, load_schedule
@@ -22,10 +24,13 @@ def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool
     with campaign_progress(campaign.runs * len(trials)) as advance:
         outcomes = evaluate_faults(campaign, trials, workers=workers, progress=advance)
     rows = [report(trial, of_it) for trial, of_it in zip(trials, outcomes, strict=True)]
+    document = summary([outcome.result for outcome in chain(*outcomes)])
+    document["results"] = [outcome.to_json() for outcome in chain(*outcomes)]
+    document |= {"setup": setup_document(campaign), "faults": rows}
+    if page is not None:
+        write_report("evaluation", document, page, f"{document['setup']['rig']} with faults")
     if as_json:
-        document = summary([outcome.result for outcome in chain(*outcomes)])
-        document["results"] = [outcome.to_json() for outcome in chain(*outcomes)]
-        print_json({**document, "setup": setup_document(campaign), "faults": rows})
+        print_json(document)
     else:
         print_rows(rows)
     return 0 if good(rows) else 1

@@ -117,17 +117,21 @@ def evaluate(
         str | None, typer.Option("--faults", help="YAML file of what is to go wrong, or all: each kind in turn.")
     ] = None,
     sense: Sense = None,
+    report: Annotated[Path | None, typer.Option("--report", help="HTML file with pictures of it.")] = None,
     as_json: Json = False,
 ) -> None:
     """Many navigations: success, times, failures; with --faults what is noticed and got over."""
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.progress import campaign_progress
+    from mazeplan.cli.report import check_page, write_report
     from mazeplan.errors import RigError
     from mazeplan.evaluate import Campaign, setup_document, summary
     from mazeplan.evaluate import evaluate as run
     from mazeplan.maze.mapfile import load_map
     from mazeplan.records import FailureKind
 
+    if report is not None:
+        check_page("--report", report)
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
     to = len(maze.rings) if goal == "centre" else goal
@@ -138,10 +142,12 @@ def evaluate(
     if faults is not None:
         from mazeplan.cli.faults import evaluate_faulty
 
-        sys.exit(evaluate_faulty(campaign, faults, workers, as_json))
+        sys.exit(evaluate_faulty(campaign, faults, workers, as_json, report))
     with campaign_progress(count) as advance:
         outcomes = run(campaign, workers=workers, progress=advance)
     document = {**summary(outcomes), "setup": setup_document(campaign)}
+    if report is not None:
+        write_report("evaluation", document, report, document["setup"]["rig"])
     if as_json:
         print_json(document)
     else:

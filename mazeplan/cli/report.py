@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -34,16 +34,31 @@ def report(
     from mazeplan.report.inputs import read_input
     from mazeplan.report.page import write_page
 
-    if output.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"-o: got {str(output)!r}, expected a file that ends in .html")
-    if output.is_dir():
-        raise InputError(f"-o: got {str(output)!r}, a folder, expected a file that ends in .html")
-    check_folder("-o", output.absolute().parent)
+    check_page("-o", output)
     if pictures is not None:
         check_folder("--pictures", pictures)
     found = _sections([part for path in inputs for part in read_input(path)])
     write_page(output, title or found[0].title + (" and more" if len(found) > 1 else ""), found, pictures)
     say(f"wrote {output}" + (f", pictures in {pictures}" if pictures is not None else ""))
+
+
+def check_page(option: str, path: Path) -> None:
+    """Whether a page could be written there, before long work is lost for want of it. Raises InputError."""
+    if path.suffix.lower() not in (".html", ".htm") or path.is_dir():
+        folder = ", a folder" if path.is_dir() else ""
+        raise InputError(f"{option}: got {str(path)!r}{folder}, expected a file that ends in .html")
+    check_folder(option, path.absolute().parent)
+
+
+def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> None:
+    """The page of a document that a command is about to print; kind: as `report.inputs` has it; name: of what."""
+    from mazeplan.cli.output import finite
+    from mazeplan.report.inputs import Input
+    from mazeplan.report.page import write_page
+
+    sections = _sections([Input(kind, path, name, finite(document))])
+    write_page(path, sections[0].title, sections)
+    say(f"wrote {path}")
 
 
 def _sections(given: list[Input]) -> list[Section]:

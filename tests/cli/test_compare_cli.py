@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from commands import call
 from ring_record import ring_table, write_csv
+from standalone_page import alone
 
 from mazeplan.data.table import Table
 
@@ -109,13 +110,21 @@ def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
 
 def test_learning_curves_are_drawn(monkeypatch, capsys, folder, tmp_path):
     picture = tmp_path / "curve.png"
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK, "--curve", picture, "--json")
+    pages = ("--curve", picture, "--report", tmp_path / "page.html")
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK, *pages, "--json")
     assert code == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert f"wrote {picture}" in err
     curve = json.loads(out)["ring2"]["curve"]
     assert set(curve) == KINDS - {"p"}
     assert all(n == 50 for n, _ in curve["sp"])  # fewer are never tried
+    page = alone(tmp_path / "page.html")
+    ring = json.loads(out)["ring2"]
+    assert f"{ring['nrmse_train']['sp']:.3f} / {ring['nrmse_test']['sp']:.3f}" in page
+    assert page.count("<figure") == 4
+    for kind, bands in ring["bands"].items():
+        assert bands["mean"][20] == pytest.approx(ring["rollout"][kind]["20"], abs=1e-4)
+    assert sum(map(sum, ring["residual"]["count"])) == ring["n_test"]
 
 
 def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
@@ -150,6 +159,7 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
         (["one.csv", "--most", "3"], "--most"),
         (["one.csv", "--seed=-1"], "--seed"),
         (["one.csv", "--map", "none.yaml"], "none.yaml"),
+        (["one.csv", "--report", "a.txt"], "--report: got 'a.txt', expected a file that ends in .html"),
         (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected .png, .svg, .pdf"),
         (["one.csv", "--curve", "nowhere/a.png"], "--curve: got 'nowhere/a.png'"),
         (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
