@@ -75,6 +75,38 @@ def test_runs_that_went_wrong_on_the_way_decide_again(tmp_path, mishap, limit, r
     assert outcome.reason == reason
 
 
+def test_a_log_from_before_that_tells_less_of_the_result_decides_again(tmp_path):
+    result = planar(tmp_path / "run.mcap", mishap=fall)
+    assert (result.start.ring, result.start.theta) == (3, 0.3)
+
+    def less(header, messages):
+        (told,) = [document for topic, document in messages if topic == "/result"]
+        assert told.pop("start") == {"ring": 3, "theta": 0.3}
+        for failure in told["failures"]:
+            assert failure.pop("x") is not None
+            del failure["y"], failure["where"]
+
+    assert again(rewritten(tmp_path / "run.mcap", less)).identical
+
+    def another(header, messages):
+        less(header, messages)
+        next(d for t, d in messages if t == "/result")["failures"][0]["kind"] = "stuck"
+
+    outcome = again(rewritten(tmp_path / "run.mcap", another))
+    assert (outcome.identical, outcome.difference.what) == (False, "result")
+
+
+def test_a_failure_tells_where_the_ball_was(tmp_path):
+    result = planar(tmp_path / "run.mcap", mishap=fall)
+    ticks = [d for t, d in read_messages(tmp_path / "run.mcap")[1] if t == "/tick"]
+    for failure in result.failures:
+        tick_then = min(ticks, key=lambda d: abs(d["t"] - failure.t))
+        assert failure.x == pytest.approx(tick_then["x"], abs=0.004)  # m
+        assert failure.y == pytest.approx(tick_then["y"], abs=0.004)
+    fallen = result.failures[0]
+    assert MAZE.ring_at((fallen.x**2 + fallen.y**2) ** 0.5) == 2  # where it was put
+
+
 @pytest.mark.parametrize(("error", "reason"), [(KeyboardInterrupt, "interrupted"), (RigError, "rig_failed")])
 def test_runs_that_were_ended_decide_again_up_to_there(tmp_path, error, reason):
     def end(rig):
