@@ -21,7 +21,8 @@ def report(
         list[Path],
         typer.Argument(
             metavar="INPUT...",
-            help="Run logs; what evaluate, compare, diagnose or improve printed with --json; folders of diagnose -o.",
+            help="Run logs; what evaluate, compare, diagnose or improve printed with --json; folders of diagnose -o; "
+            "folders of models, with the logs and tables on which they are judged.",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")],
@@ -62,17 +63,27 @@ def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> 
 
 
 def _sections(given: list[Input]) -> list[Section]:
-    """In the order of the inputs, but evaluations together, where the first of them is."""
+    """In the order of the inputs, but evaluations together, where the first of them is. Where there is a model, logs
+    and tables are what it is judged on."""
     from mazeplan.data.runlog import read_log
     from mazeplan.report.diagnosis import diagnosis_section
     from mazeplan.report.evaluation import evaluation_section
-    from mazeplan.report.models import models_section
+    from mazeplan.report.models import model_section, models_section
     from mazeplan.report.run import run_section
 
+    judges = [part.path for part in given if part.kind in ("run", "table")]
+    models = [part for part in given if part.kind == "model"]
+    table = next((part for part in given if part.kind == "table"), None)
+    if table is not None and not models:
+        raise InputError("got a table, expected the folder of a model beside it, to be judged on it", file=table.path)
     together = [part for part in given if part.kind == "evaluation"]
     found = []
     for part in given:
-        if part.kind == "run":
+        if part.kind == "model":
+            found.append(model_section(part.path, judges))
+        elif part.kind in ("run", "table") and models:
+            continue
+        elif part.kind == "run":
             found.append(run_section(read_log(part.path)))
         elif part.kind == "comparison":
             found.append(models_section(part))

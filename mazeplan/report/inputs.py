@@ -2,7 +2,8 @@
 
 FILE.mcap            a run's log
 FILE.json            what `evaluate`, `compare`, `diagnose` or `improve` printed with --json
-FOLDER               what `diagnose -o` wrote (report.json, evidence.json)
+FOLDER               what `diagnose -o` wrote (report.json, evidence.json), or a model (model.yaml)
+FILE.csv             a table, on which a model is judged
 """
 
 from __future__ import annotations
@@ -15,15 +16,14 @@ from typing import Any
 
 from mazeplan.errors import InputError
 
-KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o"
+KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or of a model"
 MOST = 200 * 2**20  # bytes of a document
-DRAWN_KINDS = ("evaluation", "comparison", "diagnosis")
 
 
 @dataclass(frozen=True)
 class Input:
-    """kind: run, evaluation, comparison, diagnosis; name: what a reader calls it; document: its JSON, none of a run's
-    log; evidence: of a diagnosis, what its pictures show."""
+    """kind: run, table, model, evaluation, comparison, diagnosis; name: what a reader calls it; document: its JSON,
+    none of what is a file of another kind; evidence: of a diagnosis, what its pictures show."""
 
     kind: str
     path: Path
@@ -34,9 +34,11 @@ class Input:
 
 def read_input(path: Path) -> list[Input]:
     """What is in a file or folder; of the document of `improve` several. Raises InputError."""
+    if (path / "model.yaml").is_file():
+        return [Input("model", path, path.name, {})]
     if path.is_dir():
         if not (path / "report.json").is_file():
-            raise InputError(f"got a folder without report.json, expected {KINDS}", file=path)
+            raise InputError(f"got a folder without report.json or model.yaml, expected {KINDS}", file=path)
         document = read_document(path / "report.json")
         evidence = path / "evidence.json"
         shown = read_document(evidence) if evidence.is_file() else None
@@ -46,6 +48,8 @@ def read_input(path: Path) -> list[Input]:
         return [Input("diagnosis", path, path.name, document, shown)]
     if path.suffix.lower() == ".mcap":
         return [Input("run", path, path.stem, {})]
+    if path.suffix.lower() == ".csv":
+        return [Input("table", path, path.stem, {})]
     return of_document(read_document(path), path)
 
 

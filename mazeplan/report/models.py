@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from mazeplan.report.page import Note, Section, Table
 
 KINDS = {
     "rf": "random forest", "p": "equation", "pi": "linear in the equation's terms", "np": "Gaussian process",
-    "npd": "process on the discrete map", "sp": "process and terms",
+    "npd": "process on the discrete map", "sp": "process and terms", "model": "the model",
 }  # fmt: skip
 Document = dict[str, Any]
 
@@ -82,6 +83,41 @@ def models_section(given: Input) -> Section:
     return Section(f"Models, {given.name}", _lead(document), facts, parts)
 
 
+def model_section(folder: Path, logs: Sequence[Path]) -> Section:
+    """A model folder, and how it does on logs, where there are any. Raises InputError."""
+    from mazeplan.data.table import read_table
+    from mazeplan.models.modelfile import load_model
+    from mazeplan.report.learned import effects_table, judged, model_facts
+    from mazeplan.report.models_pictures import models_pictures
+
+    model, maze = load_model(folder), _log_map(logs)
+    facts, parts = model_facts(model, folder), [effects_table(model)]
+    if not logs:
+        note = Note("How it does on a log, and what it leaves over, is shown when logs are given with it:",
+                    "mazeplan report MODEL LOG... -o FILE.html")  # fmt: skip
+        return Section(f"Model {folder.name}", f"A model of kind {model.kind}.", facts, [*parts, note])
+    document = judged(model, [read_table(log) for log in logs], maze)
+    facts.append(("judged on", ", ".join(log.name for log in logs)))
+    shown: list[Any] = [
+        _accelerations(document),
+        _rollouts(document),
+        *parts,
+        *models_pictures(document, maze, "model"),
+    ]
+    told = [f"{known(s['nrmse_test']['model']):.3f} in {ring}" for ring, s in document.items()]
+    lead = f"nRMSE of theta_dd {', '.join(told)}".replace("ring", "ring ")
+    return Section(f"Model {folder.name} on {', '.join(log.name for log in logs)}", f"{lead}.", facts, shown)
+
+
+def _log_map(logs: Sequence[Path]) -> Maze:
+    """The map of the first run log that has one, else cme."""
+    from mazeplan.data.runlog import read_log
+    from mazeplan.report.run import maze_of
+
+    first = next((log for log in logs if log.suffix.lower() == ".mcap"), None)
+    return load_map("cme") if first is None else maze_of(read_log(first))
+
+
 def _maze(given: Input) -> Maze:
     """To draw over: the rings must be there. Raises InputError."""
     maze = load_map("cme")
@@ -128,12 +164,13 @@ def _accelerations(document: Document) -> Table:
         train = known(document[row]["nrmse_train"].get(kind))
         low, high = (document[row].get("interval95", {}).get("nrmse_test", {}).get(kind) or (None, None))[:2]
         band = "" if low is None or high is None else f" [{low:.2f}, {high:.2f}]"
-        return f"{_three(train)} / {_three(test(row, kind))}{band}"
+        before = f"{_three(train)} / " if math.isfinite(train) else ""
+        return f"{before}{_three(test(row, kind))}{band}"
 
     names = [f"ring{ring}" for ring in rings(document)]
     rows, strong = _marked(names, columns, test, text)
     for row, ring in zip(rows, rings(document), strict=True):
-        row[0] = f"ring {ring}: {document[f'ring{ring}'].get('n_train', '?')} rows, {_tests(document, ring)}"
+        row[0] = f"ring {ring}: {_rows(document[f'ring{ring}'])}"
     rows += _paper(columns, rings(document), published.NRMSE, lambda value: f"{value:.2f}")
     return Table(
         "nRMSE of theta_dd, train / test [95 % interval]; published: test, on the paper's rig",
@@ -143,8 +180,9 @@ def _accelerations(document: Document) -> Table:
     )
 
 
-def _tests(document: Document, ring: int) -> str:
-    return f"{document[f'ring{ring}'].get('n_test', '?')} to test"
+def _rows(scores: Document) -> str:
+    train, test = scores.get("n_train", "?"), f"{scores.get('n_test', '?')} to test"
+    return f"{train} rows, {test}" if train != 0 else test
 
 
 def _paper(

@@ -16,13 +16,14 @@ from mazeplan.report.page import Picture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLES = {"rf": "neutral", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2"}
+STYLES = {"rf": "neutral", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2", "model": "ring2"}
 MOST_DRAWN = 2.0  # nRMSE; who is worse leaves the picture
 MAPS_SHOWN = 3  # kinds of models beside each other
 
 
-def models_pictures(document: Document, maze: Maze) -> list[Picture]:
-    """Those for which the document has numbers."""
+def models_pictures(document: Document, maze: Maze, main: str = "") -> list[Picture]:
+    """Those for which the document has numbers; main: the kind that is looked at, where not the best."""
+    main = main or best_kind(document)
     numbers, found = rings(document), []
     width = min(12.0, 1.4 + 2.7 * len(numbers))
     if any(scores.get("curve") for scores in document.values()):
@@ -42,7 +43,7 @@ def models_pictures(document: Document, maze: Maze) -> list[Picture]:
         )  # fmt: skip
     told = [ring for ring in numbers if document[f"ring{ring}"].get("residual")]
     if told:
-        shown = _shown(document)
+        shown = _shown(document, main)
         found.append(
             Picture(
                 "residual-maze", "What is left of the acceleration, over the maze (white: too few samples)",
@@ -52,18 +53,18 @@ def models_pictures(document: Document, maze: Maze) -> list[Picture]:
         )  # fmt: skip
         found.append(
             Picture(
-                "residual-rings", f"Mean residual in each ring by angle and rate, {best_kind(document)}",
+                "residual-rings", f"Mean residual in each ring by angle and rate, {main}",
                 "heat map of the mean residual against angle and rate, a panel a ring",
-                lambda figure: _heat(figure, document, told), (9.0, 1.0 + 1.75 * len(told)),
+                lambda figure: _heat(figure, document, told, main), (9.0, 1.0 + 1.75 * len(told)),
             )
         )  # fmt: skip
     return found
 
 
-def _shown(document: Document) -> list[str]:
+def _shown(document: Document, main: str) -> list[str]:
     """Kinds whose residuals are shown: the equation, its terms with weights, and the best."""
     have = list(next(s["residual"]["rms"] for s in document.values() if s.get("residual")))
-    wanted = ["p", "pi", best_kind(document), "np"]
+    wanted = ["p", "pi", main, "np"]
     return list(dict.fromkeys(kind for kind in wanted if kind in have))[:MAPS_SHOWN] or have[:MAPS_SHOWN]
 
 
@@ -153,8 +154,7 @@ def _over_maze(figure: Figure, document: Document, maze: Maze, told: list[int], 
         bar.set_label("root mean square of measured - predicted, rad/s²")
 
 
-def _heat(figure: Figure, document: Document, told: list[int]) -> None:
-    kind = best_kind(document)
+def _heat(figure: Figure, document: Document, told: list[int], kind: str) -> None:
     panels = figure.subplots(len(told), 1, sharex=True, squeeze=False)[:, 0]
     tables = {ring: document[f"ring{ring}"]["residual"] for ring in told}
     kind = kind if all(kind in t["mean"] for t in tables.values()) else next(iter(tables[told[0]]["mean"]))

@@ -119,7 +119,7 @@ def test_places_to_write_to_are_looked_at_first(call, tmp_path):
         assert words in err
     code, _, err = call(tmp_path, "-o", tmp_path / "x.html")
     assert code == 2
-    assert "got a folder without report.json" in err
+    assert "got a folder without report.json or model.yaml" in err
     code, _, err = call(tmp_path / "none.mcap", "-o", tmp_path / "x.html")
     assert code == 2
     assert "none.mcap: cannot be read" in err

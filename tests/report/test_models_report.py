@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import json
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import call
 from report_documents import comparison
+from ring_record import DT, RADII, Ball, columns, ring_table, write_csv
+from standalone_page import alone
 
+from mazeplan.data.table import Table as Record
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import RollingInertia
+from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.residual_map import ANGLES, FEWEST, residual_map
 from mazeplan.models.rollout import Rollout
+from mazeplan.models.stage import StageModel
 from mazeplan.report.inputs import Input, of_document
+from mazeplan.report.learned import effects_table, judged
 from mazeplan.report.models import around, best_kind, models_section
 from mazeplan.report.page import Picture, Table
 
@@ -93,7 +104,7 @@ def test_the_heat_map_shows_the_cell_and_its_sign():
     from mazeplan.report.models_pictures import _heat, _learning
 
     figure = Figure()
-    _heat(figure, comparison(), [1, 2])
+    _heat(figure, comparison(), [1, 2], "sp")
     axes = figure.axes[0]
     cells = axes.collections[0].get_array()
     assert cells[0, 4] == -1.75
@@ -104,6 +115,38 @@ def test_the_heat_map_shows_the_cell_and_its_sign():
     _learning(figure, comparison())
     (curve,) = figure.axes[0].lines
     assert curve.get_xydata().tolist() == [[50, 0.8], [200, 0.5], [400, 0.3451]]
+
+
+def test_a_model_is_judged_on_a_table_as_the_equation_says():
+    """A model that is the truth leaves next to nothing, and the bare equation the share that it lacks."""
+    ball = Ball(RADII[2], factor=0.6)
+    model = RigModel(StageModel(), {2: BallModel((RollingInertia(0.6),), {"rolling_inertia": {"factor": 0.01}})})
+    record = Record({**columns(ball, 40.0), "ring": np.full(1200, 2.0)})
+    scores = judged(model, [record], load_map("cme"))["ring2"]
+    push = np.gradient(np.gradient(np.unwrap(record["theta"]), DT), DT)[3:-3]
+    share = (1.0 - 0.6) / 0.6 * float(np.sqrt(np.mean(push**2)) / np.std(push))
+    assert scores["nrmse_test"]["model"] < 0.25 * scores["nrmse_test"]["p"]
+    assert scores["nrmse_test"]["p"] == pytest.approx(share, abs=0.05)
+    assert scores["rollout"]["model"]["40"] < 0.1 * scores["rollout"]["p"]["40"]
+    assert effects_table(model).rows == [["rolling inertia factor", "0.6 ± 0.01"]]
+
+
+def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
+    folder = save_model(RigModel.nominal(load_map("cme")), tmp_path / "mine").parent
+    record = write_csv(ring_table((2,), 40.0), tmp_path / "x.csv")
+    done = partial(call, monkeypatch, capsys, "report")
+    code, _, err = done(folder, record, "-o", tmp_path / "m.html")
+    assert code == 0, err
+    page = alone(tmp_path / "m.html")
+    assert "Model mine on x.csv" in page
+    assert page.count("<figure") == 3
+    assert "viscous friction coefficient, 1/s" in page
+    code, _, err = done(folder, "-o", tmp_path / "n.html")
+    assert code == 0, err
+    assert "A model of kind p." in alone(tmp_path / "n.html")
+    code, _, err = done(record, "-o", tmp_path / "o.html")
+    assert code == 2
+    assert "x.csv: got a table, expected the folder of a model beside it" in err
 
 
 def test_of_document_knows_it():

@@ -1,0 +1,115 @@
+"""A model folder judged on logs that it has not seen: the document of `compare`, for the model and the bare equation.
+
+Samples as `compare` takes them where it is told nothing else: rates and accelerations smoothed (Savitzky-Golay, window
+9), the tilt of the camera's delay before. Roll-outs begin with what a filter with the model knew by then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazeplan.data.smoothing import Smoothing
+from mazeplan.data.table import Table
+from mazeplan.errors import InputError
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_terms
+from mazeplan.models.features import inputs
+from mazeplan.models.modelfile import RigModel, model_document
+from mazeplan.models.residual_map import residual_map
+from mazeplan.models.rig_learning import planned
+from mazeplan.models.rollout import CHECKED, choose_windows, roll_out
+from mazeplan.models.samples import RingSamples, SampleOptions, joined, ring_samples
+from mazeplan.models.start import PAST, angle_noise, causal_start
+from mazeplan.records import Array
+from mazeplan.report.page import Table as Shown
+
+MISFIT = 0.5  # of the spread of theta_dd: what the filter that finds a roll-out's start expects of any model
+FEWEST = 50  # samples of a ring
+Predict = Callable[[RingKinematics], Array]
+
+
+def predictors(model: RigModel, ring: int) -> dict[str, Predict]:
+    """theta_dd by the model, as planner and estimator have it, and by the bare equation (p)."""
+    ball, process = model.ball(ring), model.processes.get(ring)
+
+    def learned(k: RingKinematics) -> Array:
+        if process is None:
+            return ball.acceleration(k)
+        base = kinematic_terms(k) if model.kind == "np" else planned(ball, k)
+        return base + process.mean(inputs(k))
+
+    return {"p": BallModel((RollingInertia(1.0),)).acceleration, "model": learned}
+
+
+def judged(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[str, Any]:
+    """By ring, as `compare --json` has it. Raises InputError where no ring has enough samples."""
+    found: dict[int, list[RingSamples]] = {}
+    for table in tables:
+        options = SampleOptions(delay=model.camera_delay, rates="smoothed")
+        for ring, part in ring_samples(table, maze, Smoothing(window=9), options).items():
+            found.setdefault(ring, []).append(part)
+    out = {}
+    for ring, parts in sorted(found.items()):
+        samples = joined(parts)
+        if int(samples.good.sum()) >= FEWEST:
+            out[f"ring{ring}"] = _ring(model, ring, samples, maze)
+    if not out:
+        raise InputError(f"no ring has {FEWEST} samples in the logs that the model is to be judged on")
+    return out
+
+
+def _ring(model: RigModel, ring: int, samples: RingSamples, maze: Maze) -> dict[str, Any]:
+    rows = np.flatnonzero(samples.good)
+    k, truth = samples.at(rows), samples.theta_ddot[rows]
+    ways = predictors(model, ring)
+    left = {kind: truth - way(k) for kind, way in ways.items()}
+    spread = max(float(np.std(truth)), 1e-300)
+    openings = np.array([opening.angle for opening in maze.openings_of(ring)])
+    # the filter that finds a roll-out's start looks back, and must find nothing missing there
+    bad = np.concatenate([[0], np.cumsum(~samples.good)])
+    row = np.arange(len(samples))
+    windows = choose_windows(samples, (bad[row + 1] == bad[np.maximum(row - PAST, 0)]) & (row >= PAST), openings)
+    rollout, bands = {}, {}
+    for kind, way in ways.items() if len(windows) else ():
+        theta, rate = causal_start(way, samples, windows.start, angle_noise(samples), MISFIT * spread)
+        done = roll_out(way, samples, windows.start, theta, rate)
+        rollout[kind] = {str(n): done.after(n) for n in CHECKED}
+        bands[kind] = done.bands()
+    return {
+        "n_train": 0, "n_test": len(rows), "rates": "smoothed", "delay_s": round(model.camera_delay, 4),
+        "windows": len(windows), "windows_chosen": windows.chosen, "nrmse_train": {},
+        "nrmse_test": {kind: float(np.sqrt(np.mean(e**2)) / spread) for kind, e in left.items()},
+        "rollout": rollout, "bands": bands,
+        "residual": residual_map(k.theta, k.theta_dot, left).document(),
+    }  # fmt: skip
+
+
+def effects_table(model: RigModel) -> Shown:
+    """What the model's file says of each ring."""
+    rings = model_document(model)["rings"]
+    names = list(dict.fromkeys((effect, p) for found in rings.values() for effect, ps in found.items() for p in ps))
+    rows = []
+    for effect, parameter in names:
+        entries = [found.get(effect, {}).get(parameter) for found in rings.values()]
+        unit = next(entry["unit"] for entry in entries if entry)
+        words = f"{effect} {parameter}".replace("_", " ") + ("" if unit == "1" else f", {unit}")
+        rows.append([words, *(_entry(entry) for entry in entries)])
+    return Shown("Effects, value ± standard error", ("", *(f"ring {ring}" for ring in rings)), rows)
+
+
+def _entry(entry: dict[str, Any] | None) -> str:
+    if entry is None:
+        return "-"
+    return f"{entry['value']:.4g}" + (f" ± {entry['stderr']:.2g}" if "stderr" in entry else "")
+
+
+def model_facts(model: RigModel, folder: Path) -> list[tuple[str, str]]:
+    """What a reader should know of it."""
+    facts = [("model", folder.name), ("kind", model.kind), ("camera late by", f"{1e3 * model.camera_delay:.1f} ms")]
+    files = [str(entry["file"]) for entry in model.data if isinstance(entry, dict) and entry.get("file")]
+    return [*facts, *([("learned from", ", ".join(files))] if files else [])]
