@@ -47,7 +47,7 @@ class Tilt:
         the ends."""
         out = np.empty((len(times), 6))
         motion = self.motion if parameter is None else self.by_stage[parameter]
-        _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), times, out)
+        _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), np.ascontiguousarray(times), out)
         return out
 
 
@@ -110,7 +110,9 @@ class RingSystem:
     def __init__(self, t: Array, theta: Array, first: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
         """t, theta (N,): s, rad, unwrapped in each stretch, NaN where not seen; first (N,): a stretch begins; declared:
         what the model has already."""
-        self.t, self.theta, self.first, self.radius, self.tilt = t, theta, first, radius, tilt
+        # contiguous: for strided ones all that is compiled would be compiled once more
+        self.t, self.theta = np.ascontiguousarray(t), np.ascontiguousarray(theta)
+        self.first, self.radius, self.tilt = first, radius, tilt
         self.declared = declared
         self.target: Array | None = None  # accelerations that the record brings, rad/s^2
         self.dt = float(np.median(np.diff(t)))
@@ -135,7 +137,7 @@ class RingSystem:
 
     def _backwards(self) -> Array:
         """Tilts (N, 2) of the record played backwards: what no ball can feel, for placebos."""
-        return self.tilt.at(np.asarray(self.t[::-1]))[:, [0, 3]]
+        return self.tilt.at(self.t[::-1])[:, [0, 3]]
 
     def _leaning(self) -> Array:
         """Tilts (N, 2) of late, low-passed from the beginning of each stretch on."""
