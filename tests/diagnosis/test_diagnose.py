@@ -81,8 +81,9 @@ def test_two_effects_at_once():
     assert sorted(e["name"] for e in done.effects) == ["dry_friction", "tilt_offset"]
 
 
-def test_what_swings_with_time_has_no_name_and_a_frequency():
+def test_what_swings_with_time_has_no_name_and_a_frequency(asked):
     done = found(seed=5, hum=(1.7, 0.8))
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect"
     document = done.document()
     assert document["unknown"]["depends_on"] == ["time"]
@@ -90,8 +91,9 @@ def test_what_swings_with_time_has_no_name_and_a_frequency():
     assert document["after"]["rollout40"] < 0.5 * document["before"]["rollout40"]
 
 
-def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one():
+def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one(asked):
     done = found(seed=6, lean=8.0)
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect", done.sentence()
     assert set(done.document()["unknown"]["depends_on"]) >= {"theta_dot", "beta", "gamma"}
 

@@ -106,15 +106,6 @@ def test_records_in_pieces_hold_out_blocks_all_over():
     assert "blocks" in words
 
 
-@pytest.fixture
-def asked(monkeypatch):
-    """How often it was asked what is left beside named effects, which takes five times as long as to name them; nothing
-    is learned of it."""
-    calls = []
-    monkeypatch.setattr("mazeplan.diagnosis.diagnose.remainder", lambda *arguments: calls.append(arguments))
-    return calls
-
-
 @pytest.mark.parametrize(
     ("what", "name", "parameter", "true"),
     [
