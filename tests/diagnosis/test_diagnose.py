@@ -98,6 +98,16 @@ def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one(asked):
     assert set(done.document()["unknown"]["depends_on"]) >= {"theta_dot", "beta", "gamma"}
 
 
+def test_beside_an_unknown_what_is_left_is_learned_too():
+    pytest.importorskip("torch")
+    done = found(seed=6, lean=8.0, seconds=40.0)
+    assert done.verdict == "unknown_effect"
+    assert done.remainder is not None
+    assert 700 < done.remainder.rows < 850
+    assert done.remainder.nrmse < 0.6 * done.before.nrmse
+    assert done.document()["remainder"]["nrmse"] == pytest.approx(done.remainder.nrmse, abs=1e-5)
+
+
 def test_a_tilt_offset_is_hard_to_tell_from_a_wave_of_the_floor_and_it_says_so():
     done = found(seed=3, offset=(0.006, -0.004))
     assert any({"tilt_offset", "surface_profile"} <= set(group) for group in done.finding.alike)
