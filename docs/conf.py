@@ -13,6 +13,7 @@ html_theme = "furo"
 html_title = "mazeplan"
 html_copy_source = False
 html_show_sphinx = False
+smartquotes = False
 html_theme_options = {"footer_icons": []}
 pygments_style = "friendly"
 myst_enable_extensions = ["colon_fence"]

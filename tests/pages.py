@@ -44,7 +44,7 @@ class Block:
 
     def tried(self, command: str) -> list[str]:
         """The words with which a command is run here."""
-        return shlex.split(f"{command} {self.marks.get('tested with', '')}")
+        return shlex.split(command, comments=True) + shlex.split(self.marks.get("tested with", ""))
 
     @property
     def statuses(self) -> set[int]:

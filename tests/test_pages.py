@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -134,12 +135,17 @@ def check_words(words: list[str]) -> None:
     return None
 
 
-def parse(words: list[str]) -> None:
-    """Go through the words as the program would, and do nothing."""
+@cache
+def whole() -> Any:
+    """The whole tree of commands."""
     from mazeplan.cli.app import app
 
-    command: Any = typer.main.get_command(app)
-    path = "mazeplan"
+    return typer.main.get_command(app)
+
+
+def parse(words: list[str]) -> None:
+    """Go through the words as the program would, and do nothing."""
+    command, path = whole(), "mazeplan"
     while hasattr(command, "commands"):
         assert words, f"{path}: expected a command"
         assert words[0] in command.commands, f"{path} {words[0]}: no such command"
@@ -150,7 +156,7 @@ def parse(words: list[str]) -> None:
 @pytest.mark.parametrize("block", NOT_RUN, ids=lambda b: f"{b.page}:{b.line}")
 def test_what_cannot_be_run_can_be_read(block):
     for command in block.commands:
-        check_words(shlex.split(command))
+        check_words(shlex.split(command, comments=True))
 
 
 def test_words_that_are_wrong_are_noticed():
@@ -164,15 +170,12 @@ def test_words_that_are_wrong_are_noticed():
 def test_commands_within_the_text_know_their_options(page):
     if page == "docs/changes.md":
         return
-    from mazeplan.cli.app import app
-
     text = pages.beyond_fences(page)
     assert not re.search(r"^ {4,}(\$ )?(mazeplan|make|sudo|pip) ", text, re.MULTILINE), (
         "commands stand in fenced blocks"
     )
     for told in re.findall(r"`(mazeplan [^`]*)`", text):
-        command: Any = typer.main.get_command(app)
-        words = told.split()[1:]
+        command, words = whole(), told.split()[1:]
         while hasattr(command, "commands") and words and re.fullmatch(r"[a-z-]+", words[0]):
             assert words[0] in command.commands, f"{page}: {told}"
             command, words = command.commands[words[0]], words[1:]
