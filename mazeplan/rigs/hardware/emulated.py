@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan.errors import MazeplanError, RigError
 from mazeplan.rigs.camera.source import FrameSource
 from mazeplan.rigs.hardware.parts import open_board
 from mazeplan.rigs.hardware.rig import HardwareRig
@@ -45,6 +46,10 @@ class EmulatedRig(HardwareRig):
     @property
     def _camera_name(self) -> str:
         return "of the emulated rig"
+
+    def cause(self, problem: MazeplanError) -> MazeplanError:
+        """As `HardwareRig.cause`: a table that is gone takes board and camera with it."""
+        return RigError(self.table.why) if self.table is not None and self.table.gone else problem
 
     def level(self) -> None:
         """As `HardwareRig.level`; a plate that is gone with its table needs none."""

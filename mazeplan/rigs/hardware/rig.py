@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.errors import RigError, SettingsError
+from mazeplan.errors import MazeplanError, RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Latency, Observation
 from mazeplan.rigs.camera.detector import Sighting
@@ -151,7 +151,7 @@ class HardwareRig:
         rested: list[tuple[float, float, float]] = []
         due, found, without = 0, 0, Counter[str]()
         while monotonic() < until:
-            seen = self._sample()
+            seen = self.observe()
             due, found = due + 1, found + seen.seen
             if not seen.seen:
                 without["did not come" if self.sighting is None else str(self.sighting.why)] += 1
@@ -171,6 +171,10 @@ class HardwareRig:
             f"{why}; is it lit, and in the picture, and does this machine keep up?"
         )
 
+    def cause(self, problem: MazeplanError) -> MazeplanError:
+        """What is behind an error of a part: here the error itself."""
+        return problem
+
     def close(self) -> None:
         """Level the plate, and give port and camera back; may be called twice."""
         parts, self._parts = self._parts, None
@@ -184,7 +188,10 @@ class HardwareRig:
 
     def observe(self) -> Observation:
         """The next sample. Raises RigError when camera or board are gone."""
-        return self._sample()
+        try:
+            return self._sample()
+        except RigError as problem:
+            raise self.cause(problem) from None
 
     def _sample(self) -> Observation:
         parts = self.parts

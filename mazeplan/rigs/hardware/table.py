@@ -109,7 +109,7 @@ class Table:
     @property
     def gone(self) -> bool:
         """Whether the world has ended by itself."""
-        return self._ended and not self._closed
+        return (self._ended or "problem" in self._said) and not self._closed
 
     @property
     def why(self) -> str:
@@ -119,7 +119,7 @@ class Table:
     def read(self) -> Frame | None:
         """The next picture, or None once it was closed. Raises RigError when the world has ended by itself."""
         with self._news:
-            self._news.wait_for(lambda: self._ended or self._frame is not self._given)
+            self._news.wait_for(lambda: self._ended or self.gone or self._frame is not self._given)
             if self.gone:
                 raise RigError(self.why)
             if self._ended:

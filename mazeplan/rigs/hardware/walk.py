@@ -15,11 +15,11 @@ from time import monotonic, sleep
 
 import numpy as np
 
-from mazeplan.errors import MazeplanError
+from mazeplan.errors import MazeplanError, RigError
 from mazeplan.rigs.conformance import CheckResult
 from mazeplan.rigs.hardware.latency import Delay, age, dead_time, swing
 from mazeplan.rigs.hardware.parts import volts
-from mazeplan.rigs.hardware.rig import HardwareRig, NotSeen
+from mazeplan.rigs.hardware.rig import SILENT_S, HardwareRig, NotSeen
 from mazeplan.rigs.hardware.tiltreadings import held
 from mazeplan.rigs.link.port import ports_found
 
@@ -82,7 +82,8 @@ class Walk:
             except (_Problem, NotSeen) as problem:
                 result = CheckResult(name, False, str(problem))
             except MazeplanError as problem:
-                result, error = CheckResult(name, False, str(problem)), problem
+                error = self.rig.cause(problem)
+                result = CheckResult(name, False, str(error))
             yield result
             if error is not None:
                 raise error
@@ -129,7 +130,10 @@ class Walk:
 
     def _volts(self) -> np.ndarray:
         """Mean of both channels over the last tenths of a second, V."""
-        told = self.rig.board.recent()
+        board = self.rig.board
+        told = board.recent()
+        if not told or monotonic() - told[-1].received_s > SILENT_S:
+            raise RigError(f"{board.port}: the board has sent no report for {SILENT_S:g} s; is its cable in?")
         return np.mean([volts(report) for report in told[-round(len(told) * AVERAGE) :]], axis=0)
 
     def _calibrated(self) -> str:
