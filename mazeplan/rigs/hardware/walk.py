@@ -116,7 +116,7 @@ class Walk:
             before = self._volts()
         with held(board, (pulse, level[1]) if axis == "beta" else (level[0], pulse)):
             sleep(SETTLE_S)
-            change = self._volts() - before
+            change = np.round(self._volts() - before, 2) + 0.0  # no -0.00
             told = f"{one.level_us:.0f} to {pulse:.0f} us: channel 0 {change[0]:+.2f} V, channel 1 {change[1]:+.2f} V"
             if np.abs(change).max() < MOVED_V:
                 what = f"is the servo at pin {PINS[axis]}, has it current, and is the laser's spot on the diode?"
