@@ -39,7 +39,9 @@ def camera(
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     marker_sheet: Annotated[
         Path | None,
-        typer.Option("--sheet", help="Only draw the markers where they belong, to scale (.pdf; .svg, .png: a file a page)."),
+        typer.Option(
+            "--sheet", help="Only draw the markers where they belong, to scale (.pdf; .svg, .png: a file a page)."
+        ),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Calibrate and report; leave the rig's file as it is.")

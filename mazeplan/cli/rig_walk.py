@@ -21,8 +21,8 @@ def check_hardware(
     """Results one by one; ("latency", section) once it is measured. The rig is level and closed at the end.
 
     Raises RigError when a part is silent or gone, SettingsError for a file that cannot be used, both after the result
-    that says so. The latencies are written to `output`, by default the rig's own file, unless that is a packaged one that is no
-    template: the emulated rig stays as it is."""
+    that says so. The latencies are written to `output`, by default the rig's own file, unless that is a packaged one
+    that is no template: the emulated rig stays as it is."""
     from mazeplan.cli.calibrate import today
     from mazeplan.errors import RigError
     from mazeplan.rigs.conformance import RAISED, check_rig

@@ -1,5 +1,5 @@
-"""`rig check` of a rig on a table whose board is a few lines at the other end of a pseudo terminal: what is tried first,
-and what its exit status tells."""
+"""`rig check` of a rig on a table whose board is a few lines at the other end of a pseudo terminal: what is tried
+first, and what its exit status tells."""
 
 from __future__ import annotations
 

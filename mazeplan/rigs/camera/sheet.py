@@ -1,7 +1,7 @@
 """The plate's markers on paper, to scale, with the outline of the maze to lay them by, and a ruler.
 
-A plate is wider than a sheet of paper: it is drawn in parts, a page each, no wider than A4 and no higher than US Letter,
-so that both printers' margins stay free. The cuts between parts are drawn as lines to lay the pages by.
+A plate is wider than a sheet of paper: it is drawn in parts, a page each, no wider than A4, no higher than US Letter,
+with printers' margins left free. The cuts between parts are drawn as lines to lay the pages by.
 """
 
 from __future__ import annotations

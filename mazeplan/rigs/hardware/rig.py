@@ -44,7 +44,7 @@ REST_S = 0.5  # ... for so long
 PLACED_MM = 12.0  # beside a channel in which a ball still counts as being in it
 
 
-class NotSeen(RigError):
+class NotSeen(RigError):  # noqa: N818
     """What the camera should have seen was not to be seen, though it works."""
 
 

@@ -163,7 +163,9 @@ def write_readings(path: Path, readings: Sequence[Reading]) -> None:
 def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
     """The sensor that the readings tell of. Raises InputError when they are too few, or all along one line."""
     if len(readings) < LEAST:
-        raise InputError(f"got {len(readings)} readings, expected at least {LEAST}: {LEAST - len(readings)} are missing")
+        raise InputError(
+            f"got {len(readings)} readings, expected at least {LEAST}: {LEAST - len(readings)} are missing"
+        )
     v = np.array([r.v for r in readings])
     low, high = v.min(axis=0), v.max(axis=0)
     _check_spread(v, low, high)

@@ -47,9 +47,7 @@ def _dumped(data: Mapping[str, Any], indent: int = 0, width: int = WIDTH) -> lis
     lines: list[str] = []
     for key, value in data.items():
         style = None if isinstance(value, Mapping | list | tuple) else False
-        told = yaml.safe_dump(
-            {key: value}, sort_keys=False, default_flow_style=style, width=width, allow_unicode=True
-        )
+        told = yaml.safe_dump({key: value}, sort_keys=False, default_flow_style=style, width=width, allow_unicode=True)
         lines += told.rstrip("\n").split("\n")
     return [" " * indent + line if line else line for line in lines]
 

@@ -20,6 +20,7 @@ from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
 MAZE = load_map("cme")
 CLASS = "class: mazeplan.rigs.hardware:HardwareRig\n"
 
+
 def test_hardware_is_the_file_in_this_folder_before_the_template(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert rig_file("hardware") == PACKAGED / "hardware.yaml"
@@ -64,7 +65,10 @@ TILT = "centre_v: [2.0, 2.0], beta_deg: {a: 1.0}"
         ("tilt: {centre_v: 2}", ":4: tilt.centre_v: got 2, expected a list"),
         ("tilt: {centre_v: [1, 2, 3]}", ":4: tilt.centre_v: got 3 entries, expected at most 2"),
         (f"tilt: {{{TILT}, scale_v: [1, 0]}}", ":4: tilt.scale_v: got [1.0, 0.0], expected numbers > 0"),
-        (f"tilt: {{{TILT}, scale_v: [1.0, 1.0], gamma_deg: {{z: 1.0}}}}", ":4: tilt.gamma_deg: got 'z', expected coefficients"),
+        (
+            f"tilt: {{{TILT}, scale_v: [1.0, 1.0], gamma_deg: {{z: 1.0}}}}",
+            ":4: tilt.gamma_deg: got 'z', expected coefficients",
+        ),
         ("port: 3", ":4: port: got the same key twice"),
         ("camera: {ball_hue_deg: [4, 400]}", ":4: camera.ball_hue_deg[1]: got 400, expected less than or equal to 360"),
         ("camera: {source: 1.5}", ":4: camera.source: got 1.5, expected the number of a device, a URL or a file"),
@@ -116,7 +120,9 @@ def test_a_file_of_a_table_without_its_class_says_that_it_is_missing(tmp_path):
     path.write_text("port: /dev/ttyACM0\nservo: {}\n")
     with pytest.raises(SettingsError) as caught:
         make_rig(str(path), MAZE)
-    assert str(caught.value).startswith(f"{path}:1: class: is missing; the file of a rig on a table begins with `class: ")
+    assert str(caught.value).startswith(
+        f"{path}:1: class: is missing; the file of a rig on a table begins with `class: "
+    )
     with pytest.raises(SettingsError, match=r"rig.yaml: got rig .*, expected one on a table: its file has class: "):
         hardware_file(str(path))
 

@@ -57,7 +57,7 @@ def test_the_same_again_changes_nothing():
 
 
 def test_a_form_that_is_not_known_is_refused():
-    with pytest.raises(SettingsError, match="f.yaml: cannot be written: b is in a form"):
+    with pytest.raises(SettingsError, match=r"f.yaml: cannot be written: b is in a form"):
         put("{a: 1}\n", "b", 2)
 
 
@@ -91,9 +91,7 @@ def texts(draw):
             return "{" + ", ".join(f"{k}: {flow(v)}" for k, v in value.items()) + "}"
         if isinstance(value, list):
             return "[" + ", ".join(map(flow, value)) + "]"
-        return {True: "true", False: "false", None: "null"}.get(value, str(value)) if isinstance(
-            value, bool | None
-        ) else str(value)
+        return {True: "true", False: "false", None: "null"}[value] if isinstance(value, bool | None) else str(value)
 
     def walk(mapping, indent):
         for key, value in mapping.items():
