@@ -22,6 +22,7 @@ from mazeplan.rigs.hardware.table import Table
 from mazeplan.rigs.link.board import Board
 
 SEEDS = 2**31
+GRACE_S = 0.2  # for the word of what is behind an error
 LOST = 0.02  # of the pictures that may be lost without a word
 
 
@@ -49,7 +50,7 @@ class EmulatedRig(HardwareRig):
 
     def cause(self, problem: MazeplanError) -> MazeplanError:
         """As `HardwareRig.cause`: a table that is gone takes board and camera with it."""
-        return RigError(self.table.why) if self.table is not None and self.table.gone else problem
+        return RigError(self.table.why) if self.table is not None and self.table.going(GRACE_S) else problem
 
     def level(self) -> None:
         """As `HardwareRig.level`; a plate that is gone with its table needs none."""

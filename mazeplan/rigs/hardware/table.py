@@ -48,7 +48,7 @@ class Table:
         self._said: dict[str, Any] = {}
         self._frame: Frame | None = None
         self._given: Frame | None = None
-        self._ended = self._closed = False
+        self._ended = self._closed = self._gone = False
         self.lost = 0  # pictures that the machine was too slow for
         self.shown: list[tuple[float, float, float]] = []  # (exposed, handed out, received) of each picture
         bytes_each = int(np.prod(SIZE))
@@ -109,7 +109,14 @@ class Table:
     @property
     def gone(self) -> bool:
         """Whether the world has ended by itself."""
-        return (self._ended or "problem" in self._said) and not self._closed
+        if not self._closed:
+            self._gone = self._ended or "problem" in self._said
+        return self._gone
+
+    def going(self, seconds: float) -> bool:
+        """Whether it is gone, or is so within some time: its board's silence may be heard before its last word."""
+        with self._news:
+            return bool(self._news.wait_for(lambda: self.gone, seconds))
 
     @property
     def why(self) -> str:
@@ -130,7 +137,8 @@ class Table:
     def close(self) -> None:
         """End the world, also one that hangs; may be called twice."""
         with self._news:
-            self._ended = self._closed = True
+            gone = self.gone  # what it did before it was told to end counts
+            self._gone, self._ended, self._closed = gone, True, True
             self._news.notify_all()
         with contextlib.suppress(RigError):
             self.order({"end": True})

@@ -114,10 +114,12 @@ class World:
         self._orders.put(document)
 
     def run(self, ended: threading.Event) -> None:
-        """Until told so. Raises RigError when the board is gone."""
+        """Until told so, or until the board is gone."""
         self.camera.start()
         try:
             self._go_on(ended)
+        except MazeplanError as problem:
+            self._say({"problem": str(problem)})
         finally:
             self.chip.close()
             self.camera.end()
@@ -210,10 +212,7 @@ def main() -> None:
 
     threading.Thread(target=listen, name="orders", daemon=True).start()
     say({"ready": world.chip.port})
-    try:
-        world.run(ended)
-    except MazeplanError as problem:
-        say({"problem": str(problem)})
+    world.run(ended)
 
 
 if __name__ == "__main__":
