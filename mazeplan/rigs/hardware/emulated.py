@@ -49,8 +49,12 @@ class EmulatedRig(HardwareRig):
         return "of the emulated rig"
 
     def cause(self, problem: MazeplanError) -> MazeplanError:
-        """As `HardwareRig.cause`: a table that is gone takes board and camera with it."""
-        return RigError(self.table.why) if self.table is not None and self.table.going(GRACE_S) else problem
+        """As `HardwareRig.cause`: a table that is gone takes board and camera with it, one that hangs silences them."""
+        if self.table is None or not isinstance(problem, RigError):
+            return problem
+        if self.table.going(GRACE_S):
+            return RigError(self.table.why)
+        return RigError(f"the emulated table hangs, or this machine is too slow for it: {problem}")
 
     def level(self) -> None:
         """As `HardwareRig.level`; a plate that is gone with its table needs none."""

@@ -197,7 +197,9 @@ def test_a_table_that_is_frozen_or_killed_ends_soon_and_leaves_nothing():
         assert time.monotonic() - began < 8.0, (who, how)
         if how is signal.SIGKILL:
             said = {"world": "the emulated table ended by SIGKILL", "emulator": "the emulated board ended by SIGKILL"}
-            assert str(caught.value).endswith(said[who])
+            assert str(caught.value) == said[who]
+        else:
+            assert str(caught.value).startswith("the emulated table hangs, or this machine is too slow for it: ")
         time.sleep(0.2)
         assert group(leader) == {}, (who, how)
         assert not folder.exists(), (who, how)
