@@ -28,7 +28,7 @@ TILT_DEG = 3.0  # of the steps that show which way is which
 OFF_DEG = 0.7  # by which a tilt may differ from what was commanded
 MARKERS_DEG = 0.5  # by which the tilt that markers show may differ from the sensor's
 RATE = 0.1  # by which the camera's rate may be off
-AVERAGE = 0.3  # of the last second's reports
+AVERAGE_S = 0.3  # s of reports that are averaged
 SURE_S = 0.004  # standard error of a latency that is worth writing
 NEEDED = ("camera",)
 MOVED_V = 0.05  # by which a tilt channel changes when the plate moves
@@ -134,7 +134,8 @@ class Walk:
         told = board.recent()
         if not told or monotonic() - told[-1].received_s > SILENT_S:
             raise RigError(f"{board.port}: the board has sent no report for {SILENT_S:g} s; is its cable in?")
-        return np.mean([volts(report) for report in told[-round(len(told) * AVERAGE) :]], axis=0)
+        latest = [volts(report) for report in told if report.received_s > told[-1].received_s - AVERAGE_S]
+        return np.mean(latest, axis=0)
 
     def _calibrated(self) -> str:
         self.rig.ready()
