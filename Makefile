@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate picture test check unit docs pictures coverage compiled bench constraints wheel emulator clean
+.PHONY: help navigate picture test check unit docs pictures coverage compiled bench constraints wheel firmware emulator clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
@@ -22,6 +22,7 @@ help:
 	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
 	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
 	@echo "make wheel                          dist/*.whl"
+	@echo "make firmware                       for the board, into build/firmware/ (needs Debian packages)"
 	@echo "make emulator                       firmware and simulated board into build/ (needs Debian packages)"
 	@echo "make docs                           the documentation as a site, build/docs/index.html"
 	@echo "make pictures                       the pictures of README and docs anew (the others: make bench)"
@@ -108,6 +109,11 @@ wheel: $(VENV)/installed-dev
 	$(BIN)/python -m build --wheel
 
 # what they need is named in one line, and not each missing header in many
+firmware:
+	@command -v avr-gcc > /dev/null || { \
+	  echo "the firmware needs, on Debian or Ubuntu: sudo apt-get install gcc-avr avr-libc" >&2; exit 1; }
+	@$(MAKE) --no-print-directory -s -C tools/firmware OUT=$(CURDIR)/build/firmware
+
 emulator:
 	@missing=; command -v avr-gcc > /dev/null || missing="gcc-avr avr-libc"; \
 	  [ -e /usr/include/simavr/sim_avr.h ] || missing="$$missing simavr libsimavr-dev"; \
