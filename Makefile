@@ -1,4 +1,4 @@
-# Two commands are all a newcomer needs: `make navigate` and `make test`. Both make .venv first, and install again only when
+# Two commands are all a newcomer needs: `make picture` and `make test`. Both make .venv first, and install again only when
 # pyproject.toml or constraints.txt have changed. Needs make and Python 3.11 or newer.
 
 PYTHON ?= python3
@@ -8,12 +8,13 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate test check unit coverage compiled bench constraints wheel emulator clean
+.PHONY: help navigate picture test check unit docs pictures coverage compiled bench constraints wheel firmware emulator clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
 help:
 	@echo "make navigate [ARGS='--rig ideal']  the main job: the ball goes from ring 1 to ring 5"
+	@echo "make picture                        the same on the rig toy, drawn into runs/first.png"
 	@echo "make test                           check, then unit"
 	@echo "make check                          formatting, lint, types, import contracts"
 	@echo "make unit [ARGS='-k map']           the tests"
@@ -21,7 +22,10 @@ help:
 	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
 	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
 	@echo "make wheel                          dist/*.whl"
+	@echo "make firmware                       for the board, into build/firmware/ (needs Debian packages)"
 	@echo "make emulator                       firmware and simulated board into build/ (needs Debian packages)"
+	@echo "make docs                           the documentation as a site, build/docs/index.html"
+	@echo "make pictures                       the pictures of README and docs anew (the others: make bench)"
 	@echo "make clean                          remove .venv and what was built"
 	@echo "Another Python: make PYTHON=python3.12 ..."
 
@@ -39,6 +43,11 @@ $(VENV)/installed: $(VENV)/made pyproject.toml constraints.txt
 	@$(PIP) -c constraints.txt -e .
 	@touch $@
 
+$(VENV)/installed-docs: $(VENV)/installed
+	@echo "installing the tools for the documentation"
+	@$(PIP) -c constraints.txt -e '.[docs]'
+	@touch $@
+
 $(VENV)/installed-dev: $(VENV)/installed
 	@echo "installing the test tools"
 	@$(PIP) -c constraints.txt -e '.[dev,learn]'
@@ -46,6 +55,11 @@ $(VENV)/installed-dev: $(VENV)/installed
 
 navigate: $(VENV)/installed
 	$(BIN)/mazeplan navigate --from ring1 --to ring5 $(ARGS)
+
+picture: $(VENV)/installed
+	@mkdir -p runs
+	$(BIN)/mazeplan navigate --from ring1 --to ring5 --rig toy --log runs/first.mcap $(ARGS)
+	$(BIN)/mazeplan map show --log runs/first.mcap -o runs/first.png
 
 test: compiled check unit
 
@@ -73,6 +87,18 @@ coverage: $(VENV)/installed-dev
 compiled: $(VENV)/installed-dev
 	@(for rig in toy ideal; do OMP_NUM_THREADS=1 $(BIN)/mazeplan navigate --rig $$rig; done > /dev/null 2>&1 &)
 
+# warnings are errors: a link, a name or a picture that is not there
+docs: $(VENV)/installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "build/docs/index.html"
+
+pictures: $(VENV)/installed
+	@mkdir -p build
+	$(BIN)/mazeplan navigate --rig toy --seed 3 --log build/run.mcap
+	$(BIN)/mazeplan map show --log build/run.mcap -o docs/run.png
+	$(BIN)/mazeplan map show --route --start-angle 20 -o docs/map.png
+	$(BIN)/python tools/draw_reports.py
+
 bench: $(VENV)/installed
 	OMP_NUM_THREADS=1 $(BIN)/python tools/bench.py $(ARGS)
 
@@ -84,6 +110,11 @@ wheel: $(VENV)/installed-dev
 	$(BIN)/python -m build --wheel
 
 # what they need is named in one line, and not each missing header in many
+firmware:
+	@command -v avr-gcc > /dev/null || { \
+	  echo "the firmware needs, on Debian or Ubuntu: sudo apt-get install gcc-avr avr-libc" >&2; exit 1; }
+	@$(MAKE) --no-print-directory -s -C tools/firmware OUT=$(CURDIR)/build/firmware
+
 emulator:
 	@missing=; command -v avr-gcc > /dev/null || missing="gcc-avr avr-libc"; \
 	  [ -e /usr/include/simavr/sim_avr.h ] || missing="$$missing simavr libsimavr-dev"; \

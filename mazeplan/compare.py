@@ -10,7 +10,7 @@ and the family of the kernel.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -32,6 +32,7 @@ from mazeplan.models.residual_map import ResidualMap, residual_map
 from mazeplan.models.rollout import CHECKED, Rollout, Windows, choose_windows, roll_out, roll_out_delayed
 from mazeplan.models.samples import RingSamples, SampleOptions, joined, orientation, oriented, ring_samples
 from mazeplan.models.start import angle_noise, causal_start
+from mazeplan.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.records import Array, IntArray
 
 PREDICTED = ("rf", "p", "pi", "np", "sp")
@@ -45,6 +46,7 @@ CLEAN = 0.1  # noise of a difference of angles over the spread of rates up to wh
 THOROUGH = TrainingOptions(  # the hyperparameters of a comparison: with fewer rows they depend on which rows those are
     first=900, rows=2000, starts=2, refinement=40
 )
+COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "roll": 0.5}  # about as long as they take
 CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning curves
 
 
@@ -144,12 +146,15 @@ def compare(
     options: CompareOptions | None = None,
     *,
     openings_known: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Words | None = None,
+    advance: Advance | None = None,
+    left_out: Words = no_words,
 ) -> list[RingScores]:
     """Scores of every ring that the logs (and test logs, where there are any) have enough samples of.
 
+    progress is told in words what is being done, advance how far it is, left_out which ring is left out, and why.
     Raises InputError when there is no such ring."""
-    options, tell = options or CompareOptions(), progress or (lambda text: None)
+    options, tell, advance = options or CompareOptions(), progress or no_words, advance or no_advance
     delay = options.delay if options.delay is not None else best_lag(logs, maze, options)
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
@@ -158,7 +163,8 @@ def compare(
     train, test = (by_ring(tables, maze, options, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores, short = [], ""
-    for ring in sorted(train):
+    for i, ring in enumerate(sorted(train)):
+        share = piece(advance, i, 1, len(train))
         if tests and ring not in test:
             continue
         samples = oriented(train[ring], signs)
@@ -167,10 +173,11 @@ def compare(
             data = prepare(samples, other, replace(options, samples=chosen))
         except TableError as problem:  # the ball has only passed through
             short = f"; ring {ring}: {problem}"
-            tell(f"ring {ring} is left out: {problem}")
+            left_out(f"ring {ring} is left out: {problem}")
             continue
         angles = np.array([o.angle for o in maze.openings_of(ring)]) if openings_known else None
-        scores.append(_score(ring, data, options, rates, signs, angles, lambda text, r=ring: tell(f"ring {r}: {text}")))
+        words = lambda text, r=ring: tell(f"ring {r}: {text}")  # noqa: E731
+        scores.append(_score(ring, data, options, rates, signs, angles, words, share))
     if not scores:
         raise InputError(f"no ring has samples both to train and to test on{short}")
     return scores
@@ -279,7 +286,8 @@ def _score(
     rates: str,
     signs: tuple[int, int],
     openings: Array | None,
-    tell: Callable[[str], None],
+    tell: Words,
+    advance: Advance,
 ) -> RingScores:
     """Fit each kind and score it."""
     rng = np.random.default_rng([options.seed, ring])
@@ -287,9 +295,15 @@ def _score(
     train_rows = data.train_rows[uniform_downsample(len(data.train_rows), options.fit.most)]
     nrmse_train, nrmse_test, models, left = {}, {}, {}, {}
     interval: dict[str, dict[str, tuple[float, float]]] = {"nrmse_test": {}, "20": {}, "40": {}}
+    fits = sum(COST[kind] for kind in options.kinds)
+    done, whole = 0.0, fits * (1.0 + options.curve * sum(CURVE[:-1])) + COST["roll"] * len(ROLLED)
     for kind in options.kinds:
         tell(kind)
-        models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=lambda t, k=kind: tell(f"{k}, {t}"))
+        words = lambda text, k=kind: tell(f"{k}, {text}")  # noqa: E731
+        share = piece(advance, done, COST[kind], whole)
+        models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=words, advance=share)
+        done += COST[kind]
+        advance(done, whole)
         model = models[kind].model
         nrmse_train[kind] = nrmse(*data.pairs(model, train_rows, train=True))
         truth, predicted = data.pairs(model, data.test_rows)
@@ -302,16 +316,19 @@ def _score(
     rollout: dict[str, dict[str, float]] = {}
     bands: dict[str, dict[str, list[float]]] = {}
     for kind in ROLLED:
+        tell(f"rolling out {kind}")
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
-        done = _roll(kind, fitted.typical if fitted else None, data, windows, misfit, rates, train_rows, options)
-        if done is not None:
-            rollout[kind] = {str(n): done.after(n) for n in CHECKED}
-            bands[kind] = done.bands()
+        rolled = _roll(kind, fitted.typical if fitted else None, data, windows, misfit, rates, train_rows, options)
+        if rolled is not None:
+            rollout[kind] = {str(n): rolled.after(n) for n in CHECKED}
+            bands[kind] = rolled.bands()
             for n in CHECKED:
                 blocks = data.block[windows.start]
-                interval[str(n)][kind] = block_bootstrap(done.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
+                interval[str(n)][kind] = block_bootstrap(rolled.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
+        done += COST["roll"]
+        advance(done, whole)
     radius = data.test.k.radius
-    curve = _curve(data, train_rows, options, tell) if options.curve else {}
+    curve = _curve(data, train_rows, options, tell, piece(advance, done, whole - done, whole)) if options.curve else {}
     return RingScores(
         ring,
         len(train_rows),
@@ -364,7 +381,7 @@ def nrmse(truth: Array, predicted: Array) -> float:
 
 
 def _curve(
-    data: RingData, rows: IntArray, options: CompareOptions, tell: Callable[[str], None]
+    data: RingData, rows: IntArray, options: CompareOptions, tell: Words, advance: Advance
 ) -> dict[str, list[tuple[int, float]]]:
     """Test nRMSE by number of training rows, which are the first of the record: more rows mean a longer record."""
     fit = replace(options.fit, heavy_tails=False)  # no roll-outs here
@@ -375,4 +392,5 @@ def _curve(
             tell(f"learning curve, {kind} on {len(some)} rows")
             model = fit_kind(kind, data.train, some, fit).model
             curve[kind].append((len(some), nrmse(*data.pairs(model, data.test_rows))))
+        advance(sum(CURVE[: CURVE.index(share) + 1]), sum(CURVE[:-1]))
     return curve

@@ -9,7 +9,8 @@ is `unknown_effect`.)
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.samples import rings_of
+from mazeplan.progress import Advance, Words, no_advance, no_words
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 
@@ -60,13 +62,16 @@ def improve(
     *,
     model: str | None = None,
     reference: Evidence | None = None,
-    tell: Callable[[str], None] | None = None,
+    tell: Words | None = None,
+    working: Words | None = None,
+    advance: Advance | None = None,
 ) -> list[dict[str, Any]]:
     """The rounds, as in the JSON of the command; logs, models and reports are left in the folder.
 
     model: a name or folder (None: the rig's own); reference: from an old log, when the model was right (None: what the
-    model's scores say of it). Raises InputError, RigError."""
-    tell = tell or (lambda text: None)
+    model's scores say of it); tell is told what was found, working what is being done, advance how far a record or
+    the navigations are. Raises InputError, RigError."""
+    tell, working, advance = tell or no_words, working or no_words, advance or no_advance
     maze = load_map(options.map)
     known = resolve_model(model, rig, maze)
     reference = reference_of(known) if reference is None else reference
@@ -80,24 +85,29 @@ def improve(
         rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
         plan = Collection(options.seconds, rings, 1000 * number + options.seed)
         machine = watched(make_rig(rig, maze), own_process=options.own_process)
-        run_collection(machine, maze, plan, log, rig_name=rig_label(rig))
-        document, known = one_round(read_table(log), maze, known, reference, tell)
+        collected = lambda seconds: advance(seconds, math.ceil(options.seconds))  # noqa: E731
+        run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
+        document, known = one_round(read_table(log), maze, known, reference, tell, working)
         tell(document["sentence"])
         new = None
         if document["effects"]:
             new = str(save_model(known, here / "model").parent)
             document["model"] = new
-        before = before or _navigate(rig, path, options, tell, "before")
-        after = before if new is None else _navigate(rig, new, options, tell, "after")
+        before = before or _navigate(rig, path, options, tell, "before", working, advance)
+        after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)
         rounds.append({"diagnosis": document, "navigation": {"before": before, "after": after}})
         (here / "round.json").write_text(json.dumps(rounds[-1], indent=1) + "\n")
         path, before = new or path, after
     return rounds
 
 
-def _navigate(rig: str, model: str | None, options: Options, tell: Callable[[str], None], when: str) -> dict[str, Any]:
+def _navigate(
+    rig: str, model: str | None, options: Options, tell: Words, when: str, working: Words, advance: Advance
+) -> dict[str, Any]:
+    working(f"navigating {when}")
     campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed, own_process=options.own_process)
-    document = summary(evaluate(campaign, workers=options.workers))
+    done = evaluate(campaign, workers=options.workers, progress=lambda runs: advance(runs, options.runs))
+    document = summary(done)
     del document["results"]
     mean = document["time_s"]["mean"]
     tell(f"{when}: {document['success']} of {options.runs} arrived" + (f", mean {mean:.2f} s" if mean else ""))
@@ -105,15 +115,15 @@ def _navigate(rig: str, model: str | None, options: Options, tell: Callable[[str
 
 
 def one_round(
-    table: Table, maze: Maze, model: RigModel, reference: Evidence | None, tell: Callable[[str], None]
+    table: Table, maze: Maze, model: RigModel, reference: Evidence | None, tell: Words, working: Words = no_words
 ) -> tuple[dict[str, Any], RigModel]:
     """What a record says of a model, as the JSON of a diagnosis, and the model with it. Raises TableError when the ball
     is hardly in any ring."""
     records = ring_records(table, maze, model)
-    diagnoses = diagnose_rings(records, maze, model, tell)
+    diagnoses = diagnose_rings(records, maze, model, tell, working)
     verdict = merge(diagnoses, samples_in(records), reference)
     new = updated(model, maze, verdict.found, common=True)
-    tell("model error on what was held out")
+    working("model error on what was held out")
     before = _errors(records, maze, model, diagnoses)
     after = _errors(ring_records(table, maze, new), maze, new, diagnoses) if verdict.names else before
     return _document(verdict, diagnoses, before, after), new
@@ -139,22 +149,23 @@ def samples_in(records: Mapping[int, Record]) -> int:
 
 
 def diagnose_rings(
-    records: Mapping[int, Record], maze: Maze, model: RigModel, tell: Callable[[str], None]
+    records: Mapping[int, Record], maze: Maze, model: RigModel, tell: Words, working: Words = no_words
 ) -> dict[int, Diagnosis]:
     """The diagnosis of each ring with what the model says of it, by effects that a model can have: of others, however
     true, navigation would not become better."""
     out, without = {}, without_place(c.name for c in ring_library())
     for ring, record in records.items():
-        done = diagnose(record, maze.track_radius(ring), model.declared(ring), without=without)
+        words = lambda text, ring=ring: working(f"ring {ring}: {text}")  # noqa: E731
+        done = diagnose(record, maze.track_radius(ring), model.declared(ring), without=without, progress=words)
         tell(f"ring {ring}: {done.sentence()}")
         out[ring] = done
     return out
 
 
-def reference_evidence(table: Table, maze: Maze, model: RigModel, tell: Callable[[str], None]) -> Evidence:
+def reference_evidence(table: Table, maze: Maze, model: RigModel, tell: Words, working: Words = no_words) -> Evidence:
     """What a log of the rig from when its model was right gives for each effect."""
     records = ring_records(table, maze, model)
-    return evidence(diagnose_rings(records, maze, model, tell), samples_in(records))
+    return evidence(diagnose_rings(records, maze, model, tell, working), samples_in(records))
 
 
 def reference_of(model: RigModel) -> Evidence | None:

@@ -263,7 +263,8 @@ class NavigationResult:
     start: Start | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on are ours)."""
+        """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on, and
+        `detail`, are ours)."""
         return {
             "success": self.success,
             "reason": self.reason,
@@ -272,7 +273,15 @@ class NavigationResult:
             "rig": self.rig,
             "rings": [{"ring": p.ring, "time_s": p.time_s, "opening": p.opening} for p in self.rings],
             "failures": [
-                {"t": f.t, "kind": str(f.kind), "recovery": f.recovery, "where": f.where, "x": f.x, "y": f.y}
+                {
+                    "t": f.t,
+                    "kind": str(f.kind),
+                    "recovery": f.recovery,
+                    "detail": f.detail,
+                    "where": f.where,
+                    "x": f.x,
+                    "y": f.y,
+                }
                 for f in self.failures
             ],
             "replans": self.replans,

@@ -31,6 +31,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
 from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.progress import Advance, no_advance
 from mazeplan.records import FailureKind, Latency, Observation
 from mazeplan.rigs.interface import Rig
 from mazeplan.run import CRASHED, Run
@@ -85,17 +86,21 @@ class _OverError(Exception):
     """There are no more observations, or none that could still be answered alike."""
 
 
-def replay(log: str | Path, *, model: str | Path | RigModel | None = None, behavior: str | None = None) -> Replay:
+def replay(
+    log: str | Path, *, model: str | Path | RigModel | None = None, behavior: str | None = None,
+    advance: Advance = no_advance,
+) -> Replay:  # fmt: skip
     """Run the tree again on a recorded run of `navigate`.
 
-    model, behavior: where those of the run are now, when not where they were. Raises LogError when the log is cut,
+    model, behavior: where those of the run are now, when not where they were; advance is told which tick of how many
+    it is. Raises LogError when the log is cut,
     damaged, none of a navigation, or from before replays; when model, tree or modules are not those of the run any
     more; InputError when they cannot be read."""
     path = Path(log)
     header, messages, complete = read_messages(path)
     _check_kind(header, complete, path)
     try:
-        script = _Script([m for m in messages if m[0] not in UNCOMPARED], float(header["replay"]["rate_hz"]))
+        script = _Script([m for m in messages if m[0] not in UNCOMPARED], float(header["replay"]["rate_hz"]), advance)
         setup = _setup_of(header, path, model, behavior)
         job = _job_of(header, setup.maze)
         said = Retold((document for topic, document in messages if topic == "/event"), setup.maze)
@@ -204,6 +209,7 @@ class _Script:
 
     recorded: list[Message]
     rate_hz: float
+    advance: Advance = no_advance
     log: RunLogMemory = field(default_factory=lambda: RunLogMemory(UNCOMPARED))
     watch: Recorded = field(default_factory=Recorded)
     _given: int = 0
@@ -230,6 +236,7 @@ class _Script:
             raise _OverError
         self.watch.load(self._ticks[self._given].get("cut_off"))
         self._given += 1
+        self.advance(self._given, len(self._ticks))
         return self._observed[self._given - 1]
 
     def command(self, u_beta: float, u_gamma: float) -> None:

@@ -14,7 +14,16 @@ from mazeplan.goals import SAID
 from mazeplan.job import Job
 from mazeplan.maths.spread import spread
 from mazeplan.parts import passed_by
-from mazeplan.records import Command, Doubt, GoalGiven, NavigationResult, Observation, RingPassage, Start
+from mazeplan.records import (
+    Command,
+    Doubt,
+    FailureKind,
+    GoalGiven,
+    NavigationResult,
+    Observation,
+    RingPassage,
+    Start,
+)
 
 
 class RunRecord:
@@ -44,7 +53,10 @@ class RunRecord:
             self._start = Start(detail["ring"], detail["theta"])
         if self._log is not None:
             self._log.event(t, kind, detail)
-        if kind in ("failure", "recovery"):
+        if detail.get("kind") == FailureKind.RIG_FAILED:  # whoever made the run is told why, by an error
+            if self.began:
+                self._display.event(t, str(FailureKind.RIG_FAILED))
+        elif kind in ("failure", "recovery"):
             self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
         elif kind in SAID:
             self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from typing import Any
 
@@ -10,8 +11,12 @@ import pytest
 from mazeplan.cli import main
 
 
-def call(monkeypatch: pytest.MonkeyPatch, capsys: Any, *arguments: object) -> tuple[int, str, str]:
-    """Exit status, stdout and stderr of `mazeplan` with these arguments."""
+def call(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any, *arguments: object, terminal: bool = False
+) -> tuple[int, str, str]:
+    """Exit status, stdout and stderr of `mazeplan` with these arguments; terminal: stderr is said to be one."""
+    monkeypatch.setattr("mazeplan.cli.progress.is_terminal", lambda stream: terminal)
+    monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setattr(sys, "argv", ["mazeplan", *map(str, arguments)])
     try:
         main()
@@ -20,3 +25,8 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: Any, *arguments: object) -> tu
         code = stop.code or 0
     got = capsys.readouterr()
     return int(code), got.out, got.err
+
+
+def plain(drawn: str) -> str:
+    """What was drawn on a terminal, without the codes that move the cursor and colour."""
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", drawn).replace("\r", "\n")

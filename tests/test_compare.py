@@ -177,7 +177,7 @@ def test_accelerations_are_predicted_by_the_mean_and_roll_outs_by_what_is_typica
         return replace(fit(kind, samples, rows, options), robust=Still())
 
     plain = compare([table], [], MAZE, ONE)
-    monkeypatch.setattr(module, "fit_kind", lambda *a, progress: other(*a))
+    monkeypatch.setattr(module, "fit_kind", lambda *a, progress, advance: other(*a))
     moved = compare([table], [], MAZE, ONE)
     assert asked
     assert all(asked)
@@ -276,7 +276,13 @@ def test_a_ring_that_the_ball_only_passes_through_is_left_out(table):
     ring[100:150] = 4.0
     ring[200:210] = 3.0
     options = replace(ONE, delay=None)
-    found = compare([Table({**first.columns, "ring": ring})], [], MAZE, options, progress=told.append)
+    far = []
+    found = compare(
+        [Table({**first.columns, "ring": ring})], [], MAZE, options,
+        left_out=told.append, advance=lambda done, total: far.append(done / total),
+    )  # fmt: skip
+    assert far == sorted(far)
+    assert 0.0 < far[0] < 0.5
     assert [s.ring for s in found] == [2]
     assert any("ring 4 is left out" in text for text in told)
 

@@ -62,8 +62,13 @@ def test_a_camera_that_is_off_is_found_once():
 def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
     rig = tmp_path / "rig.yaml"
     rig.write_text("model: ideal\nrolling_friction_m: 2.0e-5\ntable_x_deg: 1.5\n")
-    told = []
-    (entry,) = improve(str(rig), tmp_path, Options(runs=2, seconds=60.0, seed=1), tell=told.append)
+    told, doing, far = [], [], []
+    (entry,) = improve(
+        str(rig), tmp_path, Options(runs=2, seconds=60.0, seed=1),
+        tell=told.append, working=doing.append, advance=lambda *how: far.append(how),
+    )  # fmt: skip
+    assert far == [*((s, 60) for s in range(1, 61)), (1, 2), (2, 2), (1, 2), (2, 2)]
+    assert {"ring 1: stage", "navigating before", "navigating after"} <= set(doing)
     assert "tilt_offset" in [e["name"] for e in entry["diagnosis"]["effects"]]
     new = load_model(entry["diagnosis"]["model"])
     assert new.ball(1).parameter("tilt_offset", "gamma", 0.0) == pytest.approx(np.radians(1.5), abs=4e-3)
@@ -73,7 +78,7 @@ def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
     assert after["success"] > before["success"] or after["time_s"]["mean"] < before["time_s"]["mean"]
     assert json.loads((tmp_path / "round1" / "round.json").read_text())["navigation"]["after"] == after
     assert (tmp_path / "round1" / "record.mcap").exists()
-    assert told
+    assert any(text.startswith("before: ") for text in told)
 
 
 def test_what_a_model_keeps_of_its_old_log_is_read_or_refused():

@@ -16,8 +16,10 @@ from mazeplan.settings import settings_from_text
 
 def test_a_run_on_the_toy_decides_again(recorded):
     path, result = recorded
-    outcome = replay(path)
+    told = []
+    outcome = replay(path, advance=lambda done, total: told.append((done, total)))
     assert outcome.identical
+    assert told == [(k + 1, outcome.ticks) for k in range(outcome.ticks)]
     _, messages, _ = read_messages(path)
     topics = [topic for topic, _ in messages]
     counts = outcome.ticks, outcome.plans, outcome.events

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import textwrap
 
 import pytest
-from commands import call
+from commands import call, plain
 from replayed import MAZE, other_end, planar, rewritten, tick
 
 from mazeplan.choices import resolve_model
@@ -191,11 +192,13 @@ def test_the_command_tells_the_first_difference_with_both_sides(recorded, monkey
 
 
 def test_the_command_says_identical(recorded, monkeypatch, capsys):
-    code, out, _ = call(monkeypatch, capsys, "log", "replay", recorded[0])
+    code, out, err = call(monkeypatch, capsys, "log", "replay", recorded[0])
+    assert err == ""
     assert code == 0
     assert out.splitlines()[0].startswith(f"{recorded[0]}: identical: ")
     assert "searches ended by the deadline" in out
-    code, out, _ = call(monkeypatch, capsys, "log", "replay", recorded[0], "--json")
+    code, out, err = call(monkeypatch, capsys, "log", "replay", recorded[0], "--json", terminal=True)
+    assert re.search(r"replaying .* (\d+)/\1 .*left 0:00:00", plain(err))
     document = json.loads(out)
     assert code == 0
     assert document["identical"]

@@ -10,13 +10,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from pages import blocks
 
 from mazeplan import resources
 from mazeplan.errors import TreeError
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "trees.md").read_text(encoding="utf-8")
-GOALS, ROLL, LEAF = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+GOALS, ROLL, LEAF = (b.text for b in blocks("docs/trees.md") if b.kind == "python" and b.file is None)
 
 
 def test_the_example_of_a_new_goal_runs(tmp_path):

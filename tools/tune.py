@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from random_rigs import draw, drive
 
+from mazeplan.cli.progress import Working
 from mazeplan.errors import SettingsError
 from mazeplan.settings import load_settings
 
@@ -126,12 +127,16 @@ def main() -> None:
     search = cma.CMAEvolutionStrategy(
         to_unit(start), o.sigma, {"bounds": [0, 1], "popsize": o.population, "seed": o.seed, "verbose": -9}
     )
-    with ProcessPoolExecutor(o.workers, mp_context=get_context("spawn")) as pool:
+    each = o.population + 2  # candidates: the population, the search's mean, and where it began
+    with ProcessPoolExecutor(o.workers, mp_context=get_context("spawn")) as pool, Working("candidates") as shown:
         for generation in range(o.generations):
             runs = schedule(o.seed, generation, o.runs)
             points = search.ask()
             candidates = [from_unit(p) for p in points] + [from_unit(np.asarray(search.mean)), start]
-            times = list(pool.map(price, [(c, runs) for c in candidates]))
+            times = []
+            for one in pool.map(price, [(c, runs) for c in candidates]):
+                times.append(one)
+                shown.advance(generation * each + len(times), o.generations * each)
             means = [float(np.mean(t)) for t in times]
             search.tell(points, means[: len(points)])
             mean, first = times[-2], times[-1]

@@ -62,6 +62,7 @@ def compare(
 ) -> None:
     """nRMSE of theta_dd and roll-out errors of rf, p, pi, np, sp (and npd), ring by ring."""
     from mazeplan.cli.arguments import positive
+    from mazeplan.cli.progress import Working
     from mazeplan.cli.report import check_page, write_report
     from mazeplan.compare import THOROUGH, CompareOptions
     from mazeplan.compare import compare as run
@@ -93,8 +94,12 @@ def compare(
         curve=curve is not None or page is not None,
         seed=seed,
     )
-    tables, held = ([read_table(log) for log in group] for group in (logs, test or []))
-    scores = run(tables, held, maze, options, openings_known=known, progress=say)
+    with Working("comparing") as shown:
+        shown.tell("reading")
+        tables, held = ([read_table(log) for log in group] for group in (logs, test or []))
+        scores = run(
+            tables, held, maze, options, openings_known=known, progress=shown.tell, advance=shown.advance, left_out=say
+        )
     if curve is not None:
         _draw(scores, curve)
     document = {f"ring{score.ring}": score.document() for score in scores}

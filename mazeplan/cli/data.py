@@ -34,22 +34,26 @@ def import_cme(
 
     The files are not part of mazeplan; the tables are under their licence, not under that of mazeplan.
     """
+    from mazeplan.cli.progress import Working
     from mazeplan.data.cme_import import find_models, import_ring, read_model, write_ring
+    from mazeplan.progress import piece
 
     models = {ring: read_model(folder, ring, ending) for ring, ending in find_models(folder).items()}
     paths = {ring: output / f"ring{ring}.csv" for ring in models}
     for path in paths.values():
         if path.exists() and not force:
             raise InputError("exists already; give --force to overwrite it", file=path)
-    told = {}
-    for ring, model in models.items():
-        imported = import_ring(model)
-        write_ring(imported, paths[ring])
-        told[f"ring{ring}"] = _document(imported, paths[ring])
-        if not as_json:
-            print(_line(imported))
+    found = {}
+    with Working("importing") as shown:
+        for i, (ring, model) in enumerate(models.items()):
+            shown.tell(f"ring {ring}")
+            found[ring] = import_ring(model, advance=piece(shown.advance, i, 1, len(models)))
+            write_ring(found[ring], paths[ring])
+    told = {f"ring{ring}": _document(imported, paths[ring]) for ring, imported in found.items()}
     if as_json:
         print_json(told)
+    else:
+        print("\n".join(_line(imported) for imported in found.values()))
     say(f"wrote {', '.join(path.name for path in paths.values())} to {output}")
 
 

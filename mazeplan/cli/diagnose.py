@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.cli.arguments import check_folder
-from mazeplan.cli.output import print_json, say
+from mazeplan.cli.output import print_json
 from mazeplan.errors import InputError
 
 WIDEST = 2.0  # m; of a ring on a table
@@ -94,6 +94,7 @@ def _of_ball(
     """Diagnosis of a ball in its ring, and its document."""
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.owneffects import own_effects
+    from mazeplan.cli.progress import Working
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
     from mazeplan.diagnosis.library import Gates, ring_library, wall_library
@@ -126,7 +127,8 @@ def _of_ball(
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
     ball = record_of(table, rows, odd)
-    done = run(ball, where, known, ring=number, gates=gates, more=own, test=further, progress=say)
+    with Working("diagnosing") as shown:
+        done = run(ball, where, known, ring=number, gates=gates, more=own, test=further, progress=shown.tell)
     return done, {
         **done.document(),
         "ring": number,

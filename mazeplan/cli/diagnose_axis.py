@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.cli.diagnose import declare_known, finish
-from mazeplan.cli.output import say
+from mazeplan.cli.progress import Working
 from mazeplan.errors import InputError
 
 
@@ -28,6 +28,7 @@ def diagnose_drive(path: Path, declare: list[str], test: Path | None, output: Pa
         if name in known:
             raise InputError(f"--declare: got {name} both with and without a value, expected one of the two")
     further = None if test is None else read_drive(test, log.gain)
-    done = diagnose_axis(log, known, along, test=further, progress=say)
+    with Working("diagnosing") as shown:
+        done = diagnose_axis(log, known, along, test=further, progress=shown.tell)
     document: dict[str, Any] = {**done.document(), "system": "emps", "declared": known, "report": None}
     finish(done, document, output, path.name, as_json)

@@ -1,45 +1,66 @@
-"""`doctor`: what is installed, and what a missing feature needs."""
+"""`doctor`: what is installed, what is missing or too old for what, and how to get it.
+
+Which package belongs to what is asked of the package itself: of pyproject.toml in a checkout, else of what was
+installed. Only the words for people are here."""
 
 from __future__ import annotations
 
 import platform
 import shutil
 import sys
-from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, metadata, version
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from packaging.requirements import Requirement
 
 from mazeplan.cli.output import print_json
 
-NEEDED = {
-    "core": (
-        "numpy",
-        "scipy",
-        "numba",
-        "pandas",
-        "scikit-learn",
-        "mujoco",
-        "networkx",
-        "py-trees",
-        "pydantic",
-        "lxml",
-        "mcap",
-        "pyyaml",
-        "matplotlib",
-    ),
-    "learn": ("torch", "gpytorch"),
-    "view": ("viser",),
-    "hardware": ("pyserial", "opencv-python-headless"),
-    "testing": ("hypothesis",),
-}
+CORE = "core"
 FEATURES = {
-    "core": "maps, simulated rigs, navigate, evaluate, collect, learn --kind pi, logs",
-    "learn": "Gaussian-process models",
+    CORE: "maps, simulated rigs, navigate, evaluate, collect, learn --kind pi, diagnose, improve, logs",
+    "learn": "Gaussian-process models: learn --kind sp and np, compare",
     "view": "the live page in the browser",
     "hardware": "camera and serial line of a real rig",
     "testing": "generated ball behaviours for tests of trees",
+    "docs": "the documentation as a site: make docs",
+    "tune": "searching costs and gains: tools/tune.py",
+    "bench": "other solvers and searches beside these: make bench",
+    "dev": "make test",
 }
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+CHECKOUT = Path(__file__).resolve().parents[2] / "pyproject.toml"
+
+
+@dataclass(frozen=True)
+class Package:
+    """A package that is asked for: what version, and which is installed (None: none)."""
+
+    name: str
+    needed: str
+    installed: str | None
+
+    @classmethod
+    def of(cls, requirement: Requirement) -> Package:
+        """The state of a requirement here."""
+        return cls(requirement.name, str(requirement.specifier), installed(requirement.name))
+
+    @property
+    def fits(self) -> bool:
+        """Whether the installed version is one of those asked for."""
+        found = Requirement(f"{self.name}{self.needed}").specifier
+        return self.installed is not None and found.contains(self.installed, prereleases=True)
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with it, in words; empty if nothing is."""
+        if self.installed is None:
+            return f"{self.name} is missing"
+        return "" if self.fits else f"{self.name} is {self.installed}, needed {self.needed}"
 
 
 def installed(package: str) -> str | None:
@@ -48,6 +69,41 @@ def installed(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
+
+
+def requirements() -> dict[str, list[Requirement]]:
+    """{"core" or extra: what it asks for here}."""
+    if CHECKOUT.is_file():
+        project = tomllib.loads(CHECKOUT.read_text(encoding="utf-8"))["project"]
+        groups = {CORE: project["dependencies"], **project["optional-dependencies"]}
+        return {extra: _here(map(Requirement, group), "") for extra, group in groups.items()}
+    told = metadata("mazeplan")
+    every = [Requirement(text) for text in told.get_all("Requires-Dist") or []]
+    core = _here(every, "")
+    extras = {extra: _here(every, extra) for extra in told.get_all("Provides-Extra") or []}
+    return {CORE: core, **{extra: [r for r in group if r not in core] for extra, group in extras.items()}}
+
+
+def _here(group: Iterable[Requirement], extra: str) -> list[Requirement]:
+    return [r for r in group if r.marker is None or r.marker.evaluate({"extra": extra})]
+
+
+def report() -> dict[str, list[Package]]:
+    """{"core" or extra: its packages}."""
+    return {extra: [Package.of(r) for r in group] for extra, group in requirements().items()}
+
+
+def advice(extra: str) -> str:
+    """The command that installs what an extra needs."""
+    name = "" if extra == CORE else f"[{extra}]"
+    if CHECKOUT.is_file():
+        return f"pip install -c constraints.txt -e '.{name}' in {CHECKOUT.parent}"
+    return f"pip install --upgrade 'mazeplan{name}'"
+
+
+def browser() -> str | None:
+    """Where a browser is in which the page can be tested without a screen."""
+    return next((found for found in map(shutil.which, BROWSERS) if found), None)
 
 
 def emulator() -> dict[str, str | None]:
@@ -84,33 +140,61 @@ def ports() -> list[str] | None:
     return ports_found()
 
 
-def report() -> dict[str, dict[str, str | None]]:
-    """{extra: {package: version or None}} of all packages the program can use."""
-    return {extra: {package: installed(package) for package in packages} for extra, packages in NEEDED.items()}
+def _feature(extra: str, packages: list[Package]) -> dict[str, Any]:
+    ready = not any(package.problem for package in packages)
+    return {
+        "what": FEATURES.get(extra, ""),
+        "ready": ready,
+        "missing": [package.name for package in packages if package.installed is None],
+        "too_old": [package.name for package in packages if package.installed is not None and not package.fits],
+        "get": None if ready else advice(extra),
+    }
+
+
+def document(found: dict[str, list[Package]]) -> dict[str, Any]:
+    """What `doctor --json` prints."""
+    return {
+        "python": platform.python_version(),
+        "mazeplan": installed("mazeplan"),
+        "features": {extra: _feature(extra, packages) for extra, packages in found.items()},
+        "packages": {extra: {p.name: p.installed for p in packages} for extra, packages in found.items()},
+        "needed": {extra: {p.name: p.needed for p in packages} for extra, packages in found.items()},
+        "emulator": emulator(),
+        "browser": browser(),
+        "ports": ports(),
+    }
 
 
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
-    """What is installed, and what a missing feature needs."""
-    found, parts, serial = report(), emulator(), ports()
+    """What is installed, what is missing or too old for what, and how to get it.
+
+    Exit status 1 where what everything needs is not there."""
+    found = report()
     if as_json:
-        versions = {"python": platform.python_version(), "mazeplan": installed("mazeplan")}
-        print_json({**versions, "packages": found, "emulator": parts, "ports": serial})
+        print_json(document(found))
     else:
-        print(f"mazeplan {installed('mazeplan')} on Python {platform.python_version()}, {platform.platform()}")
-        for extra, packages in found.items():
-            missing = [package for package, got in packages.items() if got is None]
-            state = "ready" if not missing else f"missing {', '.join(missing)}"
-            advice = "" if not missing or extra == "core" else f"; to have it: pip install 'mazeplan[{extra}]'"
-            print(f"{extra:9s} {state}: {FEATURES[extra]}{advice}")
-            for package, got in packages.items():
-                print(f"    {package} {got or '-'}")
-        missing = [part for part, got in parts.items() if got is None]
-        state = f"missing {', '.join(missing)}" if missing else "ready"
-        print(f"emulator  {state}: the board's firmware on a simulated chip{emulator_advice(parts)}")
-        for part, got in parts.items():
-            print(f"    {part} {got or '-'}")
-        if serial is not None:
-            print(f"ports     {', '.join(serial) or 'none found'}: where a board may be plugged in")
-    sys.exit(1 if None in found["core"].values() else 0)
+        print("\n".join(lines(found)))
+    sys.exit(1 if any(package.problem for package in found[CORE]) else 0)
+
+
+def lines(found: dict[str, list[Package]]) -> list[str]:
+    """The same for people: a line a feature, then what it is made of."""
+    told = [f"mazeplan {installed('mazeplan')} on Python {platform.python_version()}, {platform.platform()}"]
+    for extra, packages in found.items():
+        problems = ", ".join(package.problem for package in packages if package.problem)
+        how = f"; to have it: {advice(extra)}" if problems else ""
+        told.append(f"{extra:9s} {problems or 'ready'}: {FEATURES.get(extra, '')}{how}")
+        told += [f"    {package.name} {package.installed or '-'}" for package in packages]
+    parts, serial, page = emulator(), ports(), browser()
+    missing = [part for part, got in parts.items() if got is None]
+    state = f"missing {', '.join(missing)}" if missing else "ready"
+    told.append(f"emulator  {state}: the board's firmware on a simulated chip{emulator_advice(parts)}")
+    told += [f"    {part} {got or '-'}" for part, got in parts.items()]
+    state = "ready" if page else "missing chromium"
+    how = "" if page else "; to have them: sudo apt-get install chromium"
+    told.append(f"browser   {state}: tests of the live page{how}")
+    if serial is not None:
+        told.append(f"ports     {', '.join(serial) or 'none found'}: where a board may be plugged in")
+    return told

@@ -13,6 +13,7 @@ import typer
 from mazeplan.cli.output import print_json, say
 
 if TYPE_CHECKING:
+    from mazeplan.cli.progress import Working
     from mazeplan.diagnosis.merge import Evidence
     from mazeplan.maze.geometry import Maze
     from mazeplan.models.modelfile import RigModel
@@ -48,6 +49,7 @@ def improve(
     from mazeplan.choices import resolve_model
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.navigate import note_missing_model
+    from mazeplan.cli.progress import Working
     from mazeplan.improve import Options
     from mazeplan.improve import improve as run
     from mazeplan.maze.mapfile import load_map
@@ -56,10 +58,12 @@ def improve(
     maze, spec = load_map(map_), with_seed(rig, seed)
     note_missing_model(spec, model, maze)
     options = Options(rounds, runs, positive("--seconds", seconds), seed, workers, map_, own_process=True)
-    known = None if not reference else _reference(reference, maze, resolve_model(model, spec, maze))
     with ExitStack() as stack:
         folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
-        done = run(spec, folder, options, model=model, reference=known, tell=say)
+        shown = stack.enter_context(Working("improving"))
+        known = None if not reference else _reference(reference, maze, resolve_model(model, spec, maze), shown)
+        told: dict[str, Any] = {"tell": shown.line, "working": shown.tell, "advance": shown.advance}
+        done = run(spec, folder, options, model=model, reference=known, **told)
         if output is None:
             for entry in done:
                 entry["diagnosis"]["model"] = None
@@ -75,12 +79,12 @@ def improve(
     sys.exit(0 if good and last["navigation"]["after"]["success"] == runs else 1)
 
 
-def _reference(logs: list[Path], maze: Maze, model: RigModel) -> Evidence:
+def _reference(logs: list[Path], maze: Maze, model: RigModel, shown: Working) -> Evidence:
     from mazeplan.data.table import join, read_table
     from mazeplan.improve import reference_evidence
 
-    say("reference")
-    return reference_evidence(join([read_table(log) for log in logs]), maze, model, say)
+    shown.line("reference")
+    return reference_evidence(join([read_table(log) for log in logs]), maze, model, shown.line, shown.tell)
 
 
 def _print(rounds: list[dict[str, Any]]) -> None:

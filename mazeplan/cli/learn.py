@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mazeplan.cli.output import print_json, say
+from mazeplan.cli.output import print_json
 from mazeplan.errors import InputError, TableError
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def learn(
     from dataclasses import replace
 
     from mazeplan.cli.arguments import check_folder
+    from mazeplan.cli.progress import Working
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import join, read_table
     from mazeplan.maze.mapfile import load_map
@@ -58,20 +59,24 @@ def learn(
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
     options = FitOptions(most=most, training=TrainingOptions(device=device, starts=2), seed=seed)
     maze = load_map(map_)
-    tables = [read_table(log) for log in logs]
     check_folder("-o", output)
-    table = join(tables)
-    try:
-        fit = fit_rig(table, maze, tuple(table.source for table in tables))
-    except ValueError as problem:
-        raise TableError(str(problem), file=", ".join(str(log) for log in logs)) from None
-    model = fit.model
-    if kind == "p":
-        scores = {name: value for name, value in model.scores.items() if name == "stage_arx"}
-        model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores=scores)
-    learned: dict[int, RingLearning] = {}
-    if kind in ("np", "sp"):
-        model, learned = learn_processes(table, maze, model, kind, options, smoothing=chosen, progress=say)
+    with Working("learning") as shown:
+        shown.tell("reading")
+        tables = [read_table(log) for log in logs]
+        table = join(tables)
+        try:
+            fit = fit_rig(table, maze, tuple(table.source for table in tables), progress=shown.tell)
+        except ValueError as problem:
+            raise TableError(str(problem), file=", ".join(str(log) for log in logs)) from None
+        model = fit.model
+        if kind == "p":
+            scores = {name: value for name, value in model.scores.items() if name == "stage_arx"}
+            model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores=scores)
+        learned: dict[int, RingLearning] = {}
+        if kind in ("np", "sp"):
+            model, learned = learn_processes(
+                table, maze, model, kind, options, smoothing=chosen, progress=shown.tell, advance=shown.advance
+            )
     path = save_model(model, output)
     if as_json:
         print_json({"model": str(path), **model_document(model), "windows": fit.windows})

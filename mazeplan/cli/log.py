@@ -84,9 +84,11 @@ def replay(
     """Run the tree again on what a navigation observed: whether every tick decides as it did.
 
     Exit status 1 where one does not; the first is shown."""
+    from mazeplan.cli.progress import Working
     from mazeplan.replay import replay as run
 
-    outcome = run(log, model=model, behavior=behavior)
+    with Working("replaying") as shown:
+        outcome = run(log, model=model, behavior=behavior, advance=shown.advance)
     if as_json:
         print_json({"log": str(log), **asdict(outcome), "identical": outcome.identical})
     else:

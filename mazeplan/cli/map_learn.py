@@ -28,15 +28,20 @@ def learn(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Learn rings and openings from where the ball was and changed rings."""
+    from mazeplan.cli.progress import Working
     from mazeplan.maze.learnedmap import learn_map, map_text
 
-    prior, prior_name = _prior(map_, logs)
-    track = _track(logs)
     names = ", ".join(str(log) for log in logs)
-    try:
-        learned = learn_map(track, prior, prior_name=prior_name, borrow=map_ is not None, min_count=min_count)
-    except TableError as problem:
-        raise TableError(problem.problem, file=names) from None
+    with Working("learning a map") as shown:
+        shown.tell("reading")
+        prior, prior_name = _prior(map_, logs)
+        track, given = _track(logs), map_ is not None
+        try:
+            learned = learn_map(
+                track, prior, prior_name=prior_name, borrow=given, min_count=min_count, progress=shown.tell
+            )
+        except TableError as problem:
+            raise TableError(problem.problem, file=names) from None
     if learned.maze is not None:
         try:
             output.write_text(map_text(learned, [log.name for log in logs]), encoding="utf-8")

@@ -6,13 +6,17 @@ happened; rich draws in its own thread, at most ten times a second.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
+
+from mazeplan.cli.output import say
 
 if TYPE_CHECKING:
     from mazeplan.records import NavigationResult
@@ -20,6 +24,8 @@ if TYPE_CHECKING:
 REFRESH_HZ = 10
 LINES_SHOWN = 12  # rings visited; a ball that goes to and fro must not push the current line off the screen
 NOTES_SHOWN = 2  # failures and recoveries in one line
+COMPILING_S = 2.0
+_listening: list[Any] = []
 
 
 @dataclass
@@ -54,6 +60,7 @@ class NavigationProgress:
 
     def __enter__(self) -> Self:
         if self._live_wanted:
+            tell_of_compiling()
             from rich.console import Console
             from rich.live import Live
 
@@ -123,26 +130,133 @@ class NavigationProgress:
         self._say(f"{result.time_s:7.2f} s  {word} (rig {result.rig}, seed {result.seed}, {failures})")
 
 
+class Working:
+    """Shows long work on a terminal: what is being done, how far it is, how fast that goes and how long it will still
+    take where that is known, else how long it took until now. Elsewhere nothing. A context manager.
+
+    label: a word for all of it; transient: the last picture is wiped."""
+
+    def __init__(self, label: str, stream: TextIO | None = None, *, transient: bool = True) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._label, self._transient = label, transient
+        self._shown: Any = None
+        self._task: Any = None
+        self._done, self._total = 0.0, math.inf
+
+    def __enter__(self) -> Self:
+        if is_terminal(self._stream):
+            tell_of_compiling()
+            self._shown = _bar(self._stream, self._transient)
+            self._task = self._shown.add_task(self._label, total=None, words="")
+            self._shown.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        shown, self._shown = self._shown, None
+        if shown is not None:
+            shown.stop()
+
+    def tell(self, text: str) -> None:
+        """What is being done now."""
+        if self._shown is None:
+            return
+        if self._done >= self._total:  # how far this is nobody has said yet
+            self._done, self._total = 0.0, math.inf
+            self._shown.reset(self._task)
+            self._shown.tasks[0].total = None  # `reset` takes None for: as it is
+        self._shown.update(self._task, words=text, refresh=True)
+
+    def line(self, text: str) -> None:
+        """Something found on the way, which stays to be read."""
+        if self._shown is not None:
+            self._shown.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def advance(self, done: float, total: float) -> None:
+        """So much of so much is done. Less than before, or of another total: other work began."""
+        if self._shown is None:
+            return
+        if total != self._total or done < self._done:
+            self._shown.reset(self._task, total=total, completed=done)
+        else:
+            self._shown.update(self._task, completed=done)
+        self._done, self._total = done, total
+
+
+def _bar(stream: TextIO, transient: bool) -> Any:
+    """rich's bar: what, how far, and how fast."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
+    from rich.table import Column
+    from rich.text import Text
+
+    class Pace(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            return Text(_pace(task))
+
+    class Doing(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            return Text(task.fields["words"], no_wrap=True, overflow="ellipsis")
+
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=16), Pace(), Doing(Column(ratio=1)))
+    console = Console(file=stream, force_terminal=True)
+    # stdout is not redirected: what is printed there belongs there
+    return Progress(
+        *columns, console=console, refresh_per_second=REFRESH_HZ, redirect_stdout=False, transient=transient,
+        expand=True,
+    )  # fmt: skip
+
+
+def _pace(task: Any) -> str:
+    """`12/40  3.10/s  left 0:00:09`; of shares `30 %  left 0:00:09`; how long it took where no total is known."""
+    if task.total is None:
+        return _clock(task.elapsed or 0.0)
+    speed = task.finished_speed or task.speed
+    counted = isinstance(task.total, int) and isinstance(task.completed, int)
+    told = [f"{task.completed:g}/{task.total:g}" if counted else f"{task.percentage:.0f} %"]
+    told += [f"{speed:.2f}/s"] if counted and speed is not None else []
+    left = task.time_remaining
+    return "  ".join([*told, "left -:--:--" if left is None else f"left {_clock(left)}"])
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds) // 3600}:{int(seconds) // 60 % 60:02d}:{int(seconds) % 60:02d}"
+
+
 @contextmanager
 def campaign_progress(
     total: int, stream: TextIO | None = None, *, label: str = "runs"
 ) -> Iterator[Callable[[int], None]]:
     """A bar with rate and time left on a terminal, nothing elsewhere; yields `advance(finished)`."""
-    out = sys.stderr if stream is None else stream
-    if not is_terminal(out):
-        yield lambda finished: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
-    from rich.text import Text
+    with Working(label, stream, transient=False) as shown:
+        shown.advance(0, total)
+        yield lambda finished: shown.advance(finished, total)
 
-    class Rate(ProgressColumn):
-        def render(self, task: Any) -> Text:
-            speed = task.finished_speed or task.speed
-            return Text("" if speed is None else f"{speed:.2f}/s")
 
-    console = Console(file=out, force_terminal=True)
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), Rate(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, console=console, refresh_per_second=REFRESH_HZ, redirect_stdout=False) as progress:
-        task = progress.add_task(label, total=total)
-        yield lambda finished: progress.update(task, completed=finished)
+def tell_of_compiling() -> None:
+    """From now on say so, once, when Numba compiles for more than COMPILING_S: the first time takes a minute."""
+    from numba.core import event
+
+    class Told(event.Listener):
+        depth, timer, told = 0, None, False
+
+        def on_start(self, event: Any) -> None:
+            self.depth += 1
+            if self.depth == 1 and not self.told:
+                self.timer = threading.Timer(COMPILING_S, self.tell)
+                self.timer.daemon = True
+                self.timer.start()
+
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            if self.depth == 0 and self.timer is not None:
+                self.timer.cancel()
+
+        def tell(self) -> None:
+            self.told = True
+            say("compiling, once for this machine: up to two minutes")
+
+    if not _listening:
+        _listening.append(Told())
+        event.register("numba:compile", _listening[0])

@@ -32,6 +32,7 @@ from mazeplan.data.cme_recovery import (
     segment_starts,
 )
 from mazeplan.errors import ModelError
+from mazeplan.progress import Advance, no_advance
 from mazeplan.records import Array
 
 GRAVITY = 9.806  # m/s^2, as the published features have it
@@ -248,8 +249,9 @@ def _kernel_times(model: DualForm, vector: Array) -> Array:
     return out
 
 
-def import_ring(model: DualForm) -> ImportedRing:
-    """The measurements behind a model, with the samples between the published rows. Raises ModelError."""
+def import_ring(model: DualForm, *, advance: Advance = no_advance) -> ImportedRing:
+    """The measurements behind a model, with the samples between the published rows; advance is told how far the search
+    for them is. Raises ModelError."""
     data = training_data(model)
     step = sampling_step(data.rows)
     starts = segment_starts(data.rows, step)
@@ -259,6 +261,7 @@ def import_ring(model: DualForm) -> ImportedRing:
         path = recover(rows, step)
         squares, counts = squares + path.squares, counts + path.counts
         parts.append(_columns(rows, path.angles, step, model.ring, number))
+        advance(int(first) + len(rows.theta_ddot), len(model.alpha))
     names = list(parts[0])
     rms = np.sqrt(squares / np.maximum(counts, 1))
     return ImportedRing(

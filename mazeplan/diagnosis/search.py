@@ -104,8 +104,9 @@ class _Search:
         """One more candidate each, the best first."""
         self._tell("screening")
         trials = []
-        for c, start in promising(self._likelihood, current, self._open(current)):
-            self._tell(f"trying {c.name}")
+        ready = list(promising(self._likelihood, current, self._open(current)))
+        for number, (c, start) in enumerate(ready, start=1):
+            self._tell(f"trying {c.name}, {number} of {len(ready)}")
             trials.append(try_one(self._likelihood, current, c, start))
         if self._likelihood.noisy:  # else neighbours have much in common, and a spectrum tells that alone
             trials.append(swinging(self._likelihood, current))

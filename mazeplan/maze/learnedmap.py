@@ -18,6 +18,7 @@ from mazeplan.maze.geometry import Maze, Opening, Ring
 from mazeplan.maze.mapfile import check_text, default_name, dump_map
 from mazeplan.maze.transitions import MIN_COUNT, LearnedOpening, Track, find_openings, find_passages
 from mazeplan.maze.yamltree import shown
+from mazeplan.progress import Words, no_words
 
 TOUCHES = 20  # samples that lean on a wall for its place to count as measured
 PLACES_MM, PLACES_DEG = 2, 2  # decimals in the file: below what a camera resolves
@@ -63,7 +64,7 @@ class LearnedMap:
 
 def learn_map(
     track: Track, prior: Maze, *, prior_name: str, borrow: bool = False, min_count: int = MIN_COUNT,
-    name: str = "learned",
+    name: str = "learned", progress: Words = no_words,
 ) -> LearnedMap:  # fmt: skip
     """Rings and openings from a track; `prior` for what it does not tell, which `prior_name` calls.
 
@@ -71,10 +72,13 @@ def learn_map(
     show two rings.
     """
     radius = prior.ball.radius
+    progress("rings")
     bands, notes = _completed(fit_bands(track.x, track.y, radius), prior)
     rings = tuple(_ring(i, bands, radius, notes) for i in range(len(bands.edges)))
+    progress("changes of ring")
     passages = find_passages(track, bands)
     likely = [_likely_width(prior, wall, len(rings)) for wall in range(1, len(rings))]
+    progress("openings")
     openings = find_openings(passages, track, bands, radius, likely, min_count=min_count)
     widths = tuple(_width(opening, openings, likely[opening.outer - 1], prior_name) for opening in openings)
     passed = {opening.outer for opening in openings if not opening.problem}

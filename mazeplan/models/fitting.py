@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,6 +18,7 @@ from mazeplan.models.heavy_tails import typical
 from mazeplan.models.learned import AccelerationModel, ForestBall, GaussianBall, LinearBall, PhysicsBall
 from mazeplan.models.linear import fit_linear
 from mazeplan.models.samples import RingSamples
+from mazeplan.progress import Advance, Words
 from mazeplan.records import Array, IntArray
 
 KINDS = ("rf", "p", "pi", "np", "sp")
@@ -62,7 +62,8 @@ def fit_kind(
     rows: IntArray,
     options: FitOptions | None = None,
     *,
-    progress: Callable[[str], None] | None = None,
+    progress: Words | None = None,
+    advance: Advance | None = None,
 ) -> Fitted:
     """The model of a kind for the training rows (indices into the samples). Raises InputError for an unknown kind."""
     options = options or FitOptions()
@@ -76,7 +77,7 @@ def fit_kind(
     if kind in ("np", "sp"):
         features = "" if kind == "np" else "effects" if options.inputs == "state" else "wall"
         rest = target - kinematic_terms(k)
-        process, training = fit_process(k, rest, features, options, progress)
+        process, training = fit_process(k, rest, features, options, progress, advance=advance)
         model, robust = GaussianBall(process, features, options.inputs), None
         if options.heavy_tails:
             robust = replace(model, process=typical(process, rest[uniform_downsample(len(rest), options.most)]))
@@ -97,9 +98,10 @@ def fit_process(
     target: Array,
     features: str,
     options: FitOptions,
-    progress: Callable[[str], None] | None = None,
+    progress: Words | None = None,
     *,
     odd: Array | None = None,
+    advance: Advance | None = None,
 ) -> tuple[GaussianProcess, Training]:
     """A process for targets (N,) in states k, trained and conditioned on at most `options.most` rows of them; odd
     (N, E): further inputs behind those of the state, for all terms, that change their sign in a mirror."""
@@ -111,7 +113,12 @@ def fit_process(
         terms = tuple((columns + new, flip + (-1.0,) * len(new) if flip else flip) for columns, flip in terms)
     phi = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0))
     training = train(
-        x, phi, target[picked], replace(options.training, seed=options.seed, terms=terms), progress=progress
+        x,
+        phi,
+        target[picked],
+        replace(options.training, seed=options.seed, terms=terms),
+        progress=progress,
+        advance=advance,
     )
     if progress is not None:
         progress(f"conditioning on {len(picked)} rows")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from mazeplan.errors import InputError, SettingsError
 from mazeplan.models.features import STATE_TERMS
 from mazeplan.models.gaussian_process import FAMILIES, Hyperparameters, Term
 from mazeplan.models.gp_likelihood import log_likelihood
+from mazeplan.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.records import Array
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 NOISE_FLOOR = (
     0.15  # of the target's spread: impacts leave more than that unexplained; without it a rough kernel interpolates
 )
+LOOKS = 1.25  # at the likelihood an iteration, at most (of torch)
 LOG_SCALE, LOG_WIDTH = 0.7, 1.5  # mean and deviation of the prior on log length scales, in deviations of the input
 
 
@@ -108,15 +110,17 @@ def train(
     y: Array,
     options: TrainingOptions | None = None,
     *,
-    progress: Callable[[str], None] | None = None,
+    progress: Words | None = None,
+    advance: Advance | None = None,
 ) -> Training:
     """Hyperparameters for inputs (N, D), features (N, M), M may be 0, and values y (N,).
 
-    progress is told in words what is being done. Raises InputError without torch, or without the device asked for."""
+    progress is told in words what is being done, advance how far it is. Raises InputError without torch, or without
+    the device asked for."""
     require_torch()
     import torch
 
-    options, tell = options or TrainingOptions(), progress or (lambda text: None)
+    options, tell, advance = options or TrainingOptions(), progress or no_words, advance or no_advance
     bad = ~np.isfinite(np.column_stack([inputs, features, y])).all(axis=1)
     if bad.any():
         raise InputError(f"sample {int(np.argmax(bad))}: got a value that is not a finite number")
@@ -126,18 +130,21 @@ def train(
     rng = np.random.default_rng(options.seed)
     few, many = (uniform_downsample(len(y), n) for n in (options.first, options.rows))
     found: list[tuple[float, Any]] = []
+    each, last = (n * len(rows) ** 2 for n, rows in ((options.iterations, few), (options.refinement, many)))
+    whole = each * options.starts * len(options.families) + last  # as the time that they take
     with exactly():
         for family in options.families:
             for start in range(options.starts):
                 tell(f"{family}, start {start + 1} of {options.starts}, {len(few)} rows")
                 model = _model(scale.take(inputs, features, y, few), options, family)
                 _scatter(model, rng, start)
-                found.append((_maximise(model, options.iterations), model))
+                share = piece(advance, each * len(found), each, whole)
+                found.append((_maximise(model, options.iterations, share), model))
         best = max(found, key=lambda pair: pair[0])[1]
         tell(f"{best.family}, refinement on {len(many)} rows")
         model = _model(scale.take(inputs, features, y, many), options, best.family)
         model.load_state_dict(best.state_dict())
-        refined = _maximise(model, options.refinement)
+        refined = _maximise(model, options.refinement, piece(advance, whole - last, last, whole))
     if not math.isfinite(refined):
         raise InputError("the likelihood of these samples has no finite maximum: are they all alike?")
     return Training(scale.plain(_hyperparameters(model)), tuple(value for value, _ in found), refined, len(many))
@@ -252,24 +259,26 @@ def _scatter(model: Any, rng: np.random.Generator, start: int) -> None:
         model.linear.variance = torch.full_like(model.linear.variance, 0.3)
 
 
-def _maximise(model: Any, iterations: int) -> float:
+def _maximise(model: Any, iterations: int, advance: Advance = no_advance) -> float:
     """Climb by L-BFGS; the log posterior per row reached."""
     import torch
 
     model.train()
     posterior = _compiled_posterior if model.train_targets.device.type == "cpu" else _torch_posterior
     optimiser = torch.optim.LBFGS(model.parameters(), max_iter=iterations, line_search_fn="strong_wolfe")
-    reached = -math.inf
+    reached, looks = -math.inf, 0
 
     def closure() -> Any:
-        nonlocal reached
+        nonlocal reached, looks
         optimiser.zero_grad()
         loss = -posterior(model)
         loss.backward()
-        reached = max(reached, -float(loss.detach()))
+        reached, looks = max(reached, -float(loss.detach())), looks + 1
+        advance(looks, LOOKS * iterations)
         return loss
 
     optimiser.step(closure)
+    advance(1, 1)
     return reached
 
 

@@ -48,6 +48,7 @@ from mazeplan.models.effects import (
 from mazeplan.models.modelfile import FREE_ROLLING, WALL_ROLLING, RigModel
 from mazeplan.models.planar import PlanarModel
 from mazeplan.models.stage import StageFit, StageModel, fit_axis
+from mazeplan.progress import Words, no_words
 from mazeplan.records import Array, IntArray
 
 WINDOW = 13  # samples; 0.4 s at 30 Hz
@@ -258,14 +259,17 @@ def _score(table: Table, windows: list[Windows], fit: _BallFit, delay: float, dt
     return out
 
 
-def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = ()) -> Fit:
-    """Fit stage, ball and camera delay. Raises ValueError naming what the table lacks."""
+def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, progress: Words = no_words) -> Fit:
+    """Fit stage, ball and camera delay; progress is told in words what is being done. Raises ValueError naming what
+    the table lacks."""
     for name in ("u_beta", "u_gamma", "r"):
         if name not in table:
             raise ValueError(f"column {name} is needed to fit a whole rig")
     dt = table.dt
+    progress("stage")
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])
     axes = tuple(fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
+    progress("stage as difference equations")
     arx = _arx(table, dt)
     split = round((1.0 - TEST_SHARE) * len(table))
     # blocks in time of every segment: train on the first part of each, score on the last
@@ -275,7 +279,9 @@ def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = ()) 
     test = [w for w in (_part(w, table, dt, False) for w in found) if any(w.ring == t.ring for t in train)]
     if not train:
         raise ValueError(f"the ball is hardly ever seen moving freely in a ring ({split} samples looked at)")
+    progress("how late the camera is")
     delay, delay_sigma = _best_delay(table, train, maze, dt)
+    progress("ball")
     fit = _fit_balls(table, train, delay, dt)
     weak = {
         "weak_nrmse_train": _score(table, train, fit, delay, dt),

@@ -9,7 +9,6 @@ the camera is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,10 +35,12 @@ from mazeplan.models.gp_training import Training, train
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.processfile import rounded
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
+from mazeplan.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.records import Array
 
 FEWEST = 300  # samples; a ring with less has no process
 SMOOTHING = Smoothing("rts", model="snap")
+TRAINED = 0.8  # of the time that a ring takes: then its process is conditioned
 
 
 @dataclass(frozen=True)
@@ -60,21 +61,23 @@ def learn_processes(
     options: FitOptions | None = None,
     *,
     smoothing: Smoothing = SMOOTHING,
-    progress: Callable[[str], None] | None = None,
+    progress: Words | None = None,
+    advance: Advance | None = None,
 ) -> tuple[RigModel, dict[int, RingLearning]]:
     """The model with processes of kind sp or np for all rings of which there are enough samples, and their scores.
     Raises TableError when there is no such ring."""
-    options, tell = options or FitOptions(), progress or (lambda text: None)
+    options, tell, advance = options or FitOptions(), progress or no_words, advance or no_advance
     found = ring_samples(table, maze, smoothing, SampleOptions(delay=model.camera_delay, recompute=True))
     balls, processes, learned = dict(model.balls), {}, {}
-    for ring, samples in sorted(found.items()):
-        if int(samples.good.sum()) < FEWEST:
-            continue
+    enough = {ring: samples for ring, samples in sorted(found.items()) if int(samples.good.sum()) >= FEWEST}
+    for i, (ring, samples) in enumerate(enough.items()):
 
         def report(text: str, ring: int = ring) -> None:
             tell(f"ring {ring}: {text}")
 
-        balls[ring], processes[ring], learned[ring] = _learn_ring(samples, model.ball(ring), kind, options, report)
+        balls[ring], processes[ring], learned[ring] = _learn_ring(
+            samples, model.ball(ring), kind, options, report, piece(advance, i, 1, len(enough))
+        )
     if not processes:
         problem = f"in no ring are there {FEWEST} samples, which kind {kind} needs; record more, or learn kind pi"
         raise TableError(problem, file=table.source.get("file"))
@@ -88,7 +91,7 @@ def learn_processes(
 
 
 def _learn_ring(
-    samples: RingSamples, ball: BallModel, kind: str, options: FitOptions, tell: Callable[[str], None]
+    samples: RingSamples, ball: BallModel, kind: str, options: FitOptions, tell: Words, advance: Advance
 ) -> tuple[BallModel, GaussianProcess, RingLearning]:
     """Hyperparameters and scores from a split of the record, the process itself from all of it."""
     split = block_split(samples.segment, samples.dt, block_s=5.0, test_share=0.25, guard=8)
@@ -98,7 +101,9 @@ def _learn_ring(
     base = planned(ball, k) if kind == "sp" else kinematic_terms(k)
     features = effect_features(k) if kind == "sp" else np.zeros((len(rows), 0))
     chosen = replace(options.training, seed=options.seed, terms=PLANNED_TERMS)
-    training = train(inputs(k), features, target - base, chosen, progress=tell)
+    training = train(
+        inputs(k), features, target - base, chosen, progress=tell, advance=piece(advance, 0.0, TRAINED, 1.0)
+    )
     hyper = honest_noise(training, inputs(k), features, target - base)
     if kind == "sp":
         hyper = replace(hyper, weight_sigma=_known(ball, hyper.weight_sigma))
@@ -111,6 +116,7 @@ def _learn_ring(
     every = np.flatnonzero(samples.good)
     every = every[uniform_downsample(len(every), options.most)]
     corrected, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, hyper)
+    advance(1.0, 1.0)
     return corrected, process, RingLearning(len(every), scores[0], scores[1], training)
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from functools import partial
 
 import numpy as np
 import pytest
-from commands import call
+from commands import call, plain
 from ring_record import ring_table, write_csv
 from standalone_page import alone
 
@@ -52,7 +53,7 @@ def folder(tmp_path_factory):
 
 
 def test_json_is_the_document_of_the_contract(monkeypatch, capsys, folder):
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "both.csv", *QUICK, "--json")
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "both.csv", *QUICK, "--json", terminal=True)
     assert code == 0
     document = json.loads(out)
     assert list(document) == ["ring2", "ring3"]
@@ -68,12 +69,13 @@ def test_json_is_the_document_of_the_contract(monkeypatch, capsys, folder):
             assert set(errors) == {"20", "40"}
         assert ring["signs"] == {"beta": 1, "gamma": 1}
         assert ring["rates"] == "smoothed"
-    assert "ring 2: sp" in err  # what is being done is told beside it
+    for words in ("ring 2: sp", "ring 3: np, rbf, start 1 of", "ring 3: rolling out sp", r"[1-9]\d? %  left 0:00:\d\d"):
+        assert re.search(rf"comparing .*{words}", plain(err)), words  # beside the document
 
 
 def test_for_people_the_tables(monkeypatch, capsys, folder):
-    code, out, _ = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK)
-    assert code == 0
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK)
+    assert (code, err) == (0, "")
     lines = out.splitlines()
     assert lines[0].split() == ["nRMSE", "of", "theta_dd", "rf", "p", "pi", "np", "sp"]
     assert lines[1].startswith("ring 2 train/test")

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from cme_models import ENDING, record, train
+from commands import call, plain
 from typer.testing import CliRunner
 
 from mazeplan.cli.data import app
@@ -27,6 +29,7 @@ def models(tmp_path_factory):
 def test_json_is_one_document_that_tells_each_ring(models, tmp_path):
     done = run(models, "-o", tmp_path / "out", "--json")
     told = json.loads(done.stdout)
+    assert done.stderr == f"wrote ring1.csv, ring4.csv to {tmp_path / 'out'}\n"
     assert done.exit_code == 0
     assert list(told) == ["ring1", "ring4"]
     for ring, step in (("ring1", 2), ("ring4", 3)):
@@ -43,8 +46,12 @@ def test_json_is_one_document_that_tells_each_ring(models, tmp_path):
         assert all(0.0 <= value < 1e-5 for value in got["checks"].values())
 
 
-def test_for_people_a_line_a_ring(models, tmp_path):
-    lines = run(models, "-o", tmp_path).stdout.splitlines()
+def test_for_people_a_line_a_ring(models, tmp_path, monkeypatch, capsys):
+    code, out, err = call(monkeypatch, capsys, "data", "import-cme", models, "-o", tmp_path, terminal=True)
+    lines = out.splitlines()
+    assert (code, len(lines)) == (0, 2)
+    assert re.search(r"importing .* 100 %  left 0:00:00 ring 4", plain(err))
+    assert plain(err).endswith(f"wrote ring1.csv, ring4.csv to {tmp_path}\n")
     assert lines[0].startswith("ring 1: ")
     for part in ("rows published (1 sample in 2)", "recovered, 3 segments; noise", "rate filter", "acceleration"):
         assert part in lines[0]

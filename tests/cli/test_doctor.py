@@ -1,13 +1,16 @@
-"""`doctor`: what the emulated board needs, and where a real one may be."""
+"""`doctor`: packages by what pyproject.toml asks for; what the emulated board needs, and where a real one may be."""
 
 from __future__ import annotations
 
 import json
 import shutil
+import tomllib
+from email.message import Message
 
 import pytest
 from commands import call
 
+from mazeplan.cli import doctor
 from mazeplan.rigs.hardware import chip
 from mazeplan.rigs.link import port
 
@@ -47,5 +50,78 @@ def test_what_is_built_needs_no_compiler(bare, monkeypatch, capsys, tmp_path):
 
 
 def test_without_pyserial_there_are_no_ports_to_tell_of(bare, monkeypatch, capsys):
-    monkeypatch.setattr("mazeplan.cli.doctor.installed", lambda package: None if package == "pyserial" else "1")
+    monkeypatch.setattr("mazeplan.cli.doctor.installed", lambda package: None if package == "pyserial" else "999")
     assert not [line for line in lines(monkeypatch, capsys) if line.startswith("ports")]
+
+
+@pytest.fixture
+def project():
+    return tomllib.loads(doctor.CHECKOUT.read_text(encoding="utf-8"))["project"]
+
+
+def with_versions(monkeypatch, **versions):
+    """Everything is installed as it should be, but for these."""
+    real = doctor.installed
+    changed = {name.replace("_", "-"): value for name, value in versions.items()}
+    monkeypatch.setattr(doctor, "installed", lambda package: changed.get(package, real(package) or "999"))
+
+
+def test_every_package_of_pyproject_is_looked_at_and_every_extra_has_words(monkeypatch, capsys, project):
+    code, out, _ = call(monkeypatch, capsys, "doctor", "--json")
+    document = json.loads(out)
+    groups = {"core": project["dependencies"], **project["optional-dependencies"]}
+    assert code == 0
+    assert list(document["packages"]) == list(groups)
+    for extra, texts in groups.items():
+        asked = {text.split("[")[0].rstrip(".0123456789=>") for text in texts}
+        assert set(document["packages"][extra]) == asked
+    assert set(doctor.FEATURES) == set(groups)
+    assert document["needed"]["core"]["scipy"] == next(t for t in groups["core"] if "scipy" in t).removeprefix("scipy")
+    assert document["features"]["core"]["ready"]
+
+
+def test_a_package_that_is_too_old_is_said_with_what_is_needed(monkeypatch, capsys):
+    with_versions(monkeypatch, viser="0.2.1", torch="2.13.0+cpu")
+    told = lines(monkeypatch, capsys)
+    (line,) = (line for line in told if line.startswith("view "))
+    assert line.startswith(
+        "view      viser is 0.2.1, needed >=1.0: the live page in the browser; to have it: pip install"
+    )
+    assert "'.[view]'" in line
+    (line,) = (line for line in told if line.startswith("learn "))
+    assert line.startswith("learn     ready: "), "what follows the + is no other version"
+    document = json.loads(call(monkeypatch, capsys, "doctor", "--json")[1])
+    view = document["features"]["view"]
+    assert (view["ready"], view["missing"], view["too_old"]) == (False, [], ["viser"])
+    assert document["features"]["learn"]["get"] is None
+
+
+def test_without_what_everything_needs_the_exit_status_is_one(monkeypatch, capsys):
+    real = doctor.installed
+    monkeypatch.setattr(doctor, "installed", lambda package: None if package == "mujoco" else real(package))
+    code, out, _ = call(monkeypatch, capsys, "doctor")
+    assert code == 1
+    assert "core      mujoco is missing: " in out
+
+
+def test_away_from_a_checkout_the_installed_package_is_asked(monkeypatch, tmp_path, project):
+    expected = {extra: [str(r) for r in group] for extra, group in doctor.requirements().items()}
+    told = Message()
+    for text in project["dependencies"]:
+        told["Requires-Dist"] = text
+    told["Requires-Dist"] = "winonly>=1; sys_platform == 'no such system'"
+    for extra, texts in project["optional-dependencies"].items():
+        told["Provides-Extra"] = extra
+        for text in texts:
+            told["Requires-Dist"] = f'{text}; extra == "{extra}"'
+    monkeypatch.setattr(doctor, "metadata", lambda name: told)
+    monkeypatch.setattr(doctor, "CHECKOUT", tmp_path / "pyproject.toml")
+    found = {extra: [str(r).split(";")[0] for r in group] for extra, group in doctor.requirements().items()}
+    assert found == expected
+    assert doctor.advice("view") == "pip install --upgrade 'mazeplan[view]'"
+
+
+def test_the_browser_is_told(bare, monkeypatch, capsys):
+    assert "browser   missing chromium: tests of the live page; to have them: sudo apt-get install chromium" in lines(
+        monkeypatch, capsys
+    )

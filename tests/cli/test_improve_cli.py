@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from commands import call as command
+from commands import plain
 
 
 @pytest.fixture
 def call(monkeypatch, capsys):
-    def run(*arguments):
-        return command(monkeypatch, capsys, "improve", *arguments)
+    def run(*arguments, **how):
+        return command(monkeypatch, capsys, "improve", *arguments, **how)
 
     return run
 
@@ -25,6 +27,10 @@ def rounds(monkeypatch):
 
     def stand_in(rig, folder, options, **more):
         asked.update(rig=rig, folder=folder, options=options, **more)
+        more["advance"](30, 60)
+        more["tell"]("found [red]")
+        more["advance"](60, 60)
+        more["working"]("ring 1: stage")
         return [{"diagnosis": dict(diagnosis), "navigation": {"before": navigation, "after": dict(navigation)}}]
 
     monkeypatch.setattr("mazeplan.improve.improve", stand_in)
@@ -32,7 +38,9 @@ def rounds(monkeypatch):
 
 
 def test_one_document_and_the_answer_only_after_the_verdict(call, rounds, tmp_path):
-    code, out, err = call("--rig", "surprise", "--seed", "3", "--runs", "2", "--rounds", "2", "-o", tmp_path, "--json")
+    code, out, err = call(
+        "--rig", "surprise", "--seed", "3", "--runs", "2", "--rounds", "2", "-o", tmp_path, "--json", terminal=True
+    )
     assert code == 0, err
     document = json.loads(out)
     assert set(document) == {"rounds"}
@@ -42,11 +50,15 @@ def test_one_document_and_the_answer_only_after_the_verdict(call, rounds, tmp_pa
     assert rounds["rig"] == "surprise@3"
     assert (rounds["options"].rounds, rounds["options"].runs) == (2, 2)
     assert "the answer: table (tilt_offset)" in err
+    assert "\nfound [red]\n" in plain(err)
+    assert re.search(r"improving .* 30/60  left", plain(err))
+    assert re.search(r"improving .* 0:00:00 +ring 1: stage", plain(err)), "how far that is nobody knows"
 
 
 def test_in_words_and_no_path_to_what_is_not_kept(call, rounds):
-    code, out, _ = call("--rig", "toy", "--runs", "3")
+    code, out, err = call("--rig", "toy", "--runs", "3")
     assert code == 1, "two of three arrived"
+    assert err == ""
     assert "round 1: The model lacks x." in out
     assert "before  2 of 2 arrived, mean 3.00 s" in out
     assert "here/model" not in out

@@ -3,9 +3,11 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 
 import numpy as np
 import pytest
+from commands import call, plain
 from typer.testing import CliRunner
 
 from mazeplan.cli.map import app
@@ -88,9 +90,11 @@ def test_a_table_becomes_a_map_with_the_openings_that_there_are(table, tmp_path)
     assert done.stderr == f"wrote {output}\n"
 
 
-def test_json_is_one_document_with_what_the_table_says(table, tmp_path):
+def test_json_is_one_document_with_what_the_table_says(table, tmp_path, monkeypatch, capsys):
     output = tmp_path / "map.yaml"
-    got = json.loads(run(table, "-o", output, "--json").stdout)
+    _, out, err = call(monkeypatch, capsys, "map", "learn", table, "-o", output, "--json", terminal=True)
+    got = json.loads(out)
+    assert re.search(r"learning a map .* 0:00:\d\d", plain(err))
     assert (got["map"], got["prior"], got["problems"], got["skipped"]) == (str(output), "the packaged map cme", [], 0)
     assert [o["rings"] for o in got["openings"]] == [[1, 2]] * 3 + [[2, 3]] * 2
     assert sum(o["count"] for o in got["openings"]) == got["passages"]

@@ -1,15 +1,18 @@
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import pty
 import re
 import subprocess
 import sys
+import threading
 
 import pytest
+from commands import plain
 
-from mazeplan.cli.progress import LINES_SHOWN, NavigationProgress, campaign_progress
+from mazeplan.cli.progress import LINES_SHOWN, NavigationProgress, Working, campaign_progress
 from mazeplan.records import Failure, FailureKind, NavigationResult, RingPassage
 
 
@@ -150,26 +153,95 @@ def test_a_campaign_is_silent_elsewhere():
     assert stream.getvalue() == ""
 
 
+def test_work_of_which_nothing_more_is_known_shows_how_long_it_takes_and_what_is_done():
+    stream = Terminal()
+    with Working("searching", stream) as shown:
+        shown.tell("trying [a]")
+        shown.advance(1, 4)
+        shown.tell("trying [b]")
+        shown.advance(4, 4)
+        shown.tell("trying [c]")
+        shown.line("found [c]")
+    text = plain(stream.getvalue())
+    assert re.search(r"searching .*0:00:00 +trying \[c\]", text)
+    assert "\nfound [c]\n" in text
+
+
+def test_a_share_that_is_no_count_is_told_in_percent_and_without_rate():
+    stream = Terminal()
+    with Working("training", stream, transient=False) as shown:
+        shown.advance(0.0, 2.5)
+        shown.advance(0.5, 2.5)
+    assert re.search(r"training .*20 %  left", plain(stream.getvalue()))
+    assert "/s" not in plain(stream.getvalue())
+
+
+def test_work_is_silent_elsewhere():
+    stream = io.StringIO()
+    with Working("searching", stream) as shown:
+        shown.tell("trying")
+        shown.line("found")
+        shown.advance(1, 2)
+    assert stream.getvalue() == ""
+
+
+COMPILING = """
+import time
+from numba import njit
+from mazeplan.cli import progress
+with progress.Working("work") as shown:
+    for limit in (60.0, 0.001, 0.001):
+        progress.COMPILING_S = limit
+        njit(lambda x: x + 1)(2)
+        time.sleep(0.1)
+        shown.line(f"limit {limit}")
+"""
+
+
+def test_compiling_that_takes_long_is_told_once():
+    drawn = on_terminal(COMPILING)[1]
+    assert drawn.count("compiling, once for this machine") == 1
+    assert drawn.index("limit 60.0") < drawn.index("compiling, once") < drawn.index("limit 0.001")
+
+
+def on_terminal(script):
+    """What a script prints, and what it draws on the terminal that its stderr is."""
+    keyboard, screen = pty.openpty()
+    drawn: list[bytes] = []
+
+    def read() -> None:
+        with contextlib.suppress(OSError):  # so it ends on Linux
+            while part := os.read(keyboard, 4096):
+                drawn.append(part)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=screen, text=True, check=True)
+    os.close(screen)
+    reader.join()
+    os.close(keyboard)
+    return done.stdout, b"".join(drawn).decode()
+
+
 SCRIPT = """
 import sys
-from mazeplan.cli.progress import NavigationProgress, campaign_progress
+from mazeplan.cli.progress import NavigationProgress, Working, campaign_progress
 with NavigationProgress() as progress:
     progress.ring_entered(1, 0.0)
     print("on stdout")
 with campaign_progress(1) as advance:
     advance(1)
+with Working("searching") as shown:
+    shown.tell("here")
 """
 
 
 def test_on_a_real_terminal_stdout_stays_clean():
-    keyboard, screen = pty.openpty()
-    done = subprocess.run([sys.executable, "-c", SCRIPT], stdout=subprocess.PIPE, stderr=screen, text=True, check=True)
-    os.close(screen)
-    drawn = os.read(keyboard, 65536).decode()
-    os.close(keyboard)
-    assert done.stdout == "on stdout\n"
+    out, drawn = on_terminal(SCRIPT)
+    assert out == "on stdout\n"
     assert "ring 1" in drawn
     assert "1/1" in drawn
+    assert re.search(r"searching .*here", plain(drawn))
 
 
 def test_rich_is_not_imported_before_it_is_needed():

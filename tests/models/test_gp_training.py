@@ -154,8 +154,14 @@ def test_weights_of_physics_come_back_with_their_units():
 @pytest.mark.parametrize(("true", "other"), [FAMILIES, FAMILIES[::-1]])
 def test_auto_takes_the_likelier_family(true, other):
     x, phi, y = draw(Hyperparameters.plain(np.array([1.0, 15.0]), 3.0, 0.6, family=true), 150, seed=5)
-    said = []
-    found = train(x, phi, y, replace(QUICK, family="auto", refinement=2), progress=said.append)
+    said, far = [], []
+    found = train(
+        x, phi, y, replace(QUICK, family="auto", refinement=2),
+        progress=said.append, advance=lambda done, total: far.append(done / total),
+    )  # fmt: skip
+    assert far == sorted(far)
+    assert far[-1] == pytest.approx(1.0)
+    assert sum(0.0 < done < 1.0 for done in far) > 5
     assert found.hyper.family == true
     assert len(found.starts) == 2
     assert Counter(text.split(",")[0] for text in said) == {true: 2, other: 1}, "each is tried, the likelier refined"
@@ -178,7 +184,7 @@ def test_starts_see_few_rows_and_the_refinement_more(monkeypatch):
     x, phi, y = draw(Hyperparameters.plain(np.array([1.5, 20.0]), 3.0, 0.5), 90)
     seen, maximise = [], gp_training._maximise
     monkeypatch.setattr(
-        gp_training, "_maximise", lambda model, n: seen.append((len(model.train_targets), n)) or maximise(model, n)
+        gp_training, "_maximise", lambda model, n, far: seen.append((len(model.train_targets), n)) or maximise(model, n)
     )
     options = TrainingOptions(first=20, rows=50, starts=2, iterations=3, refinement=1, terms=PLAIN)
     assert train(x, phi, y, options).rows == 50

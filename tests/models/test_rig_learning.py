@@ -207,7 +207,13 @@ def test_the_model_given_is_left_as_it_was(sp):
 
 def test_it_tells_what_it_does_by_ring_and_learns_the_same_again(data, sp):
     told: list[str] = []
-    model, learned = learn_processes(data, MAZE, MODEL, "sp", OPTIONS, progress=told.append)
+    far: list[tuple[float, float]] = []
+    model, learned = learn_processes(
+        data, MAZE, MODEL, "sp", OPTIONS, progress=told.append, advance=lambda *how: far.append(how)
+    )
+    assert far == sorted(far)
+    assert far[-1] == (1.0, 1)
+    assert len({done for done, _ in far}) > 5
     assert told
     assert all(text.startswith("ring 1: ") for text in told)
     assert learned[1].after == pytest.approx(sp[1][1].after, rel=1e-6)

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from pages import blocks
 
 import mazeplan.testing
 from mazeplan.errors import InputError
@@ -18,10 +19,7 @@ from mazeplan.testing import run_tree
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PAGE = (ROOT / "docs" / "testing-trees.md").read_text(encoding="utf-8")
-FILES = {  # the last file named before a block is what it is called
-    re.findall(r"`(\w+\.(?:py|xml|yaml))`", PAGE[: block.start()])[-1]: block[1]
-    for block in re.finditer(r"```(?:python|xml|yaml)\n(.*?)```", PAGE, re.DOTALL)
-}
+FILES = {block.file: block.text for block in blocks("docs/testing-trees.md") if block.file}
 COMMANDS = re.findall(r"^\$ (.*)$", PAGE, re.MULTILINE)
 
 
@@ -47,12 +45,9 @@ def run(command: str, desk: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_example_runs_outside_the_project(desk):
+def test_the_page_has_all_files_of_its_example():
     assert set(FILES) == {"my_leaves.py", "calm.xml", "mishaps.yaml", "test_calm.py"}
-    assert COMMANDS == ["pytest -q test_calm.py"]
-    done = run(COMMANDS[0], desk)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert f"{FILES['test_calm.py'].count('def test_')} passed" in done.stdout
+    assert COMMANDS == ["pytest -q test_calm.py"]  # which test_pages runs
 
 
 def test_the_example_notices_a_tree_and_a_leaf_that_are_broken(desk):

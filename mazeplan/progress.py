@@ -1,0 +1,21 @@
+"""How far long work is, told by plain functions: who does the work calls them, who shows it hands them in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Words = Callable[[str], None]  # what is being done
+Advance = Callable[[float, float], None]  # how much is done, of how much
+
+
+def no_words(text: str) -> None:
+    """Nobody wants to know."""
+
+
+def no_advance(done: float, total: float) -> None:
+    """Nobody wants to know."""
+
+
+def piece(advance: Advance, begin: float, size: float, total: float) -> Advance:
+    """What a piece of the work calls: it is `size` of `total`, behind `begin`."""
+    return lambda done, of: advance(begin + size * (min(done / of, 1.0) if of > 0.0 else 1.0), total)
