@@ -4,8 +4,8 @@ A page of another origin can make a browser connect to any port of this machine,
 
     Host     what the browser thinks it talks to. On the loopback only names of the loopback are taken, so that a
              stranger's name that was made to mean 127.0.0.1 (DNS rebinding) is of no use.
-    Origin   which page asks. Where one is told it must be this page, and a websocket, by which buttons are pressed, must
-             tell one.
+    Origin   which page asks. Where one is told it must be this page, and a websocket, by which buttons are pressed,
+             must tell one.
     token    bound to anything but the loopback, the first visit needs the URL that was printed; after it a cookie,
              which only this page sends back.
 
