@@ -28,8 +28,8 @@ def joined(port: int, origin: str | None = "", **more: Any) -> ClientConnection:
     own = f"http://127.0.0.1:{port}"
     headers = {} if origin is None else {"Origin": origin or own}
     return connect(
-        f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{__version__}")], open_timeout=20, compression=None,
-        max_size=None, additional_headers=headers, **more,
+        f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{__version__}")], open_timeout=20,
+        compression=None, max_size=None, additional_headers=headers, **more,
     )  # fmt: skip
 
 
