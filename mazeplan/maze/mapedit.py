@@ -100,7 +100,7 @@ def _finite(number: float) -> float:
 
 
 def _written(tree: Tree) -> Iterator[Written]:
-    data = tree.data if isinstance(tree.data, dict) else {}
+    data: dict[str, Any] = tree.data if isinstance(tree.data, dict) else {}
     items, rings = data.get("openings"), data.get("rings")
     last = len(rings) if isinstance(rings, list) else 0
     for index, item in enumerate(items if isinstance(items, list) else ()):
@@ -156,7 +156,7 @@ class _Text:
         scalars = sorted((node.start_mark.index, node.end_mark.index) for node in _scalars(root))
         place, scalars = 0, [*scalars, (len(self.text), len(self.text))]
         for start, end in scalars:
-            while 0 <= (mark := self.text.find("#", place, start)):
+            while (mark := self.text.find("#", place, start)) >= 0:
                 place = mark + len(re.match(r"[^\r\n]*", self.text[mark:])[0])  # pyright: ignore[reportOptionalSubscript]
                 yield mark, place
             place = max(place, end)

@@ -28,21 +28,37 @@ CME = (resources.share("maps") / "cme.yaml").read_text()
 HEAD = LOPSIDED[: LOPSIDED.index("openings:")]
 A = "rings: [1, 2], angle_deg: 17, width_mm: 14"
 B = "rings: [2, 3], angle_deg: 62, width_mm: 14.5"
+B_ON_LINES = "rings: [2, 3], # é\n   angle_deg: 62, width_mm: 14.5"
+BLOCKS = """openings:
+  # first
+  - rings: [1, 2] # r
+    # own
+    angle_deg: 17
+    width_mm: 14
+
+  # last
+  - rings: [2, 3]
+    angle_deg: 62
+    width_mm: 14.5 # w"""
+BLOCKS_WITHOUT_INDENT = """openings:
+- {rings: [1, 2], angle_deg: 17, width_mm: 14, name: 'a # b'}
+-
+  # why
+  width_mm: 14.5
+  rings: [3, 2]
+  angle_deg: 62
+# end"""
 LISTS = {
     "no lines yet": "openings: []  # none – yet\n",
     "nothing": "openings:\n# nothing\n",
     "empty over two lines": "openings: [ # none\n  ] # yet\n",
     "on one line": f"openings: [{{{A}}}, {{{B}}}] # both # of them\n",
-    "in brackets, on lines": f"openings: [\n  {{{A}}}, # a\n  # between\n  {{{B.replace(', angle', ', # é' + chr(10) + 'angle')}}} # b\n]\n",
-    "blocks": "openings:\n  # first\n  - rings: [1, 2] # r\n    # own\n    angle_deg: 17\n    width_mm: 14\n\n  # last\n"
-    "  - rings: [2, 3]\n    angle_deg: 62\n    width_mm: 14.5 # w",
-    "blocks without indent": "openings:\n- {rings: [1, 2], angle_deg: 17, width_mm: 14, name: 'a # b'}\n-\n  # why\n"
-    "  width_mm: 14.5\n  rings: [3, 2]\n  angle_deg: 62\n# end",
+    "in brackets, on lines": f"openings: [\n  {{{A}}}, # a\n  # between\n  {{{B_ON_LINES}}} # b\n]\n",
+    "on lines, in a bracket": f"openings:\n  - {{{A}}}\n  - {{{B_ON_LINES}}} # b\n",
+    "blocks": BLOCKS,
+    "blocks without indent": BLOCKS_WITHOUT_INDENT,
+    "lines that end as on Windows": BLOCKS,
 }
-LISTS["lines that end as on Windows"] = LISTS["blocks"]
-LISTS["on lines, in a bracket"] = (
-    f"openings:\n  - {{{A}}}\n  - {{rings: [2, 3],\n     angle_deg: 62, # a\n width_mm: 14.5}} # b\n"
-)
 
 
 def whole(name: str) -> str:
