@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 from planar_rig import PlanarRig
@@ -59,7 +60,7 @@ def test_the_log_holds_each_tree_and_how_its_nodes_ended(tmp_path):
     assert not read.trees[0]["statuses"]  # never ticked
     statuses = read.trees[1]["statuses"]
     assert {letters[0] for _, letters in statuses} >= {"R", "S"}
-    assert all(a != b for (_, a), (_, b) in zip(statuses, statuses[1:], strict=False))
+    assert all(a != b for (_, a), (_, b) in pairwise(statuses))
     # the leaf that commands in a tick is one that runs then, or has just ended
     kinds, commanded = read.trees[1]["kinds"], dict(zip(read.ticks["t"], read.ticks["leaf"], strict=True))
     leaves = set(registry_with(()))

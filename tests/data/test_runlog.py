@@ -36,6 +36,8 @@ def plan(**changes) -> Plan:
 
 def write_run(path, ticks: int = 5) -> None:
     with RunLogWriter(path, HEADER) as log:
+        log.tree(0.0, ["root", "root/Track"], ["Sequence", "Track"], ["root", "Track"], [-1, 0])
+        log.statuses(0.0, "RR")
         log.event(0.0, "ring", {"ring": 1})
         for k in range(ticks):
             log.tick(observation(k), Command(0.01 * k, -0.01), STATE, leaf="Track", opening=None, tick_ms=0.5)
@@ -58,6 +60,7 @@ def test_what_was_written_is_read_back(tmp_path):
     for name in runlog.ESTIMATE:
         assert log.ticks[f"estimate_{name}"][0] == getattr(STATE, name)
     assert log.events == ({"t": 0.0, "kind": "ring", "detail": {"ring": 1}},)
+    assert [(tree["names"], tree["statuses"]) for tree in log.trees] == [(["root", "Track"], ((0.0, "RR"),))]
     assert log.result == {"success": True, "time_s": 2.5}
 
 
@@ -114,7 +117,7 @@ def test_schemas_stay_within_what_plotting_viewers_accept():
             if field["type"] == "object":
                 check(field)
             elif field["type"] == "array":
-                assert field["items"]["type"] in ("object", "number")
+                assert field["items"]["type"] in ("object", "number", "integer", "string")
             else:
                 assert field["type"] in ("number", "integer", "string", "boolean")
 
@@ -179,7 +182,7 @@ def test_a_file_cut_at_any_byte_gives_all_whole_messages(tmp_path):
         ends.append(at + len(LAST_FIELD))
         at = whole.find(LAST_FIELD, at + 1)
     assert len(ends) == 4
-    told = whole.index(b'{"t":0.0,"kind"')  # where the first message after the header begins
+    told = whole.index(b'{"t":0.0,"paths"')  # where the first message after the header begins
     for cut in range(whole.index(b'"platform":"'), told - 100, 7):
         path.write_bytes(whole[:cut])
         with pytest.raises(LogError, match="without the header"):
