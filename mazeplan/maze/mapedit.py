@@ -104,14 +104,14 @@ def _written(tree: Tree) -> Iterator[Written]:
     items, rings = data.get("openings"), data.get("rings")
     last = len(rings) if isinstance(rings, list) else 0
     for index, item in enumerate(items if isinstance(items, list) else ()):
-        pair = item.get("rings") if isinstance(item, dict) else None
+        pair: Any = item.get("rings") if isinstance(item, dict) else None
         if not (isinstance(pair, list) and len(pair) == 2 and all(type(ring) is int for ring in pair)):
             continue
         outer, inner = sorted(pair)
         numbers = [item.get("angle_deg"), item.get("width_mm")]
         if inner != outer + 1 or not 1 <= outer < last or any(type(x) not in (int, float) for x in numbers):
             continue
-        angle, width = map(float, numbers)
+        angle, width = float(numbers[0] or 0.0), float(numbers[1] or 0.0)
         name = item.get("name")
         called = name if isinstance(name, str) else default_name(outer, inner, angle)
         line = tree.line(("openings", index))
