@@ -236,9 +236,9 @@ def _nodes(document: dict[str, Any]) -> tuple[TreeNode, ...]:
 def _active(nodes: tuple[TreeNode, ...], statuses: str) -> tuple[int, ...]:
     """Numbers of the nodes that run, as do all above them."""
     running: list[int] = []
-    for number, (node, letter) in enumerate(zip(nodes, statuses, strict=False)):
+    for i, (node, letter) in enumerate(zip(nodes, statuses, strict=False)):
         if letter == "R" and (node.parent < 0 or node.parent in running):
-            running.append(number)
+            running.append(i)
     return tuple(running)
 
 
