@@ -139,6 +139,11 @@ class MapEditor:
     # -- what is there ----------------------------------------------------------------------------------------------
 
     @property
+    def saved(self) -> str:
+        """The text in the file."""
+        return self._saved
+
+    @property
     def changed(self) -> bool:
         """Whether the text is another than in the file."""
         return self.text != self._saved
