@@ -75,7 +75,14 @@ class EditScene:
     def _mesh(self, name: str, mesh: tuple[Any, Any], colour: tuple[int, int, int], **more: Any) -> Any:
         vertices, faces = mesh
         return self._server.scene.add_mesh_simple(
-            f"/map/{name}", UNIT * vertices, faces, color=colour, side="double", receive_shadow=False, cast_shadow=False, **more
+            f"/map/{name}",
+            UNIT * vertices,
+            faces,
+            color=colour,
+            side="double",
+            receive_shadow=False,
+            cast_shadow=False,
+            **more,
         )
 
     def clicked(self, index: int) -> None:
