@@ -11,6 +11,7 @@ from mazeplan.cli.diagnose import diagnose
 from mazeplan.cli.doctor import doctor
 from mazeplan.cli.improve import improve
 from mazeplan.cli.navigate import evaluate, navigate
+from mazeplan.cli.view import view
 
 app = typer.Typer(
     name="mazeplan",
@@ -33,4 +34,5 @@ app.add_typer(behavior.app, name="behavior")
 app.add_typer(rig.app, name="rig")
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(data.app, name="data")
+app.command()(view)
 app.command()(doctor)

@@ -1,5 +1,5 @@
-"""A simulated rig held to the clock on the wall, so that a person can watch it: a sample at rig time t comes no sooner
-than t after reset.
+"""A simulated rig held to the clock on the wall, so that a person can watch it: samples come 1 / rate_hz apart, and no
+sooner.
 
 It waits for nobody else: where the program is late, the rig's time stays behind the wall's and is not made up for but
 by one sample. `level_now` may be called by any thread and has its way within one sample, also while the loop computes.
@@ -49,7 +49,7 @@ class PacedRig:
 
     def __init__(self, rig: Rig, wall: Wall | None = None) -> None:
         self.inside, self.rate_hz, self._wall = rig, rig.rate_hz, wall or WallClock()
-        self._began: float | None = None  # when on the wall the rig's time was 0
+        self._due: float | None = None  # when on the wall the next sample is to come
         self._woken = threading.Event()  # somebody wants the plate level
         self._levelled = False
         self._orders: list[Callable[[], object]] = []
@@ -65,7 +65,7 @@ class PacedRig:
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """As the rig inside; an order to level counts no more."""
         self.inside.reset(ring=ring, theta=theta, rng=rng)
-        self._began, self._levelled = None, False
+        self._due, self._levelled = None, False
         self._woken.clear()
         with self._lock:
             self._orders.clear()
@@ -74,15 +74,13 @@ class PacedRig:
         """The next sample, when it is due."""
         self._obey()
         sample = self.inside.observe()
-        if self._began is None:
-            self._began = self._wall.now() - sample.t
-        due = self._began + sample.t
+        period, due = 1.0 / self.rate_hz, self._wall.now() if self._due is None else self._due
         while (left := due - self._wall.now()) > 0.0:
             self._wall.wait(self._woken, left)
             if self._woken.is_set():
                 self._obey()
         # who is late by more than one sample does not hurry afterwards
-        self._began += max(0.0, -left - 1.0 / self.rate_hz)
+        self._due = period + max(due, self._wall.now() - period)
         return sample
 
     def command(self, u_beta: float, u_gamma: float) -> None:

@@ -26,7 +26,6 @@ from urllib.parse import parse_qs, urlsplit
 
 from mazeplan.errors import InputError
 
-HOST, PORT = "127.0.0.1", 8080
 BACKLOG = 64
 POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self' ws://{host} blob: data:; "

@@ -1,4 +1,4 @@
-"""The tab of a run that goes on, or waits to begin: the scene, curves at the left, buttons and the tree at the right."""
+"""The tab of a run that goes on, or waits to begin: the scene, curves at its left, buttons and tree at its right."""
 
 from __future__ import annotations
 
@@ -60,33 +60,38 @@ class LiveTab:
 
     def _build_buttons(self, page: Page) -> None:
         gui, offer = page.server.gui, self._offer
-        self._level = gui.add_button("Level now", color="red", hint="plate level at once, and the run ends")
-        self._level.on_click(lambda _: self._order({"do": "level"}))
+        level = gui.add_button("Level now", color="red", hint="plate level at once, and the run ends")
         self._start = gui.add_button("Start", color="green", hint="begin a run")
-        self._start.on_click(lambda _: self._order({"do": "start"}))
         self._stop = gui.add_button("Stop", color="gray", hint="end the run at its next tick, plate level")
-        self._stop.on_click(lambda _: self._order({"do": "stop"}))
+        for button, what in ((level, "level"), (self._start, "start"), (self._stop, "stop")):
+            button.on_click(self._ordering(lambda event, what=what: {"do": what}))
         rings = [f"ring {ring.number}" for ring in offer.maze.rings]
         goal = gui.add_button_group("New goal", rings, hint="or click a ring's floor")
-        goal.on_click(lambda event: self._order({"do": "goal", "ring": int(event.target.value.split()[1])}))
+        goal.on_click(self._ordering(lambda event: {"do": "goal", "ring": int(event.target.value.split()[1])}))
         names = [opening.name for opening in offer.maze.openings]
         if names:
             with gui.add_folder("Openings", expand_by_default=False):
                 which = gui.add_dropdown("Opening", names, hint="rings that it joins @ its angle in deg")
                 shut = gui.add_button_group("Use", ["close", "open"], hint="or click an opening")
-                shut.on_click(lambda event: self._order({"do": event.target.value, "opening": which.value}))
+                shut.on_click(self._ordering(lambda event: {"do": event.target.value, "opening": which.value}))
         if offer.faults:
             with gui.add_folder("Faults", expand_by_default=False):
                 kinds = [f"{kind}: {what}" for kind, what in offer.faults.items()]
                 fault = gui.add_dropdown("Fault", kinds)
                 inject = gui.add_button("Inject", color="orange", hint="from now on, as long as docs/faults.md says")
-                inject.on_click(lambda _: self._order({"do": "fault", "kind": fault.value.split(":")[0]}))
+                inject.on_click(self._ordering(lambda event: {"do": "fault", "kind": fault.value.split(":")[0]}))
         with gui.add_folder("Picture", expand_by_default=False):
             tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
 
             @tilt.on_update
             def _(event: Any) -> None:
                 self._scene.tilt_shown = float(event.target.value)
+
+    def _ordering(self, order: Callable[[Any], Order]) -> Callable[[Any], None]:
+        def press(event: Any) -> None:
+            self._order(order(event))
+
+        return press
 
     def _toggle(self, opening: str) -> None:
         shut = next((gate.closed for gate in self._moment.gates if gate.name == opening), False)

@@ -69,13 +69,17 @@ def wall_mesh(wall: Wall, height: float) -> Mesh:
         start, end = here.angle % (2.0 * math.pi), following.angle % (2.0 * math.pi)
         end += 2.0 * math.pi if following is gaps[0] else 0.0
         count = max(3, math.ceil((end - start) / STEP))
-        arcs = []
-        for radius in (wall.inner_radius, wall.outer_radius):
-            first = start + math.asin(0.5 * here.width / radius)
-            last = end - math.asin(0.5 * following.width / radius)
-            arcs.append((radius, np.linspace(first, last, count)))
-        pieces.append(sector(*arcs, 0.0, height, ends=True))
+        inner, outer = (
+            (radius, np.linspace(start + _half(here, radius), end - _half(following, radius), count))
+            for radius in (wall.inner_radius, wall.outer_radius)
+        )
+        pieces.append(sector(inner, outer, 0.0, height, ends=True))
     return joined(pieces)
+
+
+def _half(opening: Opening, radius: float) -> float:
+    """Half the angle that a gap with parallel sides takes at a radius."""
+    return math.asin(0.5 * opening.width / radius)
 
 
 def floor_mesh(inner: float, outer: float, z: float) -> Mesh:

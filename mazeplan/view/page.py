@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Protocol
 
-from mazeplan.view.door import Door
-from mazeplan.view.server import open_server
+from mazeplan.view.door import Door, listen
+from mazeplan.view.server import check_installed, open_server
 
 if TYPE_CHECKING:
     import socket
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 HZ = 25.0  # drawn so often
 WIDTH = 380  # pixels of the panels at both sides
-CAMERA, LOOK_AT = (0.0, -2.1, 2.35), (0.0, -0.1, -0.1)
+CAMERA, LOOK_AT = (0.0, -1.95, 3.25), (0.0, -0.06, 0.0)
 
 
 class Tab(Protocol):
@@ -50,6 +50,9 @@ class Page:
         gui.main_panel.set_width(WIDTH)
         scene.set_up_direction("+z")
         scene.configure_environment_map(None)
+        scene.configure_default_lights(cast_shadow=False)
+        scene.add_light_ambient("/light", intensity=0.9)
+        scene.add_light_directional("/lamp", intensity=0.7, position=(-0.8, -2.5, 2.0))
         camera = self.server.initial_camera
         camera.position, camera.look_at = CAMERA, LOOK_AT
         camera.fov = 0.75
@@ -84,3 +87,16 @@ class Page:
     def close(self) -> None:
         """Let everybody go."""
         self.server.stop()
+
+
+def serve(tabs: Sequence[Tab], host: str, port: int, say: Callable[[str], object]) -> None:
+    """A page in this process, for what needs no run beside it, until Ctrl-C; `say` is told its address. Raises
+    InputError where it cannot be."""
+    check_installed()
+    listening = listen(host, port)
+    page = Page(Door.at(host, listening.getsockname()[1]), listening, tabs)
+    say(f"page: {page.door.url}")
+    try:
+        page.loop(lambda: True)
+    except KeyboardInterrupt:
+        page.close()

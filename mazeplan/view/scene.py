@@ -28,6 +28,7 @@ UNIT = 10.0  # lengths in the scene are dm: cameras and lights of viser are made
 TRAIL_S, TRAIL_POINTS = 3.0, 90
 PLAN_POINTS = 64
 TILT_SHOWN = 3.0  # times as large as it is
+WALLS_SHOWN = 0.5  # of their height: the ball is to be seen behind them
 WALL, FLOOR, FLOOR_2, TABLE = (178, 184, 192), (250, 250, 248), (238, 240, 242), (205, 208, 212)
 Colour = tuple[int, int, int]
 
@@ -48,8 +49,8 @@ class Scene:
         self._plate = scene.add_frame(f"{name}/plate", show_axes=False, position=position)
         rim = maze.walls[0].outer_radius
         scene.add_cylinder(
-            f"{name}/table", UNIT * 1.25 * rim, 0.02, TABLE, radial_segments=96,
-            position=(position[0], position[1], -UNIT * 0.45 * rim),
+            f"{name}/table", UNIT * 1.12 * rim, 0.02, TABLE, radial_segments=96,
+            position=(position[0], position[1], -UNIT * 0.36 * rim),
         )  # fmt: skip
         self._build_plate(on_ring)
         self._gates = {o.name: _GateMark(self, o, on_opening) for o in maze.openings}
@@ -65,12 +66,14 @@ class Scene:
     def _build_plate(self, on_ring: Callable[[int], object] | None) -> None:
         maze = self._maze
         for wall in maze.walls:
-            self._mesh(f"wall{wall.outer_ring}", wall_mesh(wall, maze.wall_height), WALL, flat_shading=False)
+            self._mesh(
+                f"wall{wall.outer_ring}", wall_mesh(wall, WALLS_SHOWN * maze.wall_height), WALL, flat_shading=False
+            )
         for ring in maze.rings:
             colour = FLOOR if ring.number % 2 else FLOOR_2
-            floor = self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), colour, cast_shadow=False)
+            floor = self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), colour)
             if on_ring is not None:
-                floor.on_click(lambda event, number=ring.number: on_ring(number))
+                floor.on_click(_calling(on_ring, ring.number))
         self._server.scene.add_cylinder(
             f"{self._name}/plate/base", UNIT * maze.walls[0].outer_radius, UNIT * 0.003, TABLE, radial_segments=96,
             position=(0.0, 0.0, -UNIT * 0.002),
@@ -83,13 +86,12 @@ class Scene:
         fade = np.linspace(0.0, 1.0, TRAIL_POINTS)[:, None]
         colours = (1.0 - fade) * np.array([215, 222, 230]) + fade * np.array(rgb("real"))
         pairs = np.stack([colours[:-1], colours[1:]], axis=1).astype(np.uint8)
-        self._trail = scene.add_line_segments(f"{plate}/trail", nothing, pairs, thickness=0.028)
+        self._trail = scene.add_line_segments(f"{plate}/trail", nothing, pairs, thickness=0.02)
         line = np.zeros((PLAN_POINTS - 1, 2, 3), dtype=np.float32)
-        self._plan = scene.add_line_segments(f"{plate}/plan", line, rgb("planned"), thickness=0.03, visible=False)
+        self._plan = scene.add_line_segments(f"{plate}/plan", line, rgb("planned"), thickness=0.022, visible=False)
         band = strip(np.zeros((PLAN_POINTS, 3)), np.zeros((PLAN_POINTS, 3)))
         self._band = scene.add_mesh_simple(
-            f"{plate}/doubt", *band, color=rgb("planned"), opacity=0.28, side="double", cast_shadow=False,
-            receive_shadow=False, visible=False,
+            f"{plate}/doubt", *band, color=rgb("planned"), opacity=0.28, side="double", visible=False,
         )  # fmt: skip
 
     # -- what changes -----------------------------------------------------------------------------------------------
@@ -130,21 +132,25 @@ class _GateMark:
 
     def __init__(self, scene: Scene, opening: Opening, on_click: Callable[[str], object] | None) -> None:
         maze, name = scene._maze, f"gate/{opening.name}"
-        self._floor = scene._mesh(f"{name}/floor", gap_box(maze, opening, 0.0, 4e-4), rgb("idle"), cast_shadow=False)
+        self._floor = scene._mesh(f"{name}/floor", gap_box(maze, opening, 0.0, 4e-4), rgb("idle"))
         self._plug = scene._mesh(
-            f"{name}/plug", gap_box(maze, opening, 0.0, maze.wall_height), rgb("bad"), visible=False
+            f"{name}/plug", gap_box(maze, opening, 0.0, WALLS_SHOWN * maze.wall_height), rgb("bad"), visible=False
         )
         self._frame = scene._mesh(f"{name}/frame", _posts(maze, opening), rgb("planned"), visible=False)
         middle = maze.threshold_radius(opening)
-        place = (middle * math.cos(opening.angle), middle * math.sin(opening.angle), 1.25 * maze.wall_height)
+        place = (
+            middle * math.cos(opening.angle),
+            middle * math.sin(opening.angle),
+            1.25 * WALLS_SHOWN * maze.wall_height,
+        )
         self._label = scene._server.scene.add_label(
-            f"{scene._name}/plate/{name}/label", "", position=tuple(UNIT * p for p in place), visible=False,
+            f"{scene._name}/plate/{name}/label", "", position=place, visible=False,
             anchor="bottom-center", font_screen_scale=0.8,
         )  # fmt: skip
         self._before: tuple[Any, ...] = ()
         if on_click is not None:
             for mesh in (self._floor, self._plug):
-                mesh.on_click(lambda event: on_click(opening.name))
+                mesh.on_click(_calling(on_click, opening.name))
 
     def show(self, gate: Gate) -> None:
         text = f"{100 * gate.chance:.0f} % ({100 * gate.low:.0f}–{100 * gate.high:.0f})" if gate.tried else ""
@@ -158,6 +164,13 @@ class _GateMark:
         self._label.visible = bool(text)
 
 
+def _calling(what: Callable[[Any], object], with_: Any) -> Callable[[Any], None]:
+    def call(event: Any) -> None:
+        what(with_)
+
+    return call
+
+
 def _posts(maze: Maze, opening: Opening) -> tuple[Array, Any]:
     """Two posts beside an opening, a little higher than its wall."""
     inner, outer = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
@@ -167,7 +180,7 @@ def _posts(maze: Maze, opening: Opening) -> tuple[Array, Any]:
     for side in (-1.0, 1.0):
         near, far = (side * (0.5 * opening.width + beside) * across for beside in (0.0, 0.0025))
         feet = np.array([inner * along + near, outer * along + near, outer * along + far, inner * along + far])
-        heads = feet + np.array([0.0, 0.0, 1.12 * maze.wall_height])
+        heads = feet + np.array([0.0, 0.0, 1.15 * WALLS_SHOWN * maze.wall_height])
         sides = [strip(heads[[i, (i + 1) % 4]], feet[[i, (i + 1) % 4]]) for i in range(4)]
         posts.append(joined([strip(heads[[0, 1]], heads[[3, 2]]), *sides]))
     return joined(posts)

@@ -29,7 +29,10 @@ def check_installed() -> None:
 def open_server(door: Door, listening: socket.socket) -> ViserServer:
     """viser's server, to whom nobody comes but through the door. Raises RuntimeError where viser starts in another way
     than it used to, so that the check would be left out."""
+    import rich
     import viser
+
+    rich.get_console().quiet = True  # viser tells its address on stdout, where results belong
 
     class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> None:

@@ -105,12 +105,18 @@ class Story:
 
     def _follow(self, planned: float, now: float) -> None:
         """Of the plans of this tick (one for each opening in question) and that before, the one that is followed: where
-        it wants the ball now is told in the tick."""
+        it wants the ball now is told in the tick, and where it is to end."""
         known, self._fresh = [p for p in (self._followed, *self._fresh) if p is not None], []
         if math.isnan(planned):
             self._followed = None
             return
-        followed = min(reversed(known), key=lambda p: round(abs(difference(p.at(now), planned)), 5), default=None)
+        goal = number(self._tick.get("goal_theta"))
+
+        def off(plan: Followed) -> tuple[float, float]:
+            end = 0.0 if math.isnan(goal) else abs(difference(float(plan.theta[-1]), goal))
+            return round(abs(difference(plan.at(now), planned)), 5), end
+
+        followed = min(reversed(known), key=off, default=None)
         if followed is not None and not followed.radius:
             ring = self._tick.get("ring")
             followed = replace(followed, ring=ring, radius=self._radius(ring), opening=self._tick.get("opening"))
