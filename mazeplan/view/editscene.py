@@ -18,7 +18,7 @@ from mazeplan.maze.mapedit import Written
 from mazeplan.palette import rgb
 from mazeplan.view.editor import MapEditor
 from mazeplan.view.meshes import gap_box, ring_floor, wall_mesh
-from mazeplan.view.scene import FLOOR, FLOOR_2, TABLE, UNIT, WALL
+from mazeplan.view.scene import FLOOR, FLOOR_2, TABLE, UNIT, WALL, WALLS_SHOWN
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -70,7 +70,9 @@ class EditScene:
         )
         for wall in maze.walls:
             if walls.get(wall.outer_ring) != wall:
-                self._mesh(f"wall{wall.outer_ring}", wall_mesh(wall, maze.wall_height), WALL, flat_shading=False)
+                self._mesh(
+                    f"wall{wall.outer_ring}", wall_mesh(wall, WALLS_SHOWN * maze.wall_height), WALL, flat_shading=False
+                )
 
     def _mesh(self, name: str, mesh: tuple[Any, Any], colour: tuple[int, int, int], **more: Any) -> Any:
         vertices, faces = mesh
@@ -80,8 +82,6 @@ class EditScene:
             faces,
             color=colour,
             side="double",
-            receive_shadow=False,
-            cast_shadow=False,
             **more,
         )
 
@@ -120,7 +120,11 @@ class _Block:
             self._mesh.color = shade
         text = f"{opening.name}{', closed' if opening.closed else ''}" if chosen or colour == "bad" else ""
         angle, radius = math.radians(opening.angle_deg), UNIT * 0.5 * sum(wall)
-        self._label.position = (radius * math.cos(angle), radius * math.sin(angle), UNIT * 1.6 * maze.wall_height)
+        self._label.position = (
+            radius * math.cos(angle),
+            radius * math.sin(angle),
+            UNIT * 2.0 * WALLS_SHOWN * maze.wall_height,
+        )
         self._label.visible = bool(text)
         if text and self._label.text != text:
             self._label.text = text
@@ -129,10 +133,10 @@ class _Block:
         """A box across the wall at angle 0, that is turned to where it belongs."""
         width = max(opening.width_mm / 1000.0, 1e-3)
         at_zero = Opening("", opening.outer, opening.inner, 0.0, width)
-        vertices, faces = gap_box(maze, at_zero, 2e-4, ABOVE * maze.wall_height)
+        vertices, faces = gap_box(maze, at_zero, 2e-4, ABOVE * WALLS_SHOWN * maze.wall_height)
         self._turned = None
         self._mesh = self._server.scene.add_mesh_simple(
-            self._name, UNIT * vertices, faces, color=(0, 0, 0), side="double", opacity=OPACITY, cast_shadow=False
+            self._name, UNIT * vertices, faces, color=(0, 0, 0), side="double", opacity=OPACITY
         )
         if self._label is None:
             self._label = self._server.scene.add_label(f"{self._name}-name", "", visible=False, anchor="bottom-center")

@@ -27,9 +27,10 @@ _NEAR = 1e-6  # s; times that are no farther apart are the same tick
 
 @dataclass(frozen=True)
 class Mark:
-    """A time to jump to, and what happened then."""
+    """A time to jump to, what happened then in a word or two, and all that is known of it."""
 
     t: float
+    brief: str
     text: str
 
 
@@ -104,16 +105,19 @@ def _failures(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Mark]:
     for topic, document in messages:
         if topic == "/result" and not document["success"]:
             last = max((mark.t for mark in marks), default=0.0)
-            marks.append(Mark(max(float(document.get("time_s", last)), last), f"ended: {document.get('reason')}"))
+            how = f"ended: {document.get('reason') or 'no reason told'}"
+            marks.append(Mark(max(float(document.get("time_s", last)), last), how, how))
         if topic != "/event":
             continue
         detail = document["detail"]
         if document["kind"] == "failure":
+            kind = str(detail["kind"])
             where = f" at {detail['where']}" if detail.get("where") else ""
             why = f": {detail['detail']}" if detail.get("detail") else ""
-            marks.append(Mark(float(document["t"]), f"{detail['kind']}{where}{why}"))
+            marks.append(Mark(float(document["t"]), kind, f"{kind}{where}{why}"))
         elif document["kind"] == "recovery" and marks:
-            marks[-1] = Mark(marks[-1].t, f"{marks[-1].text} → {detail.get('recovery')}")
+            then = f" → {detail.get('recovery')}"
+            marks[-1] = Mark(marks[-1].t, marks[-1].brief + then, marks[-1].text + then)
     return marks
 
 

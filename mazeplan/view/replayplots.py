@@ -40,21 +40,23 @@ class ReplayPlots:
         self._tables = [table(recordings, curves, factor) for _, _, factor, curves in PICTURES]
         self._at = -1.0
         self._shown: float | None = None
-        more: dict[str, Any] = {"scales": {"x": {"time": False}}, "height": HEIGHT, "padding": (4, 12, 0, 0)}
+        self._ranges = [spread(columns[1:]) for columns in self._tables]
         self._plots = []
-        for (title, unit, _, curves), columns in zip(PICTURES, self._tables, strict=True):
+        for (title, unit, _, curves), columns, (low, high) in zip(PICTURES, self._tables, self._ranges, strict=True):
+            # told, not found by uPlot: it finds none where a curve begins with what is not known
+            scales = {"x": {"time": False}, "y": {"range": (low, high)}}
             series = ({"label": "t (s)"}, *lines(curves, len(recordings)), _here())
-            self._plots.append(
-                server.gui.add_uplot(with_line(columns, columns[0][0]), series, title=title, axes=axes(unit), **more)  # pyright: ignore
-            )
+            data = with_line(columns, columns[0][0], low, high)
+            more: dict[str, Any] = {"title": title, "scales": scales, "axes": axes(unit), "height": HEIGHT}
+            self._plots.append(server.gui.add_uplot(data, series, padding=(4, 12, 0, 0), **more))  # pyright: ignore
 
     def show(self, t: float, now: float) -> None:
         """Put the line at t; now: s of any clock, by which it is not done too often."""
         if t == self._shown or now - self._at < 1.0 / HZ:
             return
         self._shown, self._at = t, now
-        for plot, columns in zip(self._plots, self._tables, strict=True):
-            plot.data = with_line(around(columns, t), t)
+        for plot, columns, (low, high) in zip(self._plots, self._tables, self._ranges, strict=True):
+            plot.data = with_line(around(columns, t), t, low, high)
 
 
 def lines(curves: Sequence[Curve], runs: int) -> list[dict[str, Any]]:
@@ -93,15 +95,19 @@ def around(columns: tuple[Array, ...], t: float) -> tuple[Array, ...]:
     return tuple(column[start:end] for column in columns)
 
 
-def with_line(columns: tuple[Array, ...], t: float) -> tuple[Array, ...]:
-    """The curves, with one more column that goes from the lowest to the highest at t and is nowhere else."""
-    times, *values = columns
-    known = np.concatenate(values)
+def spread(curves: Sequence[Array]) -> tuple[float, float]:
+    """From a little below all curves to a little above."""
+    known = np.concatenate(curves)
     known = known[np.isfinite(known)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-    at = int(np.searchsorted(times, t))
-    both = np.array([t, t])
-    here = np.full(len(times), np.nan)
-    more = [np.insert(column, at, at_times(both, times, column)) for column in values]
-    line_ = np.insert(here, at, [low, high if high > low else low + 1.0])
-    return tuple(np.ascontiguousarray(column) for column in (np.insert(times, at, both), *more, line_))
+    room = 0.05 * (high - low) or 1.0
+    return low - room, high + room
+
+
+def with_line(columns: tuple[Array, ...], t: float, low: float, high: float) -> tuple[Array, ...]:
+    """The curves, with one more column that goes from `low` to `high` at t and is nowhere else."""
+    times, *curves = columns
+    at, both = int(np.searchsorted(times, t)), np.array([t, t])
+    here = np.insert(np.full(len(times), np.nan), at, [low, high])
+    more = [np.insert(curve, at, at_times(both, times, curve)) for curve in curves]
+    return tuple(np.ascontiguousarray(column) for column in (np.insert(times, at, both), *more, here))

@@ -15,7 +15,7 @@ from mazeplan.view.replayplots import ReplayPlots
 from mazeplan.view.scene import TILT_SHOWN, UNIT, Scene
 
 MOST_BUTTONS = 30  # failures with a button of their own
-APART = 2.7  # distance of two mazes in radii of the larger one's rim
+APART = 2.55  # distance of two mazes in radii of the larger one's rim
 FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
 LETTERS = "AB"
 
@@ -67,7 +67,7 @@ class ReplayTab:
                 page.server.scene.add_label(f"/name{letter}", f"{letter}: {recording.name}", position=place)
         if two:  # farther away, so that both are in the picture
             camera = page.server.initial_camera
-            camera.position = (1.6 * CAMERA[0], 1.6 * CAMERA[1], 1.6 * CAMERA[2])
+            camera.position = (0.0, 1.7 * CAMERA[1], 2.15 * CAMERA[2])
             camera.look_at = LOOK_AT
         return scenes
 
@@ -82,7 +82,7 @@ class ReplayTab:
         self._slider.on_update(self._pressed(lambda event: self._seek(event.target.value)))
         self._play = gui.add_button("Play", color="blue", hint="space")
         self._play.on_click(self._pressed(lambda event: player.toggle()))
-        steps = gui.add_button_group("Step", ["− 1 s", "− tick", "+ tick", "+ 1 s"], hint="arrow keys: ticks")
+        steps = gui.add_button_group("Step", ["−1 s", "−tick", "+tick", "+1 s"], hint="arrow keys: ticks")
         steps.on_click(self._pressed(lambda event: self._step(event.target.value)))
         speeds = [f"{speed:g}×" for speed in SPEEDS]
         speed = gui.add_dropdown("Speed", speeds, initial_value="1×", hint="1×: as fast as it was")
@@ -108,7 +108,7 @@ class ReplayTab:
             )
             for mark, letter in self._failures[:MOST_BUTTONS]:
                 name = f"{letter}  " if len(self._recordings) > 1 else ""
-                button = gui.add_button(f"{name}{mark.t:.2f} s  {_short(mark)}", color="gray", hint=mark.text)
+                button = gui.add_button(f"{name}{mark.t:.2f} s  {mark.brief}", color="gray", hint=mark.text)
                 button.on_click(self._pressed(lambda event, mark=mark: self._jump(mark)))
             if count > MOST_BUTTONS:
                 gui.add_html(f'<div style="{FONT}">and {count - MOST_BUTTONS} more: next</div>')
@@ -174,10 +174,6 @@ class ReplayTab:
             self._slider.value = min(max(round(t, 2), self._slider.min), self._slider.max)
             self._play.label = "Stop" if playing else "Play"
             self._head.content = head_html(self._recordings, t)
-
-
-def _short(mark: Mark) -> str:
-    return mark.text if len(mark.text) <= 44 else f"{mark.text[:42]}…"
 
 
 def head_html(recordings: Sequence[Recording], t: float) -> str:
