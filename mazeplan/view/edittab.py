@@ -17,6 +17,7 @@ from mazeplan.view.listing import changed_lines, listing
 from mazeplan.view.page import Page
 
 TEXT_WIDTH = 520  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
+CAMERA = (0.0, -0.9, 3.6)  # from above: there one drags best
 PAUSE_S = 1.0  # in typing, after which a further step begins that can be undone
 FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
 
@@ -37,7 +38,7 @@ class EditTab:
     def build(self, page: Page) -> None:
         """Scene, text, buttons."""
         self._page, gui = page, page.server.gui
-        page.server.initial_camera.position = (0.0, -0.9, 3.4)  # from above: there one drags best
+        page.server.initial_camera.position = CAMERA
         self._scene = EditScene(page.server, self._drag, self._choose)
         panel = gui.add_panel()
         with panel.add_tab("YAML"):

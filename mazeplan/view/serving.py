@@ -44,7 +44,7 @@ def _serve(tab: Tab, host: str, port: int, on: Callable[[], bool]) -> None:
     with listen(host, port) as listening:
         door = Door.at(host, listening.getsockname()[1])
         page = Page(door, listening, [tab])
-        print(f"the page is at {door.url} until Ctrl-C", file=sys.stderr)
+        print(f"page: {door.url}", file=sys.stderr, flush=True)
         try:
             page.loop(on)
         finally:
