@@ -8,6 +8,7 @@ ticks and plans are left out; what begins and ends a run, and what happens rarel
 
 from __future__ import annotations
 
+import os
 import socket
 import sys
 import threading
@@ -82,15 +83,16 @@ class PageLink:
                 self._on_order(order)
 
     def close(self) -> None:
-        """End the page. What was told until now has a moment to get there."""
+        """End the page."""
         self._closing = True
         self.ended.set()
-        with suppress(OSError):
-            self._pipe.close()
+        with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as line:
+            line.shutdown(socket.SHUT_RDWR)  # closing alone ends no call that waits for the other end
         self._process.join(END_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+        self._pipe.close()
 
     def __enter__(self) -> PageLink:
         return self

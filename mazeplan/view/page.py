@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from threading import Event
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Protocol
 
@@ -40,7 +41,8 @@ class Page:
 
     def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, title: str = "mazeplan") -> None:
         self.door = door
-        self.server: ViserServer = open_server(door, listening)
+        ready = Event()
+        self.server: ViserServer = open_server(door, listening, ready)
         self._tabs = tuple(tabs)
         self._told = False
         gui, scene = self.server.gui, self.server.scene
@@ -59,6 +61,7 @@ class Page:
         self.tabs: GuiTabGroupHandle = gui.add_tab_group()
         for tab in self._tabs:
             tab.build(self)
+        ready.set()
 
     @property
     def seen(self) -> bool:

@@ -30,6 +30,7 @@ PLAN_POINTS = 64
 TILT_SHOWN = 3.0  # times as large as it is
 WALLS_SHOWN = 0.5  # of their height: the ball is to be seen behind them
 WALL, FLOOR, FLOOR_2, TABLE = (178, 184, 192), (250, 250, 248), (238, 240, 242), (205, 208, 212)
+SHADE = (222, 225, 229)
 Colour = tuple[int, int, int]
 
 
@@ -49,8 +50,8 @@ class Scene:
         self._plate = scene.add_frame(f"{name}/plate", show_axes=False, position=position)
         rim = maze.walls[0].outer_radius
         scene.add_cylinder(
-            f"{name}/table", UNIT * 1.12 * rim, 0.02, TABLE, radial_segments=96,
-            position=(position[0], position[1], -UNIT * 0.36 * rim),
+            f"{name}/shade", UNIT * 0.99 * rim, 0.01, SHADE, radial_segments=96,
+            position=(position[0], position[1], -UNIT * 0.3 * rim),
         )  # fmt: skip
         self._build_plate(on_ring)
         self._gates = {o.name: _GateMark(self, o, on_opening) for o in maze.openings}

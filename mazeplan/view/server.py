@@ -6,11 +6,13 @@ by one that asks the door before viser, and takes our socket instead of looking 
 
 from __future__ import annotations
 
+import asyncio
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from importlib.util import find_spec
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.errors import InputError
@@ -19,6 +21,8 @@ from mazeplan.view.door import Door, Refusal
 if TYPE_CHECKING:
     from viser import ViserServer
 
+LOOK_S = 0.02  # s between looks whether the page is ready
+
 
 def check_installed() -> None:
     """Whether there can be a page. Raises InputError that tells how to have it."""
@@ -26,9 +30,9 @@ def check_installed() -> None:
         raise InputError("the page needs viser: pip install 'mazeplan[view]'")
 
 
-def open_server(door: Door, listening: socket.socket) -> ViserServer:
-    """viser's server, to whom nobody comes but through the door. Raises RuntimeError where viser starts in another way
-    than it used to, so that the check would be left out."""
+def open_server(door: Door, listening: socket.socket, ready: Event) -> ViserServer:
+    """viser's server, to whom nobody comes but through the door, and nobody before `ready`: who comes sooner waits.
+    Raises RuntimeError where viser starts in another way than it used to, so that the check would be left out."""
     import rich
     import viser
 
@@ -41,7 +45,7 @@ def open_server(door: Door, listening: socket.socket) -> ViserServer:
         def disconnect_share_url(self) -> None:
             """Nothing to disconnect."""
 
-    with _behind(door, listening) as served:
+    with _behind(door, listening, ready) as served:
         server = Server(host=door.host, port=door.port, verbose=False)
     if not served:
         server.stop()
@@ -50,14 +54,14 @@ def open_server(door: Door, listening: socket.socket) -> ViserServer:
 
 
 @contextmanager
-def _behind(door: Door, listening: socket.socket) -> Iterator[list[bool]]:
+def _behind(door: Door, listening: socket.socket, ready: Event) -> Iterator[list[bool]]:
     import websockets.asyncio.server as asyncio_server
 
     before, served = asyncio_server.serve, []
 
     def serve(handler: Any, host: Any = None, port: Any = None, **more: Any) -> Any:
         served.append(True)
-        more["process_request"] = _checked(door, more.get("process_request"))
+        more["process_request"] = _checked(door, ready, more.get("process_request"))
         return before(handler, sock=listening, **more)
 
     asyncio_server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
@@ -67,7 +71,7 @@ def _behind(door: Door, listening: socket.socket) -> Iterator[list[bool]]:
         asyncio_server.serve = before
 
 
-def _checked(door: Door, then: Any) -> Any:
+def _checked(door: Door, ready: Event, then: Any) -> Any:
     """viser's answer to a request, or the door's."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
@@ -79,7 +83,9 @@ def _checked(door: Door, then: Any) -> Any:
             headers["Location"], headers["Set-Cookie"] = refusal.location, refusal.cookie
         return Response(refusal.status, HTTPStatus(refusal.status).phrase, headers, body)
 
-    def process_request(connection: Any, request: Any) -> Any:
+    async def process_request(connection: Any, request: Any) -> Any:
+        while not ready.is_set():
+            await asyncio.sleep(LOOK_S)
         given = list(request.headers.raw_items())
         refusal = door.refusal(request.path, given)
         response = then(connection, request) if refusal is None else answer(refusal)
