@@ -149,3 +149,14 @@ class LinearProblem:
 
 def ring_planner(**keywords) -> RingPlanner:
     return RingPlanner(RingParameters(0.0689), LIMIT, **keywords)
+
+
+class Ticking:
+    """A clock that goes on by the same amount at each look."""
+
+    def __init__(self, ms: float) -> None:
+        self.now, self.ms = 0.0, ms
+
+    def __call__(self) -> float:
+        self.now += 1e-3 * self.ms
+        return self.now

@@ -27,7 +27,7 @@ from bench_emps import emps_section
 from bench_faults import faults_section
 from bench_firmware import firmware_section
 from bench_improve import improve_section
-from bench_models import measured_section, toy_section, training_section
+from bench_models import collect_toy, measured_section, toy_section, training_section
 from bench_moves import moves_section
 from bench_plant import plant_section
 from bench_predictability import predictability_section
@@ -177,6 +177,8 @@ def timed_solver_section(quick: bool) -> list[str]:
     if quick:
         return solver_section(None, True)
     log, model = ROOT / "build" / "toy.mcap", ROOT / "build" / "toy4000"
+    if not log.exists():
+        collect_toy(quick)
     command = ["learn", str(log), "-o", str(model), "--most", "4000"]
     subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
     section = solver_section(model, False)

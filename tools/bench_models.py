@@ -102,13 +102,19 @@ def measured_section(mazeplan: Mazeplan) -> list[str]:
     return rows
 
 
+def collect_toy(quick: bool) -> tuple[Path, list[str]]:
+    """The log in build/ on which models of the toy are fitted, and the command that wrote it."""
+    log, seconds = ROOT / "build" / "toy.mcap", "200" if quick else "1500"
+    log.parent.mkdir(exist_ok=True)
+    command = ["collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o", str(log)]
+    subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
+    return log, command
+
+
 def toy_section(mazeplan: Mazeplan, quick: bool) -> list[str]:
     """25 simulated minutes of the toy: models, and the map learned from them."""
     build = ROOT / "build"
-    build.mkdir(exist_ok=True)
-    log, seconds = build / "toy.mcap", "200" if quick else "1500"
-    command = ["collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o", str(log)]
-    subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
+    log, command = collect_toy(quick)
     got = mazeplan("compare", str(log))
     rows = ["## Models on simulated data of the toy rig", ""]
     rows += [

@@ -147,8 +147,8 @@ def passes(planner: RingPlanner, case: Case) -> tuple[float, float]:
 def ilqg_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
     rows = [
         "| ring | rows of the process | cold p50 / p99, ms | iterations | warm p50 / p99, ms | iterations "
-        "| roll-out, linearising, ms | cold ones that did not converge |",
-        "|---" * 8 + "|",
+        "| roll-out, linearising, ms | cold ones that did not converge | warm ones that go on next tick |",
+        "|---" * 9 + "|",
     ]
     runs = [(ring, True, count) for ring in RINGS]
     if MEASURED in model.processes:
@@ -170,9 +170,10 @@ def ilqg_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
             *warm.cells(),
             ", ".join(f"{ms:.2f}" for ms in passes(planner, problems[0])),
             ", ".join(f"{reason} {k}" for reason, k in lost.items()) or "none",
+            f"{warm.reasons[StopReason.MAX_ITERATIONS]} of {len(warm.ms)}",
         ]
         rows.append(f"| {' | '.join(cells)} |")
-    rows.append(f"| {' | '.join(['all rings', '', *all_cold.cells(), *all_warm.cells(), '', ''])} |")
+    rows.append(f"| {' | '.join(['all rings', '', *all_cold.cells(), *all_warm.cells(), '', '', ''])} |")
     return rows
 
 

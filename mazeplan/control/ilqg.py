@@ -8,7 +8,8 @@ new policy out with steps alpha until the cost falls by enough of what was expec
 stopped (`Plan.reason`):
 
     1. CONVERGED     with no regularisation worth naming (at most mu_min), the largest correction of a control is below
-                     control_tolerance, or the reduction expected or got is below tolerance * (1 + |cost|)
+                     control_tolerance, or the reduction expected or got is below tolerance * (1 + |cost|), or that
+                     got by the last PATIENCE iterations together, as where every full step fails
     2. MAX_ITERATIONS
     3. DEADLINE      the next iteration would probably end after the deadline (the longest so far is the estimate)
     4. NO_DESCENT    regularisation above mu_max and still no step that lowers the cost
@@ -35,20 +36,26 @@ from mazeplan.errors import SettingsError
 from mazeplan.maths.compiled import address_of
 from mazeplan.records import Array, Certificate, Plan, StopReason
 
+PATIENCE = 5  # iterations
+NEARLY = 1.1  # times its cost
+MUCH = 0.01  # of the cost: a search that still gets so much is worth its time
+
 
 @dataclass(frozen=True)
 class IlqgOptions:
     """horizon: steps; max_iterations; tolerance: of the cost, relative, and warm_tolerance: the same for a former plan
-    that is followed on, and will be improved again a tick later; control_tolerance: rad; min_ratio: of reduction got to
-    reduction expected; mu: regularisation to start with, added to the control Hessian, between mu_min and mu_max and
-    changed by mu_factor (which itself grows while it is raised or lowered again and again); shorter: factor from one
-    step length to the next that is tried; tries: how many are; deadline_ms: of one solve. Raises SettingsError.
+    that is followed on, and will be improved again a tick later, for which warm_iterations are enough
+    (`Planner.solve`); control_tolerance: rad; min_ratio: of reduction got to reduction expected; mu: regularisation to
+    start with, added to the control Hessian, between mu_min and mu_max and changed by mu_factor (which itself grows
+    while it is raised or lowered again and again); shorter: factor from one step length to the next that is tried;
+    tries: how many are; deadline_ms: of one solve. Raises SettingsError.
     """
 
     horizon: int = 40
     max_iterations: int = 100
     tolerance: float = 5e-5
     warm_tolerance: float = 3e-4
+    warm_iterations: int = 4
     control_tolerance: float = 1e-7
     min_ratio: float = 1e-4
     mu: float = 0.0
@@ -60,7 +67,7 @@ class IlqgOptions:
     deadline_ms: float = math.inf
 
     def __post_init__(self) -> None:
-        for name in ("horizon", "max_iterations", "tries"):
+        for name in ("horizon", "max_iterations", "warm_iterations", "tries"):
             if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
                 raise SettingsError(f"got {getattr(self, name)!r}, expected a whole number >= 1", key=name)
         for name in ("tolerance", "warm_tolerance", "control_tolerance", "min_ratio", "mu", "mu_min", "deadline_ms"):
@@ -159,13 +166,15 @@ class Planner:
         t0: float = 0.0,
         deadline_ms: float | None = None,
         tolerance: float | None = None,
+        enough: int | None = None,
         trace: Callable[[int, float], None] | None = None,
     ) -> Plan:
         """A plan from s0 (n,).
 
         warm: a former plan, shifted to t0 and followed with its gains as the first guess; or controls (T, 2); or
         None for zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
-        tolerance: of the cost, relative, in place of that of the options.
+        tolerance: of the cost, relative, in place of that of the options; enough: iterations after which the search
+        ends as soon as one gets less than MUCH of the cost, if the former plan is still NEARLY as good as it was.
         trace(iteration, cost) is told of every cost on the way, the first included.
         """
         self._watch.begin(self.options.deadline_ms if deadline_ms is None else deadline_ms)
@@ -178,7 +187,9 @@ class Planner:
             w.states[:] = s0
             code = core.begin(w, f, self._p, q, self._guess(None, t0), self.options.mu)
         rules = self._rules if tolerance is None else self._rules._replace(tolerance=tolerance)
-        reason, done = self._improve(q, rules, code, trace)
+        if isinstance(warm, Plan) and float(w.numbers[workspace.COST]) > NEARLY * (1.0 + warm.cost):
+            enough = None
+        reason, done = self._improve(q, rules, code, enough, trace)
         if reason is StopReason.NOT_FINITE:
             w.K[:] = 0.0
             w.controls[:] = np.clip(0.0, w.low, w.high)
@@ -193,12 +204,18 @@ class Planner:
         return Plan(w.states.copy(), w.controls.copy(), w.K.copy(), cost, reason, done, ms, t0, self.dt, seal)
 
     def _improve(
-        self, q: Array, rules: workspace.Rules, code: int, trace: Callable[[int, float], None] | None
+        self,
+        q: Array,
+        rules: workspace.Rules,
+        code: int,
+        enough: int | None,
+        trace: Callable[[int, float], None] | None,
     ) -> tuple[StopReason, int]:
         """Iterate until a rule says stop; the reason and how many iterations were made."""
-        w, options = self._w, self.options
+        w = self._w
         done, reason = 0, StopReason.MAX_ITERATIONS
-        while code == workspace.GO_ON and done < options.max_iterations:
+        costs = [float(w.numbers[workspace.COST])]
+        while code == workspace.GO_ON and done < self.options.max_iterations:
             if trace is not None:
                 trace(done, float(w.numbers[workspace.COST]))
             if self._watch.over(done):
@@ -206,11 +223,28 @@ class Planner:
                 break
             code = core.iterate(w, self._f, self._p, q, rules)
             done += 1
+            costs.append(float(w.numbers[workspace.COST]))
+            got = costs[-2] - costs[-1]
+            if (
+                code == workspace.GO_ON
+                and enough is not None
+                and done >= enough
+                and got < MUCH * (1.0 + abs(costs[-1]))
+            ):
+                break
+            if code == workspace.GO_ON and self._stalls(costs, rules):
+                code = workspace.CONVERGED
         if code != workspace.NOT_FINITE:
             code = max(code, core.finish(w, self._f, self._p, q, rules))
         if trace is not None:
             trace(done, float(w.numbers[workspace.COST]))
         return _REASONS.get(code, reason), done
+
+    def _stalls(self, costs: list[float], rules: workspace.Rules) -> bool:
+        """Whether the last iterations have got next to nothing, and not for want of longer steps."""
+        if len(costs) <= PATIENCE or self._w.numbers[workspace.MU] > rules.mu_min:
+            return False
+        return costs[-1 - PATIENCE] - costs[-1] < rules.tolerance * (1.0 + abs(costs[-1]))
 
     def _guess(self, warm: Plan | Array | None, t0: float) -> Array:
         """Put the first guess into the workspace (controls, K); the reference states for K, shape (T+1, n)."""

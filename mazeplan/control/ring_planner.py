@@ -99,8 +99,9 @@ class RingPlanner:
             warm = self._same_turn(warm, float(state[0]), t0)
         wishes = self.cost.pack(goal_theta, goal_theta_dot, lean)
         if warm is not None:
-            wide, q = self.options.warm_tolerance, self._with_doubts(wishes)
-            return self._planner.solve(state, q, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide)
+            wide, most = self.options.warm_tolerance, self.options.warm_iterations
+            q = self._with_doubts(wishes)
+            return self._planner.solve(state, q, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide, enough=most)
         guess = first_guess(
             self._effects, state, self.options.horizon, goal_theta, goal_theta_dot, lean, self.tilt_limit
         )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -138,16 +139,12 @@ class _GateMark:
             f"{name}/plug", gap_box(maze, opening, 0.0, WALLS_SHOWN * maze.wall_height), rgb("bad"), visible=False
         )
         self._frame = scene._mesh(f"{name}/frame", _posts(maze, opening), rgb("planned"), visible=False)
-        middle = maze.threshold_radius(opening)
-        place = (
-            middle * math.cos(opening.angle),
-            middle * math.sin(opening.angle),
-            1.25 * WALLS_SHOWN * maze.wall_height,
-        )
-        self._label = scene._server.scene.add_label(
-            f"{scene._name}/plate/{name}/label", "", position=place, visible=False,
-            anchor="bottom-center", font_screen_scale=0.8,
+        middle, high = UNIT * maze.threshold_radius(opening), UNIT * 1.25 * WALLS_SHOWN * maze.wall_height
+        self._add_label = partial(
+            scene._server.scene.add_label, f"{scene._name}/plate/{name}/label", anchor="bottom-center",
+            position=(middle * math.cos(opening.angle), middle * math.sin(opening.angle), high), font_screen_scale=0.8,
         )  # fmt: skip
+        self._label: Any = None
         self._before: tuple[Any, ...] = ()
         if on_click is not None:
             for mesh in (self._floor, self._plug):
@@ -161,8 +158,14 @@ class _GateMark:
         if now == self._before:
             return
         self._before = now
-        self._floor.color, self._plug.visible, self._frame.visible, self._label.text = now
-        self._label.visible = bool(text)
+        self._floor.color, self._plug.visible, self._frame.visible, _ = now
+        if text and self._label is not None:
+            self._label.text = text
+        elif text:
+            self._label = self._add_label(text)
+        elif self._label is not None:
+            self._label.remove()
+            self._label = None
 
 
 def _calling(what: Callable[[Any], object], with_: Any) -> Callable[[Any], None]:

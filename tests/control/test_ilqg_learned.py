@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ilqg_problems import LIMIT, ring_planner
+from ilqg_problems import LIMIT, Ticking, ring_planner
 
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
+from mazeplan.control.stopwatch import Live
 from mazeplan.errors import ModelError
 from mazeplan.models import learned_dynamics, ring_dynamics
 from mazeplan.models.effects import RingKinematics
@@ -119,7 +120,7 @@ def test_a_cold_start_begins_with_the_effects():
 
 
 def test_the_plan_of_the_effects_leaves_time_for_the_process():
-    planner = ring_planner(process=WAVY)
+    planner = ring_planner(process=WAVY, watch=Live(Ticking(0.5)))
     asked = []
     for part in (planner._coarse, planner._planner):
         solve = part.solve

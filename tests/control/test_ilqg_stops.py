@@ -8,6 +8,7 @@ from ilqg_problems import (
     QUADRATIC,
     LinearProblem,
     T,
+    Ticking,
     cliff_linearise,
     cliff_step,
     concave_derivatives,
@@ -19,22 +20,13 @@ from ilqg_problems import (
     ring_planner,
 )
 
+from mazeplan.control import ilqg
+from mazeplan.control import ilqg_workspace as workspace
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.stopwatch import Live
 from mazeplan.records import Plan, StopReason
 
 # --- why it stopped ---
-
-
-class Ticking:
-    """A clock that goes on by the same amount at each look."""
-
-    def __init__(self, ms: float) -> None:
-        self.now, self.ms = 0.0, ms
-
-    def __call__(self) -> float:
-        self.now += 1e-3 * self.ms
-        return self.now
 
 
 @pytest.mark.parametrize("deadline", [0.0, 3.0, 5.5])
@@ -61,6 +53,36 @@ def test_iterations_may_run_out():
     assert plan.reason is StopReason.MAX_ITERATIONS
     assert plan.iterations == 2
     assert plan.ok
+
+
+@pytest.mark.parametrize(("drop", "mu", "iterations"), [(1e-6, 0.0, 5), (1e-6, 1e-3, 40), (1e-3, 0.0, 40)])
+def test_steps_that_get_next_to_nothing_end_the_search(monkeypatch, drop, mu, iterations):
+    """As where every full step fails and the short ones creep: 5e-5 in five steps is no progress. With regularisation
+    they are short because of that, and the search goes on."""
+
+    def creep(w, f, p, q, rules):
+        w.numbers[workspace.COST] *= 1.0 - drop
+        w.numbers[workspace.MU] = mu
+        return workspace.GO_ON
+
+    planner = ring_planner(options=IlqgOptions(max_iterations=40))
+    planner.warm_up()
+    monkeypatch.setattr(ilqg.core, "iterate", creep)
+    plan = planner.plan(np.zeros(6), 1.0)
+    assert plan.iterations == iterations
+    assert plan.reason is (StopReason.CONVERGED if iterations == 5 else StopReason.MAX_ITERATIONS)
+
+
+def test_a_plan_that_is_followed_on_has_an_end_of_its_own():
+    planner = ring_planner(options=IlqgOptions(warm_iterations=2, warm_tolerance=0.0, control_tolerance=0.0))
+    first = planner.plan(np.zeros(6), 1.0)
+    assert first.iterations > 2
+    again = planner.plan(np.array([0.002, 0.02, 0.0005, 0.0, -0.0005, 0.0]), 1.0, warm=first)
+    assert again.iterations == 2
+    assert again.reason is StopReason.MAX_ITERATIONS
+    assert again.ok
+    far = planner.plan(np.array([-0.2, -1.0, 0.05, 0.0, -0.05, 0.0]), 1.0, warm=first)
+    assert far.iterations > 2  # such a plan is none to be followed on
 
 
 def test_the_gains_belong_to_the_trajectory_that_is_returned():

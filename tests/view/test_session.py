@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -206,3 +208,11 @@ def test_a_taken_port_is_told_before_anything_begins():
         with pytest.raises(InputError, match="cannot be listened at"):
             session.serve("127.0.0.1", taken.getsockname()[1])
     assert session.result is None
+
+
+def test_who_does_not_ask_for_a_page_gets_nothing_of_it():
+    code = (
+        "import sys, mazeplan.cli.app, mazeplan.navigate\n"
+        "assert not [name for name in sys.modules if name.startswith(('mazeplan.view', 'mazeplan.cli.live', 'viser'))]"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
