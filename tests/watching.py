@@ -42,6 +42,7 @@ def program(*arguments: str) -> Iterator[tuple[subprocess.Popen, str]]:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
+    assert process.returncode == 0
 
 
 @contextmanager

@@ -17,8 +17,12 @@ from mazeplan.view.listing import changed_lines, listing
 from mazeplan.view.page import Page
 
 TEXT_WIDTH = 520  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
-CAMERA = (0.0, -0.9, 3.6)  # from above: there one drags best
+CAMERA = (0.0, -1.0, 4.1)  # from above: there one drags best
 PAUSE_S = 1.0  # in typing, after which a further step begins that can be undone
+TYPED = (
+    ".mantine-Textarea-input{min-height:65vh!important;white-space:pre!important;overflow:auto!important;"
+    "font-size:11px!important;font-family:ui-monospace,Menlo,Consolas,monospace!important}"
+)
 FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
 
 
@@ -44,9 +48,9 @@ class EditTab:
         with panel.add_tab("YAML"):
             self._listing = gui.add_html("")
         with panel.add_tab("Type"):
-            gui.add_html(
-                f'<div style="{FONT}color:#666">What you type is in the maze at once, where it is right.</div>'
-            )
+            # viser makes fields of text a few lines high
+            said = "What you type is in the maze at once, as far as it is right."
+            gui.add_html(f'<style>{TYPED}</style><div style="{FONT}color:#666">{said}</div>')
             self._typed = gui.add_text("", _plain(self._editor.text), multiline=True)
             self._typed.on_update(self._on_typed)
             self._beside = gui.add_html("")

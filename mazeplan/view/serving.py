@@ -33,11 +33,9 @@ def edit_map(source: str | Path, host: str, port: int, on: Callable[[], bool] = 
 
     check_installed()
     editor = MapEditor(source)
-    try:
-        _serve(EditTab(editor), host, port, on)
-    finally:
-        if editor.changed:
-            print(f"mazeplan: {editor.path.name}: what was changed since it was saved last is lost", file=sys.stderr)
+    _serve(EditTab(editor), host, port, on)
+    if editor.changed:
+        print(f"mazeplan: {editor.path.name}: what was changed since it was saved last is lost", file=sys.stderr)
 
 
 def _serve(tab: Tab, host: str, port: int, on: Callable[[], bool]) -> None:
@@ -47,5 +45,7 @@ def _serve(tab: Tab, host: str, port: int, on: Callable[[], bool]) -> None:
         print(f"page: {door.url}", file=sys.stderr, flush=True)
         try:
             page.loop(on)
+        except KeyboardInterrupt:  # the way to end it
+            pass
         finally:
             page.close()
