@@ -61,13 +61,13 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 # what goes by the clock on the wall comes alone (5: none of them was asked for)
 unit: $(VENV)/installed-dev
 	@$(MAKE) --no-print-directory emulator || echo "without them the tests of the board are skipped"
-	$(PYTEST) -n $(JOBS) -m 'not realtime' $(ARGS)
+	$(PYTEST) -n $(JOBS) --dist worksteal -m 'not realtime' $(ARGS)
 	$(PYTEST) -m realtime $(ARGS) || [ $$? -eq 5 ]
 
 # apart, as counting lines makes the tests half as long again
 coverage: $(VENV)/installed-dev
 	rm -f .coverage .coverage.*
-	$(PYTEST) -n $(JOBS) -m 'not realtime' --cov --cov-report=term --cov-fail-under=85 $(ARGS)
+	$(PYTEST) -n $(JOBS) --dist worksteal -m 'not realtime' --cov --cov-report=term --cov-fail-under=85 $(ARGS)
 
 # Numba's share, two minutes on one core the first time, beside the checks, which need the other
 compiled: $(VENV)/installed-dev

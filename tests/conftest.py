@@ -8,11 +8,18 @@ import pytest
 
 TESTS = Path(__file__).resolve().parent
 WHOLE = (TESTS, TESTS / "testing")  # folders whose tests drive the whole program, tick by tick
+LONG = (  # a quarter of a minute or more in one test
+    "diagnosis/test_walls.py", "rigs/test_simulated.py", "test_readme.py", "test_improve.py",
+    "diagnosis/test_drawn_sizes.py",
+)  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Lines are counted by the tests of the rooms and of the command line: counting makes the long runs of the whole
-    program half as long again, and there is little that they alone reach."""
+    """Long tests go first, so that no worker is at one when the others have done. Lines are counted by the tests of the
+    rooms and of the command line: counting makes the long runs of the whole program half as long again, and there is
+    little that they alone reach."""
+    first = [TESTS / name for name in LONG]
+    items.sort(key=lambda item: first.index(item.path) if item.path in first else len(first))
     for item in items:
         if item.path.parent in WHOLE:
             item.add_marker("no_cover")

@@ -7,7 +7,7 @@ Each step costs what `cost` says, plus
 so that a plan rather goes where the rig has been. v is never smaller than the variance given all rows, and needs no
 more than one look at them. The vector is that of `cost`, then w, the noise variance of a sample, and the process as
 `fast_gp.pack` has it. Numba keeps these functions by the date of this file alone: who changes what they call must
-change it, too.
+change it, too. int64(): for a bare constant Numba would compile all that is called once more.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def pack(parameters: CostParameters, process: GaussianProcess) -> Array:
 def running(k, s, u, q):
     """Cost of step k."""
     gap = np.empty(D)
-    return plain_running(k, s, u, q) + q[_WEIGHT] * variance_at(q, _PROCESS, s, q[_NOISE], gap)
+    return plain_running(k, s, u, q) + q[_WEIGHT] * variance_at(q, np.int64(_PROCESS), s, q[_NOISE], gap)
 
 
 @njit(cache=True, error_model="numpy")
@@ -48,7 +48,7 @@ def running_derivatives(k, s, u, q, lx, lu, lxx, luu):
     """Gradient (6,), (2,) and Hessians (6, 6), (2, 2) of `running`."""
     plain_derivatives(k, s, u, q, lx, lu, lxx, luu)
     gap, by_state, bend = np.empty(D), np.empty(6), np.empty(6)
-    variance_and_derivatives(q, _PROCESS, s, q[_NOISE], gap, by_state, bend)
+    variance_and_derivatives(q, np.int64(_PROCESS), s, q[_NOISE], gap, by_state, bend)
     for i in range(6):
         lx[i] += q[_WEIGHT] * by_state[i]
         lxx[i, i] += q[_WEIGHT] * bend[i]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +19,13 @@ GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 WIDTH = 0.7  # of log q, of the parabola through which its best value is sought
 STEPS, ENOUGH = 10, 0.02  # Gauss-Newton steps; of -2 log L, that a further step must bring
 DAMPING = (1e-6, 1e8)
+PASSES = 12  # of the filter that are kept: a fit asks for some of them again
 ROUNDS, STEADY = 14, 1.0  # of values and process noise in turn; of -2 log L, that a further round must bring
 
 
-NONE = Moves(np.empty((0, 0)), np.empty((0, 0, 0, 0)), np.empty(0, dtype=np.int64), np.empty(0))
+NONE = Moves(
+    np.empty((0, 0)), np.empty((0, 0, 0, 0)), np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 2), dtype=np.int64)
+)
 NOTHING = np.empty((0, 0))
 
 
@@ -52,17 +56,33 @@ class Likelihood:
         n = len(system)
         self._stop = int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0
         self._nu, self._S, self.states = np.full(n, np.nan), np.ones(n), np.empty((n, 5))
+        self._counted = rows
+        self._passes: dict[tuple[str, float], tuple[Array, float, np.ndarray]] = {}
 
     def add(self, candidate: Candidate) -> None:
         """One more candidate, in the place of one of the same name."""
+        self._passes.clear()
         self.library = [c for c in self.library if c.name != candidate.name] + [candidate]
+
+    def knowing(self, more: Sequence[Candidate]) -> Likelihood:
+        """The same with further candidates."""
+        wide = copy(self)
+        wide.library, wide._passes = [*self.library, *more], {}
+        return wide
 
     def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
         """Innovations over the square roots of their variances in R, the sum of log variances, and their number."""
-        problem, p = self.system.build(self.library, values)
-        innovations(problem, p, q, self._stop, self._nu, self._S, self.states, NONE, NOTHING)
-        keep = self.rows & np.isfinite(self._nu)
-        return self._nu[keep] / np.sqrt(self._S[keep]), float(np.sum(np.log(self._S[keep]))), int(keep.sum())
+        key = repr(values), q
+        if key not in self._passes:
+            while len(self._passes) >= PASSES:
+                del self._passes[next(iter(self._passes))]
+            problem, p = self.system.build(self.library, values)
+            innovations(problem, p, q, self._stop, self._nu, self._S, self.states, NONE, NOTHING)
+            keep = self.rows & np.isfinite(self._nu)
+            S = self._S[keep]
+            self._passes[key] = self._nu[keep] / np.sqrt(S), float(np.sum(np.log(S))), keep
+        e, logs, self._counted = self._passes[key]
+        return e, logs, len(e)
 
     def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
         """Whitened innovations e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
@@ -103,8 +123,8 @@ class Likelihood:
         return out + self.prior(values) + self.volume(values) if math.isfinite(out) else math.inf
 
     def volume(self, values: Values) -> float:
-        """What a change of the measured angles adds."""
-        return self.system.volume(values, self.rows & np.isfinite(self._nu))
+        """What a change of the measured angles adds, of the rows that the last pass counted."""
+        return self.system.volume(values, self._counted)
 
     def prior(self, values: Values) -> float:
         """What values cost that are off what was known beforehand."""

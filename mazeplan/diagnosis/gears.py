@@ -29,16 +29,18 @@ SURE = 15.0  # of -2 log L
 
 def fit_with_gears(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit:
     """The axis with the play or the dead band that its record shows, if any, as `fit_with_play`."""
-    with_play = fit_with_play(u, angle, dt, first, rows)
-    with_band = _fit_with_band(u, angle, dt, first, rows)
+    plain = fit_axis(u[rows], angle[rows], dt, first[rows].astype(float))
+    with_play = _fit_with_play(u, angle, dt, first, rows, plain)
+    with_band = _fit_with_band(u, angle, dt, first, rows, plain)
     return with_band if with_band is not None and with_band.rms < with_play.rms else with_play
 
 
-def _fit_with_band(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit | None:
+def _fit_with_band(
+    u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit
+) -> StageFit | None:
     """The axis with a dead band; None where the record shows none. What is obeyed changes by jumps with the band, so it
     is looked for on a grid."""
     breaks = first[rows].astype(float)
-    plain = fit_axis(u[rows], angle[rows], dt, breaks)
 
     def off(axis: StageAxis, band: float) -> float:
         return float(np.std((angle - simulate_axis(axis, obeyed(u, band), dt))[rows]))
@@ -66,11 +68,16 @@ def _fit_with_band(u: Array, angle: Array, dt: float, first: np.ndarray, rows: n
 def fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit:
     """The axis with the play that its record shows, if any: commands u and angle (N,), rows (N,) to look at. Raises
     ValueError as `fit_axis`."""
+    plain = fit_axis(u[rows], angle[rows], dt, first[rows].astype(float))
+    return _fit_with_play(u, angle, dt, first, rows, plain)
+
+
+def _fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit) -> StageFit:
+    """As `fit_with_play`, where the fit without any is known."""
 
     def fitted(backlash: float, of: np.ndarray = rows) -> StageFit:
         return fit_axis(played(u, backlash)[of], angle[of], dt, first[of].astype(float))
 
-    plain = fitted(0.0)
     left = (angle - simulate_axis(plain.axis, u, dt))[rows]
     late = (simulate_axis(plain.axis, played(u, TRIED), dt) - simulate_axis(plain.axis, u, dt))[rows]
     fits = float(left @ late) / max(float(np.linalg.norm(left) * np.linalg.norm(late)), 1e-300)

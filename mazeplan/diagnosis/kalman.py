@@ -42,12 +42,13 @@ addresses = types.int64[::1]
 class Moves(NamedTuple):
     """What J parameters change when each is moved by its step: p (J, P): the parameters; w (1 + M, N, 2, W): inputs
     averaged over each sample as they act on speed and on position, the first of them unmoved; which (J,): row of w,
-    -1: inputs stay as they are; step (J,)."""
+    -1: inputs stay as they are; step (J,); span (J, 2): the first of the terms that change, and one behind the last."""
 
     p: Array
     w: Array
     which: IntArray
     step: Array
+    span: IntArray
 
 
 class Problem(NamedTuple):
@@ -111,12 +112,18 @@ def _at(core, k, i):
 
 
 @njit(cache=True, error_model="numpy")
-def _smooth(core, p, x, v, t, w):
-    """Sum of the terms."""
+def _some(core, p, first, end, x, v, t, w):
+    """Sum of the terms from one up to another."""
     total = 0.0
-    for i in range(core.n_terms):
+    for i in range(first, end):
         total += _term(core.terms[i], (x, v, t, w, shifted(p, core.place[i])))
     return total
+
+
+@njit(cache=True, error_model="numpy")
+def _smooth(core, p, x, v, t, w):
+    """Sum of the terms."""
+    return _some(core, p, 0, core.n_terms, x, v, t, w)
 
 
 @njit(cache=True, error_model="numpy")
@@ -138,18 +145,27 @@ def _resistance(core, p, x, v, w):
 
 
 @njit(cache=True, error_model="numpy")
-def _gate(core, p, j, x, v, w):
-    """Angle of gate j, and the share of its speed v that a ball at x loses in passing it."""
+def _gate_angle(core, p, j, v):
+    """Angle of gate j for a ball at speed v."""
+    g = core.gates[j]
+    angle = p[g] + core.gate_at[3 * j]
+    if core.gate_at[3 * j + 1] != 0.0 and core.gate_at[3 * j + 2] > 1.0:
+        angle += math.copysign(p[g + 2], v)
+    return angle
+
+
+@njit(cache=True, error_model="numpy")
+def _gate_loss(core, p, j, x, v, w):
+    """Share of its speed v that a ball at x loses in passing gate j."""
     g, side, more = core.gates[j], core.gate_at[3 * j + 1], core.gate_at[3 * j + 2]
-    angle, loss = p[g] + core.gate_at[3 * j], p[g + 1]
+    loss = p[g + 1]
     if side != 0.0:
         if more > 1.0:
-            angle += math.copysign(p[g + 2], v)
             loss *= struck(x, v, w, core.pull, p[g + 3], side)
         else:
             width = p[g + 2] if more > 0.0 else WIDTH
             loss *= against(pressing(x, v, w, core.pull), core.pull, side, width)
-    return angle, loss
+    return loss
 
 
 @njit(cache=True, error_model="numpy")
@@ -172,10 +188,10 @@ def _advance(core, p, k, x, v):
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
         for j in range(core.n_gates):
-            angle, loss = _gate(core, p, j, before, v, w1)
+            angle = _gate_angle(core, p, j, v)
             if _passed(angle, before, x):  # what is left of the step goes slower, too
                 at = angle + _whole_turns(angle, max(before, x))
-                kept = 1.0 - loss
+                kept = 1.0 - _gate_loss(core, p, j, before, v, w1)
                 x, v = at + kept * (x - at), v * kept
     return x, v, held
 
@@ -213,33 +229,39 @@ def _move(core, p, k, before, after, held, moves, d):
     dt, w = core.dt, _at(core, k, SUBSTEPS)
     t, (x0, v0), (x1, v1) = core.t[k] + 0.5 * core.dt, before, after
     x, v = 0.5 * (x0 + x1), 0.5 * (v0 + v1)
-    here = _smooth(core, p, x, v, t, w)
-    here_0 = _smooth(core, p, x, v, t, _mean(moves.w, 0, k, 0))
-    here_1 = _smooth(core, p, x, v, t, _mean(moves.w, 0, k, 1))
-    for j in range(len(moves.step)):
+    w0, w1 = _mean(moves.w, 0, k, 0), _mean(moves.w, 0, k, 1)
+    rubs = core.dry >= 0 or core.wall >= 0
+    most = _resistance(core, p, x, v, w) if rubs else 0.0
+    first = end = -1
+    here = here_0 = here_1 = 0.0
+    for j in range(0 if held else len(moves.step)):
         pj, step, m = pointer_to(moves.p, j * moves.p.shape[1]), moves.step[j], moves.which[j]
-        if not held:
-            if m < 0:
-                faster = _smooth(core, pj, x, v, t, w) - here
-                if core.dry >= 0 or core.wall >= 0:
-                    more = _resistance(core, pj, x, v, w) - _resistance(core, p, x, v, w)
-                    faster -= math.copysign(1.0, v) * more
-                further = faster
-            else:
-                faster = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 0)) - here_0
-                further = _smooth(core, p, x, v, t, _mean(moves.w, m, k, 1)) - here_1
-            d[j, 0] += 0.5 * dt * dt * further / step
-            d[j, 1] += dt * faster / step
+        if moves.span[j, 0] != first or moves.span[j, 1] != end:
+            first, end = moves.span[j, 0], moves.span[j, 1]
+            here = _some(core, p, first, end, x, v, t, w)
+            here_0, here_1 = _some(core, p, first, end, x, v, t, w0), _some(core, p, first, end, x, v, t, w1)
+        if m < 0:
+            faster = _some(core, pj, first, end, x, v, t, w) - here
+            if rubs:
+                faster -= math.copysign(1.0, v) * (_resistance(core, pj, x, v, w) - most)
+            further = faster
+        else:
+            faster = _some(core, p, first, end, x, v, t, _mean(moves.w, m, k, 0)) - here_0
+            further = _some(core, p, first, end, x, v, t, _mean(moves.w, m, k, 1)) - here_1
+        d[j, 0] += 0.5 * dt * dt * further / step
+        d[j, 1] += dt * faster / step
     for i in range(core.n_gates):
-        angle, loss = _gate(core, p, i, x, v0, w)
+        angle = _gate_angle(core, p, i, v0)
         if not _passed(angle, x0, x1):
             continue
+        loss = _gate_loss(core, p, i, x, v0, w)
         kept = 1.0 - loss
         arrived = v1 / kept if abs(kept) > 0.1 else v0
         for j in range(len(moves.step)):
-            moved, lost = _gate(core, pointer_to(moves.p, j * moves.p.shape[1]), i, x, v0, w)
+            pj = pointer_to(moves.p, j * moves.p.shape[1])
+            lost = _gate_loss(core, pj, i, x, v0, w)
             d[j, 1] = kept * d[j, 1] - arrived * (lost - loss) / moves.step[j]
-            d[j, 0] += loss * (moved - angle) / moves.step[j]
+            d[j, 0] += loss * (_gate_angle(core, pj, i, v0) - angle) / moves.step[j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -329,10 +351,11 @@ def _coast(core, p, k, x, v):
         x += 0.5 * h * (v + new)
         v = new
         for j in range(core.n_gates):
-            angle, loss = _gate(core, p, j, before, v, w)
+            angle = _gate_angle(core, p, j, v)
             if _passed(angle, before, x):
                 at = angle + _whole_turns(angle, max(before, x))
-                x, v = at + (1.0 - loss) * (x - at), v * (1.0 - loss)
+                kept = 1.0 - _gate_loss(core, p, j, before, v, w)
+                x, v = at + kept * (x - at), v * kept
     return x, v
 
 

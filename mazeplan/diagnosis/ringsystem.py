@@ -47,7 +47,7 @@ class Tilt:
         the ends."""
         out = np.empty((len(times), 6))
         motion = self.motion if parameter is None else self.by_stage[parameter]
-        _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), times, out)
+        _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), np.ascontiguousarray(times), out)
         return out
 
 
@@ -93,6 +93,15 @@ def _forget(kept: dict, most: int) -> None:
         del kept[next(iter(kept))]
 
 
+def _span(acts: str, effect: str, names: Sequence[str]) -> tuple[int, int]:
+    """Which of the terms, by the names of their effects, a parameter of an effect changes: from one up to another."""
+    if acts == RING:  # what it changes of the inputs is for `ring` alone
+        return 0, 1
+    if acts in (DELAY, STAGE):
+        return 0, len(names)
+    return (names.index(effect, 1), names.index(effect, 1) + 1) if effect in names[1:] else (0, 0)
+
+
 class RingSystem:
     """Problems for `kalman`, made from a record and the values of effects."""
 
@@ -101,7 +110,9 @@ class RingSystem:
     def __init__(self, t: Array, theta: Array, first: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
         """t, theta (N,): s, rad, unwrapped in each stretch, NaN where not seen; first (N,): a stretch begins; declared:
         what the model has already."""
-        self.t, self.theta, self.first, self.radius, self.tilt = t, theta, first, radius, tilt
+        # contiguous: for strided ones all that is compiled would be compiled once more
+        self.t, self.theta = np.ascontiguousarray(t), np.ascontiguousarray(theta)
+        self.first, self.radius, self.tilt = first, radius, tilt
         self.declared = declared
         self.target: Array | None = None  # accelerations that the record brings, rad/s^2
         self.dt = float(np.median(np.diff(t)))
@@ -126,7 +137,7 @@ class RingSystem:
 
     def _backwards(self) -> Array:
         """Tilts (N, 2) of the record played backwards: what no ball can feel, for placebos."""
-        return self.tilt.at(np.asarray(self.t[::-1]))[:, [0, 3]]
+        return self.tilt.at(self.t[::-1])[:, [0, 3]]
 
     def _leaning(self) -> Array:
         """Tilts (N, 2) of late, low-passed from the beginning of each stretch on."""
@@ -176,7 +187,7 @@ class RingSystem:
 
     def build(self, candidates: Sequence[Candidate], values: Values) -> tuple[Problem, Array]:
         """The problem with these effects at these values (of those left out: as declared), and its parameters."""
-        functions, places, p, gates, dry, wall = self._parameters(candidates, values)
+        functions, _, places, p, gates, dry, wall = self._parameters(candidates, values)
         problem = Problem(
             self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
             np.array([self._address(f) for f in functions], dtype=np.int64), np.array(places, dtype=np.int64), dry,
@@ -187,12 +198,14 @@ class RingSystem:
 
     def _parameters(
         self, candidates: Sequence[Candidate], values: Values
-    ) -> tuple[list[object], list[int], list[float], list[tuple[int, float, float, float]], int, int]:
-        """Terms, where in p each has its parameters, p, gates (where in p, angle to add, side, how many parameters
-        follow angle and loss), where dry friction has its parameters, and where friction at the walls."""
+    ) -> tuple[list[object], list[str], list[int], list[float], list[tuple[int, float, float, float]], int, int]:
+        """Terms, of which effect each is, where in p each has its parameters, p, gates (where in p, angle to add, side,
+        how many parameters follow angle and loss), where dry friction has its parameters, and where friction at the
+        walls."""
         merged = {**self.declared, **values}
         p: list[float] = [merged.get("axis_misalignment", {}).get("angle", 0.0)]
         functions: list[object] = [terms.ring]
+        names = ["ring"]
         gates: list[tuple[int, float, float, float]] = []
         places, dry, wall = [0], -1, -1
         known = {c.name: c for c in candidates}
@@ -215,33 +228,35 @@ class RingSystem:
             else:
                 places.append(at)
                 functions.append(c.term)
-        return functions, places, p, gates, dry, wall
+                names.append(effect)
+        return functions, names, places, p, gates, dry, wall
 
     def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
         """What moving each of some parameters (effect, name, step) changes."""
         acts = {c.name: c.acts for c in candidates}
         delay, errors, slots = self._parts(values)
-        p, which, w = [], [], [self._mean_inputs(self._averaged(delay), errors, slots)]
-        for effect, name, step in steps:
+        names = self._parameters(candidates, values)[1]
+        spans = [_span(acts[effect], effect, names) for effect, *_ in steps]
+        outside = [acts[effect] in (RING, DELAY, STAGE) and effect != "axis_misalignment" for effect, *_ in steps]
+        w = np.empty((1 + sum(outside), len(self.t), 2, WIDTH))
+        _fill(self._averaged(delay), errors, self._beside, slots, w[0])
+        p, which = [], []
+        for (effect, name, step), out in zip(steps, outside, strict=True):
             moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
-            p.append(self._parameters(candidates, moved)[2])
-            outside = acts[effect] in (RING, DELAY, STAGE) and effect != "axis_misalignment"
-            which.append(len(w) if outside else -1)
-            if not outside:
+            p.append(self._parameters(candidates, moved)[3])
+            which.append(1 + sum(outside[: len(which)]) if out else -1)
+            if not out:
                 continue
-            later, *parts = self._parts(moved)
+            later, changed, coefficients = self._parts(moved)
             motions = self._averaged(delay)
             if acts[effect] == DELAY:  # what is uncertain of the stage changes little by that
                 motions = motions.copy()
                 motions[0] += self._averaged(later, False)[0] - self._averaged(delay, False)[0]
-            w.append(self._mean_inputs(motions, *parts))
-        sizes = np.array([step for *_, step in steps])
-        return Moves(np.array(p).reshape(len(steps), -1), np.stack(w), np.array(which, dtype=np.int64), sizes)
-
-    def _mean_inputs(self, motions: Array, errors: Array, p: Array) -> Array:
-        out = np.empty((len(self.t), 2, WIDTH))
-        _fill(motions, errors, self._beside, p, out)
-        return out
+            _fill(motions, changed, self._beside, coefficients, w[which[-1]])
+        return Moves(
+            np.array(p).reshape(len(steps), -1), w, np.array(which, dtype=np.int64),
+            np.array([step for *_, step in steps]), np.array(spans, dtype=np.int64).reshape(-1, 2),
+        )  # fmt: skip
 
     def offset(self, values: Values) -> tuple[float, float] | None:
         """Where the camera takes the centre of the ring to be (m), None where it is not off."""

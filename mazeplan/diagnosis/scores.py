@@ -116,8 +116,8 @@ def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Arra
     smooth = derivatives(system.theta, system.dt, Smoothing("rts"), segment=np.cumsum(system.first))
     problem, p = system.build(likelihood.library, fitted.values)
     model = np.empty(len(system))
-    rate = np.nan_to_num(smooth.rate)
-    accelerations(problem, p, np.nan_to_num(smooth.value), rate, model)
+    value, rate = (np.ascontiguousarray(np.nan_to_num(part)) for part in (smooth.value, smooth.rate))
+    accelerations(problem, p, value, rate, model)
     return np.where(np.isfinite(system.theta), smooth.acceleration, np.nan), model
 
 

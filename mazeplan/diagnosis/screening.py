@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,8 +81,7 @@ def _gate_start(likelihood: Likelihood, current: Fit, c: Candidate, loss: float)
     angles = np.linspace(-math.pi, math.pi, ANGLES, endpoint=False)
     gates = [replace(c, name=f"{c.name} {i}") for i in range(ANGLES)]
     closed = {g.name: {"angle": float(a), "loss": 0.0} for g, a in zip(gates, angles, strict=True)}
-    wide = copy(likelihood)
-    wide.library = [*likelihood.library, *gates]
+    wide = likelihood.knowing(gates)
     steps = [(g.name, "loss", c.parameters["loss"].step) for g in gates]
     e, J = wide.jacobian({**current.values, **closed}, current.q, steps)
     slopes = J.T @ e  # the fit falls where a loss takes the residual along

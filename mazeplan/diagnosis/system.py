@@ -51,4 +51,5 @@ def plain_moves(
     problem, here = system.build(candidates, values)
     p = np.array([system.build(candidates, there)[1] for there in moved]).reshape(len(steps), len(here))
     unmoved = np.ascontiguousarray(np.repeat(problem.w.mean(axis=1)[None, :, None], 2, axis=2))
-    return Moves(p, unmoved, np.full(len(steps), -1, dtype=np.int64), np.array([step for *_, step in steps]))
+    which, sizes = np.full(len(steps), -1, dtype=np.int64), np.array([step for *_, step in steps])
+    return Moves(p, unmoved, which, sizes, np.tile([0, len(problem.terms)], (len(steps), 1)))

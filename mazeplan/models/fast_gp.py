@@ -288,7 +288,7 @@ def variance(p, at, s, noise2, gap):
 @njit(cache=True, error_model="numpy")
 def _many(p, states, out, by_state):
     for i in range(len(states)):
-        out[i] = mean_and_gradient(p, 0, states[i], by_state[i])
+        out[i] = mean_and_gradient(p, np.int64(0), states[i], by_state[i])
 
 
 def evaluate(packed: Array, states: Array) -> tuple[Array, Array]:

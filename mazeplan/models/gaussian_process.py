@@ -19,9 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from mazeplan.errors import ModelError
+from mazeplan.models.covariance import add
 from mazeplan.records import Array
 
 FAMILIES = ("rbf", "exponential")
@@ -39,6 +40,12 @@ class Term:
     lengthscales: Array
     amplitude: float
     flip: tuple[float, ...] = ()
+
+    def scaled(self, a: Array, b: Array) -> tuple[Array, list[tuple[float, Array]]]:
+        """Of inputs a (N, D) and b (K, D) the columns over their lengthscales (C, N), and with which sign they are
+        compared with what (C, K): as it stands, and turned round where there is a flip."""
+        x, z = (np.ascontiguousarray((rows[:, self.columns] / self.lengthscales).T) for rows in (a, b))
+        return x, [(1.0, z), *([(-1.0, z * np.array(self.flip)[:, None])] if self.flip else [])]
 
     def squares(self, a: Array, b: Array) -> Array:
         """r^2 between inputs (N, D) and (K, D), which are already those of the columns: (N, K)."""
@@ -87,12 +94,16 @@ class Hyperparameters:
 def kernel(a: Array, b: Array, h: Hyperparameters) -> Array:
     """k between inputs (N, D) and (K, D): (N, K)."""
     total = np.zeros((len(a), len(b)))
-    for term in h.terms:
-        x, y = a[:, term.columns], b[:, term.columns]
-        total += term.amplitude**2 * _shape(term.squares(x, y), h.family)
-        if term.flip:
-            total -= term.amplitude**2 * _shape(term.squares(x, y * np.array(term.flip)), h.family)
+    _add(a, b, h, False, total)
     return total
+
+
+def _add(a: Array, b: Array, h: Hyperparameters, lower: bool, C: Array) -> None:
+    """Add k to C (N, K), or to its lower triangle alone."""
+    for term in h.terms:
+        x, others = term.scaled(a, b)
+        for sign, z in others:
+            add(x, z, sign * term.amplitude**2, h.family == "rbf", lower, C)
 
 
 def _shape(squares: Array, family: str) -> Array:
@@ -137,20 +148,20 @@ class GaussianProcess:
         n, S = len(y), hyper.weight_sigma**2
         if not (len(inputs) == len(features) == n and features.shape[1] == len(S)):
             raise ModelError(f"got {len(inputs)} inputs, {len(features)} x {features.shape[1]} features for {n} values")
-        C = kernel(inputs, inputs, hyper)
+        C = (features * S) @ features.T  # only its lower triangle counts
+        _add(inputs, inputs, hyper, True, C)
         deviation, most = hyper.noise if noise is None else noise, max(term.amplitude for term in hyper.terms)
         C[np.diag_indices(n)] += deviation**2 + JITTER * most**2
-        whole = C + (features * S) @ features.T
-        try:
-            factor = cho_factor(whole, lower=True, overwrite_a=True)
-            back = S[:, None] * features.T
-            gain = cho_solve(factor, back.T)  # (N, M)
-            weights = gain.T @ y
-            covariance = np.diag(S) - back @ gain
-            alpha = cho_solve(factor, y)  # = C^-1 (y - Phi w), by the matrix inversion lemma
+        try:  # by columns, as LAPACK has it, it is the upper one, and no copy is made
+            factor = cholesky(C.T, lower=False, overwrite_a=True)
         except np.linalg.LinAlgError:
             raise ModelError("the covariance of the training rows is not positive definite") from None
-        return cls(hyper, inputs, features, alpha, weights, covariance, np.tril(factor[0]))
+        back = S[:, None] * features.T
+        gain = cho_solve((factor, False), back.T)  # (N, M)
+        weights = gain.T @ y
+        covariance = np.diag(S) - back @ gain
+        alpha = cho_solve((factor, False), y)  # = C^-1 (y - Phi w), by the matrix inversion lemma
+        return cls(hyper, inputs, features, alpha, weights, covariance, factor.T)
 
     def mean(self, inputs: Array, features: Array | None = None) -> Array:
         """E[f] (N,) at inputs (N, D); of g alone without features."""

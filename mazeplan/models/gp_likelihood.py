@@ -18,6 +18,7 @@ from scipy.linalg import get_lapack_funcs
 
 from mazeplan.errors import ModelError
 from mazeplan.maths.exponential import exp_below
+from mazeplan.models.covariance import add, squares
 from mazeplan.models.gaussian_process import Hyperparameters
 from mazeplan.records import Array
 
@@ -40,12 +41,12 @@ def log_likelihood(h: Hyperparameters, inputs: Array, features: Array, y: Array)
     is not positive definite."""
     n, rbf = len(y), h.family == "rbf"
     wide = np.ascontiguousarray(features * h.weight_sigma)
-    C = np.asfortranarray(wide @ wide.T)
+    C = (wide @ wide.T).T  # as LAPACK has it, by columns; it is symmetric
     C[np.diag_indices(n)] += h.noise**2
-    pairs = [_pairs(term.columns, term.lengthscales, term.flip, inputs) for term in h.terms]
+    pairs = [term.scaled(inputs, inputs) for term in h.terms]
     for term, (x, others) in zip(h.terms, pairs, strict=True):
         for sign, z in others:
-            _add(x, z, sign * term.amplitude**2, rbf, C.T)
+            add(x, z, sign * term.amplitude**2, rbf, True, C.T)
     potrf, potrs, potri = get_lapack_funcs(("potrf", "potrs", "potri"), (C,))
     factor, info = potrf(C, lower=0, overwrite_a=1)
     if info:
@@ -67,43 +68,6 @@ def log_likelihood(h: Hyperparameters, inputs: Array, features: Array, y: Array)
     return value, Slopes(tuple(lengths), variances, by_weight, float(np.trace(W)))
 
 
-def _pairs(
-    columns: tuple[int, ...], scales: Array, flip: tuple[float, ...], inputs: Array
-) -> tuple[Array, list[tuple[float, Array]]]:
-    """Scaled columns (C, N), and what they are compared with: themselves, and turned round where there is a flip."""
-    x = np.ascontiguousarray((inputs[:, columns] / scales).T)
-    others = [(1.0, x)]
-    if flip:
-        others.append((-1.0, x * np.array(flip)[:, None]))
-    return x, others
-
-
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _squares(x, z, i, out):
-    """|x_i - z_j|^2 for all j up to i."""
-    out[: i + 1] = 0.0
-    for d in range(len(x)):
-        row, here = z[d], x[d, i]
-        for j in range(i + 1):
-            gap = here - row[j]
-            out[j] += gap * gap
-
-
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _add(x, z, scale, rbf, C):
-    """Add scale c(r) to the lower triangle of C (N, N)."""
-    squares = np.empty(len(C))
-    for i in range(len(C)):
-        _squares(x, z, i, squares)
-        row = C[i]
-        if rbf:
-            for j in range(i + 1):
-                row[j] += scale * exp_below(max(-0.5 * squares[j], -700.0))
-        else:
-            for j in range(i + 1):
-                row[j] += scale * exp_below(max(-math.sqrt(squares[j]), -700.0))
-
-
 @njit(cache=True, error_model="numpy", fastmath=True)
 def _weigh(a, W):
     """From the lower triangle of C^-1 to that of (a a' - C^-1) / 2, counted twice off the diagonal."""
@@ -118,17 +82,17 @@ def _weigh(a, W):
 def _project(x, z, sign, rbf, W, out):
     """Add sign sum W c to out[0], sign sum W dc/dlog(l_d) to out[1 + d]."""
     n = len(W)
-    squares, part = np.empty(n), np.empty(n)
+    gaps, part = np.empty(n), np.empty(n)
     for i in range(n):
-        _squares(x, z, i, squares)
+        squares(x, z, i, i + 1, gaps)
         row, total = W[i], 0.0
         if rbf:
             for j in range(i + 1):
-                part[j] = row[j] * exp_below(max(-0.5 * squares[j], -700.0))
+                part[j] = row[j] * exp_below(max(-0.5 * gaps[j], -700.0))
                 total += part[j]
         else:
             for j in range(i + 1):
-                r = math.sqrt(squares[j])
+                r = math.sqrt(gaps[j])
                 c = row[j] * exp_below(max(-r, -700.0))
                 total += c
                 part[j] = c / max(r, TINY)

@@ -107,6 +107,9 @@ class FaultBox:
     def after_step(self, t: float) -> None:
         """A ball that is glued or held goes with the plate: its place there is put back after each step."""
         glued, out = bool(self.active("stuck", t)), self.out(t)
+        if not (glued or out) and self._taken_from is None:
+            self._held = None
+            return
         here = self._plate().T @ self._data.qpos[2:5]
         if out and self._taken_from is None:
             self._taken_from = here

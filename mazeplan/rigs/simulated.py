@@ -50,7 +50,7 @@ class SimulatedRig:
         self._seen: deque[Array] = deque(maxlen=self.settings.camera_delay_frames + 1)
         late = 1e-3 * self.settings.camera_late_ms * self.rate_hz * CHUNKS
         self._late = late - math.floor(late)  # of a chunk
-        self._path = deque([self._scene()] * (math.floor(late) + 2), maxlen=math.floor(late) + 2)
+        self._path = deque([self.machine.scene()] * (math.floor(late) + 2), maxlen=math.floor(late) + 2)
         if self.settings.sense == "camera":
             self._light = rng.spawn(1)[0]  # of pictures only: the other noise stays what it is without
 
@@ -67,7 +67,7 @@ class SimulatedRig:
         if self._samples > 0:
             for _ in range(CHUNKS):
                 machine.step()
-                self._path.append(self._scene())
+                self._path.append(self.machine.scene())
         t = self._samples / self.rate_hz
         self._samples += 1
         self._seen.append((1.0 - self._late) * self._path[1] + self._late * self._path[0])
@@ -116,10 +116,6 @@ class SimulatedRig:
         if outlier < settings.outlier_probability:
             position = position + 1e-3 * settings.outlier_mm * wrong
         return float(position[0]), float(position[1])
-
-    def _scene(self) -> Array:
-        """What a picture taken now would show: x, y (NaN without a ball), z, m, beta, gamma, rad; shape (5,)."""
-        return np.array([*self.machine.position, self.machine.truth()[2], *self.machine.tilt])
 
     def _found(self) -> tuple[float, float] | None:
         """Where the ball is found in a rendered picture."""

@@ -81,8 +81,9 @@ def test_two_effects_at_once():
     assert sorted(e["name"] for e in done.effects) == ["dry_friction", "tilt_offset"]
 
 
-def test_what_swings_with_time_has_no_name_and_a_frequency():
+def test_what_swings_with_time_has_no_name_and_a_frequency(asked):
     done = found(seed=5, hum=(1.7, 0.8))
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect"
     document = done.document()
     assert document["unknown"]["depends_on"] == ["time"]
@@ -90,10 +91,21 @@ def test_what_swings_with_time_has_no_name_and_a_frequency():
     assert document["after"]["rollout40"] < 0.5 * document["before"]["rollout40"]
 
 
-def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one():
+def test_friction_that_grows_with_the_tilt_has_no_name_and_no_wrong_one(asked):
     done = found(seed=6, lean=8.0)
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect", done.sentence()
     assert set(done.document()["unknown"]["depends_on"]) >= {"theta_dot", "beta", "gamma"}
+
+
+def test_beside_an_unknown_what_is_left_is_learned_too():
+    pytest.importorskip("torch")
+    done = found(seed=6, lean=8.0, seconds=40.0)
+    assert done.verdict == "unknown_effect"
+    assert done.remainder is not None
+    assert 700 < done.remainder.rows < 850
+    assert done.remainder.nrmse < 0.6 * done.before.nrmse
+    assert done.document()["remainder"]["nrmse"] == pytest.approx(done.remainder.nrmse, abs=1e-5)
 
 
 def test_a_tilt_offset_is_hard_to_tell_from_a_wave_of_the_floor_and_it_says_so():

@@ -65,8 +65,9 @@ def test_twenty_seconds_are_enough_for_what_is_large_and_name_nothing_else():
     assert found(seed=5, seconds=20.0).verdict == "nothing_missing"
 
 
-def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones():
+def test_the_past_of_the_speed_has_no_name_and_no_four_wrong_ones(asked):
     done = found(seed=7, seconds=200.0, memory=(1.0, 0.5))
+    assert len(asked) == 1
     assert done.verdict == "unknown_effect"
     assert done.effects == ()
     assert "past of theta_dot" in done.document()["unknown"]["depends_on"]

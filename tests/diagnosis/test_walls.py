@@ -116,9 +116,10 @@ def test_records_in_pieces_hold_out_blocks_all_over():
     ],
     ids=lambda x: x if isinstance(x, str) else None,
 )
-def test_walls_gates_and_camera_are_named(what, name, parameter, true):
+def test_walls_gates_and_camera_are_named(what, name, parameter, true, asked):
     gates = Gates(outer=QUARTERS, inner=tuple(a + math.pi / 4 for a in QUARTERS))
     done = diagnose(smoothed_record(**what), RADIUS, DECLARED, gates=gates)
+    assert len(asked) == 1
     assert name in [e["name"] for e in done.effects], done.sentence()
     assert len(done.effects) <= 2, done.sentence()
     found = next(e for e in done.effects if e["name"] == name)["parameters"][parameter]
@@ -129,6 +130,17 @@ def test_walls_gates_and_camera_are_named(what, name, parameter, true):
         at = 0.3 if name == "outer_gates" else 0.3 - math.pi / 4
         off = (rotation - at + math.pi / 4) % (math.pi / 2) - math.pi / 4
         assert abs(off) < 0.05
+
+
+def test_what_no_effect_explains_is_learned_without_a_name():
+    """Gates that are not among the effects looked for: a process knows most of what they do by the state."""
+    pytest.importorskip("torch")
+    record = smoothed_record(60.0, gates=(1.0, 0.3, 0.4))
+    done = diagnose(record, RADIUS, DECLARED, gates=Gates(outer=QUARTERS), without=("outer_gates", "outer_edges"))
+    assert done.remainder is not None
+    assert done.remainder.before == pytest.approx(done.after.nrmse)
+    assert done.remainder.nrmse < 0.6 * done.remainder.before
+    assert 1000 < done.remainder.rows < 1800
 
 
 def test_every_effect_is_listed_with_its_units():
