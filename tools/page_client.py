@@ -14,6 +14,7 @@ import msgspec
 import zstandard
 from viser import __version__
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, -2.0, 3.0), "fov": 0.75,
@@ -27,9 +28,9 @@ def joined(port: int, origin: str | None = "", **more: Any) -> ClientConnection:
     own = f"http://127.0.0.1:{port}"
     headers = {} if origin is None else {"Origin": origin or own}
     return connect(
-        f"ws://127.0.0.1:{port}", subprotocols=[f"viser-v{__version__}"], open_timeout=20, compression=None,
-        max_size=None, additional_headers=headers, **more,
-    )  # type: ignore[arg-type]  # fmt: skip
+        f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{__version__}")], open_timeout=20,
+        compression=None, max_size=None, additional_headers=headers, **more,
+    )  # fmt: skip
 
 
 def messages(data: bytes) -> list[dict[str, Any]]:
@@ -69,14 +70,14 @@ class Viewer:
     def _read(self) -> None:
         while not self._done:
             try:
-                data = self.connection.recv(timeout=0.2)
+                data = self.connection.recv(timeout=0.2, decode=False)
             except TimeoutError:
                 continue
             except Exception:  # the page is closed
                 return
             self.bytes += len(data)
             now = monotonic()
-            for message in messages(bytes(data)):  # type: ignore[arg-type]
+            for message in messages(data):
                 self._take(message, now)
 
     def _take(self, message: dict[str, Any], now: float) -> None:

@@ -32,8 +32,10 @@ def browser():
         if NEEDED:
             pytest.fail("there is no chromium")
         pytest.skip("needs a browser: apt-get install chromium")
-    sync_api = pytest.importorskip("playwright.sync_api")
-    pytest.importorskip("viser")
+    for module in () if NEEDED else ("playwright", "viser"):
+        pytest.importorskip(module)
+    from playwright import sync_api
+
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=CHROMIUM, args=["--no-sandbox", "--enable-unsafe-swiftshader", "--disable-gpu"]
