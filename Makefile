@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate test check unit coverage compiled bench constraints wheel emulator clean
+.PHONY: help navigate test check unit coverage compiled bench constraints wheel firmware emulator clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
@@ -21,6 +21,7 @@ help:
 	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
 	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
 	@echo "make wheel                          dist/*.whl"
+	@echo "make firmware                       for the board, into build/firmware/ (needs Debian packages)"
 	@echo "make emulator                       firmware and simulated board into build/ (needs Debian packages)"
 	@echo "make clean                          remove .venv and what was built"
 	@echo "Another Python: make PYTHON=python3.12 ..."
@@ -84,6 +85,11 @@ wheel: $(VENV)/installed-dev
 	$(BIN)/python -m build --wheel
 
 # what they need is named in one line, and not each missing header in many
+firmware:
+	@command -v avr-gcc > /dev/null || { \
+	  echo "the firmware needs, on Debian or Ubuntu: sudo apt-get install gcc-avr avr-libc" >&2; exit 1; }
+	@$(MAKE) --no-print-directory -s -C tools/firmware OUT=$(CURDIR)/build/firmware
+
 emulator:
 	@missing=; command -v avr-gcc > /dev/null || missing="gcc-avr avr-libc"; \
 	  [ -e /usr/include/simavr/sim_avr.h ] || missing="$$missing simavr libsimavr-dev"; \

@@ -49,7 +49,7 @@ def attempt_job(
         # the collector looks at what the run itself makes: at all of the program it takes .1 s, in the midst of a tick
         gc.freeze()
         stack.callback(gc.unfreeze)
-        told: list[NavigationResult] = []
+        told: list[tuple[NavigationResult, RigError | None]] = []
         stack.callback(_level, rig, told)
         if prepare is not None:
             prepare(run)
@@ -68,17 +68,21 @@ def attempt_job(
             raise
         if writer is not None:
             writer.result(result.to_json())
-        told.append(result)
+        told.append((result, problem))
         return result, problem
 
 
-def _level(rig: Rig, told: list[NavigationResult]) -> None:
-    """Level the plate; where not even that goes, what had happened until then is not lost with it."""
+def _level(rig: Rig, told: list[tuple[NavigationResult, RigError | None]]) -> None:
+    """Level the plate; where not even that goes, what had happened until then is not lost with it: the cause is said
+    first."""
     try:
         rig.level()
     except RigError as error:
-        error.result = told[-1] if told and not told[-1].success else None
-        raise
+        result, cause = told[-1] if told else (None, None)
+        if cause is not None and str(cause) not in str(error):
+            error = RigError(f"{cause}; then {error}")
+        error.result = result if result is not None and not result.success else None
+        raise error from None
 
 
 def _told_to(

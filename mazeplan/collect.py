@@ -29,7 +29,7 @@ from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.records import Array, Command, FailureKind, Observation, State
-from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.run import Run
 
 STRETCH_S = 20.0  # s in one ring before the ball is placed in the next
@@ -95,6 +95,7 @@ def run_collection(
     afterwards.
 
     Each placing of the ball begins a new segment; time goes on through all of them."""
+    check_ready(rig)
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, maze.tilt_limit)
     stretch = len(commands) if len(plan.rings) == 1 else max(1, round(STRETCH_S * rig.rate_hz))
@@ -130,6 +131,7 @@ def run_tour(
 
     The ball is placed once, in the first of the rings. A drive that does not arrive is counted, and the sines go on
     where the ball is. The plate is level and the rig closed afterwards, whatever happens."""
+    check_ready(rig)
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, setup.maze.tilt_limit)
     theta = float(rng.uniform(-math.pi, math.pi))

@@ -19,7 +19,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.models.modelfile import RigModel
 from mazeplan.records import NavigationResult
-from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.settings import Settings, load_settings
@@ -71,8 +71,13 @@ def navigate(
     for name in closed:
         if name not in known:
             raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
+<<<<<<< HEAD
     made = make_rig(rig, maze, sense) if isinstance(rig, str) else rig
     machine = watched(made if around is None else around(made), own_process=own_process)
+=======
+    machine = watched(make_rig(rig, maze, sense) if isinstance(rig, str) else rig, own_process=own_process)
+    check_ready(machine)
+>>>>>>> main
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
     job = Job(

@@ -250,7 +250,8 @@ class NavigationResult:
     doubts: tuple[Doubt, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on are ours)."""
+        """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on, and
+        `detail`, are ours)."""
         return {
             "success": self.success,
             "reason": self.reason,
@@ -258,7 +259,9 @@ class NavigationResult:
             "seed": self.seed,
             "rig": self.rig,
             "rings": [{"ring": p.ring, "time_s": p.time_s, "opening": p.opening} for p in self.rings],
-            "failures": [{"t": f.t, "kind": str(f.kind), "recovery": f.recovery} for f in self.failures],
+            "failures": [
+                {"t": f.t, "kind": str(f.kind), "recovery": f.recovery, "detail": f.detail} for f in self.failures
+            ],
             "replans": self.replans,
             "planner_ms": self.planner_ms,
             "log": self.log,

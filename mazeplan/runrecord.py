@@ -15,7 +15,7 @@ from mazeplan.job import Job
 from mazeplan.maths.spread import spread
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.parts import passed_by
-from mazeplan.records import Command, Doubt, GoalGiven, NavigationResult, Observation, RingPassage
+from mazeplan.records import Command, Doubt, FailureKind, GoalGiven, NavigationResult, Observation, RingPassage
 
 
 class RunRecord:
@@ -43,7 +43,10 @@ class RunRecord:
             return
         if self._log is not None:
             self._log.event(t, kind, detail)
-        if kind in ("failure", "recovery"):
+        if detail.get("kind") == FailureKind.RIG_FAILED:  # whoever made the run is told why, by an error
+            if self.began:
+                self._display.event(t, str(FailureKind.RIG_FAILED))
+        elif kind in ("failure", "recovery"):
             self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
         elif kind in SAID:
             self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,7 @@ from mazeplan.cli.output import print_json, say
 from mazeplan.errors import SettingsError
 
 if TYPE_CHECKING:
+    from mazeplan.rigs.hardware.files import RigFile
     from mazeplan.rigs.hardware.tiltcalibration import Reading, TiltFit
 
 app = typer.Typer(help="Calibrate a rig on a table; what was found goes into its file.", no_args_is_help=True)
@@ -31,7 +33,12 @@ def tilt(
         Path | None,
         typer.Option("--readings", help="CSV with v0, v1, beta_deg, gamma_deg; default: ask at the board."),
     ] = None,
-    keep: Annotated[Path | None, typer.Option("--keep", help="Write the readings that were asked for (CSV).")] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--keep", help="File (CSV) that gets the readings that were asked for; default: a new one beside the rig's."
+        ),
+    ] = None,
     grid: Annotated[int, typer.Option("--grid", min=3, max=15, help="Tilts per axis that are asked for.")] = 7,
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file: for the tilt limit.")] = "cme",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Fit and report; leave the rig's file as it is.")] = False,
@@ -40,17 +47,28 @@ def tilt(
     """The tilt sensor, and where pulses are known the servos, from what a clinometer says.
 
     Exit status 1: fitted, but worse than 0.1 degrees; the rig's file stays as it is."""
+    from mazeplan.errors import InputError
+    from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.hardware.files import hardware_file
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings, write_readings
 
-    file = hardware_file(rig)
+    file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)
     if keep is not None:
         check_folder("--keep", keep.absolute().parent)
         write_readings(keep, [])  # before anything is asked
-    taken = read_readings(readings) if readings is not None else _ask_at_board(file.settings, map_, grid, keep)
-    if keep is not None:
-        write_readings(keep, taken)
-    fit = fit_tilt(taken)
+    place = readings
+    if readings is not None:
+        taken = read_readings(readings)
+        if keep is not None:
+            write_readings(keep, taken)
+    else:
+        place = keep or _unused(file.target.with_name(f"{file.target.stem}-readings.csv"))
+        taken = _ask_at_board(file, limit, grid, place)
+    try:
+        fit = fit_tilt(taken)
+    except InputError as problem:
+        there = place if place is not None and place.exists() else None
+        raise InputError(problem.problem, file=there, key=problem.key) from None
     sections = {"tilt": fit.section(today())}
     servo = _servo(fit, file.data.get("servo"))
     if servo is not None:
@@ -82,20 +100,39 @@ def _servo(fit: TiltFit, given: Any) -> dict[str, Any] | None:
     return old
 
 
-def _ask_at_board(settings: Any, map_: str, count: int, keep: Path | None) -> list[Reading]:
-    """Move the plate from tilt to tilt, and ask; what is said is kept at once."""
-    from mazeplan.maze.mapfile import load_map
+def _unused(path: Path) -> Path:
+    """This file, or one numbered like it that is not there yet: what was typed once is not written over."""
+    names = chain([path], (path.with_stem(f"{path.stem}-{number}") for number in count(2)))
+    return next(name for name in names if not name.exists())
+
+
+def _ask_at_board(file: RigFile, limit_deg: float, tilts: int, keep: Path) -> list[Reading]:
+    """Move the plate from tilt to tilt, and ask; what is said is kept at once. Ctrl-D ends the asking."""
     from mazeplan.rigs.hardware.parts import open_board
     from mazeplan.rigs.hardware.tiltcalibration import write_readings
-    from mazeplan.rigs.hardware.tiltreadings import grid, take_readings
+    from mazeplan.rigs.hardware.tiltreadings import Enough, grid, take_readings
+    from mazeplan.rigs.settings import placed
 
-    pulses = grid(settings.servo, math.degrees(load_map(map_).tilt_limit), count)
-    board = open_board(settings)
+    try:
+        file.settings.check_limits()
+    except SettingsError as problem:
+        raise placed(problem, file.data) from None
+    pulses = grid(file.settings.servo, limit_deg, tilts)
+    board = open_board(file.settings)
     say(f"{len(pulses)} tilts; type what the clinometer says as: beta gamma, in degrees; empty: leave this one out")
+    say(f"Ctrl-D: no more of them; what is typed is kept in {keep}")
 
     def ask(number: int, pair: tuple[float, float]) -> tuple[float, float] | None:
         while True:
-            answer = typer.prompt(f"{number} of {len(pulses)}: beta gamma", default="", show_default=False, err=True)
+            try:
+                answer = typer.prompt(
+                    f"{number} of {len(pulses)}: beta gamma", default="", show_default=False, err=True
+                )
+            except typer.Abort as ended:  # of Ctrl-D as of Ctrl-C
+                if isinstance(ended.__context__, EOFError):
+                    say("")
+                    raise Enough from None
+                raise
             words = answer.replace(",", " ").split()
             if not words:
                 return None
@@ -109,7 +146,7 @@ def _ask_at_board(settings: Any, map_: str, count: int, keep: Path | None) -> li
             say("expected two finite numbers")
 
     try:
-        return take_readings(board, pulses, ask, lambda taken: None if keep is None else write_readings(keep, taken))
+        return take_readings(board, pulses, ask, lambda taken: write_readings(keep, taken))
     finally:
         board.close()
 

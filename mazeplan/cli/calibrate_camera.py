@@ -39,7 +39,9 @@ def camera(
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     marker_sheet: Annotated[
         Path | None,
-        typer.Option("--sheet", help="Only draw the markers where they belong, to scale (.pdf, .svg, .png)."),
+        typer.Option(
+            "--sheet", help="Only draw the markers where they belong, to scale (.pdf; .svg, .png: a file a page)."
+        ),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Calibrate and report; leave the rig's file as it is.")
@@ -48,21 +50,28 @@ def camera(
 ) -> None:
     """The overhead camera: lens from a chessboard, place over the plate, look of the empty floor."""
     from mazeplan.cli.arguments import positive
+    from mazeplan.errors import SettingsError
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
+    from mazeplan.rigs.camera.section import check_begun
     from mazeplan.rigs.camera.source import pictures
     from mazeplan.rigs.hardware.files import hardware_file
+    from mazeplan.rigs.settings import placed
 
     square, counts = positive("--square-mm", square_mm), _corners(corners)
     maze = load_map(map_)
     if marker_sheet is not None:
         from mazeplan.rigs.camera.sheet import draw_sheet
 
-        draw_sheet(maze, marker_sheet)
-        say(f"wrote {marker_sheet}; print it without scaling")
+        names = ", ".join(str(name) for name in draw_sheet(maze, marker_sheet))
+        say(f"wrote {names}; print at 100 %: the ruler below must be 100 mm long")
         return
     file = hardware_file(rig)
     given = dict(file.settings.camera or {})
+    try:
+        check_begun(given)
+    except SettingsError as problem:
+        raise placed(problem, file.data) from None
     lens = _lens(given, file) if boards is None else calibrate_lens(pictures(boards, BOARDS), counts, square / 1000.0)
     source = plate or str(given.get("source", 0))
     markers = None if circles else _markers(given, maze, file)
@@ -132,13 +141,14 @@ def _section(done: Calibration, markers: Markers | None, given: dict[str, Any], 
     from datetime import date
 
     from mazeplan.rigs.camera.section import mapping
+    from mazeplan.rigs.hardware.files import background_of
 
     return mapping(
         done.camera,
         markers,
         source=given.get("source", 0),
         ball_hue_deg=given.get("ball_hue_deg"),
-        background=f"{file.target.stem}-background.png",
+        background=background_of(file.target),
         date=date.today().isoformat(),
         error_px=round(done.error_px, 3),
         error_mm=round(done.error_mm, 3),

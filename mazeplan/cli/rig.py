@@ -28,8 +28,10 @@ def check(
 ) -> None:
     """Try whether a rig does what every rig must: clock, signs, limits, level, repeatability.
 
-    Of a rig on a table each part is looked at before, and its latencies are measured."""
+    Of a rig on a table each part is looked at before, the board first, and its latencies are measured. Exit status: 1 a
+    check did not pass, 2 a file is wrong or not calibrated, 3 a part is silent."""
     from mazeplan.cli.rig_walk import check_hardware
+    from mazeplan.errors import MazeplanError
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.hardware.files import is_hardware
@@ -37,22 +39,30 @@ def check(
     from mazeplan.rigs.watchdog import watched
 
     maze, results, more = load_map(map_), [], {}
+    problem: MazeplanError | None = None
     if is_hardware(rig):
         found = check_hardware(rig, maze, seed=seed, yes=yes, output=output)
     else:
         machine = watched(make_rig(rig, maze), own_process=True)
         found = iter(check_rig(machine, maze, seed=seed, repeatable=not hardware))
-    for result in found:
-        if isinstance(result, tuple):
-            more[result[0]] = result[1]
-            continue
-        results.append(result)
-        if not as_json:
-            detail = "" if result.detail == "ok" else result.detail
-            print(f"{'ok' if result.passed else 'FAILED':6s}  {result.name:26s} {detail}".rstrip(), flush=True)
-    passed = all(result.passed for result in results)
+    try:
+        for result in found:
+            if isinstance(result, tuple):
+                more[result[0]] = result[1]
+                continue
+            results.append(result)
+            if not as_json:
+                detail = "" if result.detail == "ok" else result.detail
+                print(f"{'ok' if result.passed else 'FAILED':6s}  {result.name:26s} {detail}".rstrip(), flush=True)
+    except MazeplanError as error:
+        if not results:
+            raise
+        problem = error
+    passed = problem is None and all(result.passed for result in results)
     if as_json:
         print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results], **more})
+    if problem is not None:
+        raise problem
     sys.exit(0 if passed else 1)
 
 

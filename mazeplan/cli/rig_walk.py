@@ -20,10 +20,12 @@ def check_hardware(
 ) -> Iterator[CheckResult | tuple[str, dict[str, Any]]]:
     """Results one by one; ("latency", section) once it is measured. The rig is level and closed at the end.
 
-    The latencies are written to `output`, by default the rig's own file, unless that is a packaged one that is no
-    template: the emulated rig stays as it is."""
+    Raises RigError when a part is silent or gone, SettingsError for a file that cannot be used, both after the result
+    that says so. The latencies are written to `output`, by default the rig's own file, unless that is a packaged one
+    that is no template: the emulated rig stays as it is."""
     from mazeplan.cli.calibrate import today
-    from mazeplan.rigs.conformance import check_rig
+    from mazeplan.errors import RigError
+    from mazeplan.rigs.conformance import RAISED, check_rig
     from mazeplan.rigs.hardware.files import hardware_file
     from mazeplan.rigs.hardware.rig import HardwareRig
     from mazeplan.rigs.hardware.walk import Walk
@@ -48,7 +50,12 @@ def check_hardware(
     finally:
         rig.close()
     if passed:
-        yield from check_rig(watched(make_rig(spec, maze), own_process=True), maze, seed=seed, repeatable=False)
+        results = check_rig(watched(make_rig(spec, maze), own_process=True), maze, seed=seed, repeatable=False)
+        yield from results
+        failed = f"{RAISED}{RigError.__name__}: "  # the machine, where others miss what they should do
+        for result in results:
+            if result.detail.startswith(failed):
+                raise RigError(result.detail.removeprefix(failed))
 
 
 def _ask(question: str) -> bool:

@@ -88,7 +88,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         time_s=NUMBER,
         replans=INTEGER,
         rings=_objects(ring=INTEGER, time_s=NUMBER, opening=TEXT),
-        failures=_objects(t=NUMBER, kind=TEXT, recovery=TEXT),
+        failures=_objects(t=NUMBER, kind=TEXT, recovery=TEXT, detail=TEXT),
     ),
 }
 

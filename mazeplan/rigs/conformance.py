@@ -23,6 +23,7 @@ from mazeplan.rigs.interface import Rig
 TILT = math.radians(3.0)  # rad, of the test commands
 SETTLED = math.radians(0.7)  # rad: servo, sensor noise and play together
 SETTLE_S = 0.8  # s: twice what a slow servo takes
+RAISED = "raised "  # how the detail of a check begins that something was raised in
 CLOCK = 0.02  # relative error of 1 / rate that a clock may show
 
 
@@ -80,7 +81,7 @@ def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -
         try:
             problem = check(trial)
         except Exception as error:  # anybody's rig may raise anything; a check reports it
-            problem = f"raised {type(error).__name__}: {error}"
+            problem = f"{RAISED}{type(error).__name__}: {error}"
         results.append(CheckResult(name, problem is None, problem or "ok"))
     return results
 

@@ -22,7 +22,8 @@ class Rig(Protocol):
     says `realtime = False`.
 
     It may also say `latency`, a `records.Latency` that was measured of it and counts for more than its model's, and
-    `unseen_s`: a run ends when the ball was not seen for so long.
+    `unseen_s`: a run ends when the ball was not seen for so long. With a method `ready` it is asked, before a log is
+    opened, whether it could be driven: where not, that raises SettingsError.
     """
 
     rate_hz: float
@@ -50,3 +51,10 @@ class Rig(Protocol):
     def close(self) -> None:
         """Give the machine back; may be called twice."""
         ...
+
+
+def check_ready(rig: Rig) -> None:
+    """Ask a rig that can be asked whether it could be driven. Raises SettingsError."""
+    ready = getattr(rig, "ready", None)
+    if callable(ready):
+        ready()

@@ -19,6 +19,7 @@ from mazeplan.usermodule import user_module
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the folder where one works, if there is one
 SENSES = ("ideal", "camera")
+TABLE_KEYS = {"port", "servo", "tilt", "camera", "latency", "place_s", "unseen_s", "world"}  # of rigs on a table alone
 METHODS = ("reset", "observe", "command", "level", "close")
 
 
@@ -113,6 +114,9 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
         return _from_class(kind, maze, data, path, tree)
     from mazeplan.rigs.simulated import SimulatedRig
 
+    if TABLE_KEYS & data.keys():
+        what = "is missing; the file of a rig on a table begins with `class: mazeplan.rigs.hardware:HardwareRig`"
+        raise SettingsError(what, file=path, line=1, key="class")
     settings, (_, seed) = settings_from(data, file=path, tree=tree), seeded(spec)
     if seed is not None:
         if settings.surprise is None:
@@ -139,18 +143,16 @@ def _from_class(
         raise SettingsError(problem.problem, **where) from None
     except AttributeError:
         raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
-    from mazeplan.rigs.settings import FileSettings
+    from mazeplan.rigs.settings import FileSettings, placed
 
+    given = settings if file is None or tree is None else FileSettings(settings, file, tree)
     missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
     if missing or not isinstance(kind, type):
         raise SettingsError(f"{spec!r} is no rig: it lacks {', '.join(missing) or 'a class'}", **where)
     try:
-        rig = kind(maze, settings if file is None else FileSettings(settings, file))
+        rig = kind(maze, given)
     except SettingsError as problem:  # the class knows the key, not where the key stands
-        if problem.key is None or tree is None or problem.file is not None:
-            raise
-        line = tree.line(tuple(problem.key.split(".")))
-        raise SettingsError(problem.problem, file=file, line=line, key=problem.key) from None
+        raise placed(problem, given) from None
     except MazeplanError:
         raise
     except Exception as problem:  # it opens something, perhaps: a port that is not there

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +14,13 @@ from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 
 Surprise = Literal["drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp"]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+PLAIN = {  # pydantic's kinds of errors, where its words are a programmer's
+    "model_type": "settings as `key: value`", "model_attributes_type": "settings as `key: value`",
+    "dict_type": "settings as `key: value`", "tuple_type": "a list", "list_type": "a list", "string_type": "text",
+    "bool_type": "true or false", "finite_number": "a finite number",
+}  # fmt: skip
 
 
 class Section(BaseModel):
@@ -132,16 +140,33 @@ def sentence(error: Any) -> str:
         return message.removeprefix("Value error, ")
     if error["type"] == "missing":
         return "is missing"
-    expected = message.removeprefix("Input should be ").removeprefix("Field ")
-    return f"got {shown(error.get('input'))}, expected {expected}"
+    got, kind = error.get("input"), error["type"]
+    if kind in ("too_long", "too_short"):
+        most = error["ctx"].get("max_length", error["ctx"].get("min_length"))
+        return f"got {len(got)} entries, expected {'at most' if kind == 'too_long' else 'at least'} {most}"
+    expected = PLAIN.get(kind) or message.removeprefix("Input should be ").removeprefix("Field ")
+    return f"got {shown(list(got) if isinstance(got, tuple) else got)}, expected {expected}"
 
 
 class FileSettings(dict[str, Any]):
-    """Settings of a rig out of a file, which knows where it is."""
+    """Settings of a rig out of a file, which knows where it is, and where its keys stand."""
 
-    def __init__(self, data: Mapping[str, Any], file: Path) -> None:
+    def __init__(self, data: Mapping[str, Any], file: Path, tree: Tree) -> None:
         super().__init__(data)
-        self.file = file
+        self.file, self.tree = file, tree
+
+
+def placed(problem: SettingsError, settings: Mapping[str, Any]) -> SettingsError:
+    """The same error with file and line of its key, where the settings come out of a file and it does not say."""
+    if problem.file is not None or not isinstance(settings, FileSettings):
+        return problem
+    line = None if problem.key is None else settings.tree.line(parsed_key(problem.key))
+    return SettingsError(problem.problem, file=settings.file, line=line, key=problem.key)
+
+
+def parsed_key(text: str) -> Key:
+    """`camera.size[0]` as a key path."""
+    return tuple(int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", text))
 
 
 def read_rig_file(path: Path) -> tuple[str | None, dict[str, Any], Tree]:

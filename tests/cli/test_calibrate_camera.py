@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from commands import call
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
 from mazeplan.rigs.camera.boards import board_poses, draw_board
+from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.render import Overhead
 from mazeplan.rigs.camera.section import camera_section
 from mazeplan.rigs.camera.sensing import TRUE
@@ -59,6 +61,7 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     text = (tmp_path / "rig.yaml").read_text()
     assert text.startswith("# the rig in room 3")
     assert "port: auto  # stays" in text
+    assert "  source: 0   # the grey one" in text
     section = camera_section(read_yaml(tmp_path / "rig.yaml").data["camera"])
     assert section.source == 0
     assert section.date is not None
@@ -84,7 +87,7 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     ("words", "status", "said"),
     [
         (["--plate", "plate.png"], 2, "rig.yaml: camera: no lens there yet"),
-        (["--boards", "nix", "--plate", "plate.png"], 2, "nix"),
+        (["--boards", "nix", "--plate", "plate.png"], 2, "nix: no such folder, picture or video"),
         (["--boards", "boards", "--corners", "7", "--plate", "plate.png"], 2, "--corners: got '7', expected"),
         (["--boards", "boards", "--corners", "9x6", "--plate", "plate.png"], 2, "expected at least 5"),
         (["--boards", "boards", "--corners", "7x5", "--square-mm", "0"], 2, "--square-mm"),
@@ -104,14 +107,46 @@ def test_what_is_wrong_is_said_in_one_line(calibrate, shots, tmp_path, words, st
     assert out == ""
 
 
-def test_a_sheet_of_markers_that_the_camera_knows(calibrate, tmp_path):
+def test_sheets_of_markers_that_the_camera_knows_and_a_ruler_on_each(calibrate, tmp_path):
     status, _, err = calibrate("--sheet", "markers.png")
     assert status == 0, err
-    sheet = cv2.imread(str(tmp_path / "markers.png"))
+    assert "wrote markers-1.png, markers-2.png; print at 100 %" in err
     finder = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
-    corners, ids, _ = finder.detectMarkers(sheet)
-    assert sorted(ids.ravel()) == [0, 1, 2, 3]
-    upper_right = corners[ids.ravel().tolist().index(0)][0]
-    assert upper_right[:, 0].mean() > 0.5 * sheet.shape[1]
-    assert upper_right[:, 1].mean() < 0.5 * sheet.shape[0]
-    assert np.ptp(upper_right[:, 0]) * 25.4 / 300.0 == pytest.approx(24.0, abs=0.3)  # mm on paper
+    where = {}
+    for page, wanted in ((1, {1, 2}), (2, {0, 3})):
+        sheet = cv2.imread(str(tmp_path / f"markers-{page}.png"), cv2.IMREAD_GRAYSCALE)
+        assert sheet is not None
+        mm = 25.4 / 300.0
+        assert sheet.shape[1] * mm <= 210.0 + mm  # A4
+        assert sheet.shape[0] * mm <= 279.4 + mm  # US Letter
+        rows, columns = np.nonzero(sheet < 250)
+        ends = columns.min(), sheet.shape[1] - columns.max(), rows.min(), sheet.shape[0] - rows.max()
+        assert min(ends) * mm > 9.0  # printers' margins
+        corners, ids, _ = finder.detectMarkers(sheet)
+        assert set(ids.ravel().tolist()) == wanted
+        for number, four in zip(ids.ravel().tolist(), corners, strict=True):
+            assert np.ptp(four[0][:, 0]) * mm == pytest.approx(24.0, abs=0.3)
+            where[number] = four[0].mean(axis=0) * mm
+        below = sheet[round(262.0 / mm) : round(264.0 / mm)] < 128  # the ruler is the longest line there
+        assert max(np.ptp(np.nonzero(row)[0]) for row in below if row.any()) * mm == pytest.approx(100.0, abs=0.3)
+    far = corner_markers(MAZE).places[0][0] * 2000.0
+    assert where[0][1] < where[3][1]
+    assert where[3][1] - where[0][1] == pytest.approx(far, abs=0.2)
+    assert where[2][1] - where[1][1] == pytest.approx(far, abs=0.2)
+
+
+def test_a_pdf_has_all_pages(calibrate, tmp_path):
+    status, _, err = calibrate("--sheet", "markers.pdf")
+    assert status == 0, err
+    data = (tmp_path / "markers.pdf").read_bytes()
+    assert data.count(b"/Type /Page ") == 2
+    width, height = (float(v) for v in re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", data)[0])
+    assert width * 25.4 / 72.0 == pytest.approx(210.0, abs=0.1)
+    assert height * 25.4 / 72.0 == pytest.approx(279.4, abs=0.1)
+
+
+def test_a_hue_that_is_none_is_refused_before_anything_is_calibrated(calibrate, tmp_path):
+    (tmp_path / "rig.yaml").write_text(RIG.replace("  source: 0", "  ball_hue_deg: [4, 400]\n  source: 0"))
+    status, _, err = calibrate("--boards", "nosuch")
+    assert status == 2
+    assert "rig.yaml:4: camera.ball_hue_deg[1]: got 400, expected less than or equal to 360" in err

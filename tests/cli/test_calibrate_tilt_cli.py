@@ -9,15 +9,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import typer
 from commands import call
 
 from mazeplan.errors import RigError
 from mazeplan.maze.yamltree import read_yaml
 from mazeplan.rigs.hardware import tiltreadings
+from mazeplan.rigs.hardware.tiltcalibration import read_readings
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
 from mazeplan.rigs.hardware.truth import Diode
 
-RIG = "class: mazeplan.rigs.hardware:HardwareRig\nport: fake   # mine\nservo: {slew_us_per_s: 5000.0}\n"
+RIG = """\
+class: mazeplan.rigs.hardware:HardwareRig
+port: fake   # mine
+servo:
+  beta: {min_us: 1200.0, max_us: 1800.0}   # before it hits the frame
+  gamma: {min_us: 1200.0, max_us: 1800.0}
+  slew_us_per_s: 5000.0
+"""
 DIODE = Diode.drawn(np.random.default_rng(4))
 
 
@@ -47,6 +56,7 @@ def test_a_table_becomes_a_section_of_the_rigs_file(desk, monkeypatch, capsys):
     assert "wrote tilt and servo to hardware.yaml" in err
     text = Path("hardware.yaml").read_text()
     assert "port: fake   # mine\n" in text
+    assert "   # before it hits the frame\n" in text
     data = read_yaml(Path("hardware.yaml")).data
     assert data["servo"]["slew_us_per_s"] == 5000.0
     assert data["servo"]["beta"]["level_us"] == pytest.approx(1510.0, abs=1.0)
@@ -76,7 +86,7 @@ def test_a_fit_that_is_not_good_enough_is_status_1_and_says_what_to_do(desk, mon
 @pytest.mark.parametrize(
     ("pulses", "said"),
     [
-        ("constant", "servo.beta: what was found cannot be: us_per_deg: expected at least 1 us per degree"),
+        ("constant", "servo.beta: what was found cannot be: us_per_deg: got "),
         ("tenths", "servo.beta.level_us: what was found cannot be: got 151"),
     ],
 )
@@ -128,9 +138,15 @@ def test_where_readings_cannot_be_kept_nobody_is_asked(desk, board, monkeypatch,
         (["--readings", "none.csv"], "none.csv: cannot be read: No such file or directory"),
         (["--rig", "toy"], "got rig 'toy', expected one on a table"),
         (["--rig", "none.yaml"], "none.yaml: no such file"),
+        (["--readings", "few.csv"], "few.csv: got 1 readings, expected at least 8"),
+        (["--readings", "still.csv"], "still.csv: v1: got 2.500 to 2.500 V, expected a change"),
+        (["--readings", "few.csv", "--map", "nosuch"], "nosuch"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(desk, monkeypatch, capsys, arguments, said):
+    header = "v0,v1,beta_deg,gamma_deg\n"
+    (desk / "few.csv").write_text(f"{header}2.5,2.5,0,0\n")
+    (desk / "still.csv").write_text(header + "".join(f"{2.0 + 0.1 * k},2.5,{k},{-k}\n" for k in range(12)))
     code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", *arguments)
     assert code == 2
     assert err.startswith("mazeplan: ")
@@ -213,3 +229,41 @@ def test_a_board_that_is_lost_and_a_person_who_gives_up_leave_a_level_plate(desk
     assert len(Path("kept/r.csv").read_text().splitlines()) == 3  # a header, and what was said until then
     assert (board.levelled >= 1, board.closed) == (True, 2)
     assert Path("hardware.yaml").read_text() == RIG
+
+
+@pytest.mark.parametrize("last", [3, 12])
+def test_ctrl_d_ends_the_asking_and_nothing_that_was_typed_is_lost(desk, board, monkeypatch, capsys, last):
+    """What there is is fitted where it is enough; else it says how many are missing, and where the others are."""
+
+    def prompt(text, default, **more):
+        if text.startswith(f"{last + 1} "):
+            try:
+                raise EOFError
+            except EOFError:
+                raise typer.Abort from None  # as click does
+        beta, gamma = ((pulse - 1500.0) / 40.0 for pulse in board.pulses)
+        return f"{beta:.2f} {gamma:.2f}"
+
+    monkeypatch.setattr("typer.prompt", prompt)
+    (desk / "hardware-readings.csv").write_text("of last year\n")
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt", "--grid", "4")
+    assert len(read_readings(desk / "hardware-readings-2.csv")) == last
+    assert (desk / "hardware-readings.csv").read_text() == "of last year\n"
+    assert (board.levelled >= 1, board.closed) == (True, 1)
+    if last == 3:
+        assert code == 2
+        wanted = "mazeplan: hardware-readings-2.csv: got 3 readings, expected at least 8: 5 are missing"
+        assert err.splitlines()[-1] == wanted
+        assert Path("hardware.yaml").read_text() == RIG
+    else:
+        assert code == 0, err
+        assert read_yaml(Path("hardware.yaml")).data["tilt"]["readings"] == 12
+
+
+def test_nobody_is_asked_where_servos_have_no_limits(desk, board, monkeypatch, capsys):
+    Path("hardware.yaml").write_text("class: mazeplan.rigs.hardware:HardwareRig\nport: fake\n")
+    monkeypatch.setattr("typer.prompt", lambda text, **more: pytest.fail("it asked"))
+    code, _, err = call(monkeypatch, capsys, "calibrate", "tilt")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "hardware.yaml:1: servo.beta.min_us: is missing: no servo moves without limits" in err
+    assert board.closed == 0

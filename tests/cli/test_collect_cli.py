@@ -75,3 +75,17 @@ def test_bad_input_is_one_line_and_two(monkeypatch, capsys, tmp_path, arguments,
     assert out == ""
     assert said in err
     assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("more", [(), ("--rings",)])
+def test_a_rig_that_cannot_be_driven_yet_leaves_the_log_alone(monkeypatch, capsys, tmp_path, more):
+    monkeypatch.chdir(tmp_path)
+    log = tmp_path / "c.mcap"
+    for command in (("collect", "-o", str(log), *more), ("navigate", "--log", str(log))):
+        code, _, err = call(monkeypatch, capsys, *command, "--rig", "hardware")
+        assert code == 2
+        assert "not calibrated yet: first mazeplan calibrate tilt and mazeplan calibrate camera" in err.splitlines()[-1]
+        assert not log.exists()
+    log.write_text("of yesterday")
+    assert call(monkeypatch, capsys, "collect", "-o", str(log), *more, "--rig", "hardware")[0] == 2
+    assert log.read_text() == "of yesterday"

@@ -171,8 +171,21 @@ def test_a_rig_that_fails_leaves_one_document_with_json(place, monkeypatch, caps
     document = json.loads(out.removeprefix("now\n"))
     assert (document["success"], document["reason"]) == (False, "rig_failed")
     assert document["failures"][-1]["kind"] == "rig_failed"
+    assert "OSError" in document["failures"][-1]["detail"]
     assert document["time_s"] > 0.0
     assert "OSError" in err.splitlines()[-1]
+    assert err.count("OSError") == 1
+
+
+def test_a_rig_that_fails_before_its_first_tick_says_why_once(place, monkeypatch, capsys):
+    monkeypatch.setenv("WHERE", "observe")
+    monkeypatch.setenv("HOW", "raise")
+    monkeypatch.setenv("AT", "1")
+    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", "bad_rig:Bad", "--model", "ideal")
+    assert code == 3
+    assert err.splitlines()[-1].startswith("mazeplan: observe() of the rig raised")
+    assert err.count("raised") == 1
+    assert "rig_failed" not in err
 
 
 def test_what_ended_the_run_is_said_last_though_close_fails_too(place, monkeypatch, capsys):

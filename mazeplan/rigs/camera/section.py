@@ -16,9 +16,10 @@ from mazeplan.maze.yamltree import Key, Tree, key_path, shown
 from mazeplan.rigs.camera.detector import Background, BallDetector, DetectorSettings
 from mazeplan.rigs.camera.markers import SIZE, Markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
-from mazeplan.rigs.settings import Section
+from mazeplan.rigs.settings import Section, as_tuples, sentence
 
 Positive = Annotated[float, Field(gt=0.0)]
+Hue = Annotated[float, Field(ge=0.0, le=360.0)]
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 
@@ -49,7 +50,7 @@ class CameraSection(Section):
     shift_mm: Triple
     pivot_mm: Triple = (0.0, 0.0, 0.0)
     markers: MarkerSection | None = None
-    ball_hue_deg: Pair | None = None
+    ball_hue_deg: tuple[Hue, Hue] | None = None
     background: str | None = None
     date: str | None = None
     error_px: float | None = None
@@ -69,11 +70,16 @@ class CameraSection(Section):
 
     def detector(self, maze: Maze, folder: Path) -> BallDetector:
         """What finds the ball; `folder` is where the rig's file is. Raises SettingsError without its background."""
+        key = "camera.background"
         if self.background is None:
-            raise SettingsError("camera: no background yet; make one with `mazeplan calibrate camera`")
+            raise SettingsError("is missing; make one with `mazeplan calibrate camera`", key=key)
+        try:
+            background = load_background(folder / self.background, maze)
+        except SettingsError as problem:
+            raise SettingsError(f"{problem.file}: {problem.problem}", key=key) from None
         known = None if self.markers is None else self.markers.markers()
         how = DetectorSettings(hue_deg=self.ball_hue_deg)
-        return BallDetector(maze, self.model(), load_background(folder / self.background, maze), known, how)
+        return BallDetector(maze, self.model(), background, known, how)
 
 
 def camera_section(
@@ -83,6 +89,11 @@ def camera_section(
     return _checked(CameraSection, ("camera",), data, file, tree)
 
 
+def check_begun(data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None) -> None:
+    """What a section says that is not calibrated yet. Raises SettingsError as `camera_section`."""
+    _checked(CameraSection, ("camera",), data, file, tree, begun=True)
+
+
 def marker_section(
     data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None
 ) -> MarkerSection:
@@ -90,25 +101,27 @@ def marker_section(
     return _checked(MarkerSection, ("camera", "markers"), data, file, tree)
 
 
-def _checked(kind: type[Any], place: Key, data: Any, file: str | Path | None, tree: Tree | None) -> Any:
+def _checked(
+    kind: type[Any], place: Key, data: Any, file: str | Path | None, tree: Tree | None, begun: bool = False
+) -> Any:
+    """begun: what is missing is no mistake."""
     try:
-        return kind.model_validate(_tuples(data))
+        return kind.model_validate(as_tuples(data))
     except ValidationError as problem:
-        first = problem.errors()[0]
+        wrong = [e for e in problem.errors() if not (begun and e["type"] == "missing" and len(e["loc"]) == 1)]
+        if not wrong:
+            return None
+        first = wrong[0]
         key: Key = (*place, *first["loc"])
-        said = f"got {shown(first.get('input'))}, expected " + str(first["msg"]).removeprefix("Input should be ")
-        if first["type"] == "extra_forbidden":
+        said = sentence(first)
+        if key[1:2] == ("source",):  # pydantic tells of each kind that it could be
+            key, said = key[:2], f"got {shown(first.get('input'))}, expected the number of a device, a URL or a file"
+        elif first["type"] == "extra_forbidden":
             known = MarkerSection if "markers" in key[:-1] else CameraSection
             said = f"unknown key, expected one of {', '.join(known.model_fields)}"
         elif first["type"] == "missing":
             said = "missing; `mazeplan calibrate camera` writes it"
         raise SettingsError(said, file=file, line=None if tree is None else tree.line(key), key=key_path(key)) from None
-
-
-def _tuples(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
 
 
 def mapping(camera: CameraModel, markers: Markers | None, **more: Any) -> dict[str, Any]:

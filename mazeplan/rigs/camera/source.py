@@ -58,7 +58,7 @@ class VideoSource:
         if not self._video.isOpened():
             if self._file:
                 raise InputError("not a video that OpenCV can read", file=str(source))
-            raise RigError(f"camera {shown(source)} cannot be opened; is it plugged in, and used by nothing else?")
+            raise RigError(f"camera {shown(source)} cannot be opened; {_advice(source)}")
         if size is not None and not self._file:
             self._video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
             self._video.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
@@ -91,7 +91,7 @@ class VideoSource:
                 raise RigError(f"camera {shown(self.source)} has sent no picture for {self._patience:g} s")
             newest, self._newest = self._newest, None
         if newest is None and not self._closed:
-            raise RigError(f"camera {shown(self.source)} stopped sending pictures; is it still plugged in?")
+            raise RigError(f"camera {shown(self.source)} stopped sending pictures; {_advice(self.source)}")
         return newest
 
     def close(self) -> None:
@@ -101,6 +101,13 @@ class VideoSource:
             self._news.notify_all()
         if self._file:
             self._video.release()
+
+
+def _advice(source: int | str) -> str:
+    """What to try where a camera does not open."""
+    if isinstance(source, str) and "://" in source:
+        return "does that address show pictures in a browser or player on this machine, and is it one stream of video?"
+    return "is it plugged in, and used by nothing else?"
 
 
 def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
@@ -114,6 +121,8 @@ def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
                 raise InputError("not a picture that OpenCV can read", file=name)
             yield name, image
         return
+    if not (source.isdigit() or "://" in source or Path(source).exists()):
+        raise InputError("no such folder, picture or video", file=source)
     video = VideoSource(int(source) if source.isdigit() else source)
     try:
         count = int(video._video.get(cv2.CAP_PROP_FRAME_COUNT)) if video._file else 0

@@ -9,16 +9,21 @@ chip.pulses()                   # what comes out of the servo pins
 from __future__ import annotations
 
 import contextlib
+import os
+import select
+import shutil
+import signal
 import subprocess
 import tempfile
 import threading
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from mazeplan.errors import RigError
 from mazeplan.resources import PACKAGE
 
-START_S, END_S = 5.0, 2.0
+START_S, END_S, ORDER_S = 5.0, 1.0, 1.0
 DEBIAN = ("gcc-avr", "avr-libc", "simavr", "libsimavr-dev", "libelf-dev")
 HEADER = Path("/usr/include/simavr/sim_avr.h")  # where Debian has it
 KEPT = 100_000  # pulses remembered, more than half an hour of changes at 50 Hz
@@ -40,6 +45,11 @@ def paths(folder: Path | None = None) -> tuple[Path, Path]:
     return folder / "emulator" / "emulator", folder / "firmware" / "mazeplan.elf"
 
 
+def new_folder() -> Path:
+    """For the files of a chip."""
+    return Path(tempfile.mkdtemp(prefix="mazeplan-chip-"))
+
+
 def built(folder: Path | None = None) -> tuple[Path, Path]:
     """Emulator and firmware as `make emulator` builds them. Raises RigError where they are not."""
     host, firmware = paths(folder)
@@ -51,19 +61,30 @@ def built(folder: Path | None = None) -> tuple[Path, Path]:
     return host, firmware
 
 
-class EmulatedChip:
-    """Starts the emulator. Raises RigError where it does not start."""
+def how_it_ended(process: subprocess.Popen[Any]) -> str:
+    """What is known of a process that is over, or about to be: "ended by SIGKILL"."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        code = process.wait(END_S)
+        return f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit status {code}"
+    return "says no more"
 
-    def __init__(self, host: str | Path, firmware: str | Path) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="mazeplan-chip-")
-        self.port = str(Path(self._folder.name) / "port")
+
+class EmulatedChip:
+    """Starts the emulator. folder: for its files, there already and taken away by `close`; default: one of its own;
+    apart: in a process group of its own, or else in that of this program. Raises RigError where it does not start."""
+
+    def __init__(
+        self, host: str | Path, firmware: str | Path, folder: Path | None = None, *, apart: bool = True
+    ) -> None:
+        self._folder = folder or new_folder()
+        self.port = str(self._folder / "port")
         self._changed = threading.Condition()
         self._now: list[Pulse | None] = [None, None]
         self.history: list[Pulse] = []  # every change, oldest first
         self.resets = 0
         self._zero = 0.0  # monotonic clock, s, when the chip's time was 0
         self._ready = self._ended = False
-        complaints = Path(self._folder.name) / "complaints"
+        complaints = self._folder / "complaints"
         try:
             with complaints.open("w") as stderr:
                 self._process = subprocess.Popen(
@@ -72,11 +93,11 @@ class EmulatedChip:
                     stdout=subprocess.PIPE,
                     stderr=stderr,
                     text=True,
-                    bufsize=1,
-                    process_group=0,  # Ctrl-C is for the program, which levels the plate first
+                    # Ctrl-C is for the program, which levels the plate first
+                    process_group=0 if apart else None,
                 )
         except OSError as problem:
-            self._folder.cleanup()
+            shutil.rmtree(self._folder, ignore_errors=True)
             raise RigError(f"{host}: the emulator does not start: {problem.strerror}; make emulator") from problem
         self._listener = threading.Thread(target=self._listen, name="emulated chip", daemon=True)
         self._listener.start()
@@ -98,13 +119,15 @@ class EmulatedChip:
     def order(self, line: str) -> None:
         """One of the emulator's orders (tools/emulator/host.c): reset, stall, unplug, plug, hold, release, errors P ...
 
-        Raises RigError when it has ended."""
+        Raises RigError when it has ended, or hangs."""
         try:
             assert self._process.stdin is not None
-            self._process.stdin.write(line + "\n")
-            self._process.stdin.flush()
+            pipe = self._process.stdin.fileno()
+            if not select.select([], [pipe], [], ORDER_S)[1]:  # else there is room for a line
+                raise RigError(f"the emulated board hangs: it took no order for {ORDER_S:g} s")
+            os.write(pipe, f"{line}\n".encode())
         except (OSError, ValueError) as problem:
-            raise RigError(f"{self.port}: the emulated board has ended") from problem
+            raise RigError(f"the emulated board {how_it_ended(self._process)}") from problem
 
     def pulses(self) -> tuple[float, float, float]:
         """Widths on both pins now, us (0: none), and when the newest of them ended (monotonic clock of the host, s)."""
@@ -130,7 +153,7 @@ class EmulatedChip:
             return max(pulse.when for pulse in self._now if pulse is not None)
 
     def close(self) -> None:
-        """End the emulator; may be called twice."""
+        """End the emulator, also one that hangs; may be called twice."""
         with contextlib.suppress(OSError, ValueError):
             if self._process.stdin is not None:
                 self._process.stdin.close()
@@ -142,7 +165,7 @@ class EmulatedChip:
         self._listener.join(END_S)
         if self._process.stdout is not None:
             self._process.stdout.close()
-        self._folder.cleanup()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     def __enter__(self) -> EmulatedChip:
         return self

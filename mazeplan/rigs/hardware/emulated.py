@@ -7,17 +7,23 @@ on at the pace of the clock on the wall (`world`). The calibrations in its file 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from mazeplan.rigs.hardware.parts import Parts, assemble
+from mazeplan.errors import MazeplanError, RigError
+from mazeplan.rigs.camera.source import FrameSource
+from mazeplan.rigs.hardware.parts import open_board
 from mazeplan.rigs.hardware.rig import HardwareRig
 from mazeplan.rigs.hardware.settings import EmulatedSettings, check_section
 from mazeplan.rigs.hardware.table import Table
+from mazeplan.rigs.link.board import Board
 
 SEEDS = 2**31
+GRACE_S = 0.2  # for the word of what is behind an error
+LOST = 0.02  # of the pictures that may be lost without a word
 
 
 class EmulatedRig(HardwareRig):
@@ -30,15 +36,30 @@ class EmulatedRig(HardwareRig):
 
     table: Table | None = None
 
-    def _connect(self) -> Parts:
-        table = Table(self.maze, self.settings.world)
-        try:
-            parts = assemble(self.settings, self.maze, self.folder, lambda: table, "of the emulated rig", table.port)
-        except BaseException:
-            table.close()
-            raise
-        self.table = table
-        return parts
+    def _open_board(self) -> Board:
+        self.table = Table(self.maze, self.settings.world)
+        return open_board(self.settings, self.table.port)
+
+    def _open_camera(self) -> FrameSource:
+        assert self.table is not None
+        return self.table
+
+    @property
+    def _camera_name(self) -> str:
+        return "of the emulated rig"
+
+    def cause(self, problem: MazeplanError) -> MazeplanError:
+        """As `HardwareRig.cause`: a table that is gone takes board and camera with it, one that hangs silences them."""
+        if self.table is None or not isinstance(problem, RigError):
+            return problem
+        if self.table.going(GRACE_S):
+            return RigError(self.table.why)
+        return RigError(f"the emulated table hangs, or this machine is too slow for it: {problem}")
+
+    def level(self) -> None:
+        """As `HardwareRig.level`; a plate that is gone with its table needs none."""
+        if self.table is None or not self.table.gone:
+            super().level()
 
     def _place(self, ring: int, theta: float, rng: np.random.Generator) -> None:
         """What a person would do."""
@@ -46,10 +67,15 @@ class EmulatedRig(HardwareRig):
         self.table.place(ring, math.remainder(theta, math.tau), int(rng.integers(SEEDS)))
 
     def close(self) -> None:
-        """As `HardwareRig.close`; the table is folded up, too."""
+        """As `HardwareRig.close`; the table is folded up, too. Where the machine did not keep up with it, this says so,
+        once."""
+        table, self.table = self.table, None
         try:
             super().close()
         finally:
-            table, self.table = self.table, None
             if table is not None:
                 table.close()
+                due = table.lost + len(table.shown)
+                if table.lost > LOST * due:
+                    what = f"{table.lost} of {due} pictures of the emulated camera were lost"
+                    print(f"this machine does not keep up: {what}", file=sys.stderr, flush=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +13,7 @@ from mazeplan.errors import SettingsError
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.hardware.settings import EmulatedSettings, HardwareSettings, check_section, write_sections
 from mazeplan.rigs.registry import HARDWARE, PACKAGED, rig_file
-from mazeplan.rigs.settings import FileSettings, read_rig_file
+from mazeplan.rigs.settings import FileSettings, placed, read_rig_file
 
 KINDS = {"HardwareRig": HardwareSettings, "EmulatedRig": EmulatedSettings}
 
@@ -32,14 +34,45 @@ class RigFile:
 
     def write(self, sections: Mapping[str, Any], target: Path | None = None) -> Path:
         """Put sections in the place of those of their names; the file that was written. Raises SettingsError, the file
-        being as it was, where they could not be read again."""
+        being as it was, where they could not be read again.
+
+        A file that was not there yet begins as a copy of this one, with what it names beside it."""
+        target = target or self.target
         try:
             check_section(type(self.settings), {**self.data, **sections})
         except SettingsError as problem:
             found = f"what was found cannot be: {problem.problem}; the file stays as it is"
-            raise SettingsError(found, file=target or self.target, key=problem.key) from None
-        write_sections(target or self.target, sections, base=self.path)
-        return target or self.target
+            raise SettingsError(found, file=target, key=problem.key) from None
+        if not target.exists():
+            sections = {**self._moved(target, sections), **sections}
+        write_sections(target, sections, base=self.path)
+        return target
+
+    def _moved(self, target: Path, sections: Mapping[str, Any]) -> dict[str, Any]:
+        """What names files relative to this one, for a copy in another folder: the picture of the floor goes along, a
+        model of one's own stays where it is."""
+        if target.parent.resolve() == self.path.parent.resolve():
+            return {}
+        out: dict[str, Any] = {}
+        camera = self.data.get("camera")
+        name = camera.get("background") if isinstance(camera, dict) else None
+        if isinstance(name, str) and "camera" not in sections:
+            copy = background_of(target)
+            try:
+                shutil.copyfile(self.path.parent / name, target.parent / copy)
+            except OSError as problem:
+                why = f"{shown(name)} cannot be copied to {target.parent / copy}: {problem.strerror}"
+                raise placed(SettingsError(why, key="camera.background"), self.data) from None
+            out["camera"] = {**dict(camera or {}), "background": copy}
+        model = self.data.get("model")
+        if isinstance(model, str) and (self.path.parent / model).exists():
+            out["model"] = os.path.relpath(self.path.parent / model, target.parent)
+        return out
+
+
+def background_of(target: Path) -> str:
+    """Name of the picture of the empty floor beside a rig's file."""
+    return f"{target.stem}-background.png"
 
 
 def is_hardware(spec: str) -> bool:
@@ -53,15 +86,17 @@ def hardware_file(spec: str) -> RigFile:
     """The file of a rig on a table. Raises SettingsError with file, line and key."""
     path = rig_file(spec)
     if path is None or not is_hardware(spec):
+        own = path is not None and path.resolve().parent != PACKAGED
         raise SettingsError(
-            f"got rig {shown(spec)}, expected one on a table: its file has class: mazeplan.rigs.hardware:HardwareRig"
+            f"got rig {shown(spec)}, expected one on a table: its file has class: mazeplan.rigs.hardware:HardwareRig",
+            file=path if own else None,
         )
     kind, data, tree = read_rig_file(path)
     model = KINDS.get((kind or "").partition(":")[2], HardwareSettings)
+    given = FileSettings(data, path, tree)
     try:
-        settings = check_section(model, data)
+        settings = check_section(model, given)
     except SettingsError as problem:
-        line = tree.line(tuple((problem.key or "").split(".")))
-        raise SettingsError(problem.problem, file=path, line=line, key=problem.key) from None
+        raise placed(problem, given) from None
     target = Path(path.name) if path.resolve().parent == PACKAGED else path
-    return RigFile(path, target, settings, FileSettings(data, path))
+    return RigFile(path, target, settings, given)

@@ -117,20 +117,14 @@ def assemble(
     folder: Path,
     make: Callable[[], FrameSource],
     camera: str,
-    port: str | None = None,
+    board: Callable[[], Board],
 ) -> Parts:
-    """Everything open, or nothing. folder: of the rig's file; make: opens the camera. Raises RigError or
-    SettingsError."""
+    """Camera and board together. folder: of the rig's file; make: opens the camera; board: gives an open one, which is
+    not closed here where the rest fails. Raises RigError or SettingsError."""
     from mazeplan.rigs.camera.section import camera_section
     from mazeplan.rigs.hardware.pictures import Pictures
 
     assert settings.tilt is not None
-    section = camera_section(settings.camera or {})
-    detector = section.detector(maze, folder)
-    board = open_board(settings, port)
-    try:
-        pictures = Pictures(make, camera)
-    except BaseException:
-        board.close()
-        raise
-    return Parts(board, pictures, detector, TiltTrack(settings.tilt.sensor()), board.port, camera)
+    detector = camera_section(settings.camera or {}).detector(maze, folder)  # before anything is opened
+    opened = board()
+    return Parts(opened, Pictures(make, camera), detector, TiltTrack(settings.tilt.sensor()), opened.port, camera)

@@ -21,15 +21,17 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.errors import RigError, SettingsError
+from mazeplan.errors import MazeplanError, RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Latency, Observation
 from mazeplan.rigs.camera.detector import Sighting
-from mazeplan.rigs.camera.section import camera_section
-from mazeplan.rigs.camera.source import VideoSource
+from mazeplan.rigs.camera.section import camera_section, check_begun
+from mazeplan.rigs.camera.source import FrameSource, VideoSource
 from mazeplan.rigs.hardware.clocks import FrameClock
-from mazeplan.rigs.hardware.parts import Parts, assemble
+from mazeplan.rigs.hardware.parts import Parts, assemble, open_board
 from mazeplan.rigs.hardware.settings import HardwareSettings, check_section
+from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.settings import placed
 
 TOLERANCE = 1e-9  # rad, of the tilt limit
 LATE = 0.5  # periods after which a picture that was due is missing
@@ -40,6 +42,10 @@ LEVEL_DEG = 0.7  # within which the plate counts as level ...
 REST_MM = 2.0  # ... and within which a ball rests ...
 REST_S = 0.5  # ... for so long
 PLACED_MM = 12.0  # beside a channel in which a ball still counts as being in it
+
+
+class NotSeen(RigError):  # noqa: N818
+    """What the camera should have seen was not to be seen, though it works."""
 
 
 class HardwareRig:
@@ -53,13 +59,14 @@ class HardwareRig:
         self.maze = maze
         file: Path | None = getattr(settings, "file", None)
         self.file, self.folder = file, Path() if file is None else file.parent
+        self._given = settings
         self.settings = self._checked(settings)
-        if self.settings.calibrated_camera:
-            camera_section(self.settings.camera or {})
+        (camera_section if self.settings.calibrated_camera else check_begun)(self.settings.camera or {})
         self.rate_hz = self.settings.rate_hz
         self.latency: Latency | None = None if self.settings.latency is None else self.settings.latency.record()
         self.unseen_s = self.settings.unseen_s
         self._parts: Parts | None = None
+        self._board: Board | None = None  # open, whether or not there are parts besides
         self._clock = FrameClock(self.rate_hz)
         self._numbered = False
         self._arrived = -math.inf  # of the last picture, host's clock
@@ -71,29 +78,60 @@ class HardwareRig:
     def _checked(self, settings: Mapping[str, Any]) -> HardwareSettings:
         return check_section(HardwareSettings, settings)
 
-    def _connect(self) -> Parts:
-        source, size = self.settings.source, self.settings.picture
-        return assemble(self.settings, self.maze, self.folder, lambda: VideoSource(source, size), str(source))
+    def _open_board(self) -> Board:
+        return open_board(self.settings)
+
+    def _open_camera(self) -> FrameSource:
+        return VideoSource(self.settings.source, self.settings.picture)
+
+    @property
+    def _camera_name(self) -> str:
+        return str(self.settings.source)
 
     # -- life -------------------------------------------------------------------------------------------------------
+
+    def ready(self) -> None:
+        """Raises SettingsError where limits or calibrations are missing. Nothing is opened for it."""
+        self._limited()
+        missing = self.settings.missing()
+        if missing:
+            advice = f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)"
+            raise SettingsError(advice, file=self.file)
+
+    def _limited(self) -> None:
+        try:
+            self.settings.check_limits()
+        except SettingsError as problem:
+            raise placed(problem, self._given) from None
+
+    @property
+    def board(self) -> Board:
+        """The board; opened when first asked for, without anything that has to be calibrated. Raises RigError, and
+        SettingsError where servos have no limits."""
+        if self._board is None:
+            self._limited()
+            self._board = self._open_board()
+        return self._board
 
     @property
     def parts(self) -> Parts:
         """Board, camera and what goes with them; opened when first asked for. Raises RigError, SettingsError when
         something has not been calibrated."""
         if self._parts is None:
-            missing = self.settings.missing()
-            if missing:
-                advice = f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)"
-                raise SettingsError(advice, file=self.file)
-            self._parts = self._connect()
+            self.ready()
+            try:
+                self._parts = assemble(
+                    self.settings, self.maze, self.folder, self._open_camera, self._camera_name, lambda: self.board
+                )
+            except SettingsError as problem:
+                raise placed(problem, self._given) from None
             self._numbered, self._arrived = False, -math.inf
         return self._parts
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Level the plate, have the ball placed in a ring, and wait until it rests there; time 0 is the next picture.
 
-        Raises RigError when no ball rests there within `place_s`."""
+        Raises NotSeen when no ball rests there within `place_s`, RigError when the machine fails."""
         parts = self.parts
         self._stopped = False
         self.level()
@@ -113,7 +151,7 @@ class HardwareRig:
         rested: list[tuple[float, float, float]] = []
         due, found, without = 0, 0, Counter[str]()
         while monotonic() < until:
-            seen = self._sample()
+            seen = self.observe()
             due, found = due + 1, found + seen.seen
             if not seen.seen:
                 without["did not come" if self.sighting is None else str(self.sighting.why)] += 1
@@ -128,22 +166,32 @@ class HardwareRig:
             elif not seen.seen:
                 rested = []
         why = "".join(f", {number} {word}" for word, number in without.most_common(2))
-        raise RigError(
+        raise NotSeen(
             f"no ball rested in ring {ring} within {self.settings.place_s:g} s: of {due} pictures {found} showed one"
             f"{why}; is it lit, and in the picture, and does this machine keep up?"
         )
 
+    def cause(self, problem: MazeplanError) -> MazeplanError:
+        """What is behind an error of a part: here the error itself."""
+        return problem
+
     def close(self) -> None:
         """Level the plate, and give port and camera back; may be called twice."""
         parts, self._parts = self._parts, None
+        board, self._board = self._board, None
         if parts is not None:
             parts.close()
+        elif board is not None:
+            board.close()
 
     # -- the loop ---------------------------------------------------------------------------------------------------
 
     def observe(self) -> Observation:
         """The next sample. Raises RigError when camera or board are gone."""
-        return self._sample()
+        try:
+            return self._sample()
+        except RigError as problem:
+            raise self.cause(problem) from None
 
     def _sample(self) -> Observation:
         parts = self.parts
@@ -197,8 +245,9 @@ class HardwareRig:
 
     def level(self) -> None:
         """Level the plate, now."""
-        if self._parts is not None:
-            self._parts.board.level()
+        board = self._board if self._parts is None else self._parts.board
+        if board is not None:
+            board.level()
 
     def stop(self) -> None:
         """Emergency: the plate goes level, and stays so until the next reset, whatever is commanded. Any thread may

@@ -7,37 +7,47 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from mazeplan.errors import SettingsError
 from mazeplan.maze.yamltree import key_path, parse_yaml, read_yaml
 from mazeplan.records import Latency
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
+from mazeplan.rigs.hardware.yamlmerge import merged
+from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
 from mazeplan.rigs.settings import Section, as_tuples, sentence
 
-PULSE_US = (500.0, 2500.0)  # what hobby servos take
+SLOWEST = 100.0  # us/s
+LIMITS = ("min_us", "max_us")
 
 
 class ServoAxis(Section):
     """One servo. us_per_deg: negative where a longer pulse tilts the other way."""
 
-    level_us: float = Field(default=1500.0, ge=PULSE_US[0], le=PULSE_US[1], description="pulse at which it is level")
+    level_us: float = Field(default=1500.0, description="pulse at which it is level")
     us_per_deg: float = Field(default=40.0, ge=-400.0, le=400.0, description="of pulse for a degree of the plate")
-    min_us: float = Field(default=1200.0, ge=PULSE_US[0], le=PULSE_US[1])
-    max_us: float = Field(default=1800.0, ge=PULSE_US[0], le=PULSE_US[1])
+    min_us: float = 1200.0
+    max_us: float = 1800.0
+
+    @field_validator("level_us", *LIMITS)
+    @classmethod
+    def _sent(cls, pulse: float) -> float:
+        low, high = HARD_US
+        if not low <= pulse <= high:
+            raise ValueError(f"got {pulse:g} us, expected {low:g} to {high:g} us: the firmware sends nothing beyond")
+        return pulse
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.min_us < self.level_us < self.max_us:
-            raise ValueError("expected min_us < level_us < max_us")
+            got = f"min_us {self.min_us:g}, level_us {self.level_us:g}, max_us {self.max_us:g}"
+            raise ValueError(f"got {got}, expected min_us < level_us < max_us")
         if abs(self.us_per_deg) < 1.0:
-            raise ValueError("us_per_deg: expected at least 1 us per degree, either way")
+            raise ValueError(f"us_per_deg: got {self.us_per_deg:g}, expected at least 1 us per degree, either way")
         return self
 
     def pulse(self, u: float) -> float:
@@ -54,7 +64,15 @@ class Servo(Section):
 
     beta: ServoAxis = ServoAxis()
     gamma: ServoAxis = ServoAxis()
-    slew_us_per_s: float = Field(default=6000.0, ge=100.0, le=60000.0, description="fastest change of the pulses")
+    slew_us_per_s: float = Field(default=6000.0, description="fastest change of the pulses")
+
+    @field_validator("slew_us_per_s")
+    @classmethod
+    def _kept(cls, slew: float) -> float:
+        if not SLOWEST <= slew <= HARD_SLEW:
+            wanted = f"{SLOWEST:g} to {HARD_SLEW:g} us/s, which is the firmware's fastest"
+            raise ValueError(f"got {slew:g} us/s, expected {wanted}")
+        return slew
 
 
 class LatencySection(Section):
@@ -94,6 +112,15 @@ class HardwareSettings(Section):
         """Width and height that are asked for."""
         width, height = (self.camera or {}).get("size", (640, 480))
         return int(width), int(height)
+
+    def check_limits(self) -> None:
+        """Whether the file itself says how far each servo may go. Raises SettingsError: no linkage is the usual one."""
+        for axis in ("beta", "gamma"):
+            given = getattr(self.servo, axis).model_fields_set if axis in self.servo.model_fields_set else set()
+            for name in LIMITS:
+                if name not in given:
+                    why = "is missing: no servo moves without limits, beyond which nothing is sent (docs/hardware.md)"
+                    raise SettingsError(why, key=f"servo.{axis}.{name}")
 
     def missing(self) -> list[str]:
         """Commands that have to be given before it can drive."""
@@ -151,14 +178,15 @@ def _fields(kind: Any, loc: tuple[Any, ...]) -> list[str]:
 
 
 def write_sections(path: Path, sections: Mapping[str, Any], *, base: Path | None = None) -> None:
-    """Put sections (top-level keys) into a file in the place of those of their names; all other lines stay as they are.
+    """Put sections (top-level keys) into a file in the place of those of their names; all other lines and all comments
+    stay as they are.
 
     base: the file to begin with, where there is none yet. Raises SettingsError when it cannot be read or written."""
     source = path if path.exists() or base is None else base
     read_yaml(source, error=SettingsError)  # else it would be made worse
     text = source.read_text(encoding="utf-8-sig")
     for key, value in sections.items():
-        text = replaced(text, key, value)
+        text = merged(text, key, value, file=source)
     parse_yaml(text, file=path, error=SettingsError)
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -167,18 +195,3 @@ def write_sections(path: Path, sections: Mapping[str, Any], *, base: Path | None
     except OSError as problem:
         beside.unlink(missing_ok=True)
         raise SettingsError(f"cannot be written: {problem.strerror}", file=path) from None
-
-
-def replaced(text: str, key: str, value: Any) -> str:
-    """The text of a YAML file with `key: value` at its top level in the place of the old one, or at the end."""
-    new = yaml.safe_dump({key: value}, sort_keys=False, default_flow_style=None, width=100).rstrip("\n").split("\n")
-    lines = text.rstrip("\n").split("\n")
-    begin = next((i for i, line in enumerate(lines) if re.match(rf"['\"]?{re.escape(key)}['\"]?\s*:", line)), None)
-    if begin is None:
-        return "\n".join([*lines, *new]) + "\n"
-    end = begin + 1
-    while end < len(lines) and (not lines[end].strip() or re.match(r"\s|-\s", lines[end])):
-        end += 1
-    while not lines[end - 1].strip():  # blank lines belong to what follows
-        end -= 1
-    return "\n".join(lines[:begin] + new + lines[end:]) + "\n"

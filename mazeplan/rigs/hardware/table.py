@@ -5,10 +5,15 @@ from __future__ import annotations
 import contextlib
 import json
 import mmap
+import os
+import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import weakref
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -18,11 +23,21 @@ from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.camera.source import Frame
+from mazeplan.rigs.hardware.chip import how_it_ended, new_folder
 from mazeplan.rigs.hardware.settings import WorldSettings
 from mazeplan.rigs.hardware.world import SLOTS
 
-START_S, END_S, ANSWER_S = 60.0, 3.0, 2.0
+START_S, END_S, ANSWER_S = 60.0, 1.0, 2.0
 SIZE = (480, 640, 3)
+
+
+def _end(process: subprocess.Popen[str], folder: Path) -> None:
+    """End the world and its board, which is of the same group, also where they hang, and take their files away."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(END_S)
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 class Table:
@@ -33,9 +48,9 @@ class Table:
         self._said: dict[str, Any] = {}
         self._frame: Frame | None = None
         self._given: Frame | None = None
-        self._ended = False
+        self._ended = self._closed = self._gone = False
+        self.lost = 0  # pictures that the machine was too slow for
         self.shown: list[tuple[float, float, float]] = []  # (exposed, handed out, received) of each picture
-        self._settings = settings
         bytes_each = int(np.prod(SIZE))
         with tempfile.TemporaryFile() as file:
             file.truncate(SLOTS * bytes_each)
@@ -49,10 +64,17 @@ class Table:
                 pass_fds=(file.fileno(),),
                 process_group=0,  # Ctrl-C is for the program, which levels the plate first
             )
+        folder = new_folder()
+        self._finish = weakref.finalize(self, _end, self._process, folder)  # with the program at the latest
         threading.Thread(target=self._listen, name="mazeplan table", daemon=True).start()
-        self.order({"map": dump_map(maze), "world": settings.model_dump(mode="json")})
-        if self._wait("ready", START_S) is None:
-            problem = self._said.get("problem", "it said nothing")
+        try:
+            self.order({"map": dump_map(maze), "world": settings.model_dump(mode="json"), "folder": str(folder)})
+            started = self._wait("ready", START_S) is not None
+        except BaseException:
+            self.close()
+            raise
+        if not started:
+            problem = self.why if self._ended or "problem" in self._said else f"no answer in {START_S:g} s"
             self.close()
             raise RigError(f"the emulated rig does not start: {problem}")
         self.port: str = self._said["ready"]
@@ -64,7 +86,7 @@ class Table:
             self._process.stdin.write(json.dumps(document) + "\n")
             self._process.stdin.flush()
         except (OSError, ValueError):
-            raise RigError(f"the emulated rig has ended: {self._said.get('problem', 'nobody knows why')}") from None
+            raise RigError(self.why) from None
 
     def place(self, ring: int, theta: float, seed: int) -> None:
         """Put the ball there, at rest; seed: of the camera's noise."""
@@ -84,28 +106,48 @@ class Table:
             raise RigError("the emulated rig does not answer")
         return float(answer[0]), float(answer[1])
 
-    def read(self) -> Frame | None:
-        """The next picture, or None when there are no more."""
+    @property
+    def gone(self) -> bool:
+        """Whether the world has ended by itself."""
+        if not self._closed:
+            self._gone = self._ended or "problem" in self._said
+        return self._gone
+
+    def going(self, seconds: float) -> bool:
+        """Whether it is gone, or is so within some time: its board's silence may be heard before its last word."""
         with self._news:
-            self._news.wait_for(lambda: self._ended or self._frame is not self._given)
+            return bool(self._news.wait_for(lambda: self.gone, seconds))
+
+    @property
+    def why(self) -> str:
+        """What is known of its end."""
+        return str(self._said.get("problem") or f"the emulated table {how_it_ended(self._process)}")
+
+    def read(self) -> Frame | None:
+        """The next picture, or None once it was closed. Raises RigError when the world has ended by itself."""
+        with self._news:
+            self._news.wait_for(lambda: self._ended or self.gone or self._frame is not self._given)
+            if self.gone:
+                raise RigError(self.why)
             if self._ended:
                 return None
             self._given = self._frame
             return self._given
 
     def close(self) -> None:
-        """End the world; may be called twice."""
+        """End the world, also one that hangs; may be called twice."""
         with self._news:
-            self._ended = True
+            gone = self.gone  # what it did before it was told to end counts
+            self._gone, self._ended, self._closed = gone, True, True
             self._news.notify_all()
+        with contextlib.suppress(RigError):
+            self.order({"end": True})
         with contextlib.suppress(OSError, ValueError):
             if self._process.stdin is not None:
                 self._process.stdin.close()
-        try:
-            self._process.wait(END_S + self._settings.linger_s)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+        self._finish()
 
     def _wait(self, word: str, seconds: float) -> Any:
         with self._news:
@@ -127,6 +169,7 @@ class Table:
                         now = monotonic()
                         raw = self._memory[slot * size : (slot + 1) * size]
                         self._frame = Frame(np.frombuffer(raw, dtype=np.uint8).reshape(SIZE), now)
+                        self.lost = document["lost"]
                         self.shown.append((document["exposed"], document["out"], now))
                     self._news.notify_all()
         with self._news:

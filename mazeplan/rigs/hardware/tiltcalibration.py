@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from mazeplan.errors import InputError, TableError
+from mazeplan.maze.yamltree import shown
 from mazeplan.records import Array
 from mazeplan.rigs.hardware.tiltsensor import TiltSensor, design
 
@@ -32,6 +33,9 @@ PULSES = ("pulse_beta_us", "pulse_gamma_us")
 LEAST = 8  # readings
 LEAST_RANGE = 1.0  # deg that they span
 VOLTS, DEGREES = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees")  # that a reading may have
+LEAST_RANGE_V = 0.02  # V that each channel spans
+ENDS_V = (0.02, 4.98)  # beyond which a channel is at an end of the board's converter ...
+MOST_STUCK = 0.3  # ... and the share of the readings that may be
 ENOUGH = 1.05  # a larger set must predict better by more than this factor
 CLINOMETER = 0.1  # deg, its last digit
 GROSS, FINE = 5.0, 4.5  # sigmas beyond which a reading is a slip, in the first and in the second step
@@ -112,7 +116,8 @@ def read_readings(path: Path) -> list[Reading]:
             header = [name.strip() for name in next(rows, [])]
             missing = [name for name in COLUMNS if name not in header]
             if missing:
-                raise TableError(f"lacks the columns {', '.join(missing)}", file=path, line=1)
+                got = shown(",".join(header)) if header else "nothing"
+                raise TableError(f"got {got}, lacks the columns {', '.join(missing)}", file=path, line=1)
             return [_reading(header, row, path, rows.line_num) for row in rows if any(cell.strip() for cell in row)]
     except (OSError, UnicodeDecodeError, csv.Error) as problem:
         reason = problem.strerror if isinstance(problem, OSError) else "not a CSV file in UTF-8"
@@ -120,6 +125,8 @@ def read_readings(path: Path) -> list[Reading]:
 
 
 def _reading(header: list[str], row: list[str], path: Path, line: int) -> Reading:
+    if len(row) > len(header):
+        raise TableError(f"got {len(row)} columns, the header has {len(header)}", file=path, line=line)
     cells = dict(zip(header, row, strict=False))
 
     def number(name: str) -> float:
@@ -156,12 +163,12 @@ def write_readings(path: Path, readings: Sequence[Reading]) -> None:
 def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
     """The sensor that the readings tell of. Raises InputError when they are too few, or all along one line."""
     if len(readings) < LEAST:
-        raise InputError(f"got {len(readings)} readings, expected at least {LEAST}")
+        raise InputError(
+            f"got {len(readings)} readings, expected at least {LEAST}: {LEAST - len(readings)} are missing"
+        )
     v = np.array([r.v for r in readings])
     low, high = v.min(axis=0), v.max(axis=0)
-    spread = np.linalg.svd((v - v.mean(axis=0)) / max(float(np.max(high - low)), 1e-12), compute_uv=False)
-    if spread[-1] < 0.05 * spread[0] or spread[0] == 0.0:
-        raise InputError("the voltages of the readings all lie on one line: tilt the plate about both axes")
+    _check_spread(v, low, high)
     centre, scale = 0.5 * (low + high), 0.5 * (high - low)
     fits, outliers = {}, []
     for axis in ("beta", "gamma"):
@@ -184,6 +191,28 @@ def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
     level, per_deg = _fit_servos(readings, slips)
     ordered = tuple(sorted(outliers, key=lambda o: (o.line, o.axis)))
     return TiltFit(sensor, beta, gamma, ordered, len(readings), level, per_deg)
+
+
+def _check_spread(v: Array, low: Array, high: Array) -> None:
+    """Whether both channels tell something, and not the same."""
+    for name, values, least, most in zip(COLUMNS[:2], v.T, low, high, strict=True):
+        end = "upper" if least > ENDS_V[1] else "lower"
+        if least > ENDS_V[1] or most < ENDS_V[0]:
+            what = f"it is at its {end} end all the time: is the laser's spot on the diode, the channel connected?"
+            raise InputError(f"got {least:.3f} to {most:.3f} V, {what}", key=name)
+        if most - least < LEAST_RANGE_V:
+            what = f"expected a change of {LEAST_RANGE_V:g} V at least: does the laser hit the diode, the plate tilt?"
+            raise InputError(f"got {least:.3f} to {most:.3f} V, {what}", key=name)
+        stuck = float(np.mean((values < ENDS_V[0]) | (values > ENDS_V[1])))
+        if stuck > MOST_STUCK:
+            what = "at an end of its range: the laser's spot leaves the diode"
+            raise InputError(f"{100.0 * stuck:.0f} % of the readings are {what}", key=name)
+    spread = np.linalg.svd((v - v.mean(axis=0)) / float(np.max(high - low)), compute_uv=False)
+    if spread[-1] < 0.05 * spread[0]:
+        raise InputError(
+            "the voltages v0 and v1 of the readings all lie on one line: tilt the plate about both axes; if it was, one"
+            " signal is at both channels"
+        )
 
 
 def _fit_axis(

@@ -35,6 +35,10 @@ def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]
     return [(b, g) for i, b in enumerate(beta) for g in (gamma if i % 2 == 0 else gamma[::-1])]
 
 
+class Enough(Exception):  # noqa: N818
+    """Raised by who is asked, and wants to be asked no more."""
+
+
 class Held:
     """The pulses that are being sent."""
 
@@ -74,8 +78,8 @@ def take_readings(
     board: Board, pulses: list[tuple[float, float]], ask: Ask, keep: Callable[[list[Reading]], None] | None = None
 ) -> list[Reading]:
     """A reading at each of the pulses; ask(number from 1, pulses) gives what the clinometer says in degrees, beta and
-    gamma, or None to leave it out; keep: called with all that there is whenever there is one more. Raises RigError when
-    the board is gone."""
+    gamma, or None to leave it out, or raises Enough; keep: called with all that there is whenever there is one more.
+    Raises RigError when the board is gone."""
     readings: list[Reading] = []
     with held(board, pulses[0]) as holding:
         for number, pair in enumerate(pulses, start=1):
@@ -85,7 +89,10 @@ def take_readings(
                 raise holding.problem
             told = board.recent()
             latest = [volts(r) for r in told if r.received_s > told[-1].received_s - AVERAGE_S]
-            said = ask(number, pair)
+            try:
+                said = ask(number, pair)
+            except Enough:
+                break
             if said is not None:
                 first, second = np.mean(latest, axis=0)
                 readings.append(Reading((float(first), float(second)), *said, number, pair))

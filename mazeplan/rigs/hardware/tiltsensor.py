@@ -64,14 +64,15 @@ class TiltSection(Section):
     @classmethod
     def _positive(cls, scale: tuple[float, float]) -> tuple[float, float]:
         if not all(s > 0.0 for s in scale):
-            raise ValueError("expected numbers > 0")
+            raise ValueError(f"got {list(scale)}, expected numbers > 0")
         return scale
 
     @field_validator("beta_deg", "gamma_deg")
     @classmethod
     def _known(cls, terms: dict[str, float]) -> dict[str, float]:
         if not terms or any(name not in POWERS for name in terms):
-            raise ValueError(f"expected coefficients of {', '.join(POWERS)}")
+            got = ", ".join(repr(name) for name in terms if name not in POWERS) or "none"
+            raise ValueError(f"got {got}, expected coefficients of {', '.join(POWERS)}")
         return terms
 
     def sensor(self) -> TiltSensor:

@@ -1,7 +1,9 @@
-"""A walk through a rig on a table, part by part, before it is trusted: port, firmware, tilt sensor, camera, servos,
-ball, and how late it all is.
+"""A walk through a rig on a table, part by part, before it is trusted: port, firmware, servos, then what has to be
+calibrated: tilt sensor, camera, tilts, ball, and how late it all is.
 
-Each step says what it saw. A step without which the next ones make no sense ends the walk.
+Each step says what it saw. The board comes first, as it can be tried before anything is calibrated. A part that fails,
+and a file that cannot be used, end the walk with their error; so does, without one, a step whose failing makes no sense
+of the next ones.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from time import monotonic
+from time import monotonic, sleep
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from mazeplan.errors import MazeplanError, RigError
 from mazeplan.rigs.conformance import CheckResult
 from mazeplan.rigs.hardware.latency import Delay, age, dead_time, swing
 from mazeplan.rigs.hardware.parts import volts
-from mazeplan.rigs.hardware.rig import HardwareRig
+from mazeplan.rigs.hardware.rig import SILENT_S, HardwareRig, NotSeen
 from mazeplan.rigs.hardware.tiltreadings import held
 from mazeplan.rigs.link.port import ports_found
 
@@ -26,17 +28,17 @@ TILT_DEG = 3.0  # of the steps that show which way is which
 OFF_DEG = 0.7  # by which a tilt may differ from what was commanded
 MARKERS_DEG = 0.5  # by which the tilt that markers show may differ from the sensor's
 RATE = 0.1  # by which the camera's rate may be off
+AVERAGE_S = 0.3  # s of reports that are averaged
 SURE_S = 0.004  # standard error of a latency that is worth writing
-NEEDED = ("port", "camera")
+NEEDED = ("camera",)
+MOVED_V = 0.05  # by which a tilt channel changes when the plate moves
+PINS = {"beta": 11, "gamma": 12}
+SIDES = {"beta": "the +x side (right in the maze's drawing) lower", "gamma": "the +y side (top) higher"}
 Ask = Callable[[str], bool]  # a question to be answered with yes or no
 
 
 class _Problem(Exception):  # noqa: N818
     """What is wrong, for the step that found it."""
-
-
-class _End(_Problem):
-    """The walk ends here."""
 
 
 @dataclass
@@ -65,36 +67,83 @@ class Walk:
         self.latencies: Latencies | None = None
 
     def steps(self) -> Iterator[CheckResult]:
-        """Do it. The rig is left open, and level."""
+        """Do it. The rig is left open, and level. Raises RigError when a part is gone, SettingsError for a file that
+        cannot be used, after the result that says so."""
         for name, step in (
-            ("port", self._port), ("firmware", self._firmware), ("tilt sensor", self._tilt_sensor),
-            ("camera", self._camera), ("markers", self._markers), ("beta moves", lambda: self._moves("beta")),
-            ("gamma moves", lambda: self._moves("gamma")), ("ball", self._ball), ("latency", self._latency),
+            ("port", self._port), ("firmware", self._firmware), ("beta servo", lambda: self._servo("beta")),
+            ("gamma servo", lambda: self._servo("gamma")), ("calibrations", self._calibrated),
+            ("tilt sensor", self._tilt_sensor), ("camera", self._camera), ("markers", self._markers),
+            ("beta moves", lambda: self._moves("beta")), ("gamma moves", lambda: self._moves("gamma")),
+            ("ball", self._ball), ("latency", self._latency),
         ):  # fmt: skip
+            error: MazeplanError | None = None
             try:
-                yield CheckResult(name, True, step())
-            except (_Problem, MazeplanError) as problem:
-                yield CheckResult(name, False, str(problem))
-                if isinstance(problem, _End) or name in NEEDED:
-                    return
+                result = CheckResult(name, True, step())
+            except (_Problem, NotSeen) as problem:
+                result = CheckResult(name, False, str(problem))
+            except MazeplanError as problem:
+                error = self.rig.cause(problem)
+                result = CheckResult(name, False, str(error))
+            yield result
+            if error is not None:
+                raise error
+            if not result.passed and name in NEEDED:
+                return
         self.rig.level()
 
-    # -- parts --------------------------------------------------------------------------------------------------------
+    # -- the board ----------------------------------------------------------------------------------------------------
 
     def _port(self) -> str:
-        missing = self.rig.settings.missing()
-        if missing:
-            raise _End(f"not calibrated yet: first {' and '.join(missing)} (docs/hardware.md)")
         found = ", ".join(ports_found()) or "none"
-        return f"{self.rig.parts.port} answers (ports behind USB: {found})"
+        return f"{self.rig.board.port} answers (ports behind USB: {found})"
 
     def _firmware(self) -> str:
-        identity = self.rig.parts.board.identity
+        identity = self.rig.board.identity
         assert identity is not None
         return (
             f"{identity.name} {identity.version}, protocol {identity.protocol}; pulses {identity.min_us:g} to "
             f"{identity.max_us:g} us at most, level after {1e3 * identity.watchdog_s:g} ms of silence"
         )
+
+    def _servo(self, axis: str) -> str:
+        """Move one servo, and see what the tilt channels make of it: that needs no calibration."""
+        board, servo = self.rig.board, self.rig.settings.servo
+        one = servo.beta if axis == "beta" else servo.gamma
+        level = (servo.beta.level_us, servo.gamma.level_us)
+        pulse = one.pulse(math.radians(TILT_DEG))
+        with held(board, level):
+            sleep(SETTLE_S)
+            before = self._volts()
+        with held(board, (pulse, level[1]) if axis == "beta" else (level[0], pulse)):
+            sleep(SETTLE_S)
+            change = np.round(self._volts() - before, 2) + 0.0  # no -0.00
+            told = f"{one.level_us:.0f} to {pulse:.0f} us: channel 0 {change[0]:+.2f} V, channel 1 {change[1]:+.2f} V"
+            if np.abs(change).max() < MOVED_V:
+                what = f"is the servo at pin {PINS[axis]}, has it current, and is the laser's spot on the diode?"
+                raise _Problem(f"{told}: nothing moved; {what}")
+            right = self.ask(f"is {SIDES[axis]} than the middle?")
+        if right:
+            return told
+        if self.rig.settings.tilt is None:
+            return f"{told}; it turns the other way, which `mazeplan calibrate tilt` finds and makes good"
+        raise _Problem(f"{told}, but to your eyes it is the other way: calibrate the tilt anew")
+
+    def _volts(self) -> np.ndarray:
+        """Mean of both channels over the last tenths of a second, V."""
+        board = self.rig.board
+        told = board.recent()
+        if not told or monotonic() - told[-1].received_s > SILENT_S:
+            raise RigError(f"{board.port}: the board has sent no report for {SILENT_S:g} s; is its cable in?")
+        latest = [volts(report) for report in told if report.received_s > told[-1].received_s - AVERAGE_S]
+        return np.mean(latest, axis=0)
+
+    def _calibrated(self) -> str:
+        self.rig.ready()
+        tilt, camera = self.rig.settings.tilt, self.rig.settings.camera or {}
+        dates = (f"tilt {tilt.date if tilt else ''}", f"camera {camera.get('date') or ''}")
+        return ", ".join(text.strip() for text in dates)
+
+    # -- parts --------------------------------------------------------------------------------------------------------
 
     def _tilt_sensor(self) -> str:
         self.rig.level()
@@ -152,11 +201,6 @@ class Walk:
             raise _Problem(f"{told}: the wrong way; change the sign of servo.{axis}.us_per_deg")
         if abs(got[axis] - math.degrees(most)) > OFF_DEG or abs(got[other]) > OFF_DEG:
             raise _Problem(told)
-        which = "the +x side (right in the maze's drawing) lower" if axis == "beta" else "the +y side (top) higher"
-        servo = self.rig.settings.servo
-        with held(self.rig.parts.board, (servo.beta.pulse(wanted[0]), servo.gamma.pulse(wanted[1]))):
-            if not self.ask(f"is {which} than the middle?"):
-                raise _Problem(f"{told}, but to your eyes it is the other way: tilt and servo signs are both wrong")
         return told
 
     def _ball(self) -> str:
@@ -209,7 +253,7 @@ class Walk:
 
 
 def measure(rig: HardwareRig, seconds: float = SWING_S) -> Latencies:
-    """Swing the plate and see how late what comes. Raises RigError when no picture showed the markers."""
+    """Swing the plate and see how late what comes. Raises NotSeen when too few pictures showed the markers."""
     sent, u, told, seen_at, seen, host = [], [], [], [], [], []
     rig.level()
     first, last = rig.observe().t, monotonic()
@@ -227,7 +271,7 @@ def measure(rig: HardwareRig, seconds: float = SWING_S) -> Latencies:
             seen_at.append(rig.due)
             seen.append((s.beta, s.gamma))
     if len(seen) < 0.5 * len(sent):
-        raise RigError(f"markers were seen in {len(seen)} of {len(sent)} pictures, expected at least half")
+        raise NotSeen(f"markers were seen in {len(seen)} of {len(sent)} pictures, expected at least half")
     track = np.array(told)
     command = dead_time(np.array(sent), np.array(u), track[:, 0], track[:, 1:])
     camera = age(np.array(seen_at), np.array(seen), track[:, 0], track[:, 1:])

@@ -6,9 +6,10 @@
     python -m mazeplan.rigs.hardware.world FD     pictures go into the file FD, in SLOTS places in turn
 
 Orders come on stdin, one JSON document a line: first what the world is like, then {"place": [ring, theta, seed]},
-{"remove": true} (the ball), {"tilt": true} (asks for the true one). It ends with stdin, `linger_s` later: what the
-plate does when the program that drives it is killed can still be seen then. It says {"ready": port}, {"frame": slot},
-{"tilt": [beta, gamma]} and {"problem": text}.
+{"remove": true} (the ball), {"tilt": true} (asks for the true one), {"end": true}. It also ends with stdin, `linger_s`
+later: what the plate does when the program that drives it is killed can still be seen then. It says {"ready": port},
+{"frame": slot, "lost": pictures so far for which the machine was too slow}, {"tilt": [beta, gamma]} and
+{"problem": text}.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ class Camera(threading.Thread):
         super().__init__(name="camera", daemon=True)
         self.shots: queue.Queue[Shot | None] = queue.Queue(maxsize=3)  # None: the end
         self.rng = np.random.default_rng(0)
+        self.lost = 0
         self._overhead, self._memory, self._delay, self._say = overhead, memory, delay_s, say
 
     def run(self) -> None:
@@ -61,13 +63,19 @@ class Camera(threading.Thread):
         while (shot := self.shots.get()) is not None:
             exposed, ball, beta, gamma = shot
             if monotonic() > exposed + self._delay and not self.shots.empty():
+                self.lost += 1
                 continue  # a machine that is too slow for all pictures loses some: they must not all be late
             image = self._overhead.render(ball, beta, gamma, self.rng)
             slot, number = number % SLOTS, number + 1
             size = image.nbytes
             self._memory[slot * size : (slot + 1) * size] = image.tobytes()
             time.sleep(max(0.0, exposed + self._delay - monotonic()))
-            self._say({"frame": slot, "exposed": exposed, "out": monotonic()})
+            self._say({"frame": slot, "exposed": exposed, "out": monotonic(), "lost": self.lost})
+
+    def end(self) -> None:
+        """No more pictures. An interpreter that ends under a thread in compiled code crashes: so it is waited for."""
+        self.shots.put(None)
+        self.join()
 
 
 def appearance(given: dict[str, Any]) -> Look:
@@ -81,14 +89,16 @@ def appearance(given: dict[str, Any]) -> Look:
 class World:
     """Machine, board and camera."""
 
-    def __init__(self, maze: Maze, settings: WorldSettings, memory: mmap.mmap, say: Callable[[dict], None]) -> None:
+    def __init__(
+        self, maze: Maze, settings: WorldSettings, memory: mmap.mmap, say: Callable[[dict], None], folder: Path
+    ) -> None:
         self.maze, self.settings, self._say = maze, settings, say
         self.truth = Truth.drawn(settings.seed)
         physics = settings_from(dict(settings.physics))
         self.machine = Machine(maze, SimulatedSettings(**{**dict(physics), "rate_hz": 2.0 * PICTURES_HZ}))
         self.machine.reset(ring=1, theta=0.0)
         self.here = False  # whether there is a ball
-        self.chip = EmulatedChip(*built())
+        self.chip = EmulatedChip(*built(), folder, apart=False)
         self.chip.set_volts(*self.truth.diode.volts(0.0, 0.0))
         self.chip.set_noise(1e-3 * settings.diode_noise_mv)
         overhead = Overhead(maze, self.truth.camera, appearance(settings.look))
@@ -104,8 +114,17 @@ class World:
         self._orders.put(document)
 
     def run(self, ended: threading.Event) -> None:
-        """Until told so."""
+        """Until told so, or until the board is gone."""
         self.camera.start()
+        try:
+            self._go_on(ended)
+        except MazeplanError as problem:
+            self._say({"problem": str(problem)})
+        finally:
+            self.chip.close()
+            self.camera.end()
+
+    def _go_on(self, ended: threading.Event) -> None:
         step, count = self.machine.chunk_s, 0
         zero = monotonic()  # of the machine's time
         while not ended.is_set():
@@ -120,9 +139,6 @@ class World:
             count += 1
             if count % (2 * CHUNKS) == 0:
                 self._expose(now)
-        self.chip.close()
-        self.camera.shots.put(None)
-        self.camera.join()  # an interpreter that ends under a thread in compiled code crashes
 
     def _step(self, now: float) -> None:
         machine, chip = self.machine, self.chip
@@ -141,7 +157,9 @@ class World:
 
     def _expose(self, now: float) -> None:
         ball = self.machine.ball()[0] if self.here else None
-        if not self.camera.shots.full():
+        if self.camera.shots.full():
+            self.camera.lost += 1
+        else:
             self.camera.shots.put((now, ball, *self.machine.tilt))
 
     def _obey(self, order: dict[str, Any]) -> None:
@@ -176,7 +194,7 @@ def main() -> None:
         maze = check_text(first["map"]).maze
         assert maze is not None
         settings = check_section(WorldSettings, first["world"])
-        world = World(maze, settings, memory, say)
+        world = World(maze, settings, memory, say, Path(first["folder"]))
     except MazeplanError as problem:
         say({"problem": str(problem)})
         return
@@ -184,16 +202,17 @@ def main() -> None:
 
     def listen() -> None:
         for line in sys.stdin:
-            world.order(json.loads(line))
-        time.sleep(settings.linger_s)
+            order = json.loads(line)
+            if "end" in order:
+                break
+            world.order(order)
+        else:
+            time.sleep(settings.linger_s)
         ended.set()
 
     threading.Thread(target=listen, name="orders", daemon=True).start()
     say({"ready": world.chip.port})
-    try:
-        world.run(ended)
-    except MazeplanError as problem:
-        say({"problem": str(problem)})
+    world.run(ended)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FIRST_BELOW = 60000  # numbers of questions begin somewhere, and stay below 65536
 HEARD_S = 0.05  # between two frames of a board that runs
 Answer = TypeVar("Answer")
-FLASH = "`make emulator` builds build/firmware/mazeplan.hex, tools/firmware/Makefile says how to flash it"
+FLASH = "`make firmware` builds build/firmware/mazeplan.hex, tools/firmware/Makefile says how to flash it"
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from mazeplan.rigs.link.frames import U16, U32, Frame, encode
 
 NAME, PROTOCOL = "mazeplan", 1
 AXES = ("beta", "gamma")
+HARD_US, HARD_SLEW = (800.0, 2200.0), 20000.0  # us, us/s: what the firmware keeps to (tools/firmware/control.h)
 SEQUENCES = U16 - 1  # numbers 1 to 65535; 0 is what a board says that has accepted nothing yet
 
 

@@ -302,6 +302,6 @@ def test_ctrl_c_in_the_terminal_leaves_the_board_to_the_program(chip):
 
 def test_an_emulator_that_ended_is_a_rig_error(chip):
     chip.close()
-    with pytest.raises(RigError, match="has ended"):
+    with pytest.raises(RigError, match="the emulated board ended with exit status 0"):
         chip.set_volts(1.0, 1.0)
     chip.close()

@@ -5,7 +5,9 @@ What must be true is judged here, not milliseconds; figures are in BENCHMARKS.md
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import itertools
 import json
 import math
 import os
@@ -13,6 +15,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -100,7 +103,19 @@ def test_the_walk_through_the_parts_and_what_it_measures(tmp_path, monkeypatch):
         results = list(going.steps())
     finally:
         rig.close()
-    names = ["port", "firmware", "tilt sensor", "camera", "markers", "beta moves", "gamma moves", "ball", "latency"]
+    names = [
+        "port",
+        "firmware",
+        "beta servo",
+        "gamma servo",
+        "calibrations",
+        "tilt sensor",
+        "camera",
+        "markers",
+        "beta moves",
+        "gamma moves",
+    ]
+    names += ["ball", "latency"]
     assert [r.name for r in results] == names
     assert [
         r for r in results if not r.passed and r.name not in ("camera", "latency")
@@ -146,3 +161,83 @@ def test_what_tilt_the_servos_got_is_what_was_commanded(tmp_path):
     assert len(held) > 100
     assert np.degrees(np.abs(held[-40, 5:7] - wanted)).max() < 0.1
     assert np.degrees(np.abs(np.array([last.beta, last.gamma]) - wanted)).max() < 0.15
+
+
+def group(rig) -> dict[str, int]:
+    """Processes of a rig's table by what they are: world, emulator."""
+    found = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            text = stat.read_text()
+            name, fields = text[text.index("(") + 1 : text.rindex(")")], text[text.rindex(")") + 2 :].split()
+            if int(fields[2]) == rig and fields[0] != "Z":
+                found["emulator" if name.startswith("emulator") else "world"] = int(stat.parent.name)
+    return found
+
+
+def test_a_table_that_is_frozen_or_killed_ends_soon_and_leaves_nothing():
+    """Each of its two processes, by each signal; what is left are neither processes nor files."""
+    for who, how in itertools.product(("world", "emulator"), (signal.SIGSTOP, signal.SIGKILL)):
+        rig = make_rig("emulated", MAZE)
+        assert isinstance(rig, EmulatedRig)
+        for _ in range(5):
+            rig.observe()
+        assert rig.table is not None
+        leader, folder = rig.table._process.pid, Path(rig.table.port).parent
+        processes = group(leader)
+        assert set(processes) == {"world", "emulator"}
+        assert folder.exists()
+        os.kill(processes[who], how)
+        began = time.monotonic()
+        with pytest.raises(RigError) as caught:
+            deque(iter(rig.observe, None), maxlen=0)
+        with contextlib.suppress(RigError):
+            rig.level()
+        rig.close()
+        assert time.monotonic() - began < 8.0, (who, how)
+        if how is signal.SIGKILL:
+            said = {"world": "the emulated table ended by SIGKILL", "emulator": "the emulated board ended by SIGKILL"}
+            assert str(caught.value) == said[who]
+        else:
+            assert str(caught.value).startswith("the emulated table hangs, or this machine is too slow for it: ")
+        time.sleep(0.2)
+        assert group(leader) == {}, (who, how)
+        assert not folder.exists(), (who, how)
+
+
+def test_a_program_that_ends_without_closing_leaves_nothing(tmp_path):
+    """Also where the table hangs: whatever keeps the program from closing its rig."""
+    script = """
+import os, signal, sys
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import make_rig
+rig = make_rig("emulated", load_map("cme"))
+rig.observe()
+print(rig.table._process.pid, rig.table.port, flush=True)
+os.kill(rig.table._process.pid, signal.SIGSTOP)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    leader, port = done.stdout.split()
+    time.sleep(0.2)
+    assert group(int(leader)) == {}
+    assert not Path(port).parent.exists()
+
+
+def test_what_ended_a_check_is_its_last_line(tmp_path):
+    """The table is killed in the midst of it: one line with the cause, exit status 3."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "mazeplan", "rig", "check", "emulated", "--yes"], cwd=tmp_path, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        line = next(line for line in process.stdout if "firmware" in line or not line)
+        assert line.startswith("ok")
+        worlds = [p for p in Path("/proc").glob("[0-9]*/stat") if f" {process.pid} " in p.read_text()[:60]]
+        os.kill(int(worlds[0].parent.name), signal.SIGKILL)
+        began = time.monotonic()
+        out, err = process.communicate(timeout=30)
+    assert time.monotonic() - began < 10.0
+    assert process.returncode == 3, (out, err)
+    assert err.splitlines()[-1] == "mazeplan: the emulated table ended by SIGKILL"
+    assert "Traceback" not in err

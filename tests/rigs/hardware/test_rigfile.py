@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,33 +12,13 @@ import pytest
 
 from mazeplan.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
+from mazeplan.maze.yamltree import read_yaml
 from mazeplan.rigs.hardware.files import hardware_file, is_hardware
-from mazeplan.rigs.hardware.settings import replaced
+from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
 from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
 
 MAZE = load_map("cme")
-TEXT = """\
-# mine
-class: mazeplan.rigs.hardware:HardwareRig
-port: /dev/ttyACM0   # the blue one
-
-tilt:   # old
-  beta_deg: {one: 1.0}
-  # of last year
-
-# what follows is the camera
-camera:
-  source: 0
-"""
-
-
-def test_a_section_is_replaced_and_every_other_line_stays():
-    text = replaced(TEXT, "tilt", {"beta_deg": {"one": 2.0}})
-    assert text == TEXT.replace(
-        "tilt:   # old\n  beta_deg: {one: 1.0}\n  # of last year\n", "tilt:\n  beta_deg: {one: 2.0}\n"
-    )
-    assert replaced(TEXT, "latency", {"camera_ms": 5.0}) == TEXT + "latency: {camera_ms: 5.0}\n"
-    assert replaced("a: 1\nlist:\n- 1\n- 2\nb: 2\n", "list", [3]) == "a: 1\nlist: [3]\nb: 2\n"
+CLASS = "class: mazeplan.rigs.hardware:HardwareRig\n"
 
 
 def test_hardware_is_the_file_in_this_folder_before_the_template(tmp_path, monkeypatch):
@@ -65,11 +46,32 @@ def test_what_is_measured_goes_beside_the_template_and_not_into_it(tmp_path, mon
     assert not hardware_file("emulated").keeps
 
 
+TILT = "centre_v: [2.0, 2.0], beta_deg: {a: 1.0}"
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("servo: {beta: {level_us: 1500, min_us: 1600}}", ":4: servo.beta: expected min_us < level_us < max_us"),
-        ("servo: {beta: {us_per_deg: 0.5}}", ":4: servo.beta: us_per_deg: expected at least 1 us per degree"),
+        (
+            "servo: {beta: {level_us: 1500, min_us: 1600}}",
+            ":4: servo.beta: got min_us 1600, level_us 1500, max_us 1800, expected min_us < level_us < max_us",
+        ),
+        ("servo: {beta: {us_per_deg: 0.5}}", ":4: servo.beta: us_per_deg: got 0.5, expected at least 1 us per degree"),
+        ("servo: {beta: {min_us: 700}}", ":4: servo.beta.min_us: got 700 us, expected 800 to 2200 us: the firmware"),
+        ("servo: {gamma: {max_us: 2300}}", ":4: servo.gamma.max_us: got 2300 us, expected 800 to 2200 us"),
+        ("servo: {slew_us_per_s: 60000}", ":4: servo.slew_us_per_s: got 60000 us/s, expected 100 to 20000 us/s, which"),
+        ("servo: [1]", ":4: servo: got a list, expected settings as `key: value`"),
+        ("camera: 3", ":4: camera: got 3, expected settings as `key: value`"),
+        ("tilt: {centre_v: 2}", ":4: tilt.centre_v: got 2, expected a list"),
+        ("tilt: {centre_v: [1, 2, 3]}", ":4: tilt.centre_v: got 3 entries, expected at most 2"),
+        (f"tilt: {{{TILT}, scale_v: [1, 0]}}", ":4: tilt.scale_v: got [1.0, 0.0], expected numbers > 0"),
+        (
+            f"tilt: {{{TILT}, scale_v: [1.0, 1.0], gamma_deg: {{z: 1.0}}}}",
+            ":4: tilt.gamma_deg: got 'z', expected coefficients",
+        ),
+        ("port: 3", ":4: port: got the same key twice"),
+        ("camera: {ball_hue_deg: [4, 400]}", ":4: camera.ball_hue_deg[1]: got 400, expected less than or equal to 360"),
+        ("camera: {source: 1.5}", ":4: camera.source: got 1.5, expected the number of a device, a URL or a file"),
         ("servo: {delta: {}}", ":4: servo.delta: unknown key, expected one of beta, gamma, slew_us_per_s"),
         ("tilt: {beta_deg: {c: 1.0}}", ":4: tilt.centre_v: is missing"),
         (
@@ -86,6 +88,84 @@ def test_mistakes_are_told_with_their_line(tmp_path, line, said):
     with pytest.raises(SettingsError) as caught:
         make_rig(str(path), MAZE)
     assert str(caught.value).startswith(f"{path}{said}")
+
+
+def test_the_limits_are_the_firmwares():
+    header = (Path(__file__).parents[3] / "tools" / "firmware" / "control.h").read_text()
+    told = {name: float(value) for name, value in re.findall(r"#define (HARD_\w+) (\d+)", header)}
+    assert (told["HARD_MIN"] / 10.0, told["HARD_MAX"] / 10.0) == HARD_US
+    assert told["HARD_SLEW"] == HARD_SLEW
+
+
+@pytest.mark.parametrize(
+    ("servo", "missing"),
+    [
+        ("", "servo.beta.min_us"),
+        ("servo: {slew_us_per_s: 5000.0}\n", "servo.beta.min_us"),
+        ("servo:\n  beta: {min_us: 1200.0, max_us: 1700.0}\n  gamma: {max_us: 1700.0}\n", "servo.gamma.min_us"),
+    ],
+)
+def test_no_servo_moves_where_the_file_has_no_limits(tmp_path, monkeypatch, servo, missing):
+    monkeypatch.setattr("mazeplan.rigs.hardware.rig.open_board", lambda settings: pytest.fail("it was opened"))
+    path = tmp_path / "rig.yaml"
+    path.write_text(f"{CLASS}port: /dev/ttyACM0\n{servo}")
+    rig = make_rig(str(path), MAZE)
+    for reach in (lambda: rig.board, rig.ready, rig.observe):  # pyright: ignore[reportAttributeAccessIssue]
+        with pytest.raises(SettingsError, match=f"rig.yaml:[1345]: {missing}: is missing: no servo moves without"):
+            reach()
+
+
+def test_a_file_of_a_table_without_its_class_says_that_it_is_missing(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text("port: /dev/ttyACM0\nservo: {}\n")
+    with pytest.raises(SettingsError) as caught:
+        make_rig(str(path), MAZE)
+    assert str(caught.value).startswith(
+        f"{path}:1: class: is missing; the file of a rig on a table begins with `class: "
+    )
+    with pytest.raises(SettingsError, match=r"rig.yaml: got rig .*, expected one on a table: its file has class: "):
+        hardware_file(str(path))
+
+
+def test_a_copy_in_another_folder_finds_what_the_file_names(tmp_path, monkeypatch):
+    """The picture of the floor goes along, the model is named from there."""
+    (tmp_path / "here" / "mine").mkdir(parents=True)
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    text = (PACKAGED / "emulated.yaml").read_text().replace("model: toy", "model: mine")
+    Path("rig.yaml").write_text(text)
+    Path("emulated.png").write_bytes((PACKAGED / "emulated.png").read_bytes())
+    section = {"command_ms": 10.0, "camera_ms": 50.0, "date": "2026-11-22"}
+    target = tmp_path / "there" / "new.yaml"
+    file = hardware_file("rig.yaml")
+    file.write({"latency": section}, target)
+    data = read_yaml(target).data
+    assert (tmp_path / "there" / data["camera"]["background"]).read_bytes() == Path("emulated.png").read_bytes()
+    assert rig_model_hint(str(target)) == str(tmp_path / "there" / "../here/mine")
+    assert Path(rig_model_hint(str(target)) or "").resolve() == (tmp_path / "here" / "mine").resolve()
+    assert data["latency"] == section
+    assert Path("rig.yaml").read_text() == text
+    # again, into what is there now: nothing but the section
+    before = target.read_text()
+    file.write({"latency": {**section, "camera_ms": 60.0}}, target)
+    assert target.read_text() == before.replace("camera_ms: 50.0", "camera_ms: 60.0")
+    # beside the old one nothing has to move
+    file.write({"latency": section}, Path("second.yaml"))
+    assert read_yaml(Path("second.yaml")).data["camera"]["background"] == "emulated.png"
+
+
+def test_a_background_that_is_not_there_is_told_with_file_line_and_key(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text((PACKAGED / "emulated.yaml").read_text())
+    rig = make_rig(str(path), MAZE)
+    line = next(i for i, row in enumerate(path.read_text().splitlines(), start=1) if "background" in row)
+    with pytest.raises(SettingsError) as caught:
+        rig.observe()
+    said = f"{path}:{line}: camera.background: {tmp_path}/emulated.png: background cannot be read: No such file"
+    assert str(caught.value).startswith(said)
+    with pytest.raises(SettingsError, match=f"rig.yaml:{line}: camera.background: .*cannot be copied"):
+        hardware_file(str(path)).write({"latency": {"camera_ms": 1.0, "command_ms": 1.0}}, tmp_path.parent / "x.yaml")
+    assert not (tmp_path.parent / "x.yaml").exists()
 
 
 def test_the_template_says_what_is_to_be_calibrated_before_anything_is_opened(tmp_path, monkeypatch):

@@ -97,10 +97,27 @@ def test_beyond_what_was_calibrated_it_stays_where_it_was():
 
 def test_readings_that_tell_too_little():
     readings = read_off(1)[1]
-    with pytest.raises(InputError, match="got 5 readings, expected at least 8"):
+    with pytest.raises(InputError, match="got 5 readings, expected at least 8: 3 are missing"):
         fit_tilt(readings[:5])
     with pytest.raises(InputError, match="one line: tilt the plate about both axes"):
-        fit_tilt([Reading((r.v[0], 2.0 * r.v[0]), r.beta_deg, r.gamma_deg, r.line) for r in readings])
+        fit_tilt([Reading((r.v[0], 1.0 + 0.5 * r.v[0]), r.beta_deg, r.gamma_deg, r.line) for r in readings])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "key", "said"),
+    [
+        (lambda v: (v[0], 5.0), "v1", "got 5.000 to 5.000 V, it is at its upper end all the time: is the laser's spot"),
+        (lambda v: (0.0, v[1]), "v0", "got 0.000 to 0.000 V, it is at its lower end all the time"),
+        (lambda v: (2.31, v[1]), "v0", "got 2.310 to 2.310 V, expected a change of 0.02 V at least"),
+        (lambda v: (v[0], min(5.0, v[1] + 2.6)), "v1", " % of the readings are at an end of its range"),
+    ],
+)
+def test_a_channel_that_tells_nothing_is_named(spoil, key, said):
+    readings = [Reading(spoil(r.v), r.beta_deg, r.gamma_deg, r.line) for r in read_off(1)[1]]
+    with pytest.raises(InputError) as caught:
+        fit_tilt(readings)
+    assert caught.value.key == key
+    assert said in caught.value.problem
 
 
 def test_a_table_there_and_back(tmp_path):
@@ -115,11 +132,12 @@ def test_a_table_there_and_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("v0,v1,beta_deg\n1,2,3\n", "r.csv:1: lacks the columns gamma_deg"),
+        ("v0,v1,beta_deg\n1,2,3\n", "r.csv:1: got 'v0,v1,beta_deg', lacks the columns gamma_deg"),
+        ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n\n1,2,3,4,5\n", "r.csv:4: got 5 columns, the header has 4"),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n1,2,x,4\n", "r.csv:3: beta_deg: got 'x', expected a number"),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3\n", "r.csv:2: gamma_deg: got '', expected a number"),
         ("v0,v1,beta_deg,gamma_deg\n1,inf,3,4\n", "r.csv:2: v1: got 'inf', expected a number"),
-        ("", "r.csv:1: lacks the columns"),
+        ("", "r.csv:1: got nothing, lacks the columns"),
     ],
 )
 def test_tables_that_cannot_be_used(tmp_path, text, said):

@@ -1,0 +1,148 @@
+"""`rig check` of a rig on a table whose board is a few lines at the other end of a pseudo terminal: what is tried
+first, and what its exit status tells."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from commands import call
+from fake_board import FakeBoard, accept, silent
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.hardware import walk
+from mazeplan.rigs.hardware.rig import HardwareRig
+from mazeplan.rigs.link import handshake
+from mazeplan.rigs.link.frames import encode
+from mazeplan.rigs.registry import PACKAGED, make_rig
+
+TEMPLATE = (PACKAGED / "hardware.yaml").read_text()
+
+
+class Moving(FakeBoard):
+    """Its channels follow the pulses: 1 V for 100 us, unless the servos have no current."""
+
+    current, pulses = True, (15000, 15000)
+
+    def __init__(self, **more):
+        super().__init__(C=Moving._move, Z=Moving._level, **more)
+
+    def _move(self, frame):
+        self.pulses = (int(frame.fields[1]), int(frame.fields[2]))
+        return accept(self, frame)
+
+    def _level(self, frame):
+        self.pulses = (15000, 15000)
+        return accept(self, frame)
+
+    def report(self):
+        whole = [32768 + (int(64 * 1023 / 5 * (p - 15000) / 1000) if self.current else 0) for p in self.pulses]
+        fields = super().report()[1:].decode().split("*")[0].split(",")
+        return encode("T", *fields[1:3], *whole, *self.pulses, *fields[7:])
+
+
+@pytest.fixture
+def check(tmp_path, monkeypatch, capsys):
+    """`rig check` with a file whose text is given."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(walk, "SETTLE_S", 0.5)
+
+    def run(text, *words):
+        Path("mine.yaml").write_text(text)
+        status, out, err = call(monkeypatch, capsys, "rig", "check", "mine.yaml", "--yes", *words)
+        return status, [line.split()[:3] for line in out.splitlines()], out, err
+
+    return run
+
+
+def test_on_the_first_day_the_board_can_be_tried_without_calibrations(check):
+    with Moving() as board:
+        status, rows, out, err = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
+    assert status == 2
+    assert [row[:2] for row in rows[:2]] == [["ok", "port"], ["ok", "firmware"]]
+    assert rows[2:4] == [["ok", "beta", "servo"], ["ok", "gamma", "servo"]]
+    assert "1500 to 1620 us: channel 0 +1.20 V, channel 1 +0.00 V" in out
+    assert "1500 to 1620 us: channel 0 +0.00 V, channel 1 +1.20 V" in out
+    assert rows[4][:2] == ["FAILED", "calibrations"]
+    said = "mazeplan: mine.yaml: not calibrated yet: first mazeplan calibrate tilt and mazeplan calibrate camera"
+    assert err.splitlines()[-1].startswith(said)
+    assert board.pulses == (15000, 15000)
+
+
+def test_a_servo_that_does_not_move_is_a_check_that_did_not_pass(check):
+    with Moving() as board:
+        board.current = False
+        _, rows, out, _ = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
+    assert rows[2] == ["FAILED", "beta", "servo"]
+    assert "nothing moved; is the servo at pin 11, has it current" in out
+    assert rows[3] == ["FAILED", "gamma", "servo"]
+
+
+def test_a_servo_that_turns_the_other_way_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(walk, "SETTLE_S", 0.5)
+    path = tmp_path / "mine.yaml"
+    with Moving() as board:
+        path.write_text(TEMPLATE.replace("port: auto", f"port: {board.port}"))
+        rig = make_rig(str(path), load_map("cme"))
+        assert isinstance(rig, HardwareRig)
+        steps = walk.Walk(rig, lambda question: "+x side" not in question).steps()
+        results = [next(steps) for _ in range(4)]
+        rig.close()
+    assert all(result.passed for result in results)
+    assert "turns the other way, which `mazeplan calibrate tilt` finds" in results[2].detail
+    assert "other way" not in results[3].detail
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_board_that_is_silent_or_not_there_is_status_3(check, monkeypatch, as_json):
+    monkeypatch.setattr(handshake.Patience, "__init__", _hasty(handshake.Patience.__init__))
+    words = ("--json",) if as_json else ()
+    with FakeBoard(reports=False, I=silent) as board:
+        told = [check(TEMPLATE.replace("port: auto", f"port: {port}"), *words) for port in (board.port, "/dev/nosuch")]
+    for (status, rows, out, err), why in zip(told, ("the board does not answer", "no such port"), strict=True):
+        assert status == 3
+        assert why in err.splitlines()[-1]
+        if as_json:
+            document = json.loads(out)
+            assert document["passed"] is False
+            assert [(c["name"], c["passed"]) for c in document["checks"]] == [("port", False)]
+            assert why in document["checks"][0]["detail"]
+        else:
+            assert [row[:2] for row in rows] == [["FAILED", "port"]]
+
+
+def _hasty(real):
+    return lambda self, **more: real(self, **{"answer_s": 0.6, "listen_s": 0.2, "reconnect_s": 0.5} | more)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (TEMPLATE.replace("rate_hz: 30.0", "rate_hz: fast"), "mine.yaml:7: rate_hz: got 'fast'"),
+        (TEMPLATE.replace("min_us: 1250.0, ", ""), "servo.beta.min_us: is missing: no servo moves without limits"),
+        (TEMPLATE.replace("class: mazeplan", "# class: mazeplan"), "mine.yaml:1: class: is missing"),
+    ],
+)
+def test_a_file_that_is_wrong_is_status_2_and_nothing_is_opened(check, monkeypatch, text, said):
+    monkeypatch.setattr("mazeplan.rigs.hardware.rig.open_board", lambda settings: pytest.fail("it was opened"))
+    status, _, _, err = check(text)
+    assert status == 2
+    assert said in err.splitlines()[-1]
+
+
+def test_a_board_that_falls_silent_in_the_midst_is_status_3(check, monkeypatch):
+    """After the firmware has answered: the walk ends there, with what is behind it."""
+    monkeypatch.setattr(handshake.Patience, "__init__", _hasty(handshake.Patience.__init__))
+    with Moving() as board:
+
+        def firmware(self):
+            board.unplug()
+            return "ok"
+
+        monkeypatch.setattr(walk.Walk, "_firmware", firmware)
+        status, rows, _, err = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
+    assert status == 3
+    assert rows[-1] == ["FAILED", "beta", "servo"]
+    assert "Traceback" not in err
+    assert board.port in err.splitlines()[-1]
