@@ -71,13 +71,9 @@ def navigate(
     for name in closed:
         if name not in known:
             raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
-<<<<<<< HEAD
     made = make_rig(rig, maze, sense) if isinstance(rig, str) else rig
     machine = watched(made if around is None else around(made), own_process=own_process)
-=======
-    machine = watched(make_rig(rig, maze, sense) if isinstance(rig, str) else rig, own_process=own_process)
     check_ready(machine)
->>>>>>> main
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
     job = Job(
