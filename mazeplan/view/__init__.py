@@ -9,6 +9,8 @@ scene.py              maze, ball, trail, plan and openings in 3D:  Scene(server,
 plots.py              tilt, theta and planner times:               Plots(server).show(moment)
 panel.py              behaviour tree and last failure:             TreePanel(server).show(moment)
 livetab.py            the tab of a run that goes on, with its buttons
+replaying.py          recorded runs: their moments, one time for all of them, and what to jump to
+editor.py             a map that is edited: its text, problems, what can be undone, its file
 door.py               who may come in: Host, Origin and token of each request
 process.py, link.py   the page as a process of its own, and its line to the run: the run never waits for it
 
