@@ -47,6 +47,7 @@ def navigate(
     guard: Callable[[Rig], AbstractContextManager[object]] | None = None,
     sense: str | None = None,
     feed: Take | None = None,
+    around: Callable[[Rig], Rig] | None = None,
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
@@ -59,7 +60,8 @@ def navigate(
     process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
     closes and opens openings, and stops; guard: entered with the rig around the run, such as an emergency stop; sense:
     how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its settings say); feed:
-    called with topic, rig time and document of each message that a log would get, in the thread of the run.
+    called with topic, rig time and document of each message that a log would get, in the thread of the run; around:
+    puts something around the rig that was made, such as the clock on the wall.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -69,7 +71,8 @@ def navigate(
     for name in closed:
         if name not in known:
             raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
-    machine = watched(make_rig(rig, maze, sense) if isinstance(rig, str) else rig, own_process=own_process)
+    made = make_rig(rig, maze, sense) if isinstance(rig, str) else rig
+    machine = watched(made if around is None else around(made), own_process=own_process)
     check_ready(machine)
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)

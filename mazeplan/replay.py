@@ -44,7 +44,7 @@ NEAR = 1e-9  # relative, and absolute in rad and m: processors may round differe
 LAST_DIGIT = 1.5e-6  # of a plan's trajectory, which the log holds with six digits
 CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # of a tick
 MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # what other messages tell besides decisions
-UNCOMPARED = ("/header", "/tree", "/status")  # the nodes' part in a decision is told by the tick
+UNCOMPARED = ("/header", "/tree", "/status", "/openings")  # their part in a decision is told by the tick
 # reasons of runs that stopped anywhere in a tick
 UNFINISHED = ("interrupted", CRASHED, str(FailureKind.RIG_FAILED), str(FailureKind.LEAF_FAILED))
 

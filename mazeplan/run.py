@@ -311,6 +311,7 @@ class Run:
             doubts=" ".join(sorted(self._scrutiny.found)) or None,
         )
         self._record.statuses(observation.t, self._tree)
+        self._record.openings(observation.t, self._memory)
         self._record.took(1e3 * (perf_counter() - began))
 
     def _slewed(self, wanted: Command) -> Command:

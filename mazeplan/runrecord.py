@@ -13,6 +13,7 @@ from mazeplan.display import Display
 from mazeplan.goals import SAID
 from mazeplan.job import Job
 from mazeplan.maths.spread import spread
+from mazeplan.maze.memory import OpeningMemory
 from mazeplan.parts import passed_by
 from mazeplan.records import (
     Command,
@@ -37,6 +38,7 @@ class RunRecord:
         self._ring_since = 0.0
         self._statuses = ""
         self._start: Start | None = None
+        self._attempts = -1
 
     @property
     def began(self) -> bool:
@@ -111,6 +113,15 @@ class RunRecord:
         if letters != self._statuses:
             self._statuses = letters
             self._log.statuses(t, letters)
+
+    def openings(self, t: float, memory: OpeningMemory) -> None:
+        """What happened at the openings, where that is more than was told."""
+        if self._log is None or memory.attempts == self._attempts:
+            return
+        self._attempts = memory.attempts
+        counts = memory.at_end(t)
+        if counts:
+            self._log.openings(t, counts, memory.fading_s)
 
     def took(self, ms: float) -> None:
         """How long the last tick took with what was told of it."""

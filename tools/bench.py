@@ -36,6 +36,7 @@ from bench_replay import replay_section
 from bench_rig import rig_section
 from bench_solver import solver_section
 from bench_trees import trees_section
+from bench_view import view_section
 
 from mazeplan.settings import load_settings
 
@@ -193,7 +194,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
-    "trees": trees_section, "replay": replay_section, "rig": rig_section,
+    "trees": trees_section, "view": view_section, "replay": replay_section, "rig": rig_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
 
@@ -245,7 +246,7 @@ def main() -> None:
         tables = models.result()
     # what is timed runs alone
     sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick)]
-    sections += [firmware_section(options.quick), rig_section(options.quick), *tables]
+    sections += [view_section(options.quick), firmware_section(options.quick), rig_section(options.quick), *tables]
     if options.parallel:
         head.insert(-1, "- models and navigation were measured at the same time, on two cores; what is timed, alone")
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])

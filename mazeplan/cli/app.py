@@ -12,6 +12,7 @@ from mazeplan.cli.doctor import doctor
 from mazeplan.cli.improve import improve
 from mazeplan.cli.navigate import evaluate, navigate
 from mazeplan.cli.report import report
+from mazeplan.cli.view import view
 
 app = typer.Typer(
     name="mazeplan",
@@ -35,4 +36,5 @@ app.add_typer(behavior.app, name="behavior")
 app.add_typer(rig.app, name="rig")
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(data.app, name="data")
+app.command()(view)
 app.command()(doctor)

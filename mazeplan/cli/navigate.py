@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from mazeplan.cli.arguments import BehaviorModule
 from mazeplan.cli.output import print_json, say
+from mazeplan.cli.viewoptions import HOST, PORT, Host, PagePort
 
 if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
+    from mazeplan.records import NavigationResult
 
 Map = Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")]
 RigName = Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")]
@@ -51,51 +53,54 @@ def navigate(
         Path | None, typer.Option("--memory", help="File that keeps what happened at openings for the next run.")
     ] = None,
     sense: Sense = None,
+    view: Annotated[bool, typer.Option("--view", help="Show and operate it on a page in the browser.")] = False,
+    host: Host = HOST,
+    port: PagePort = PORT,
     as_json: Json = False,
 ) -> None:
     """Bring the ball from one ring to another."""
     from mazeplan.cli.arguments import positive
-    from mazeplan.cli.emergency import stop_key
-    from mazeplan.cli.progress import NavigationProgress
     from mazeplan.errors import RigError
-    from mazeplan.goals import Goals
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.navigate import navigate as run
 
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
-    goals = Goals(maze)
-    with NavigationProgress() as progress:
-        try:
-            result = run(
-                start,
-                len(maze.rings) if goal == "centre" else goal,
-                map=maze,
-                rig=rig,
-                model=model,
-                behavior=behavior,
-                behavior_modules=tuple(behavior_module or ()),
-                settings=settings,
-                start_angle_deg=start_angle,
-                closed=close or (),
-                seed=seed,
-                time_limit=positive("--time-limit", time_limit),
-                log=log,
-                memory=memory,
-                display=progress,
-                goals=goals,
-                own_process=True,
-                guard=lambda machine: stop_key(machine, goals.stop),
-                sense=sense,
-            )
-        except RigError as problem:  # the line that says so comes on top of what happened until then
-            if as_json and problem.result is not None:
-                print_json(problem.result.to_json())
-            raise
-        progress.finished(result)
+    job = {
+        "start": start, "goal": len(maze.rings) if goal == "centre" else goal, "map": maze, "rig": rig, "model": model,
+        "behavior": behavior, "behavior_modules": tuple(behavior_module or ()), "settings": settings,
+        "start_angle_deg": start_angle, "closed": close or (), "seed": seed,
+        "time_limit": positive("--time-limit", time_limit), "log": log, "memory": memory, "sense": sense,
+    }  # fmt: skip
+    if view:
+        from mazeplan.cli.live import navigate_live
+
+        sys.exit(navigate_live(job, host, port, as_json=as_json))
+    try:
+        result = navigate_once(job)
+    except RigError as problem:  # the line that says so comes on top of what happened until then
+        if as_json and problem.result is not None:
+            print_json(problem.result.to_json())
+        raise
     if as_json:
         print_json(result.to_json())
     sys.exit(0 if result.success else 1)
+
+
+def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
+    """One run of a job in the words of `mazeplan.navigate`, shown on the terminal; `more` comes on top. Without goals
+    among them a key stops a rig of wood and wire."""
+    from mazeplan.cli.emergency import stop_key
+    from mazeplan.cli.progress import NavigationProgress
+    from mazeplan.goals import Goals
+    from mazeplan.navigate import navigate as run
+
+    if "goals" not in more:
+        goals = Goals(job["map"])
+        more = {**more, "goals": goals, "guard": lambda machine: stop_key(machine, goals.stop)}
+    with NavigationProgress() as progress:
+        result = run(**job, **more, display=progress, own_process=True)
+        progress.finished(result)
+    return result
 
 
 def evaluate(

@@ -9,6 +9,7 @@ Topics (JSON with a JSON schema each, so that general MCAP viewers read them); t
     /tree    at each tree's beginning: path, kind (class), name of every node, parents first; parent: number of the
              node above, -1 of the root
     /status  each tick after which they are others: how every node's last tick ended, a letter each (`STATUSES`)
+    /openings successes and failures at openings as they count at t, each time one was tried; they fade (`maze.memory`)
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 
@@ -22,7 +23,7 @@ from __future__ import annotations
 import json
 import math
 import platform
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -75,6 +76,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         t=NUMBER, **dict.fromkeys(("paths", "kinds", "names"), TEXTS), parents={"type": "array", "items": INTEGER}
     ),
     "/status": _object(t=NUMBER, nodes=TEXT),
+    "/openings": _object(**dict.fromkeys(("t", "fading_s"), NUMBER), names=TEXTS, successes=NUMBERS, failures=NUMBERS),
     "/event": _object(
         t=NUMBER,
         kind=TEXT,
@@ -183,6 +185,12 @@ class RunDocuments:
     def statuses(self, t: float, nodes: str) -> None:
         """How the last tick of each of its nodes ended, letters of `STATUSES`."""
         self._add("/status", t, {"t": t, "nodes": nodes})
+
+    def openings(self, t: float, counts: Mapping[str, tuple[float, float]], fading_s: float) -> None:
+        """Successes and failures at openings as they count now; fading_s: in which they fall to 1/e."""
+        names, successes, failures = list(counts), [c[0] for c in counts.values()], [c[1] for c in counts.values()]
+        document = {"t": t, "fading_s": fading_s, "names": names, "successes": successes, "failures": failures}
+        self._add("/openings", t, document)
 
     def event(self, t: float, kind: str, detail: dict[str, Any]) -> None:
         """Something that happened at rig time t; detail is plain data (text, numbers, lists)."""

@@ -48,7 +48,7 @@ def load_map(source: str | Path) -> Maze:
 def check_map(source: str | Path) -> MapCheck:
     """Read a map and collect everything that is wrong with it; raises nothing for a bad file."""
     try:
-        path = _find(source)
+        path = find_map(source)
         return _check_tree(read_yaml(path, error=MapError), path)
     except MapError as error:
         return MapCheck(None, (error,))
@@ -67,7 +67,8 @@ def packaged_maps() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in resources.share("maps").glob("*.yaml")))
 
 
-def _find(source: str | Path) -> Path:
+def find_map(source: str | Path) -> Path:
+    """The file, or that of the packaged map of this name. Raises MapError for a name that cannot be one."""
     try:
         path = resources.find("maps", str(source), ".yaml")
         missing = not path.exists()

@@ -29,15 +29,18 @@ NOTE = "# What happened at the openings of the map, fading. Written by `mazeplan
 
 @dataclass
 class OpeningMemory:
-    """Counts of successes and failures by opening. fading_s: rig time in which they fall to 1/e."""
+    """Counts of successes and failures by opening. fading_s: rig time in which they fall to 1/e; attempts: how many
+    were recorded here."""
 
     fading_s: float = FADING_S
     _counts: dict[str, tuple[float, float, float]] = field(default_factory=dict)  # successes, failures, when
+    attempts: int = field(default=0, compare=False)
 
     def record(self, name: str, success: bool, now: float) -> None:
         """One attempt at an opening at rig time now, s."""
         successes, failures = self.tries(name, now)
         self._counts[name] = (successes + success, failures + (not success), now)
+        self.attempts += 1
 
     def tries(self, name: str, now: float) -> tuple[float, float]:
         """Successes and failures of an opening as they count at rig time now, s."""

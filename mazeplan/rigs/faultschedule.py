@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -105,6 +105,12 @@ class Trial:
 def every_kind() -> tuple[Trial, ...]:
     """A trial for each kind."""
     return tuple(Trial(name, (Entry(kind=name),)) for name in KINDS)
+
+
+def at_once(kind: str, now: float, seed: int) -> Drawn:
+    """A fault that begins at rig time now, as long and as strong as its kind has it."""
+    drawn = _drawn(Entry(kind=kind), seed, 0)
+    return replace(drawn, at_s=now, until_s=drawn.until_s + now - drawn.at_s)
 
 
 def _drawn(entry: Entry, seed: int, number: int) -> Drawn:

@@ -67,8 +67,19 @@ class FaultyRig:
         for fault in faults:
             if fault.kind.place == "machine" and not isinstance(rig, Injectable):
                 raise SettingsError(f"{fault.kind.name}: this rig has no `inject`; a simulated rig has")
+        self._chance: dict[int, np.random.Generator] = {}
         self._closed = threading.Event()
         self._clear()
+
+    @property
+    def now(self) -> float:
+        """Rig time of the last sample, by the rig inside, s."""
+        return self._now
+
+    def add(self, fault: Drawn) -> None:
+        """One more fault, also while running; in the thread of the loop."""
+        self._chance[id(fault)] = np.random.default_rng(fault.seed)
+        self._faults = (*self._faults, fault)
 
     def _clear(self) -> None:
         self._past: deque[Observation] = deque(maxlen=HISTORY)

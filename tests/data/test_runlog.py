@@ -38,6 +38,7 @@ def write_run(path, ticks: int = 5) -> None:
     with RunLogWriter(path, HEADER) as log:
         log.tree(0.0, ["root", "root/Track"], ["Sequence", "Track"], ["root", "Track"], [-1, 0])
         log.statuses(0.0, "RR")
+        log.openings(0.0, {"1-2@45": (1.0, 0.5)}, 120.0)
         log.event(0.0, "ring", {"ring": 1})
         for k in range(ticks):
             log.tick(observation(k), Command(0.01 * k, -0.01), STATE, leaf="Track", opening=None, tick_ms=0.5)

@@ -1,0 +1,234 @@
+"""A page and the runs that are begun from it, one after another, in the main thread; orders come in a thread of the
+page's line, and do what the run can take at any time (`goals`, `PacedRig.level_now`)."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any, cast
+
+from mazeplan.cli.emergency import stop_key
+from mazeplan.cli.navigate import navigate_once
+from mazeplan.cli.output import print_json, say
+from mazeplan.errors import InputError, MazeplanError
+from mazeplan.goals import Goals
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import NavigationResult
+from mazeplan.rigs.faultkinds import KINDS
+from mazeplan.rigs.faultschedule import at_once
+from mazeplan.rigs.faulty import FaultyRig, Injectable, Orders
+from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.paced import PacedRig
+from mazeplan.rigs.registry import make_rig, rig_label
+
+if TYPE_CHECKING:
+    from mazeplan.view.link import PageLink
+
+FIRST_S = 10.0  # s that the first run waits for somebody who looks
+GRACE_S = 3.0  # s without anybody, in which a page that is loaded again comes back
+LOOK_S = 0.05
+NOT_OFFERED = ("observe_hangs",)  # nothing watches a simulation, nobody could end it
+
+
+class LiveSession:
+    """once: does one run, given its number from 0 on and what of `mazeplan.navigate` this session adds.
+
+    stay: whether the page stays when a run is over and nobody looks; begin: whether a run begins by itself."""
+
+    def __init__(
+        self, maze: Maze, rig: str, once: Callable[..., NavigationResult], *, begin: bool, stay: bool,
+        sense: str | None = None,
+    ) -> None:  # fmt: skip
+        self._maze, self._rig, self._once, self._begin, self._stay = maze, rig, once, begin, stay
+        self._injectable = isinstance(make_rig(rig, maze, sense), Injectable)
+        self._goals = Goals(maze)
+        self._started = threading.Event()
+        self._machine: Any = None
+        self._faulty: FaultyRig | None = None
+        self._opening: str | None = None
+        self._count, self._injected, self._waiting = 0, 0, ""
+        self._page: PageLink | None = None
+        self.result: NavigationResult | None = None
+        self.problem: MazeplanError | None = None
+
+    def serve(self, host: str, port: int) -> None:
+        """Until Ctrl-C, or until nobody looks any more. Raises InputError where there can be no page."""
+        from mazeplan.view.server import check_installed
+
+        check_installed()
+        from mazeplan.view.door import Door, listen
+        from mazeplan.view.link import PageLink
+        from mazeplan.view.livetab import Offer
+
+        listening = listen(host, port)
+        door = Door.at(host, listening.getsockname()[1])
+        kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in NOT_OFFERED}
+        offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {})
+        with PageLink(offer, door, listening, self._order) as self._page:
+            listening.close()
+            say(f"page: {door.url}")
+            if self._begin:
+                self._page.tell("starting", "the run begins as soon as somebody looks")
+                self._page.opened.wait(FIRST_S)
+                self._run(self._page)
+            while self._asked(self._page):
+                self._run(self._page)
+
+    # -- runs -------------------------------------------------------------------------------------------------------
+
+    def _asked(self, page: PageLink) -> bool:
+        """Wait until another run is wanted; whether one is."""
+        page.tell("idle", self._waiting or "Start begins a run")
+        left_at = monotonic()
+        try:
+            while not self._started.wait(LOOK_S):
+                if page.ended.is_set():
+                    return False
+                if page.viewers or self._stay:
+                    left_at = monotonic()
+                elif monotonic() - left_at > GRACE_S:
+                    return False
+        except KeyboardInterrupt:  # how one leaves a page where no run goes on
+            return False
+        return True
+
+    def _run(self, page: PageLink) -> None:
+        self._started.clear()
+        page.tell("starting", self._waiting)
+        self._waiting, number = "", self._count
+        self._count += 1
+        try:
+            self.result, self.problem = None, None
+            self.result = self._once(number, goals=self._goals, feed=self._take, around=self._around, guard=self._guard)
+        except MazeplanError as problem:
+            self.problem = problem
+            self.result = getattr(problem, "result", None)
+            self._waiting = str(problem)
+            if isinstance(problem, InputError) and number == 0 and self._begin:
+                raise
+            say(f"mazeplan: {problem}")
+        finally:
+            self._machine = self._faulty = None
+            self._goals = Goals(self._maze)
+
+    def _take(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        if topic == "/tick":
+            self._opening = document.get("opening")
+        if self._page is not None:
+            self._page.take(topic, t, document)
+
+    def _around(self, rig: Rig) -> Rig:
+        """A simulation goes by the clock on the wall, and can be made to go wrong; a machine is left as it is."""
+        if getattr(rig, "realtime", True):
+            return rig
+        inside = rig
+        if isinstance(rig, Injectable):
+            orders = Orders(aimed_at=lambda: self._opening, close=self._goals.close)
+            self._faulty = FaultyRig(rig, self._maze, (), orders)
+            for name in ("latency", "unseen_s"):
+                if hasattr(rig, name):
+                    setattr(self._faulty, name, getattr(rig, name))
+            inside = cast(Rig, self._faulty)  # a rig but for how it is made
+        return cast(Rig, PacedRig(inside))
+
+    @contextmanager
+    def _guard(self, machine: Rig) -> Iterator[None]:
+        goals, page = self._goals, self._page
+        self._machine = machine
+        if page is not None:
+            page.tell("running", "")
+        with stop_key(machine, goals.stop):
+            yield
+
+    # -- orders -----------------------------------------------------------------------------------------------------
+
+    def _order(self, order: dict[str, Any]) -> None:
+        """What somebody pressed on the page."""
+        try:
+            told = self._do(str(order.get("do")), order)
+        except MazeplanError as problem:
+            told = str(problem)
+        machine, page = self._machine, self._page
+        if machine is None:
+            self._waiting = told
+        if told and page is not None:
+            page.tell("idle" if machine is None else "running", told)
+
+    def _do(self, what: str, order: dict[str, Any]) -> str:
+        machine = self._machine
+        if what == "level":
+            return self._level_now(machine)
+        if what == "start" and machine is None:
+            self._started.set()
+        elif what == "stop" and machine is not None:
+            self._goals.stop()
+        elif what == "goal":
+            self._goals.aim(int(order["ring"]))
+            return "" if machine is not None else f"the next run goes to ring {order['ring']}"
+        elif what in ("close", "open"):
+            (self._goals.close if what == "close" else self._goals.open)(str(order["opening"]))
+            return "" if machine is not None else f"in the next run {order['opening']} is {what}"
+        elif what == "fault":
+            return self._inject(str(order["kind"]))
+        return ""
+
+    def _level_now(self, machine: Any) -> str:
+        """The plate first, then the run."""
+        if machine is None:
+            return "no run goes on: the plate is level"
+        try:
+            for name in ("level_now", "stop", "level"):
+                if callable(level := getattr(machine, name, None)):
+                    level()
+                    break
+        finally:
+            self._goals.stop()
+        return "levelled"
+
+    def _inject(self, kind: str) -> str:
+        machine, faulty = self._machine, self._faulty
+        if machine is None or faulty is None or kind not in KINDS or kind in NOT_OFFERED:
+            return "a fault needs a run on a simulated rig"
+        self._injected += 1
+        seed = self._injected
+        machine.between_samples(lambda: faulty.add(at_once(kind, faulty.now, seed)))
+        return f"injected: {kind}"
+
+
+def navigate_live(job: dict[str, Any], host: str, port: int, *, begin: bool = True, as_json: bool = False) -> int:
+    """Do the runs of a page, each a job in the words of `mazeplan.navigate` with a seed of its own and, from the second
+    on, a log of its own; the exit status. The page stays until Ctrl-C where a person sits at a terminal or no run
+    begins by itself; otherwise until the run is over and nobody looks."""
+
+    def once(number: int, **more: Any) -> NavigationResult:
+        return navigate_once({**job, "seed": job["seed"] + number, "log": numbered(job["log"], number)}, **more)
+
+    stay = not begin or at_terminal()
+    session = LiveSession(job["map"], job["rig"], once, begin=begin, stay=stay, sense=job["sense"])
+    try:
+        session.serve(host, port)
+    finally:
+        if as_json and session.result is not None:
+            print_json(session.result.to_json())
+    return exit_status(session)
+
+
+def exit_status(session: LiveSession) -> int:
+    """Of the last run; 0 where there was none."""
+    if session.problem is not None:
+        return session.problem.exit_status
+    return 0 if session.result is None or session.result.success else 1
+
+
+def numbered(path: Path | None, number: int) -> Path | None:
+    """The file of run `number`: run.mcap, run-2.mcap, run-3.mcap."""
+    return path if path is None or number == 0 else path.with_stem(f"{path.stem}-{number + 1}")
+
+
+def at_terminal() -> bool:
+    """Whether a person sits there, who can press Ctrl-C."""
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()

@@ -1,0 +1,259 @@
+"""A map that is being edited: its text, what is wrong with it and where, what can be undone, and the file it is in.
+
+Nothing here knows a page. The text is the truth: whatever is dragged becomes a change of the text (`maze.mapedit`),
+and what the text says is drawn. A text with errors can be edited on; it is saved only by one who says so.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tempfile
+from collections.abc import Callable, Hashable
+from pathlib import Path
+
+from mazeplan import resources
+from mazeplan.errors import MapError
+from mazeplan.maze.geometry import Maze, Wall
+from mazeplan.maze.mapedit import Written, add_opening, close_opening, move_opening, remove_opening, widen_opening
+from mazeplan.maze.mapedit import written_openings as read_openings
+from mazeplan.maze.mapfile import MapCheck, check_text, find_map
+from mazeplan.maze.mapschema import NAME_PATTERN
+from mazeplan.maze.yamltree import MAX_BYTES, read_yaml
+
+MOST_STEPS = 500  # that can be undone
+ROOM = 1.2  # width of a new opening where its wall has none, in diameters of the ball
+_BOM = b"\xef\xbb\xbf"
+
+
+class MapEditor:
+    """One map file, open for editing.
+
+    source: a file, or the name of a packaged map, which is saved under another name. Raises MapError where it cannot
+    be read or is no YAML. A map with errors can be opened.
+
+    text:     what would be saved
+    check:    what `check_text` says to it; its `maze` is None while there are errors
+    maze:     the last one without errors, to draw; None where there never was one
+    openings: as the text has them, also with errors (`mapedit.Written`)
+    path:     where it is saved
+    """
+
+    def __init__(self, source: str | Path) -> None:
+        found = find_map(source)
+        read_yaml(found, error=MapError)  # says in one line what cannot be read
+        packaged = found.parent == resources.share("maps") and not Path(source).exists()
+        self.path = Path.cwd() / found.name if packaged else found.resolve()
+        content = found.read_bytes()
+        self._on_disk = None if packaged else content
+        self._bom = _BOM if content.startswith(_BOM) else b""
+        self._crlf = b"\r\n" in content
+        self._undone: list[str] = []
+        self._done: list[str] = []
+        self._gesture: Hashable = None
+        self.maze: Maze | None = None
+        self._saved = content.removeprefix(_BOM).decode()
+        self._take(self._saved)
+
+    def _take(self, text: str) -> None:
+        self.text = text
+        self.check: MapCheck = check_text(text, file=self.path.name)
+        self.maze = self.check.maze or self.maze
+        self.openings: tuple[Written, ...] = read_openings(text)
+
+    # -- edits ------------------------------------------------------------------------------------------------------
+
+    def move(self, index: int, angle_deg: float, gesture: Hashable = None) -> None:
+        """Turn an opening to an angle. Calls with the same `gesture`, as a drag makes, are undone in one step."""
+        self._change(lambda text: move_opening(text, index, angle_deg), gesture)
+
+    def widen(self, index: int, width_mm: float, gesture: Hashable = None) -> None:
+        """Give an opening another width."""
+        self._change(lambda text: widen_opening(text, index, width_mm), gesture)
+
+    def close(self, index: int, closed: bool) -> None:
+        """Say whether routes may not use it."""
+        self._change(lambda text: close_opening(text, index, closed))
+
+    def add(self, outer: int, angle_deg: float | None = None, width_mm: float | None = None) -> int:
+        """One more in the wall inside ring `outer`: in the middle of the largest piece of it and as wide as the one
+        before, where not told otherwise. Its index."""
+        angle = self.free_angle(outer) if angle_deg is None else angle_deg
+        width = self.usual_width(outer) if width_mm is None else width_mm
+        before = self.openings
+        self._change(lambda text: add_opening(text, outer, angle, width))
+        pairs = zip(self.openings, before, strict=False)
+        return next((new.index for new, old in pairs if _place(new) != _place(old)), len(self.openings) - 1)
+
+    def remove(self, index: int) -> None:
+        """Take one out."""
+        self._change(lambda text: remove_opening(text, index))
+
+    def write(self, text: str) -> None:
+        """What somebody typed: the whole text."""
+        if len(text.encode()) > MAX_BYTES:
+            raise MapError(f"got more than {MAX_BYTES} bytes, expected a map", file=self.path.name)
+        plain = text.removeprefix("\ufeff").replace("\r\n", "\n")
+        self._change(lambda _: plain.replace("\n", "\r\n") if self._crlf else plain, "typing")
+
+    def settle(self) -> None:
+        """A drag, or a pause in typing, is over: what comes next is undone by itself."""
+        self._gesture = None
+
+    def _change(self, edit: Callable[[str], str], gesture: Hashable = None) -> None:
+        text = edit(self.text)
+        if text == self.text:
+            return
+        if gesture is None or gesture != self._gesture:
+            self._done = [*self._done[1 - MOST_STEPS :], self.text]
+        self._undone, self._gesture = [], gesture
+        self._take(text)
+
+    def undo(self) -> bool:
+        """Take back the last step; whether there was one."""
+        return self._step(self._done, self._undone)
+
+    def redo(self) -> bool:
+        """Do again what was taken back; whether there was something."""
+        return self._step(self._undone, self._done)
+
+    def _step(self, taken: list[str], kept: list[str]) -> bool:
+        if taken:
+            kept.append(self.text)
+            self._take(taken.pop())
+            self.settle()
+            return True
+        return False
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is something to take back."""
+        return bool(self._done)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether something was taken back."""
+        return bool(self._undone)
+
+    # -- what is there ----------------------------------------------------------------------------------------------
+
+    @property
+    def saved(self) -> str:
+        """The text in the file."""
+        return self._saved
+
+    @property
+    def changed(self) -> bool:
+        """Whether the text is another than in the file."""
+        return self.text != self._saved
+
+    @property
+    def wrong(self) -> frozenset[int]:
+        """Indices of the openings that errors name."""
+        named = (re.findall(r"openings\[(\d+)\]", f"{error.key} {error.problem}") for error in self.check.errors)
+        return frozenset(int(index) for found in named for index in found)
+
+    def opening(self, index: int) -> Written | None:
+        """The opening of that index, where it can be read."""
+        return next((opening for opening in self.openings if opening.index == index), None)
+
+    def usual_width(self, outer: int) -> float:
+        """mm: that of the last opening of the wall, else what lets the ball through."""
+        same = [opening.width_mm for opening in self.openings if opening.outer == outer]
+        return same[-1] if same else math.ceil(20.0 * ROOM * self._drawn.ball.radius * 1000.0) / 10.0
+
+    def free_angle(self, outer: int) -> float:
+        """Degrees: the middle of the longest piece of the wall."""
+        angles = sorted(opening.angle_deg for opening in self.openings if opening.outer == outer)
+        if not angles:
+            return 0.0
+        pieces = zip(angles, [*angles[1:], angles[0] + 360.0], strict=True)
+        first, last = max(pieces, key=lambda piece: round(piece[1] - piece[0], 6))
+        return 0.5 * (first + last) % 360.0
+
+    @property
+    def _drawn(self) -> Maze:
+        if self.maze is None:
+            raise MapError("has errors, mend them in the text first", file=self.path.name)
+        return self.maze
+
+    def wall_at(self, x: float, y: float) -> tuple[int, float]:
+        """The wall nearest to a place in the plate, m, as the ring outside it, and the angle there in degrees."""
+        radius, angle = math.hypot(x, y), math.degrees(math.atan2(y, x)) % 360.0
+        walls = [wall for wall in self._drawn.walls if wall.outer_ring]
+
+        def off(wall: Wall) -> float:
+            return abs(0.5 * (wall.inner_radius + wall.outer_radius) - radius)
+
+        return min(walls, key=off).outer_ring, angle
+
+    # -- the file ---------------------------------------------------------------------------------------------------
+
+    def save(self, name: str | None = None, *, with_errors: bool = False) -> Path:
+        """Write the text, all at once or not at all. name: another file in the same folder, which must not exist yet.
+
+        Raises MapError: the first error of the map unless `with_errors`; a file that was changed by somebody else
+        since it was read here; a place that cannot be written. Then the file is as it was."""
+        path = self.path if name in (None, self.path.name) else self._other(name)
+        if self.check.errors and not with_errors:
+            raise self.check.errors[0]
+        content = self._bom + self.text.encode()
+        try:
+            if path == self.path and self._on_disk is not None:
+                self._check_unchanged(path)
+                _put(path, content)
+            else:
+                _write_new(path, content)
+        except FileExistsError:
+            raise MapError("exists already, expected the name of a new file", file=path) from None
+        except OSError as problem:
+            raise MapError(f"cannot be written: {problem.strerror or problem}", file=path) from None
+        self.path, self._on_disk, self._saved = path, content, self.text
+        self.settle()
+        self._take(self.text)
+        return path
+
+    def _other(self, name: str) -> Path:
+        if not re.fullmatch(NAME_PATTERN, name) or not name.endswith((".yaml", ".yml")) or name.startswith("."):
+            raise MapError(f"got the file name {name!r}, expected letters, digits or _ . @ + - and .yaml at its end")
+        return self.path.with_name(name)
+
+    def _check_unchanged(self, path: Path) -> None:
+        try:
+            now = path.read_bytes()
+        except FileNotFoundError:
+            now = None
+        if now != self._on_disk:
+            what = "is gone" if now is None else "was changed by another program"
+            raise MapError(f"{what} since it was opened here: save under another name", file=path)
+
+
+def _write_new(path: Path, content: bytes) -> None:
+    """Raises FileExistsError where there is one of that name."""
+    with path.open("xb"):  # with the rights of a new file
+        pass
+    try:
+        _put(path, content)
+    except OSError:
+        path.unlink()
+        raise
+
+
+def _put(path: Path, content: bytes) -> None:
+    """Instead of a file that is there: all at once, with its rights."""
+    number, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    draft = Path(name)
+    try:
+        with os.fdopen(number, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(draft, path.stat().st_mode & 0o7777)
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _place(opening: Written) -> tuple[int, float, float]:
+    return opening.outer, opening.angle_deg, opening.width_mm

@@ -1,0 +1,133 @@
+"""The tab of a run that goes on, or waits to begin: the scene, curves at its left, buttons and tree at its right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+from mazeplan.maze.geometry import Maze
+from mazeplan.view.page import WIDTH, Page
+from mazeplan.view.panel import Facts, TreePanel
+from mazeplan.view.plots import Plots
+from mazeplan.view.scene import TILT_SHOWN, Scene
+from mazeplan.view.story import Story
+
+Order = dict[str, Any]  # {"do": "start" | "stop" | "level" | "goal" | "close" | "open" | "fault", ...}
+STATE = "state"  # topic of what is told of the session, beside the topics of a run
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What can be operated here: a maze, on a rig of that name; faults: kind -> what it is, none on a real machine."""
+
+    maze: Maze
+    rig: str
+    faults: dict[str, str] = field(default_factory=dict)
+
+
+class LiveTab:
+    """See `page.Tab`. drain: all messages (topic, document) since it was called last; order: does what was pressed."""
+
+    def __init__(
+        self, offer: Offer, drain: Callable[[], Iterable[tuple[str, dict[str, Any]]]], order: Callable[[Order], object]
+    ) -> None:
+        self._offer, self._drain, self._order = offer, drain, order
+        self._story = Story()
+        self._moment = self._story.moment()
+        self._state: dict[str, Any] = {"phase": "idle", "note": ""}
+        self._state_shown: dict[str, Any] = {}
+
+    def build(self, page: Page) -> None:
+        """Scene, curves, buttons, facts, tree."""
+        server, gui, offer = page.server, page.server.gui, self._offer
+        self._scene = Scene(
+            server, offer.maze,
+            on_ring=lambda ring: self._order({"do": "goal", "ring": ring}), on_opening=self._toggle,
+        )  # fmt: skip
+        curves = gui.add_panel()
+        with curves.add_tab("Curves"):
+            self._plots = Plots(server)
+        curves.dock_left()
+        curves.set_width(WIDTH)
+        with page.tabs.add_tab("Run"):
+            self._head = gui.add_html("")
+            self._build_buttons(page)
+            self._facts = Facts(server)
+            with gui.add_folder("Behaviour tree"):
+                self._tree = TreePanel(server)
+
+    def _build_buttons(self, page: Page) -> None:
+        gui, offer = page.server.gui, self._offer
+        level = gui.add_button("Level now", color="red", hint="plate level at once, and the run ends")
+        self._start = gui.add_button("Start", color="green", hint="begin a run")
+        self._stop = gui.add_button("Stop", color="gray", hint="end the run at its next tick, plate level")
+        for button, what in ((level, "level"), (self._start, "start"), (self._stop, "stop")):
+            button.on_click(self._ordering(lambda event, what=what: {"do": what}))
+        rings = [f"ring {ring.number}" for ring in offer.maze.rings]
+        goal = gui.add_button_group("New goal", rings, hint="or click a ring's floor")
+        goal.on_click(self._ordering(lambda event: {"do": "goal", "ring": int(event.target.value.split()[1])}))
+        names = [opening.name for opening in offer.maze.openings]
+        if names:
+            with gui.add_folder("Openings", expand_by_default=False):
+                which = gui.add_dropdown("Opening", names, hint="rings that it joins @ its angle in deg")
+                shut = gui.add_button_group("Use", ["close", "open"], hint="or click an opening")
+                shut.on_click(self._ordering(lambda event: {"do": event.target.value, "opening": which.value}))
+        if offer.faults:
+            with gui.add_folder("Faults", expand_by_default=False):
+                kinds = [f"{kind}: {what}" for kind, what in offer.faults.items()]
+                fault = gui.add_dropdown("Fault", kinds)
+                inject = gui.add_button("Inject", color="orange", hint="from now on, as long as docs/faults.md says")
+                inject.on_click(self._ordering(lambda event: {"do": "fault", "kind": fault.value.split(":")[0]}))
+        with gui.add_folder("Picture", expand_by_default=False):
+            tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
+
+            @tilt.on_update
+            def _(event: Any) -> None:
+                self._scene.tilt_shown = float(event.target.value)
+
+    def _ordering(self, order: Callable[[Any], Order]) -> Callable[[Any], None]:
+        def press(event: Any) -> None:
+            self._order(order(event))
+
+        return press
+
+    def _toggle(self, opening: str) -> None:
+        shut = next((gate.closed for gate in self._moment.gates if gate.name == opening), False)
+        self._order({"do": "open" if shut else "close", "opening": opening})
+
+    def draw(self, now: float) -> None:
+        """What came since it was drawn last."""
+        for topic, document in self._drain():
+            if topic == STATE:
+                self._state = document
+            else:
+                self._story.take(topic, document)
+        moment = self._moment = self._story.moment()
+        if not moment.run:
+            self._draw_state()
+            return
+        self._scene.show(moment)
+        self._plots.show(moment, now)
+        self._facts.show(moment, now)
+        self._tree.show(moment, now)
+        self._draw_state()
+
+    def _draw_state(self) -> None:
+        if self._state == self._state_shown:
+            return
+        self._state_shown = state = dict(self._state)
+        phase = str(state.get("phase", "idle"))
+        self._start.disabled, self._stop.disabled = phase != "idle", phase == "idle"
+        self._head.content = head_html(self._offer, phase, str(state.get("note", "")))
+
+
+def head_html(offer: Offer, phase: str, note: str) -> str:
+    """Rig, map, and how things stand."""
+    words = {"idle": "no run", "starting": "a run begins", "running": "a run goes on"}
+    return (
+        f'<div style="font-size:13px;padding:2px 12px" data-phase="{escape(phase, quote=True)}">rig '
+        f"<b>{escape(offer.rig)}</b>, map <b>{escape(offer.maze.name)}</b> · {words.get(phase, escape(phase))}"
+        f'<div style="color:#666;font-size:12px">{escape(note)}</div></div>'
+    )

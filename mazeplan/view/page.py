@@ -1,0 +1,105 @@
+"""A page: a server behind its door, and tabs that are drawn by one thread.
+
+A tab is whatever has `build` and `draw` (`Tab`). It gets the page, whose `server` is viser's, and puts what it has into
+`page.tabs`, the group of tabs in the panel at the right; the scene is for one tab alone, as all see the same.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from threading import Event
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Protocol
+
+from mazeplan.view.door import Door, listen
+from mazeplan.view.server import check_installed, open_server
+
+if TYPE_CHECKING:
+    import socket
+
+    from viser import GuiTabGroupHandle, ViserServer
+
+HZ = 25.0  # drawn so often
+WIDTH = 380  # pixels of the panels at both sides
+CAMERA, LOOK_AT = (0.0, -1.95, 3.25), (0.0, -0.06, 0.0)
+
+
+class Tab(Protocol):
+    """Something to show and to press."""
+
+    def build(self, page: Page) -> None:
+        """Put what there is to see into the page; once."""
+
+    def draw(self, now: float) -> None:
+        """Bring it up to date; now: monotonic, s. Called `HZ` times a second, and must be done in a few ms."""
+
+
+class Page:
+    """An open page. Raises what `open_server` raises."""
+
+    def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, title: str = "mazeplan") -> None:
+        self.door = door
+        ready = Event()
+        self.server: ViserServer = open_server(door, listening, ready)
+        self._tabs = tuple(tabs)
+        self._told = False
+        gui, scene = self.server.gui, self.server.scene
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 95, 153))
+        gui.set_panel_label(title)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        scene.set_up_direction("+z")
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(cast_shadow=False)
+        scene.add_light_ambient("/light", intensity=0.9)
+        scene.add_light_directional("/lamp", intensity=0.7, position=(-0.8, -2.5, 2.0))
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = CAMERA, LOOK_AT
+        camera.fov = 0.75
+        self.tabs: GuiTabGroupHandle = gui.add_tab_group()
+        for tab in self._tabs:
+            tab.build(self)
+        ready.set()
+
+    @property
+    def seen(self) -> bool:
+        """Whether somebody has it open."""
+        return bool(self.server.get_clients())
+
+    def draw(self) -> None:
+        """All tabs once. What goes wrong in one is told once, and the others are drawn all the same."""
+        for tab in self._tabs:
+            try:
+                with self.server.atomic():
+                    tab.draw(monotonic())
+            except Exception:
+                if not self._told:
+                    self._told = True
+                    print(f"mazeplan: the page could not draw: {traceback.format_exc()}", file=sys.stderr)
+
+    def loop(self, on: Callable[[], bool]) -> None:
+        """Draw until `on` says no more."""
+        due = monotonic()
+        while on():
+            self.draw()
+            due = max(due + 1.0 / HZ, monotonic())
+            sleep(max(0.0, due - monotonic()))
+
+    def close(self) -> None:
+        """Let everybody go."""
+        self.server.stop()
+
+
+def serve(tabs: Sequence[Tab], host: str, port: int, say: Callable[[str], object]) -> None:
+    """A page in this process, for what needs no run beside it, until Ctrl-C; `say` is told its address. Raises
+    InputError where it cannot be."""
+    check_installed()
+    listening = listen(host, port)
+    page = Page(Door.at(host, listening.getsockname()[1]), listening, tabs)
+    say(f"page: {page.door.url}")
+    try:
+        page.loop(lambda: True)
+    except KeyboardInterrupt:
+        page.close()

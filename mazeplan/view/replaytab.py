@@ -1,0 +1,195 @@
+"""The tab of recorded runs: the maze of each, one beside the other, at one time; curves, failures, the tree then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from html import escape
+from threading import RLock
+from typing import Any
+
+from mazeplan.palette import COLOURS
+from mazeplan.view.page import CAMERA, LOOK_AT, WIDTH, Page
+from mazeplan.view.panel import Facts, TreePanel
+from mazeplan.view.replaying import SPEEDS, Mark, Player, Recording, common_times
+from mazeplan.view.replayplots import ReplayPlots
+from mazeplan.view.scene import TILT_SHOWN, UNIT, Scene
+
+MOST_BUTTONS = 30  # failures with a button of their own
+APART = 2.55  # distance of two mazes in radii of the larger one's rim
+FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
+LETTERS = "AB"
+
+
+class ReplayTab:
+    """See `page.Tab`. One recording, or two."""
+
+    def __init__(self, recordings: Sequence[Recording]) -> None:
+        self._recordings = tuple(recordings)
+        self._player, self._lock = Player(common_times(recordings)), RLock()
+        self._failures = sorted(
+            ((mark, letter) for r, letter in zip(recordings, LETTERS, strict=False) for mark in r.failures),
+            key=lambda pair: pair[0].t,
+        )
+        self._marks = [mark for mark, _ in self._failures]
+        self._before, self._told, self._tilt_shown = 0.0, (), TILT_SHOWN
+
+    def build(self, page: Page) -> None:
+        """Scenes, curves, controls of time, failures, facts, trees."""
+        server, gui = page.server, page.server.gui
+        self._scenes = self._build_scenes(page)
+        curves = gui.add_panel()
+        with curves.add_tab("Curves"):
+            self._plots = ReplayPlots(server, self._recordings)
+        curves.dock_left()
+        curves.set_width(WIDTH)
+        with page.tabs.add_tab("Replay"):
+            self._head = gui.add_html("")
+            self._build_time(gui)
+            self._build_failures(gui)
+            self._panels = self._build_runs(page)
+            with gui.add_folder("Picture", expand_by_default=False):
+                tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
+            tilt.on_update(lambda event: setattr(self, "_tilt_shown", float(event.target.value)))
+
+    def _build_scenes(self, page: Page) -> list[Scene | None]:
+        """The second maze to the right of the first, as far as it takes."""
+        reach = max((r.maze.walls[0].outer_radius for r in self._recordings if r.maze), default=0.1)
+        two = len(self._recordings) > 1
+        places = [-0.5 * APART * reach, 0.5 * APART * reach] if two else [0.0]
+        scenes: list[Scene | None] = []
+        for recording, letter, x in zip(self._recordings, LETTERS, places, strict=False):
+            if recording.maze is None:
+                scenes.append(None)
+                continue
+            scenes.append(Scene(page.server, recording.maze, f"/run{letter}", (x, 0.0)))
+            if two:
+                place = (UNIT * x, -UNIT * 1.35 * reach, 0.0)
+                page.server.scene.add_label(f"/name{letter}", f"{letter}: {recording.name}", position=place)
+        if two:  # farther away, so that both are in the picture
+            camera = page.server.initial_camera
+            camera.position = (0.0, 1.7 * CAMERA[1], 2.15 * CAMERA[2])
+            camera.look_at = LOOK_AT
+        return scenes
+
+    def _build_time(self, gui: Any) -> None:
+        player = self._player
+        marks = tuple(round(mark.t, 2) for mark in self._marks if player.first <= mark.t <= player.last)
+        span = round(player.last - player.first, 2)
+        self._slider = gui.add_slider(
+            "Time (s)", round(player.first, 2), round(player.first + max(span, 0.01), 2), 0.01, round(player.first, 2),
+            marks=marks or None, hint="points below: failures",
+        )  # fmt: skip
+        self._slider.on_update(self._pressed(lambda event: self._seek(event.target.value)))
+        self._play = gui.add_button("Play", color="blue", hint="space")
+        self._play.on_click(self._pressed(lambda event: player.toggle()))
+        steps = gui.add_button_group("Step", ["−1 s", "−tick", "+tick", "+1 s"], hint="arrow keys: ticks")
+        steps.on_click(self._pressed(lambda event: self._step(event.target.value)))
+        speeds = [f"{speed:g}×" for speed in SPEEDS]
+        speed = gui.add_dropdown("Speed", speeds, initial_value="1×", hint="1×: as fast as it was")
+        speed.on_update(self._pressed(lambda event: setattr(player, "speed", float(event.target.value[:-1]))))
+        for label, key, do in (
+            ("Play or stop", "space", player.toggle),
+            ("One tick on", "arrowright", lambda: player.step(1)),
+            ("One tick back", "arrowleft", lambda: player.step(-1)),
+            ("Next failure", "N", lambda: player.jump(self._marks, 1)),
+            ("Previous failure", "P", lambda: player.jump(self._marks, -1)),
+        ):
+            command = gui.add_command(label, hotkey=key)
+            command.on_trigger(self._pressed(lambda event, do=do: do()))
+
+    def _build_failures(self, gui: Any) -> None:
+        count = len(self._marks)
+        with gui.add_folder(f"Failures: {count or 'none'}"):
+            if not count:
+                return
+            jumps = gui.add_button_group("Jump", ["previous", "next"], hint="keys P and N")
+            jumps.on_click(
+                self._pressed(lambda event: self._player.jump(self._marks, 1 if event.target.value == "next" else -1))
+            )
+            for mark, letter in self._failures[:MOST_BUTTONS]:
+                name = f"{letter}  " if len(self._recordings) > 1 else ""
+                button = gui.add_button(f"{name}{mark.t:.2f} s  {mark.brief}", color="gray", hint=mark.text)
+                button.on_click(self._pressed(lambda event, mark=mark: self._jump(mark)))
+            if count > MOST_BUTTONS:
+                gui.add_html(f'<div style="{FONT}">and {count - MOST_BUTTONS} more: next</div>')
+
+    def _build_runs(self, page: Page) -> list[tuple[Facts, TreePanel]]:
+        gui, server, panels = page.server.gui, page.server, []
+        if len(self._recordings) == 1:
+            facts = Facts(server)
+            with gui.add_folder("Behaviour tree"):
+                return [(facts, TreePanel(server))]
+        group = gui.add_tab_group()
+        for letter, _ in zip(LETTERS, self._recordings, strict=False):
+            with group.add_tab(f"Run {letter}"):
+                panels.append((Facts(server), TreePanel(server)))
+        return panels
+
+    # -- what a person does -----------------------------------------------------------------------------------------
+
+    def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
+        """What a person does; not what the program itself sets."""
+
+        def on(event: Any) -> None:
+            if getattr(event, "client_id", 0) is not None:
+                with self._lock:
+                    do(event)
+
+        return on
+
+    def _seek(self, t: float) -> None:
+        self._player.playing = False
+        self._player.seek(t)
+
+    def _step(self, what: str) -> None:
+        sign = 1 if what.startswith("+") else -1
+        if what.endswith("tick"):
+            self._player.step(sign)
+        else:
+            self._seek(self._player.t + sign)
+
+    def _jump(self, mark: Mark) -> None:
+        self._seek(mark.t)
+
+    # -- what is shown ----------------------------------------------------------------------------------------------
+
+    def draw(self, now: float) -> None:
+        """Where the time has come to."""
+        with self._lock:
+            player = self._player
+            player.advance(now - self._before if self._before else 0.0)
+            self._before = now
+            t, playing = player.t, player.playing
+        for recording, scene, (facts, tree) in zip(self._recordings, self._scenes, self._panels, strict=True):
+            moment = recording.at(t)
+            if scene is not None:
+                scene.tilt_shown = self._tilt_shown
+                scene.show(moment)
+            facts.show(moment, now)
+            tree.show(moment, now)
+        self._plots.show(t, now)
+        shown = (round(t, 2), playing)
+        if shown != self._told:
+            self._told = shown
+            self._slider.value = min(max(round(t, 2), self._slider.min), self._slider.max)
+            self._play.label = "Stop" if playing else "Play"
+            self._head.content = head_html(self._recordings, t)
+
+
+def head_html(recordings: Sequence[Recording], t: float) -> str:
+    """Time, tick, and of each run its file, what it was, how it ended, and what its log does not have."""
+    rows = []
+    for recording, letter in zip(recordings, LETTERS, strict=False):
+        header = recording.moments[0].header
+        name = f"<b>{letter}</b> " if len(recordings) > 1 else ""
+        told = [f"rig {header['rig']}"] if header.get("rig") else []
+        told += [f"map {header['map_name']}"] if header.get("map_name") else []
+        told += [f"seed {header['seed']}"] if header.get("seed") is not None else []
+        notes = "".join(f'<div style="color:{COLOURS["unsure"]}">{escape(note)}</div>' for note in recording.notes)
+        tick = f"tick {recording.tick_at(t) + 1} of {len(recording.moments)}"
+        over = "" if t <= recording.times[-1] + 1e-6 else ", over"
+        rows.append(
+            f'<div>{name}<b>{escape(recording.name)}</b> <span style="color:#666">{escape(", ".join(told))}</span>'
+            f'<div style="color:#666">{escape(recording.outcome)} · {tick}{over}</div>{notes}</div>'
+        )
+    return f'<div style="{FONT}" data-t="{t:.3f}">{"".join(rows)}</div>'

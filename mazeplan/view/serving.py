@@ -1,0 +1,51 @@
+"""Pages without a run: recorded runs, and a map to edit. Each is served until Ctrl-C."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from mazeplan.errors import LogError
+from mazeplan.view.door import Door, listen
+from mazeplan.view.editor import MapEditor
+from mazeplan.view.page import Page, Tab
+from mazeplan.view.replaying import open_recording
+from mazeplan.view.server import check_installed
+
+MOST = 2  # runs beside each other
+
+
+def show_logs(logs: Sequence[str | Path], host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
+    """Recorded runs, one or two beside each other, as long as `on` says. Raises LogError for a file that is none, and
+    InputError where there can be no page."""
+    from mazeplan.view.replaytab import ReplayTab
+
+    if len(logs) > MOST:
+        raise LogError(f"got {len(logs)} logs, expected one, or two to see beside each other")
+    check_installed()
+    _serve(ReplayTab([open_recording(path) for path in logs]), host, port, on)
+
+
+def edit_map(source: str | Path, host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
+    """A map file, or a packaged map that is saved under another name. Raises MapError for one that cannot be read."""
+    from mazeplan.view.edittab import EditTab
+
+    check_installed()
+    editor = MapEditor(source)
+    _serve(EditTab(editor), host, port, on)
+    if editor.changed:
+        print(f"mazeplan: {editor.path.name}: what was changed since it was saved last is lost", file=sys.stderr)
+
+
+def _serve(tab: Tab, host: str, port: int, on: Callable[[], bool]) -> None:
+    with listen(host, port) as listening:
+        door = Door.at(host, listening.getsockname()[1])
+        page = Page(door, listening, [tab])
+        print(f"page: {door.url}", file=sys.stderr, flush=True)
+        try:
+            page.loop(on)
+        except KeyboardInterrupt:  # the way to end it
+            pass
+        finally:
+            page.close()

@@ -1,0 +1,53 @@
+"""`mazeplan view` with what cannot be shown: one line, exit status 2."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+from commands import call
+
+from mazeplan.data.runlog import RunLogWriter
+
+pytest.importorskip("viser")
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "run.mcap"
+    with RunLogWriter(path, {}):
+        pass
+    return path
+
+
+@pytest.fixture
+def refused(monkeypatch, capsys):
+    def view(*arguments: object) -> str:
+        code, out, err = call(monkeypatch, capsys, "view", *arguments)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        return err
+
+    return view
+
+
+def test_logs_that_cannot_be_shown(refused, log, tmp_path):
+    other = tmp_path / "other.mcap"
+    other.write_text("no log")
+    assert "run.mcap: holds no tick" in refused(log)
+    assert "other.mcap: got another kind of file" in refused(other)
+    assert "none.mcap: cannot be read: No such file" in refused(tmp_path / "none.mcap")
+    assert "got 3 logs, expected one, or two" in refused(log, log, log)
+    assert "--edit: got a log as well" in refused(log, "--edit")
+
+
+def test_maps_that_cannot_be_edited(refused, tmp_path):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("name: a\nrings: [\n")
+    assert "bad.yaml:3: not valid YAML" in refused("--map", bad, "--edit")
+    assert "packaged" in refused("--map", "nowhere", "--edit")
+
+
+def test_a_port_that_is_taken_is_an_error(refused):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert f"127.0.0.1:{port} cannot be listened at" in refused("--map", "cme", "--edit", "--port", port)

@@ -1,0 +1,171 @@
+"""A simulated rig held to the wall's clock; the clock is the test's."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import numpy as np
+import pytest
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.records import Observation
+from mazeplan.rigs.paced import PacedRig, WallClock
+from mazeplan.rigs.registry import make_rig
+
+
+class Wall:
+    """Goes on only while somebody waits, or `busy` makes it."""
+
+    def __init__(self):
+        self.time, self.slept, self.on_wait = 100.0, [], lambda woken: None
+
+    def now(self):
+        return self.time
+
+    def wait(self, woken, seconds):
+        self.on_wait(woken)
+        if not woken.is_set():
+            self.slept.append(seconds)
+            self.time += seconds
+
+    def busy(self, seconds):
+        self.time += seconds
+
+
+class Counting:
+    """Samples at 10 Hz, at once; keeps what it is told, and by whom."""
+
+    rate_hz, realtime, latency = 10.0, False, "measured"
+
+    def __init__(self):
+        self.told, self.threads = [], set()
+
+    def reset(self, *, ring, theta, rng):
+        self.count = 0
+
+    def observe(self):
+        self.count += 1
+        return Observation((self.count - 1) / self.rate_hz, 0.0, 0.0, 0.0, 0.0)
+
+    def command(self, u_beta, u_gamma):
+        self.told.append((u_beta, u_gamma))
+
+    def level(self):
+        self.told.append("level")
+        self.threads.add(threading.get_ident())
+
+    def close(self):
+        self.told.append("close")
+
+
+@pytest.fixture
+def wall():
+    return Wall()
+
+
+@pytest.fixture
+def rig(wall):
+    rig = PacedRig(Counting(), wall)
+    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    return rig
+
+
+def test_samples_come_when_they_are_due(rig, wall):
+    began, times = wall.time, []
+    for _ in range(5):
+        rig.observe()
+        times.append(wall.time - began)
+        wall.busy(0.03)
+    assert times == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert wall.slept == pytest.approx([0.07] * 4)
+
+
+def test_who_is_late_a_little_makes_up_for_it_and_who_is_late_for_long_does_not(rig, wall):
+    rig.observe()
+    wall.busy(0.15)
+    rig.observe()  # due at 0.1, is there at 0.15
+    rig.observe()
+    assert wall.time - 100.0 == pytest.approx(0.2)
+    wall.busy(5.0)
+    before = wall.time
+    samples = [rig.observe() for _ in range(4)]
+    # the late one and one more at once, then each in its time
+    assert wall.time - before == pytest.approx(0.2)
+    assert [s.t for s in samples] == pytest.approx([0.3, 0.4, 0.5, 0.6])
+
+
+def test_the_rigs_time_begins_at_its_reset(rig, wall):
+    rig.observe()
+    rig.observe()
+    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    wall.busy(50.0)
+    wall.slept.clear()
+    rig.observe()
+    assert not wall.slept
+    rig.observe()
+    assert wall.slept == pytest.approx([0.1])
+
+
+def test_level_now_has_its_way_in_the_midst_of_a_wait_and_against_later_commands(rig, wall):
+    rig.observe()
+    rig.command(0.05, 0.0)
+
+    def on_wait(woken):
+        wall.on_wait = lambda woken: None
+        other = threading.Thread(target=rig.level_now)
+        other.start()
+        other.join()
+
+    wall.on_wait = on_wait
+    rig.observe()
+    assert rig.inside.told == [(0.05, 0.0), "level"]
+    assert rig.inside.threads == {threading.get_ident()}  # not the thread that wanted it: simulations are for one
+    assert wall.time - 100.0 == pytest.approx(0.1)  # and the sample was due when it was due
+    rig.command(0.05, 0.0)
+    assert rig.inside.told[-1] == "level"
+    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    rig.command(0.02, 0.0)
+    assert rig.inside.told[-1] == (0.02, 0.0)
+
+
+def test_level_now_while_the_loop_computes_rules_its_command(rig):
+    rig.observe()
+    rig.level_now()
+    rig.command(0.05, 0.0)
+    assert (0.05, 0.0) not in rig.inside.told
+    assert rig.inside.told[-1] == "level"
+
+
+def test_orders_are_done_between_samples_by_the_loops_thread(rig):
+    rig.observe()
+    done = []
+    other = threading.Thread(target=rig.between_samples, args=(lambda: done.append(threading.get_ident()),))
+    other.start()
+    other.join()
+    assert not done
+    rig.observe()
+    assert done == [threading.get_ident()]
+    rig.observe()
+    assert len(done) == 1
+
+
+def test_the_rest_is_the_rigs_own(rig):
+    assert rig.latency == "measured"
+    assert not rig.realtime
+    rig.close()
+    assert rig.inside.told == ["close"]
+
+
+@pytest.mark.realtime
+def test_a_simulation_takes_as_long_as_it_says():
+    clock = WallClock()
+    rig = PacedRig(make_rig("ideal", load_map("cme")))
+    rig.reset(ring=1, theta=0.3, rng=np.random.default_rng(0))
+    began = clock.now()
+    last = [rig.observe() for _ in range(16)][-1]
+    took = clock.now() - began
+    rig.close()
+    assert last.t == pytest.approx(0.5)
+    assert math.floor(took * 100.0) >= 50
+    assert took < 1.5

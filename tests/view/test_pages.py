@@ -1,0 +1,110 @@
+"""Recorded runs and the map editor, as a person sees and operates them in Chromium."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from planar_rig import PlanarRig
+from watching import browser, page, pixel, program
+
+from mazeplan import resources
+from mazeplan.attempt import run_job
+from mazeplan.data.runlog import RunLogWriter
+from mazeplan.data.runlog_reader import read_messages
+from mazeplan.job import Job, Setup
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel
+from mazeplan.view.editscene import ABOVE
+from mazeplan.view.edittab import CAMERA
+from mazeplan.view.page import LOOK_AT
+from mazeplan.view.scene import UNIT, WALLS_SHOWN
+
+pytestmark = pytest.mark.realtime
+LOPSIDED = resources.share("maps") / "lopsided.yaml"
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def failed(tmp_path):
+    """A run in which something went wrong after 0.5 s."""
+    maze, whole, path = load_map("cme"), tmp_path / "whole.mcap", tmp_path / "failed.mcap"
+    run_job(PlanarRig(maze), Setup(maze, RigModel.nominal(maze)), Job(4, 5, 0.3), log=whole)
+    header, messages, _ = read_messages(whole)
+    with RunLogWriter(path, header) as log:
+        for topic, document in messages[1:]:
+            if topic == "/tick" and abs(document["t"] - 0.5) < 0.01:  # a tick is told after what happened in it
+                log.event(document["t"], "failure", {"kind": "stuck", "where": "Track", "detail": "no way"})
+                log.event(document["t"], "recovery", {"recovery": "replan"})
+            log._add(topic, 0.0, document)
+    return path
+
+
+def time_shown(shown) -> float:
+    return float(shown.locator("[data-t]").get_attribute("data-t"))
+
+
+def test_a_recorded_run_is_looked_at(chromium, failed):
+    complaints: list[str] = []
+    with program(str(failed)) as (_, url), page(chromium, url, complaints) as shown:
+        shown.locator("[data-tree]").wait_for()
+        assert time_shown(shown) == 0.0
+        shown.get_by_role("button", name="stuck → replan").click()
+        shown.wait_for_function("document.querySelector('[data-t]').dataset.t > 0.49")
+        assert time_shown(shown) == pytest.approx(0.5, abs=0.01)
+        shown.locator("[data-failure]", has_text="stuck").wait_for()
+        shown.get_by_text("−tick", exact=True).click()
+        shown.wait_for_function("document.querySelector('[data-t]').dataset.t < 0.48")
+        assert time_shown(shown) == pytest.approx(0.5 - 1 / 30, abs=0.01)
+        shown.locator("[data-failure]").wait_for(state="detached")
+        track = shown.locator(".mantine-Slider-track").first.bounding_box()
+        shown.mouse.click(track["x"] + 0.8 * track["width"], track["y"] + 0.5 * track["height"])
+        shown.wait_for_function("document.querySelector('[data-t]').dataset.t > 0.6")
+        at = time_shown(shown)
+        shown.get_by_role("button", name="Play", exact=True).click()
+        shown.wait_for_function(f"document.querySelector('[data-t]').dataset.t > {at + 0.1}")
+        assert shown.locator("canvas").count() >= 4  # the scene, and curves
+    assert complaints == []
+
+
+def test_an_opening_is_dragged_and_the_map_saved(chromium, tmp_path):
+    path, complaints = tmp_path / "mine.yaml", []
+    path.write_bytes(LOPSIDED.read_bytes())
+    maze = load_map(path)
+    radius, height = UNIT * maze.threshold_radius(maze.openings[0]), UNIT * ABOVE * WALLS_SHOWN * maze.wall_height
+
+    def at(degrees: float) -> tuple[float, float]:
+        place = (radius * math.cos(math.radians(degrees)), radius * math.sin(math.radians(degrees)), height)
+        return pixel(shown, place, CAMERA, LOOK_AT, 0.75)
+
+    with program("--map", str(path), "--edit") as (_, url), page(chromium, url, complaints) as shown:
+        shown.locator("[data-line='18']").wait_for()
+        shown.wait_for_timeout(2000)  # until the scene is there
+        shown.mouse.move(*at(17))
+        shown.mouse.down()
+        for degrees in np.linspace(17, 95, 6):
+            shown.mouse.move(*at(degrees))
+            shown.wait_for_timeout(150)
+        shown.locator("[data-problem='19']", has_text="overlaps openings[0]").wait_for()
+        for degrees in np.linspace(85, 60, 4):
+            shown.mouse.move(*at(degrees))
+            shown.wait_for_timeout(150)
+        shown.locator("[data-errors='0']").wait_for()
+        shown.mouse.up()
+        line = shown.locator("[data-line='18']").inner_text()
+        angle = float(re.search(r"angle_deg: ([\d.]+), width_mm: 14}", line)[1])
+        assert angle == pytest.approx(60, abs=3)
+        shown.get_by_role("button", name="Save", exact=True).click()
+        shown.locator("[data-said]").wait_for()
+        assert path.read_text() == LOPSIDED.read_text().replace("angle_deg: 17,", f"angle_deg: {angle:g},")
+        shown.get_by_role("button", name="Undo", exact=True).click()
+        shown.locator("[data-changed='1']").wait_for()
+        assert "angle_deg: 17," in shown.locator("[data-line='18']").inner_text()  # the drag was one step
+    assert complaints == []

@@ -1,0 +1,248 @@
+"""Recorded runs: what a log gives to look at, and the time that goes through it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from planar_rig import PlanarRig
+
+from mazeplan.attempt import run_job
+from mazeplan.data.runlog import RunLogWriter
+from mazeplan.data.runlog_reader import read_log, read_messages
+from mazeplan.errors import LogError
+from mazeplan.job import Job, Setup
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel
+from mazeplan.records import Command, Observation
+from mazeplan.view.replaying import Mark, Player, common_times, open_recording
+from mazeplan.view.replayplots import PICTURES, around, at_times, spread, table, with_line
+
+MAZE = load_map("cme")
+LEVEL = Command(0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A log with its tree."""
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    run_job(PlanarRig(MAZE), Setup(MAZE, RigModel.nominal(MAZE)), Job(4, 5, 0.3), log=path)
+    return path
+
+
+def rewritten(source, target, change) -> None:
+    """The messages of a log, each changed, as a log again; None leaves one out."""
+    header, messages, _ = read_messages(source)
+    with RunLogWriter(target, header) as log:
+        for topic, document in messages:
+            told = None if topic == "/header" else change(topic, dict(document))
+            if told is not None:
+                log._add(topic, 0.0, told)
+
+
+def sampled(path, times, **header) -> None:
+    """A log of samples at these times, as an older version might have left it."""
+    with RunLogWriter(path, header) as log:
+        for t in times:
+            log.sample(Observation(t, 0.08, 0.01 * t, 0.0, 0.0), LEVEL)
+
+
+def test_a_log_gives_a_moment_for_each_tick(run):
+    log, recording = read_log(run), open_recording(run)
+    assert recording.name == "run.mcap"
+    np.testing.assert_allclose(recording.times, log.ticks["t"])
+    assert recording.maze == MAZE
+    assert recording.notes == ()
+    assert recording.outcome == f"arrived at {recording.times[-1]:.2f} s"
+    np.testing.assert_allclose(recording.column("u_beta"), log.ticks["u_beta"])
+    for k in (0, 7, len(log.ticks["t"]) - 1):
+        moment = recording.at(log.ticks["t"][k])
+        assert (moment.t, moment.tick) == (log.ticks["t"][k], k + 1)
+        assert moment.command == (log.ticks["u_beta"][k], log.ticks["u_gamma"][k])
+        statuses = [nodes for t, nodes in log.trees[-1]["statuses"] if t <= moment.t + 1e-9]
+        assert moment.statuses == statuses[-1]
+    assert recording.at(-1.0) is recording.moments[0]
+    assert recording.at(log.ticks["t"][3] + 0.01) is recording.moments[3]
+    assert recording.at(1e9) is recording.moments[-1]
+
+
+def test_a_log_that_was_cut_is_shown_as_far_as_it_goes(run, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(run.read_bytes()[: run.stat().st_size * 2 // 3])
+    recording = open_recording(cut)
+    assert 5 < len(recording.times) < len(open_recording(run).times)
+    assert recording.outcome == f"no result: ends at {recording.times[-1]:.2f} s"
+    (note,) = recording.notes
+    assert note == f"The log was cut off: what came after {recording.times[-1]:.2f} s is not in it."
+
+
+def test_a_log_of_an_older_version_says_what_it_does_not_have(run, tmp_path):
+    old = tmp_path / "old.mcap"
+    rewritten(run, old, lambda topic, told: None if topic in ("/tree", "/status") else told)
+    recording = open_recording(old)
+    assert [note.split(":")[0] for note in recording.notes] == ["The log has no tree"]
+    assert recording.at(1.0).nodes == ()
+    bare = tmp_path / "bare.mcap"
+    sampled(bare, [0.0, 0.1])
+    recording = open_recording(bare)
+    assert [note.split(":")[0] for note in recording.notes] == [
+        "The log has no tree",
+        "The log has no map that can be read",
+    ]
+    assert recording.maze is None
+    assert recording.at(0.1).ball == (0.08, pytest.approx(0.001))
+
+
+def test_failures_are_marked_with_what_was_done_and_how_it_ended(tmp_path):
+    path = tmp_path / "bad.mcap"
+    with RunLogWriter(path, {}) as log:
+        log.sample(Observation(0.0, 0.08, 0.0, 0.0, 0.0), LEVEL)
+        log.event(0.5, "failure", {"kind": "stuck", "where": "Track", "detail": "no way in 1 s"})
+        log.event(0.5, "recovery", {"recovery": "shake"})
+        log.event(0.9, "failure", {"kind": "ball_lost"})
+        log.event(1.0, "ring", {"ring": 2})
+        log.sample(Observation(1.2, None, None, 0.0, 0.0), LEVEL)
+        log.result({"success": False, "reason": "time_limit", "time_s": 1.2})
+    assert open_recording(path).failures == (
+        Mark(0.5, "stuck → shake", "stuck at Track: no way in 1 s → shake"),
+        Mark(0.9, "ball_lost", "ball_lost"),
+        Mark(1.2, "ended: time_limit", "ended: time_limit"),
+    )
+    assert open_recording(path).outcome == "time_limit at 1.20 s"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda data: b"no log", "another kind of file"),
+        (lambda data: data[:40] + bytes([data[40] ^ 255]) + data[41:], "damaged|without the header"),
+        (lambda data: data.replace(b'"kind":"failure"', b'"kinD":"failure"').replace(b'"t":', b'"T":'), "damaged"),
+    ],
+)
+def test_a_damaged_log_is_refused_in_one_line(run, tmp_path, spoil, problem):
+    path = tmp_path / "spoilt.mcap"
+    path.write_bytes(spoil(run.read_bytes()))
+    with pytest.raises(LogError, match=problem) as told:
+        open_recording(path)
+    assert str(told.value).startswith(str(path))
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("topic", "change"),
+    [
+        ("/tree", {"parents": None}),
+        ("/event", {"detail": None}),
+        ("/plan", {"theta": ["a"]}),
+        ("/openings", {"names": 3}),
+        ("/tick", {"t": "soon"}),
+    ],
+)
+def test_a_field_that_is_no_such_thing_is_damage(run, tmp_path, topic, change):
+    path = tmp_path / "odd.mcap"
+    rewritten(run, path, lambda name, told: {**told, **change} if name == topic else told)
+    with pytest.raises(LogError, match="damaged"):
+        open_recording(path)
+
+
+def test_a_log_without_ticks_has_nothing_to_show(tmp_path):
+    path = tmp_path / "empty.mcap"
+    sampled(path, [])
+    with pytest.raises(LogError, match="holds no tick"):
+        open_recording(path)
+
+
+# -- time -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def player() -> Player:
+    return Player(np.array([0.0, 0.1, 0.2, 0.5]))
+
+
+def test_time_goes_on_with_its_speed_and_stops_at_the_end(player):
+    player.advance(1.0)
+    assert player.t == 0.0
+    player.toggle()
+    player.advance(0.15)
+    assert player.t == pytest.approx(0.15)
+    player.speed = 0.5
+    player.advance(0.2)
+    assert player.t == pytest.approx(0.25)
+    player.advance(10.0)
+    assert (player.t, player.playing) == (0.5, False)
+    player.toggle()
+    assert (player.t, player.playing) == (0.0, True)
+    player.toggle()
+    player.advance(0.3)
+    assert (player.t, player.playing) == (0.0, False)
+
+
+def test_steps_stop_at_ticks_and_at_the_ends(player):
+    player.playing = True
+    seen = []
+    for ticks in (1, 1, 1, 1, -1, -1, -1, -1):
+        player.step(ticks)
+        seen.append(player.t)
+    assert seen == [0.1, 0.2, 0.5, 0.5, 0.2, 0.1, 0.0, 0.0]
+    assert not player.playing
+    player.seek(0.15)
+    player.step(1)
+    assert player.t == 0.2
+    player.seek(0.15)
+    player.step(-1)
+    assert player.t == 0.1
+
+
+def test_one_can_seek_within_the_run(player):
+    for wanted, got in ((0.33, 0.33), (-5.0, 0.0), (99.0, 0.5), (float("nan"), 0.5)):
+        player.seek(wanted)
+        assert player.t == got
+
+
+def test_jumps_go_to_the_next_mark_and_the_one_before(player):
+    marks = [Mark(0.4, "b", "b"), Mark(0.1, "a", "a"), Mark(0.45, "c", "c")]
+    assert player.jump(marks, -1) is None
+    seen = []
+    for direction in (1, 1, 1, 1, -1):
+        player.jump(marks, direction)
+        seen.append(player.t)
+    assert seen == [0.1, 0.4, 0.45, 0.45, 0.4]
+
+
+def test_two_runs_step_by_the_ticks_of_the_first_and_beyond_it_of_the_other(tmp_path):
+    for name, times in (("a", [0.1, 0.2, 0.3]), ("b", [0.0, 0.15, 0.3, 0.45])):
+        sampled(tmp_path / name, times)
+    a, b = (open_recording(tmp_path / name) for name in "ab")
+    np.testing.assert_allclose(common_times([a, b]), [0.0, 0.1, 0.2, 0.3, 0.45])
+    np.testing.assert_allclose(common_times([b]), b.times)
+    columns = table([a, b], PICTURES[0][3], 2.0)
+    np.testing.assert_allclose(columns[0], [0.0, 0.1, 0.15, 0.2, 0.3, 0.45])
+    assert np.isnan(columns[1]).tolist() == [True, False, False, False, False, True]
+    assert np.isfinite(columns[2]).all()
+
+
+# -- curves ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_line_stands_where_one_looks_and_leaves_curves_as_they_are():
+    times, curve = np.array([0.0, 1.0, 2.0]), np.array([3.0, 5.0, np.nan])
+    x, y, here = with_line((times, curve), 0.5, -1.0, 9.0)
+    np.testing.assert_array_equal(x, [0.0, 0.5, 0.5, 1.0, 2.0])
+    np.testing.assert_array_equal(y, [3.0, 4.0, 4.0, 5.0, np.nan])
+    np.testing.assert_array_equal(here, [np.nan, -1.0, 9.0, np.nan, np.nan])
+
+
+def test_ranges_hold_all_that_is_known():
+    low, high = spread((np.array([np.nan, 1.0]), np.array([3.0, 2.0])))
+    assert (low, high) == pytest.approx((0.9, 3.1))
+    assert spread((np.array([np.nan]),)) == pytest.approx((-0.05, 1.05))
+    assert spread((np.array([2.0]),)) == (1.0, 3.0)
+    assert np.isnan(at_times(np.array([-1.0, 3.0]), np.array([0.0, 1.0]), np.array([0.0, 1.0]))).all()
+
+
+def test_of_a_long_run_the_part_around_is_shown():
+    times = np.linspace(0.0, 100.0, 1001)
+    for t, first, last in ((0.0, 0.0, 30.0), (50.0, 35.0, 65.0), (100.0, 70.0, 100.0)):
+        part, _ = around((times, times), t)
+        assert (part[0], part[-1]) == pytest.approx((first, last), abs=0.2)
+    assert len(around((times[:200], times[:200]), 5.0)[0]) == 200

@@ -1,0 +1,226 @@
+"""What is drawn lies where the maze has it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.palette import rgb
+from mazeplan.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
+from mazeplan.view.moment import COLUMNS, Ahead, Gate, Moment, Said
+from mazeplan.view.panel import facts_html, tree_html
+from mazeplan.view.scene import UNIT, Scene, attitude, gate_colour, resampled
+from mazeplan.view.tallies import bounds
+
+MAZE = load_map("cme")
+
+
+class Handle(SimpleNamespace):
+    """Keeps what it is given; counts how often something is set."""
+
+    sets = 0
+
+    def __setattr__(self, name, value):
+        object.__setattr__(self, "sets", self.sets + 1)
+        object.__setattr__(self, name, value)
+
+    def on_click(self, call):
+        self.__dict__["click"] = call
+
+    def remove(self):
+        self.__dict__["removed"] = True
+
+
+class FakeServer:
+    """Of viser's scene: every add_ gives a handle under its name."""
+
+    def __init__(self):
+        self.nodes = {}
+        self.scene = self
+
+    def __getattr__(self, name):
+        if not name.startswith("add_"):
+            raise AttributeError(name)
+
+        def add(path, *values, **more):
+            self.nodes[path] = handle = Handle(values=values, **more)
+            return handle
+
+        return add
+
+
+def moment(**more):
+    rows = np.full((3, len(COLUMNS)), 0.0)
+    rows[:, 0] = (0.0, 0.1, 0.2)
+    rows[:, 1] = (0.08, 0.085, 0.09)
+    given = {"run": 1, "tick": 3, "t": 0.2, "ball": (0.09, 0.0), "seen": True, "rows": rows, "tilt": (0.05, 0.0)}
+    return Moment(**{**given, **more})
+
+
+def gate(name, **more):
+    given = {"closed": False, "next": False, "successes": 0.0, "failures": 0.0, "chance": 0.9, "low": 0.6, "high": 1.0}
+    return Gate(name, **{**given, **more})
+
+
+@pytest.fixture
+def drawn():
+    server, clicked = FakeServer(), []
+    scene = Scene(server, MAZE, on_ring=clicked.append, on_opening=clicked.append)
+    return scene, server.nodes, clicked
+
+
+def node(nodes, name):
+    return nodes[f"/maze/plate/{name}"]
+
+
+def test_the_plate_tilts_as_the_rig_means_it():
+    """Positive beta lowers the +x side, positive gamma lifts the +y side."""
+
+    def turned(q, v):
+        w, u = q[0], np.array(q[1:])
+        return v + 2.0 * np.cross(u, np.cross(u, v) + w * v)
+
+    assert turned(attitude(0.1, 0.0), np.array([1.0, 0.0, 0.0]))[2] == pytest.approx(-math.sin(0.1))
+    assert turned(attitude(0.0, 0.1), np.array([0.0, 1.0, 0.0]))[2] == pytest.approx(math.sin(0.1))
+    both = turned(attitude(0.1, 0.2), np.array([0.0, 0.0, 1.0]))
+    cb, sb, cg, sg = math.cos(0.1), math.sin(0.1), math.cos(0.2), math.sin(0.2)
+    np.testing.assert_allclose(both, [sb * cg, -sg, cb * cg])
+
+
+def test_ball_trail_and_plan_lie_where_they_are(drawn):
+    scene, nodes, _ = drawn
+    places = np.array([[0.09, 0.0], [0.0, 0.09]])
+    plan = Ahead(0.2, 1 / 30, 1, np.array([0.0, 1.0]), places, np.array([0.001, math.nan]))
+    scene.show(moment(plan=plan))
+    ball = node(nodes, "ball")
+    assert ball.visible
+    assert ball.position == pytest.approx((UNIT * 0.09, 0.0, UNIT * MAZE.ball.radius))
+    assert ball.color == rgb("real")
+    trail = node(nodes, "trail").points
+    np.testing.assert_allclose(trail[-1, 1, :2], (UNIT * 0.09, 0.0), atol=1e-6)
+    np.testing.assert_allclose(trail[0, 0, :2], (UNIT * 0.08, 0.0), atol=1e-6)
+    line = node(nodes, "plan").points
+    np.testing.assert_allclose((line[0, 0, :2], line[-1, 1, :2]), UNIT * places, atol=1e-6)
+    scene.show(moment(tick=4, ball=None, seen=False))
+    assert not node(nodes, "ball").visible
+    assert not node(nodes, "plan").visible
+
+
+def test_an_unseen_ball_looks_otherwise_and_nothing_is_sent_twice(drawn):
+    scene, nodes, _ = drawn
+    scene.show(moment(seen=False))
+    assert node(nodes, "ball").color == rgb("neutral")
+    before = {name: handle.sets for name, handle in nodes.items()}
+    scene.show(moment(seen=False))
+    assert {name: handle.sets for name, handle in nodes.items()} == before
+
+
+def test_tilt_is_drawn_larger_by_a_factor(drawn):
+    scene, nodes, _ = drawn
+    scene.tilt_shown = 2.0
+    scene.show(moment(tilt=(0.05, -0.02)))
+    assert nodes["/maze/plate"].wxyz == pytest.approx(attitude(0.1, -0.04))
+
+
+def test_openings_show_what_is_known_of_them(drawn):
+    scene, nodes, _ = drawn
+    name = MAZE.openings[0].name
+    scene.show(moment(gates=(gate(name),)))
+    assert node(nodes, f"gate/{name}/floor").color == rgb("skipped")
+    tried = gate(name, successes=1.0, failures=3.0, chance=0.5, low=0.2, high=0.8, next=True)
+    scene.show(moment(tick=4, gates=(tried,)))
+    assert node(nodes, f"gate/{name}/floor").color == rgb("unsure")
+    assert node(nodes, f"gate/{name}/frame").visible
+    label = node(nodes, f"gate/{name}/label")
+    assert label.values == ("50 % (20–80)",)
+    opening, (x, y, z) = MAZE.openings[0], label.position
+    assert math.atan2(y, x) == pytest.approx(opening.angle)
+    assert math.hypot(x, y) == pytest.approx(UNIT * MAZE.threshold_radius(opening))
+    assert 0.0 < z < UNIT * MAZE.wall_height
+    scene.show(moment(tick=5, gates=(replace(tried, closed=True),)))
+    assert node(nodes, f"gate/{name}/plug").visible
+    assert not node(nodes, f"gate/{name}/frame").visible
+    assert label.text == "closed"
+    scene.show(moment(tick=6, gates=(gate(name),)))
+    assert label.removed
+
+
+def test_colours_go_from_bad_to_good():
+    assert gate_colour(gate("a", failures=1.0, chance=0.0)) == rgb("bad")
+    assert gate_colour(gate("a", successes=1.0, chance=1.0)) == rgb("good")
+
+
+def test_a_click_says_what_was_clicked(drawn):
+    _, nodes, clicked = drawn
+    name = MAZE.openings[0].name
+    node(nodes, "ring3").click(None)
+    node(nodes, f"gate/{name}/floor").click(None)
+    assert clicked == [3, name]
+
+
+@pytest.mark.parametrize("wall", MAZE.walls, ids=lambda wall: f"wall{wall.outer_ring}")
+def test_walls_are_where_the_map_has_them(wall):
+    vertices, faces = wall_mesh(wall, 0.02)
+    radii = np.hypot(vertices[:, 0], vertices[:, 1])
+    assert radii.min() == pytest.approx(wall.inner_radius)
+    assert radii.max() == pytest.approx(wall.outer_radius)
+    assert (vertices[:, 2].min(), vertices[:, 2].max()) == (0.0, 0.02)
+    assert faces.max() == len(vertices) - 1
+    angles = np.arctan2(vertices[:, 1], vertices[:, 0])
+    for opening in wall.openings:  # no corner of a wall stands in an opening
+        turned = np.angle(np.exp(1j * (angles - opening.angle)))
+        near = np.abs(turned) < 0.5
+        assert np.abs(radii * np.sin(turned))[near].min() == pytest.approx(0.5 * opening.width, abs=1e-9)
+
+
+def test_faces_look_outwards():
+    """Of a closed body the volume by its faces is what it is; a face that looked inwards would take from it."""
+    angles = np.linspace(0.0, 0.5, 30)
+    vertices, faces = sector((0.05, angles), (0.06, angles), 0.0, 0.02, ends=True)
+    floor = sector((0.05, angles), (0.06, angles), 0.0, 0.0, ends=False)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    volume = np.sum(a * np.cross(b, c)) / 6.0
+    assert volume == pytest.approx(0.5 * 0.5 * (0.06**2 - 0.05**2) * 0.02, rel=1e-3)
+    assert floor[0][:, 2].max() == 0.0
+
+
+def test_floors_and_marks_fill_their_places():
+    vertices, _ = ring_floor(MAZE, 5)
+    assert np.hypot(*vertices[:, :2].T).min() == 0.0
+    opening = MAZE.openings[0]
+    vertices, _ = gap_box(MAZE, opening, 0.0, 0.001)
+    middle = vertices[:, :2].mean(axis=0)
+    assert math.atan2(middle[1], middle[0]) == pytest.approx(opening.angle)
+
+
+def test_the_band_is_as_wide_as_the_doubt_and_not_there_without():
+    places = np.column_stack([np.linspace(0.0, 1.0, 5), np.zeros(5)])
+    vertices, _ = ribbon(places, np.array([0.0, 0.1, 0.2, math.nan, math.nan]), 0.5)
+    left, right = vertices[:5], vertices[5:]
+    np.testing.assert_allclose(left[:, 1] - right[:, 1], [0.0, 0.2, 0.4, 0.0, 0.0])
+    np.testing.assert_allclose(vertices[:, 2], 0.5)
+
+
+def test_resampled_keeps_the_ends():
+    rows = np.array([[0.0, 5.0], [1.0, 6.0], [4.0, 7.0]])
+    np.testing.assert_allclose(resampled(rows, 5), [[0, 5], [0.5, 5.5], [1, 6], [2.5, 6.5], [4, 7]])
+
+
+def test_bounds_of_a_posterior_hold_nine_tenths():
+    from scipy.stats import beta
+
+    low, high = bounds(4.0, 1.3)
+    assert beta.cdf(high, 4.0, 1.3) - beta.cdf(low, 4.0, 1.3) == pytest.approx(0.9)
+
+
+def test_names_out_of_files_are_no_html():
+    text = facts_html(moment(leaf="<script>", said=(Said(0.1, "<b>&"),), result={"reason": "<i>", "success": False}))
+    assert "<script>" not in text
+    assert "<b>&" not in text
+    assert "<i>" not in text
+    assert "no tree yet" in tree_html(Moment())

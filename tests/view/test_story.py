@@ -1,0 +1,209 @@
+"""From messages to moments: what is shown of a run is what the run told."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mazeplan.data.runlog_reader import read_messages
+from mazeplan.maze.graph import RouteOptions
+from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.maze.memory import FADING_S
+from mazeplan.navigate import navigate
+from mazeplan.view.moment import COLUMNS
+from mazeplan.view.story import SHOWN_S, Story, moments
+from mazeplan.view.tallies import ENOUGH, PRIOR
+
+MAZE = load_map("cme")
+HEADER = {"map": dump_map(MAZE), "goal_ring": 5, "replay": {"rate_hz": 30.0, "closed": ["1-2@45"]}}
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """One run: what went to the live page, and what its log has."""
+    live, path = [], tmp_path_factory.mktemp("story") / "run.mcap"
+    navigate(2, 5, rig="toy", seed=4, log=path, feed=lambda topic, t, document: live.append((topic, document)))
+    return live, read_messages(path)[1]
+
+
+def tick(k, x=0.089, y=0.0, **more):
+    t = k / 30.0
+    estimate = {"estimate_t": t + 0.1, "estimate_x": x, "estimate_y": y}
+    return "/tick", {"t": t, "x": x, "y": y, "beta": 0.01, "gamma": 0.02, "u_beta": 0.03, "u_gamma": 0.04, "ring": 1,
+                     **estimate, **more}  # fmt: skip
+
+
+def plan(t0, theta, end):
+    return "/plan", {"t0": t0, "dt": 1 / 30, "theta": np.linspace(theta, end, 41).tolist()}
+
+
+def after(*messages):
+    story = Story()
+    for topic, document in (("/header", HEADER), *messages):
+        story.take(topic, document)
+    return story.moment()
+
+
+def test_live_and_recorded_a_run_shows_the_same(told):
+    live, recorded = (moments(messages) for messages in told)
+    assert len(live) == len(recorded) > 20
+    for a, b in zip(live, recorded, strict=True):
+        assert (a.t, a.ring, a.goal, a.opening, a.statuses, a.active, a.gates, a.leaf) == (
+            b.t, b.ring, b.goal, b.opening, b.statuses, b.active, b.gates, b.leaf
+        )  # fmt: skip
+        np.testing.assert_allclose(a.rows, b.rows, atol=1e-9)
+        assert (a.plan is None) == (b.plan is None)
+
+
+def test_each_moment_has_the_tick_it_is_of(told):
+    shown, ticks = moments(told[1]), [document for topic, document in told[1] if topic == "/tick"]
+    assert [m.t for m in shown] == [document["t"] for document in ticks]
+    for moment, document in zip(shown, ticks, strict=True):
+        assert moment.ball == (document["estimate_x"], document["estimate_y"])
+        assert moment.seen == ("x" in document)
+        assert moment.command == (document["u_beta"], document["u_gamma"])
+        assert moment.rows[-1, COLUMNS.index("beta")] == document["beta"]
+        # a plan is shown where one is followed, and it is the one: here and now it wants what the tick says
+        assert (moment.plan is not None) == ("planned_theta" in document)
+        if moment.plan is not None:
+            step = round((document["estimate_t"] - moment.plan.t0) / moment.plan.dt)
+            off = moment.plan.theta[min(step, 39)] - document["planned_theta"]
+            assert abs(math.remainder(off, math.tau)) < 1e-5
+    assert shown[-1].result is not None
+    assert shown[-1].result["reason"] == "arrived"
+    assert shown[-2].result is None
+
+
+def test_active_nodes_lead_from_the_root_to_the_leaf_that_commands(told):
+    followed = [m for m in moments(told[1]) if m.leaf == "Track"]
+    assert followed
+    for moment in followed:
+        assert moment.nodes[moment.active[0]].parent == -1
+        assert moment.nodes[moment.active[-1]].name == "Track"
+        for above, below in zip(moment.active, moment.active[1:], strict=False):
+            assert moment.nodes[below].parent == above
+            assert moment.nodes[below].depth == moment.nodes[above].depth + 1
+
+
+def test_of_several_plans_the_one_that_is_followed_is_shown():
+    east, north = plan(0.1, 0.0, 0.1), plan(0.1, 0.0, math.pi / 2)
+    moment = after(east, north, tick(0, planned_theta=0.0, goal_theta=0.1, opening="1-2@45"))
+    assert moment.plan is not None
+    assert moment.plan.theta[-1] == pytest.approx(0.1)
+    radius = MAZE.track_radius(1)
+    np.testing.assert_allclose(moment.plan.places[0], [radius, 0.0])
+    moment = after(east, north, tick(0, planned_theta=0.0, goal_theta=math.pi / 2, opening="1-2@45"))
+    assert moment.plan.theta[-1] == pytest.approx(math.pi / 2)
+    assert after(east, tick(0)).plan is None  # nothing is followed
+
+
+def test_doubt_is_how_far_earlier_plans_were_off():
+    """The ball turns by .02 rad a sample, plans say .01: after k steps they are off by .01 k of the track's radius."""
+    messages, radius = [], MAZE.track_radius(1)
+    for k in range(12):
+        theta = 0.02 * k
+        messages.append(plan(k / 30 + 0.1, theta, theta + 0.4))
+        place = (radius * math.cos(theta), radius * math.sin(theta))
+        messages.append(tick(k, *place, planned_theta=theta, goal_theta=theta + 0.4, opening="1-2@45"))
+    doubt = after(*messages).plan.doubt
+    known = 12 - ENOUGH + 1
+    np.testing.assert_allclose(doubt[:known], 0.01 * radius * np.arange(known), atol=1e-9)
+    assert np.isnan(doubt[known:]).all()
+
+
+def test_theta_goes_on_beyond_half_a_turn_and_the_plan_with_it():
+    radius, messages = MAZE.track_radius(1), []
+    for k in range(20):
+        theta = 3.0 + 0.05 * k
+        place = (radius * math.cos(theta), radius * math.sin(theta))
+        messages += [plan(k / 30 + 0.1, math.remainder(theta, math.tau), theta + 0.1)]
+        messages += [tick(k, *place, planned_theta=math.remainder(theta, math.tau), opening="1-2@45")]
+    moment = after(*messages)
+    np.testing.assert_allclose(np.diff(moment.column("theta")), 0.05, atol=1e-9)
+    np.testing.assert_allclose(moment.column("planned_theta"), moment.column("theta"), atol=1e-9)
+
+
+def test_openings_are_told_with_what_is_known_of_them_and_fade():
+    counts = {"t": 0.0, "fading_s": FADING_S, "names": ["2-3@0"], "successes": [1.0], "failures": [2.0]}
+    moment = after(("/openings", counts), tick(0, opening="2-3@0"))
+    gates = {gate.name: gate for gate in moment.gates}
+    assert set(gates) == {o.name for o in MAZE.openings}
+    tried = gates["2-3@0"]
+    a, b = PRIOR[0] + 1.0, PRIOR[1] + 2.0
+    assert tried.chance == pytest.approx(a / (a + b))
+    assert tried.low < tried.chance < tried.high
+    assert tried.next
+    assert not gates["2-3@90"].tried
+    assert gates["1-2@45"].closed  # by the command that began the run
+    later = after(("/openings", counts), tick(0), tick(30 * 120, opening="2-3@0"))
+    assert next(g for g in later.gates if g.name == "2-3@0").failures == pytest.approx(2.0 / math.e)
+
+
+def test_the_prior_is_that_of_the_route_graph():
+    options = RouteOptions()
+    assert (options.prior_successes, options.prior_failures) == PRIOR
+
+
+def test_what_is_said_to_a_run_shows():
+    events = [("closed", {"opening": "2-3@0"}), ("opened", {"opening": "1-2@45"}), ("goal", {"ring": 3, "closed": []})]
+    moment = after(*(("/event", {"t": 0.5, "kind": kind, "detail": detail}) for kind, detail in events), tick(15))
+    assert {gate.name for gate in moment.gates if gate.closed} == {"2-3@0"}
+    assert moment.goal == 3
+    assert [said.text for said in moment.said] == ["2-3@0 closed", "1-2@45 open again", "new goal: ring 3"]
+
+
+def test_the_last_failure_has_its_reason_and_its_recovery():
+    failure = {"kind": "missed_opening", "where": "PassOpening", "detail": "2-3@0 did not take the ball"}
+    messages = [tick(0), ("/event", {"t": 1.0, "kind": "failure", "detail": failure})]
+    assert after(*messages).failure.recovery is None
+    moment = after(*messages, ("/event", {"t": 1.0, "kind": "recovery", "detail": {"recovery": "replan"}}))
+    told = (str(moment.failure.kind), moment.failure.where, moment.failure.recovery)
+    assert told == ("missed_opening", "PassOpening", "replan")
+
+
+def test_a_new_tree_and_a_new_run_begin_anew():
+    tree = {"t": 0.0, "paths": ["a", "a/b"], "kinds": ["Sequence", "B"], "names": ["a", "b"], "parents": [-1, 0]}
+    story = Story()
+    for topic, document in (("/header", HEADER), ("/tree", tree), tick(0), ("/status", {"t": 0.0, "nodes": "RR"})):
+        story.take(topic, document)
+    first = story.moment()
+    assert (first.run, first.tree, first.active) == (1, 1, (0, 1))
+    story.take("/tree", {**tree, "paths": ["c"], "kinds": ["C"], "names": ["c"], "parents": [-1]})
+    second = story.moment()
+    assert (second.tree, second.statuses, second.active, len(second.nodes)) == (2, "", (), 1)
+    story.take("/header", HEADER)
+    third = story.moment()
+    assert (third.run, third.tick, len(third.rows), third.ball, third.nodes) == (2, 0, 0, None, ())
+
+
+def test_a_long_run_keeps_its_last_seconds_and_moments_stay_as_they_were():
+    story = Story()
+    story.take("/header", HEADER)
+    kept = round(SHOWN_S * 30)
+    for k in range(5 * kept):
+        story.take(*tick(k, x=0.08 + 1e-6 * k))
+        if k == kept:
+            early = story.moment()
+            copy = early.rows.copy()
+    assert len(story.moment().rows) == kept
+    np.testing.assert_array_equal(early.rows, copy)
+    assert story.moment().trail(1.0)[-1, 0] == pytest.approx(0.08 + 1e-6 * (5 * kept - 1))
+
+
+def test_gaps_are_gaps():
+    moment = after(tick(0), ("/tick", {"t": 1 / 30, "beta": 0.0, "gamma": 0.0, "u_beta": 0.0, "u_gamma": 0.0}))
+    assert moment.ball is None
+    assert not moment.seen
+    assert np.isnan(moment.column("theta")[-1])
+    moment = after(("/tick", {"t": 0.0, "x": math.nan, "y": 0.1, "estimate_x": None}))
+    assert moment.ball is None
+
+
+def test_a_log_without_a_map_can_be_shown():
+    story = Story()
+    story.take("/header", {"map": "no: map"})
+    story.take(*tick(0, planned_theta=0.0))
+    assert story.moment().gates == ()
+    assert story.moment().plan is None
