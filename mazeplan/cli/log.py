@@ -36,9 +36,9 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Summary of a run log; one that was cut is read up to where it ends."""
-    from mazeplan.data.runlog import read_log
+    from mazeplan.cli.progress import log_read
 
-    document = summary(read_log(log))
+    document = summary(log_read(log))
     if as_json:
         print_json(document)
     else:
@@ -52,9 +52,9 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
 ) -> None:
     """The ticks of a run log as CSV, in SI units and radians."""
-    from mazeplan.data.runlog import read_log
+    from mazeplan.cli.progress import log_read
 
-    columns = table_columns(read_log(log))
+    columns = table_columns(log_read(log))
     if output == "-":
         _write(sys.stdout, columns)
         return

@@ -118,9 +118,9 @@ def _trail(log: Path) -> Array:
     """Where the estimator saw the ball, (N, 3) of x, y in m and time in s; what the camera saw where there was none."""
     import numpy as np
 
-    from mazeplan.data.runlog import read_log
+    from mazeplan.cli.progress import log_read
 
-    ticks = read_log(log).ticks
+    ticks = log_read(log).ticks
     names = ("estimate_x", "estimate_y", "estimate_t") if "estimate_x" in ticks else ("x", "y", "t")
     return np.stack([ticks[name] for name in names], axis=1)
 

@@ -13,12 +13,14 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from mazeplan.cli.output import say
 
 if TYPE_CHECKING:
+    from mazeplan.data.runlog import RunLog
     from mazeplan.records import NavigationResult
 
 REFRESH_HZ = 10
@@ -182,6 +184,15 @@ class Working:
         else:
             self._shown.update(self._task, completed=done)
         self._done, self._total = done, total
+
+
+def log_read(path: Path) -> RunLog:
+    """A log, while it is shown that it is read: one of half an hour takes seconds. Raises LogError."""
+    from mazeplan.data.runlog import read_log
+
+    with Working("reading") as shown:
+        shown.tell(path.name)
+        return read_log(path)
 
 
 def _bar(stream: TextIO, transient: bool) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,14 +33,16 @@ def report(
     title: Annotated[str | None, typer.Option("--title", help="Of the page; default: what it shows.")] = None,
 ) -> None:
     """Pictures of runs, evaluations (several are compared), models and diagnoses: one HTML file that loads nothing."""
+    from mazeplan.cli.progress import Working
     from mazeplan.report.inputs import read_input
     from mazeplan.report.page import write_page
 
     check_page("-o", output)
     if pictures is not None:
         check_folder("--pictures", pictures)
-    found = _sections([part for path in inputs for part in read_input(path)])
-    write_page(output, title or found[0].title + (" and more" if len(found) > 1 else ""), found, pictures)
+    with Working("drawing") as shown:
+        found = _sections([part for path in inputs for part in read_input(path)], shown.tell)
+        write_page(output, title or found[0].title + (" and more" if len(found) > 1 else ""), found, pictures)
     say(f"wrote {output}" + (f", pictures in {pictures}" if pictures is not None else ""))
 
 
@@ -62,9 +65,9 @@ def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> 
     say(f"wrote {path}")
 
 
-def _sections(given: list[Input]) -> list[Section]:
+def _sections(given: list[Input], tell: Callable[[str], None] = lambda text: None) -> list[Section]:
     """In the order of the inputs, but evaluations together, where the first of them is. Where there is a model, logs
-    and tables are what it is judged on."""
+    and tables are what it is judged on. tell: gets the name of each before it is drawn."""
     from mazeplan.data.runlog import read_log
     from mazeplan.report.diagnosis import diagnosis_section
     from mazeplan.report.evaluation import evaluation_section
@@ -79,6 +82,7 @@ def _sections(given: list[Input]) -> list[Section]:
     together = [part for part in given if part.kind == "evaluation"]
     found = []
     for part in given:
+        tell(part.path.name)
         if part.kind == "model":
             found.append(model_section(part.path, judges))
         elif part.kind in ("run", "table") and models:

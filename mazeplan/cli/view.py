@@ -38,11 +38,17 @@ def view(
 ) -> None:
     """The page in the browser, to operate a rig, to look at recorded runs, or to edit a map; Ctrl-C ends it."""
     if logs or edit:
-        from mazeplan.view.serving import edit_map, show_logs
+        from mazeplan.cli.progress import Working
+        from mazeplan.view.serving import edit_map, open_logs, show_logs
 
         if logs and edit:
             raise InputError("--edit: got a log as well, expected one of the two")
-        show_logs(logs, host, port) if logs else edit_map(map_, host, port)
+        if not logs:
+            edit_map(map_, host, port)
+            return
+        with Working("reading") as shown:
+            runs = open_logs(logs, shown.tell)
+        show_logs(runs, host, port)
         return
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.live import navigate_live

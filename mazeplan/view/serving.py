@@ -10,21 +10,30 @@ from mazeplan.errors import LogError
 from mazeplan.view.door import Door, listen
 from mazeplan.view.editor import MapEditor
 from mazeplan.view.page import Page, Tab
-from mazeplan.view.replaying import open_recording
+from mazeplan.view.replaying import Recording, open_recording
 from mazeplan.view.server import check_installed
 
 MOST = 2  # runs beside each other
 
 
-def show_logs(logs: Sequence[str | Path], host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
-    """Recorded runs, one or two beside each other, as long as `on` says. Raises LogError for a file that is none, and
-    InputError where there can be no page."""
-    from mazeplan.view.replaytab import ReplayTab
-
+def open_logs(logs: Sequence[str | Path], tell: Callable[[str], None] = lambda text: None) -> list[Recording]:
+    """Recorded runs, one or two; tell: gets the name of each before it is read. Raises LogError for a file that is
+    none, and InputError where there can be no page."""
     if len(logs) > MOST:
         raise LogError(f"got {len(logs)} logs, expected one, or two to see beside each other")
     check_installed()
-    _serve(ReplayTab([open_recording(path) for path in logs]), host, port, on)
+    found = []
+    for path in logs:
+        tell(Path(path).name)
+        found.append(open_recording(path))
+    return found
+
+
+def show_logs(runs: Sequence[Recording], host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:
+    """Runs beside each other, as long as `on` says. Raises InputError where there can be no page."""
+    from mazeplan.view.replaytab import ReplayTab
+
+    _serve(ReplayTab(runs), host, port, on)
 
 
 def edit_map(source: str | Path, host: str, port: int, on: Callable[[], bool] = lambda: True) -> None:

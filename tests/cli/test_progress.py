@@ -11,6 +11,7 @@ import threading
 
 import pytest
 from commands import plain
+from replayed import planar
 
 from mazeplan.cli.progress import LINES_SHOWN, NavigationProgress, Working, campaign_progress
 from mazeplan.records import Failure, FailureKind, NavigationResult, RingPassage
@@ -250,3 +251,21 @@ def test_rich_is_not_imported_before_it_is_needed():
     )
     found = subprocess.run([sys.executable, "-c", code], check=False).returncode
     assert found == 0
+
+
+@pytest.mark.parametrize("words", [("log", "info"), ("report", "-o", "page.html"), ("map", "show", "--log")])
+def test_a_log_that_is_read_is_named_on_a_terminal_and_not_elsewhere(words, tmp_path, monkeypatch):
+    """The bar is wiped when all is done, so that it is looked for in what was written to the terminal until then."""
+
+    from mazeplan.cli.app import app
+
+    log = tmp_path / "of_half_an_hour.mcap"
+    planar(log, start=4)
+    told = Terminal()
+    for stream, seen in ((io.StringIO(), False), (told, True)):
+        monkeypatch.setattr(sys, "stderr", stream)
+        monkeypatch.chdir(tmp_path)
+        with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+            app([*words, str(log)], standalone_mode=False)
+        bars = [line for line in stream.getvalue().split("\r") if "of_half_an_hour" in line and "━" in line]
+        assert bool(bars) is seen
