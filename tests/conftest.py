@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,13 @@ LONG = (  # a quarter of a minute or more in one test
     "diagnosis/test_walls.py", "rigs/test_simulated.py", "test_readme.py", "test_improve.py",
     "diagnosis/test_drawn_sizes.py",
 )  # fmt: skip
+
+
+def pytest_configure() -> None:
+    """Tests that were begun in the background by a shell ignore Ctrl-C, and so would the programs that they start and
+    end by it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

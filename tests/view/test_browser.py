@@ -60,7 +60,10 @@ def program(tmp_path_factory):
         line = next(line for line in running.stderr if line.startswith("page: "))
         yield line.split()[-1], trace
         running.send_signal(signal.SIGINT)
-        assert running.wait(60) in (0, 1)
+        try:
+            assert running.wait(60) in (0, 1)
+        finally:
+            running.kill()  # else leaving waits for it
 
 
 @pytest.fixture(scope="module")
