@@ -6,6 +6,7 @@ Exit status: 0 done, 1 the job ran and did not succeed, 2 bad input or usage (on
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -59,8 +60,16 @@ def ended_as_interrupted() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
+def give_streams() -> None:
+    """A stream that was closed (`2>&-`) is none at all in Python, and what is printed to it goes to stdout."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+
+
 def main() -> None:
     """Entry point of the `mazeplan` command: turns deliberate errors into one line and their exit status."""
+    give_streams()
     keep_compiled()
     with ended_as_interrupted() as told:
         _main(told)
@@ -85,6 +94,12 @@ def _main(told: list[int]) -> None:
     except BrokenPipeError:  # the reader of our output left, as in `mazeplan log export ... | head`
         sys.stderr.close()
         sys.exit(1)
+    except OSError as problem:
+        if problem.errno != errno.ENOSPC:
+            raise
+        with suppress(OSError):
+            print(f"mazeplan: cannot write: {problem.strerror}", file=sys.stderr)
+        os._exit(1)  # what is left to be written would fail again, and say so
     if status == INTERRUPTED:
         status = 128 + told[0] if told else INTERRUPTED
         with suppress(OSError):  # the terminal may be gone

@@ -88,7 +88,11 @@ def _sections(given: list[Input], tell: Callable[[str], None] = lambda text: Non
         elif part.kind in ("run", "table") and models:
             continue
         elif part.kind == "run":
-            found.append(run_section(read_log(part.path)))
+            log = read_log(part.path)
+            if "excitation" in log.header:
+                told = "got a log of `collect`, expected one of `navigate --log`"
+                raise InputError(f"{told}, or the folder of a model beside it, to be judged on it", file=part.path)
+            found.append(run_section(log))
         elif part.kind == "comparison":
             found.append(models_section(part))
         elif part.kind == "diagnosis":

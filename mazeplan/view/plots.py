@@ -17,6 +17,7 @@ HZ = 10.0  # so often curves are sent
 EVERY = 2  # samples: at 30 Hz every second one is as good to the eye
 HEIGHT = 190  # pixels
 DEG = 180.0 / np.pi
+STEP_DEG = 45.0
 
 
 def line(label: str, colour: str, *, dashed: bool = False, fill: str = "") -> dict[str, Any]:
@@ -36,6 +37,15 @@ def axes(unit: str) -> tuple[dict[str, Any], ...]:
         {"label": "time (s)", "labelSize": 18, "size": 32, "grid": grid, "font": "11px sans-serif"},
         {"label": unit, "labelSize": 18, "size": 44, "grid": grid, "font": "11px sans-serif"},
     )
+
+
+def turn_of(theta: Array) -> tuple[float, float]:
+    """Least and largest angle of the axis, deg, in steps that seldom change. Told, and not found by uPlot: it finds
+    none where a curve begins with what is not known, as a plan does."""
+    known = theta[np.isfinite(theta)]
+    if not len(known):
+        return 0.0, STEP_DEG
+    return STEP_DEG * float(np.floor(known.min() / STEP_DEG)), STEP_DEG * float(np.floor(known.max() / STEP_DEG) + 1.0)
 
 
 class Plots:
@@ -65,6 +75,7 @@ class Plots:
             title="computing time in a tick", axes=axes("ms"), **more,  # pyright: ignore
         )  # fmt: skip
         self._at, self._before = 0.0, (-1, -1)
+        self._turn = (0.0, 0.0)  # deg, of the axis of theta
 
     def show(self, moment: Moment, now: float) -> None:
         """Draw a moment; now: s of any clock, by which it is not done too often."""
@@ -82,5 +93,9 @@ class Plots:
 
         self._tilts[0].data = columns(DEG, "u_beta", "beta")
         self._tilts[1].data = columns(DEG, "u_gamma", "gamma")
-        self._theta.data = columns(DEG, "planned_theta", "theta")
+        theta = columns(DEG, "planned_theta", "theta")
+        if (turn := turn_of(theta[2])) != self._turn:
+            self._turn = turn
+            self._theta.scales = {"x": {"time": False}, "y": {"range": turn}}  # pyright: ignore
+        self._theta.data = theta
         self._ms.data = columns(1.0, "planner_ms", "tick_ms")

@@ -11,6 +11,9 @@ import pytest
 from report_documents import EVIL, a_log, comparison, diagnosis, evaluation, evidence
 from standalone_page import alone
 
+from mazeplan.data.runlog import RunLogWriter
+from mazeplan.records import Command, Observation
+
 
 @pytest.fixture
 def call(monkeypatch, capsys):
@@ -123,3 +126,13 @@ def test_places_to_write_to_are_looked_at_first(call, tmp_path):
     code, _, err = call(tmp_path / "none.mcap", "-o", tmp_path / "x.html")
     assert code == 2
     assert "none.mcap: cannot be read" in err
+
+
+def test_what_was_collected_is_no_run(call, tmp_path):
+    with RunLogWriter(tmp_path / "c.mcap", {"rig": "toy", "excitation": "multisine"}) as log:
+        log.sample(Observation(0.0, 0.09, 0.0, 0.0, 0.0), Command(0.0, 0.0))
+    code, _, err = call(str(tmp_path / "c.mcap"), "-o", str(tmp_path / "c.html"))
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "got a log of `collect`, expected one of `navigate --log`" in err
+    assert not (tmp_path / "c.html").exists()

@@ -147,6 +147,7 @@ class Walk:
 
     def _tilt_sensor(self) -> str:
         self.rig.level()
+        sleep(SETTLE_S)  # the servos were tried just before
         samples = self._watch(LOOK_S)
         report = self.rig.parts.board.latest()
         first, second = (math.nan, math.nan) if report is None else volts(report)
