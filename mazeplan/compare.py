@@ -32,7 +32,7 @@ from mazeplan.models.residual_map import ResidualMap, residual_map
 from mazeplan.models.rollout import CHECKED, Rollout, Windows, choose_windows, roll_out, roll_out_delayed
 from mazeplan.models.samples import RingSamples, SampleOptions, joined, orientation, oriented, ring_samples
 from mazeplan.models.start import angle_noise, causal_start
-from mazeplan.progress import Advance, Words, no_advance, no_words, piece
+from mazeplan.progress import Advance, Words, led_by, no_advance, no_words, piece
 from mazeplan.records import Array, IntArray
 
 PREDICTED = ("rf", "p", "pi", "np", "sp")
@@ -176,7 +176,7 @@ def compare(
             left_out(f"ring {ring} is left out: {problem}")
             continue
         angles = np.array([o.angle for o in maze.openings_of(ring)]) if openings_known else None
-        words = lambda text, r=ring: tell(f"ring {r}: {text}")  # noqa: E731
+        words = led_by(f"ring {ring}: ", tell)
         scores.append(_score(ring, data, options, rates, signs, angles, words, share))
     if not scores:
         raise InputError(f"no ring has samples both to train and to test on{short}")
@@ -299,7 +299,7 @@ def _score(
     done, whole = 0.0, fits * (1.0 + options.curve * sum(CURVE[:-1])) + COST["roll"] * len(ROLLED)
     for kind in options.kinds:
         tell(kind)
-        words = lambda text, k=kind: tell(f"{k}, {text}")  # noqa: E731
+        words = led_by(f"{kind}, ", tell)
         share = piece(advance, done, COST[kind], whole)
         models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=words, advance=share)
         done += COST[kind]

@@ -32,7 +32,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.samples import rings_of
-from mazeplan.progress import Advance, Words, no_advance, no_words
+from mazeplan.progress import Advance, Words, led_by, no_advance, no_words
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 
@@ -155,7 +155,7 @@ def diagnose_rings(
     true, navigation would not become better."""
     out, without = {}, without_place(c.name for c in ring_library())
     for ring, record in records.items():
-        words = lambda text, ring=ring: working(f"ring {ring}: {text}")  # noqa: E731
+        words = led_by(f"ring {ring}: ", working)
         done = diagnose(record, maze.track_radius(ring), model.declared(ring), without=without, progress=words)
         tell(f"ring {ring}: {done.sentence()}")
         out[ring] = done

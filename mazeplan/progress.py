@@ -19,3 +19,8 @@ def no_advance(done: float, total: float) -> None:
 def piece(advance: Advance, begin: float, size: float, total: float) -> Advance:
     """What a piece of the work calls: it is `size` of `total`, behind `begin`."""
     return lambda done, of: advance(begin + size * (min(done / of, 1.0) if of > 0.0 else 1.0), total)
+
+
+def led_by(lead: str, tell: Words) -> Words:
+    """Words that say first of what they are."""
+    return lambda text: tell(f"{lead}{text}")
