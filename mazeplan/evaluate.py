@@ -21,12 +21,15 @@ import numpy as np
 
 from mazeplan.attempt import attempt_job
 from mazeplan.choices import resolve_model, ring_number
+from mazeplan.data.runlog import Take
 from mazeplan.errors import RigError
 from mazeplan.job import TIME_LIMIT, Job, Setup, log_header
 from mazeplan.maths.spread import spread
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel
 from mazeplan.records import Failure, FailureKind, NavigationResult
+from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 from mazeplan.settings import load_settings
@@ -77,18 +80,32 @@ def setup_of(campaign: Campaign, maze: Maze) -> Setup:
     return Setup(maze, model, campaign.behavior, rig_label(campaign.rig), settings=how, behavior_modules=modules)
 
 
-def run_one(campaign: Campaign, index: int) -> NavigationResult:
-    """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result."""
+def run_one(
+    campaign: Campaign, index: int, model: RigModel | None = None, feed: Take | None = None
+) -> NavigationResult:
+    """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result.
+
+    model: in the place of the campaign's own; feed: gets what a log would get."""
     maze = load_map(campaign.map)
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
-    rig = watched(make_rig(campaign.rig, maze, campaign.sense), own_process=campaign.own_process)
+    setup = setup if model is None else replace(setup, model=model)
+    rig = watched(rig_of_run(campaign, index, maze), own_process=campaign.own_process)
     try:
-        return attempt_job(rig, setup, job)[0]
+        return attempt_job(rig, setup, job, feed=feed)[0]
     except RigError as problem:  # it did not even become level
         return rig_failed(problem, job, setup.rig_name)
     finally:
         with suppress(RigError):  # what matters has been said
             rig.close()
+
+
+def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
+    """The rig, which is told the number of its run where it wants to know."""
+    rig = make_rig(campaign.rig, maze, campaign.sense)
+    begin = getattr(rig, "begin_run", None)
+    if begin is not None:
+        begin(index + 1)
+    return rig
 
 
 def rig_failed(problem: RigError, job: Job, rig_name: str) -> NavigationResult:

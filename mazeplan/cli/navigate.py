@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.cli.arguments import BehaviorModule
+from mazeplan.cli.learning import Kept, Learn, check_learning, evaluate_learning, navigate_learning
 from mazeplan.cli.output import print_json, say
 from mazeplan.cli.viewoptions import HOST, PORT, Host, PagePort
 
@@ -52,6 +53,8 @@ def navigate(
     memory: Annotated[
         Path | None, typer.Option("--memory", help="File that keeps what happened at openings for the next run.")
     ] = None,
+    learn: Learn = False,
+    output: Kept = None,
     sense: Sense = None,
     view: Annotated[bool, typer.Option("--view", help="Show and operate it on a page in the browser.")] = False,
     host: Host = HOST,
@@ -60,7 +63,7 @@ def navigate(
 ) -> None:
     """Bring the ball from one ring to another."""
     from mazeplan.cli.arguments import positive
-    from mazeplan.errors import RigError
+    from mazeplan.errors import InputError, RigError
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
@@ -71,12 +74,16 @@ def navigate(
         "start_angle_deg": start_angle, "closed": close or (), "seed": seed,
         "time_limit": positive("--time-limit", time_limit), "log": log, "memory": memory, "sense": sense,
     }  # fmt: skip
+    check_learning(learn, output)
     if view:
         from mazeplan.cli.live import navigate_live
 
+        if learn:
+            raise InputError("--learn with --view: a run on the page may go on for ever; give one of them")
+
         sys.exit(navigate_live(job, host, port, as_json=as_json))
     try:
-        result = navigate_once(job)
+        result = navigate_learning(job, output, navigate_once) if learn else navigate_once(job)
     except RigError as problem:  # the line that says so comes on top of what happened until then
         if as_json and problem.result is not None:
             print_json(problem.result.to_json())
@@ -121,6 +128,8 @@ def evaluate(
     faults: Annotated[
         str | None, typer.Option("--faults", help="YAML file of what is to go wrong, or all: each kind in turn.")
     ] = None,
+    learn: Learn = False,
+    output: Kept = None,
     sense: Sense = None,
     report: Annotated[Path | None, typer.Option("--report", help="HTML file with pictures of it.")] = None,
     as_json: Json = False,
@@ -137,6 +146,7 @@ def evaluate(
 
     if report is not None:
         check_page("--report", report)
+    check_learning(learn, output, workers, faults)
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
     to = len(maze.rings) if goal == "centre" else goal
@@ -148,9 +158,13 @@ def evaluate(
         from mazeplan.cli.faults import evaluate_faulty
 
         sys.exit(evaluate_faulty(campaign, faults, workers, as_json, report))
+    taught: dict[str, Any] = {}
     with campaign_progress(count) as advance:
-        outcomes = run(campaign, workers=workers, progress=advance)
-    document = {**summary(outcomes), "setup": setup_document(campaign)}
+        if learn:
+            outcomes, taught["learning"] = evaluate_learning(campaign, output, advance)
+        else:
+            outcomes = run(campaign, workers=workers, progress=advance)
+    document = {**summary(outcomes), "setup": setup_document(campaign), **taught}
     if report is not None:
         write_report("evaluation", document, report, document["setup"]["rig"])
     if as_json:

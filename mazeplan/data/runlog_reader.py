@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -78,7 +79,7 @@ def read_log(path: str | Path) -> RunLog:
         return RunLog(
             path,
             header,
-            _columns(of("/tick")),
+            columns_of(of("/tick")),
             tuple(_plan(document) for document in of("/plan")),
             tuple(_event(document) for document in of("/event")),
             next(iter(of("/result")), None),
@@ -145,7 +146,8 @@ def _document(data: bytes) -> dict[str, Any]:
     return document
 
 
-def _columns(ticks: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+def columns_of(ticks: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """Ticks as they were written, by column; see `RunLog.ticks`."""
     names = dict.fromkeys((*MEASURED, *(name for tick in ticks for name in tick)))
     columns = {}
     for name in names:

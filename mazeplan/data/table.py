@@ -12,7 +12,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from mazeplan.data.runlog import read_log
+from mazeplan.data.runlog_reader import columns_of
 from mazeplan.errors import TableError
 from mazeplan.records import Array, IntArray
 
@@ -102,6 +103,13 @@ def read_table(path: str | Path) -> Table:
     with np.errstate(all="ignore"):  # numbers near the largest overflow in the checks; they compare all the same
         columns = _checked(columns, rows)
     return Table(columns, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()})
+
+
+def table_of(ticks: Sequence[Mapping[str, Any]], name: str) -> Table:
+    """A table from the ticks of a run, documents as a log holds them. Raises TableError with what is wrong in `name`."""
+    columns = {key: column for key, column in columns_of(ticks).items() if column.dtype != object}
+    with np.errstate(all="ignore"):
+        return Table(_checked(columns, _Rows(Path(name), range(1, 1 + len(ticks)))), {"file": name})
 
 
 def join(tables: Sequence[Table]) -> Table:

@@ -38,6 +38,7 @@ from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.records import Array
 
+MOST_FRICTION = 20.0  # 1/s and rad/s^2; what effects allow
 FEWEST = 300  # samples; a ring with less has no process
 SMOOTHING = Smoothing("rts", model="snap")
 TRAINED = 0.8  # of the time that a ring takes: then its process is conditioned
@@ -107,17 +108,17 @@ def _learn_ring(
     hyper = honest_noise(training, inputs(k), features, target - base)
     if kind == "sp":
         hyper = replace(hyper, weight_sigma=_known(ball, hyper.weight_sigma))
-    corrected, process = _condition(k, target, ball, kind, hyper)
+    better, process = _condition(k, target, ball, kind, hyper)
     held = np.flatnonzero(split.test & samples.good)
     kt, truth, spread = samples.at(held), samples.theta_ddot[held], float(np.std(samples.theta_ddot[held]))
-    predicted = (planned(corrected, kt) if kind == "sp" else kinematic_terms(kt)) + process.mean(inputs(kt))
+    predicted = (planned(better, kt) if kind == "sp" else kinematic_terms(kt)) + process.mean(inputs(kt))
     scores = [float(np.sqrt(np.mean((truth - p) ** 2))) / spread for p in (ball.acceleration(kt), predicted)]
     tell("conditioning on the whole record")
     every = np.flatnonzero(samples.good)
     every = every[uniform_downsample(len(every), options.most)]
-    corrected, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, hyper)
+    better, process = _condition(samples.at(every), samples.theta_ddot[every], ball, kind, hyper)
     advance(1.0, 1.0)
-    return corrected, process, RingLearning(len(every), scores[0], scores[1], training)
+    return better, process, RingLearning(len(every), scores[0], scores[1], training)
 
 
 def _known(ball: BallModel, trained: Array) -> Array:
@@ -150,8 +151,8 @@ def _condition(
     if kind == "np":
         return ball, GaussianProcess.condition(alone, x, none, target - kinematic_terms(k))
     whole = GaussianProcess.condition(h, x, effect_features(k), target - planned(ball, k))
-    corrected = _corrected(ball, whole.weights, np.sqrt(np.diag(whole.covariance)))
-    return corrected, GaussianProcess.condition(alone, x, none, target - planned(corrected, k))
+    better = corrected(ball, whole.weights, np.sqrt(np.diag(whole.covariance)))
+    return better, GaussianProcess.condition(alone, x, none, target - planned(better, k))
 
 
 def planned(ball: BallModel, k: RingKinematics) -> Array:
@@ -163,11 +164,14 @@ def planned(ball: BallModel, k: RingKinematics) -> Array:
     return kinematic_terms(k) + gravity - viscous - dry
 
 
-def _corrected(ball: BallModel, weights: Array, sigma: Array) -> BallModel:
-    """The ball with its effects changed by the weights of their features, each within what is physically possible."""
+def corrected(ball: BallModel, weights: Array, sigma: Array) -> BallModel:
+    """The ball with its effects changed by the weights of their features (5,), each within what is physically possible;
+    sigma (5,): their deviations."""
     factor = float(np.clip(ball.parameter("rolling_inertia", "factor", 1.0) + weights[0], 0.05, 1.5))
-    viscous = max(0.0, ball.parameter("viscous_friction", "coefficient", 0.0) + float(weights[1]))
-    dry = max(0.0, ball.parameter("dry_friction", "coefficient", 0.0) + float(weights[2]))
+    viscous, dry = (
+        float(np.clip(ball.parameter(name, "coefficient", 0.0) + weight, 0.0, MOST_FRICTION))
+        for name, weight in (("viscous_friction", weights[1]), ("dry_friction", weights[2]))
+    )
     offset = [
         ball.parameter("tilt_offset", axis, 0.0) + float(w) / factor
         for axis, w in (("beta", weights[3]), ("gamma", weights[4]))

@@ -16,6 +16,7 @@ from mazeplan.maze.mapfile import check_text, load_map
 from mazeplan.records import Array
 from mazeplan.report import published
 from mazeplan.report.inputs import Input
+from mazeplan.report.learning import learning_parts
 from mazeplan.report.page import Note, Section, Table
 
 SECTORS = 16
@@ -25,7 +26,7 @@ Z = 1.959964  # of a 95 % interval
 @dataclass(frozen=True)
 class Runs:
     """One evaluation. time: s until arrival or the end, (N,); arrived (N,); start: angle in rad, NaN where the document
-    does not tell, (N,); results: as in the document."""
+    does not tell, (N,); results, learning (of each run, with --learn): as in the document."""
 
     name: str
     time: Array
@@ -33,6 +34,7 @@ class Runs:
     start: Array
     results: list[dict[str, Any]]
     setup: dict[str, Any]
+    learning: tuple[dict[str, Any], ...] = ()
 
     @property
     def limit(self) -> float:
@@ -51,6 +53,7 @@ def runs_of(given: Input) -> Runs:
         np.array([float((r.get("start") or {}).get("theta", math.nan)) for r in results]),
         results,
         given.document.get("setup") or {},
+        tuple((given.document.get("learning") or {}).get("runs") or ()),
     )
 
 
@@ -134,6 +137,7 @@ def evaluation_section(given: Sequence[Input]) -> Section:
     parts: list[Any] = [_table(several), *evaluation_pictures(several, maze), _kinds_table(several)]
     if all(not len(by_kind(runs)) for runs in several):
         parts.pop()
+    parts += [part for runs in several for part in learning_parts(runs)]
     if any(not np.isfinite(runs.start).any() for runs in several):
         parts.append(Note("Where start angles are not shown, the document is from before they were told."))
     facts = _facts(several) if len(several) == 1 else []

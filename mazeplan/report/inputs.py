@@ -174,6 +174,15 @@ def check_evaluation(document: dict[str, Any], path: Path) -> None:
         for name in ("map", "rig", "model"):
             if name in setup:
                 _is(str, setup[name], f"setup.{name}", path)
+    if document.get("learning") is not None:
+        learning = _is(dict, document["learning"], "learning", path)
+        for i, lesson in enumerate(_a(list, learning, "runs", path, "learning.runs")):
+            key = f"learning.runs[{i}]"
+            _is(dict, lesson, key, path)
+            _a(int, lesson, "run", path, f"{key}.run")
+            for name in ("error_m_s2", "fixed_error_m_s2"):
+                if lesson.get(name) is not None:
+                    _is(NUMBER, lesson[name], f"{key}.{name}", path)
 
 
 def check_comparison(document: dict[str, Any], path: Path) -> None:

@@ -53,6 +53,18 @@ class Fault(Section):
     offset_deg: float = Field(default=1.0, ge=-5.0, le=5.0)
 
 
+class Change(Section):
+    """What is otherwise from run `from_run` of a campaign on, the first being 1: keys of the settings themselves."""
+
+    from_run: int = Field(ge=1)
+    rolling_friction_m: float | None = Field(default=None, ge=0.0, le=1e-3)
+    floor_friction: float | None = Field(default=None, ge=0.0, le=2.0)
+    wall_grip: float | None = Field(default=None, ge=0.0, le=2.0)
+    contact_damping_ratio: float | None = Field(default=None, ge=0.02, le=5.0)
+    table_x_deg: float | None = Field(default=None, ge=-4.0, le=4.0)
+    table_y_deg: float | None = Field(default=None, ge=-4.0, le=4.0)
+
+
 class SimulatedSettings(Section):
     """All that can be set on the simulated rig. The defaults are an ideal machine; every key may be edited."""
 
@@ -101,8 +113,16 @@ class SimulatedSettings(Section):
     contact_damping_ratio: float = Field(default=1.0, ge=0.02, le=5.0, description="below 1 the ball bounces off walls")
     wall_segments: int = Field(default=360, ge=192, le=1440, description="boxes per full circle of wall")
     faults: tuple[Fault, ...] = ()
+    changes: tuple[Change, ...] = Field(default=(), description="what is otherwise from some run of a campaign on")
     surprise: Surprise | None = Field(default=None, description="one thing that is not as it was; drawn: any of them")
     surprise_seed: int = Field(default=0, ge=0, description="of what is drawn, and of its size and place")
+
+
+def in_run(settings: SimulatedSettings, number: int) -> SimulatedSettings:
+    """The settings as they are in a run of a campaign, the first being 1."""
+    due = sorted((c for c in settings.changes if c.from_run <= number), key=lambda change: change.from_run)
+    changed = {k: v for c in due for k, v in c.model_dump(exclude={"from_run"}).items() if v is not None}
+    return settings.model_copy(update=changed) if changed else settings
 
 
 def settings_from(
@@ -128,7 +148,8 @@ def as_tuples(value: Any) -> Any:
 
 def _said(error: Any) -> str:
     if error["type"] == "extra_forbidden":
-        fields = Fault.model_fields if "faults" in error["loc"] else SimulatedSettings.model_fields
+        inside = next((kind for name, kind in (("faults", Fault), ("changes", Change)) if name in error["loc"]), None)
+        fields = (inside or SimulatedSettings).model_fields
         return f"unknown key, expected one of {', '.join(fields)}"
     return sentence(error)
 

@@ -16,7 +16,7 @@ from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array, Observation
 from mazeplan.rigs.machine import CHUNKS, Machine, Snapshot
-from mazeplan.rigs.settings import Fault, SimulatedSettings, settings_from
+from mazeplan.rigs.settings import Fault, SimulatedSettings, in_run, settings_from
 from mazeplan.rigs.surprise import answer, surprised
 
 if TYPE_CHECKING:
@@ -34,12 +34,19 @@ class SimulatedRig:
         self.maze = maze
         given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
         self.surprise = answer(given, maze)  # for who asks afterwards
-        self.settings = surprised(given, maze)
+        self.settings = self._at_first = surprised(given, maze)
         self.rate_hz = self.settings.rate_hz
         self.machine = Machine(maze, self.settings)
         self._samples = 0
         self._rng = np.random.default_rng(0)
         self._sense: CameraSense | None = None
+
+    def begin_run(self, number: int) -> None:
+        """From the next `reset` on be as in this run of a campaign, the first being 1 (`changes` in the settings)."""
+        settings = in_run(self._at_first, number)
+        if settings != self.settings:
+            self.machine.close()
+            self.settings, self.machine = settings, Machine(self.maze, settings)
 
     # -- life -------------------------------------------------------------------------------------------------------
 

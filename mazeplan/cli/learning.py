@@ -1,0 +1,87 @@
+"""`--learn` of `evaluate` and `navigate`: the model learns from the runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.cli.output import say
+from mazeplan.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.evaluate import Campaign
+    from mazeplan.learning import Learner, Lesson
+    from mazeplan.maze.geometry import Maze
+    from mazeplan.records import NavigationResult
+
+Learn = Annotated[bool, typer.Option("--learn", help="Let the model learn from each run, for the next one.")]
+Kept = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", help="With --learn: folder of the model that learns; one that is there goes on."),
+]
+
+
+def check_learning(learn: bool, output: Path | None, workers: int = 1, faults: str | None = None) -> None:
+    """Raises InputError for what does not go together."""
+    if not learn:
+        if output is not None:
+            raise InputError("-o is for the model that learns: give --learn, too")
+        return
+    if workers > 1:
+        problem = f"--workers: got {workers} with --learn, expected 1: each run needs what the one before it taught"
+        raise InputError(problem)
+    if faults is not None:
+        raise InputError("--learn with --faults: nothing is learned from runs that are spoilt on purpose; give one")
+
+
+def learner_for(model: str | None, rig: str, maze: Maze, output: Path | None) -> Learner:
+    """The learner that is meant; checked before anything runs."""
+    from mazeplan.cli.arguments import check_folder
+    from mazeplan.learning import learner_of
+
+    if output is not None:
+        check_folder("-o", output)
+    return learner_of(model, rig, maze, output)
+
+
+def evaluate_learning(
+    campaign: Campaign, output: Path | None, advance: Callable[[int], None]
+) -> tuple[list[NavigationResult], dict[str, Any]]:
+    """The results, and what `--json` tells of the learning."""
+    from mazeplan.learning import learn_while, lesson_document
+    from mazeplan.maze.mapfile import load_map
+
+    learner = learner_for(campaign.model, campaign.rig, load_map(campaign.map), output)
+    outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=tell)
+    kept = None if output is None else str(output)
+    return outcomes, {"runs": [lesson_document(lesson) for lesson in lessons], "model": kept}
+
+
+def tell(lesson: Lesson) -> None:
+    """Say on stderr what is not as usual."""
+    from mazeplan.learning import lesson_line
+
+    line = lesson_line(lesson)
+    if line:
+        say(line)
+
+
+def navigate_learning(
+    job: dict[str, Any], output: Path | None, drive: Callable[..., NavigationResult]
+) -> NavigationResult:
+    """One run by `drive(job, feed=...)`, of which the model in `output` then learns."""
+    from mazeplan.learning import Ticks
+
+    if output is None:
+        raise InputError("--learn needs -o FOLDER: where the model that learned is kept for the next run")
+    learner = learner_for(job["model"], job["rig"], job["map"], output)
+    ticks = Ticks()
+    result = drive({**job, "model": learner.model}, feed=ticks)
+    lesson = learner.learn(result, ticks)
+    tell(lesson)
+    if not lesson.why:
+        say(f"learned from {sum(lesson.rows.values())} samples: {output}, {lesson.run} runs so far")
+    return result

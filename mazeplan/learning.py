@@ -1,0 +1,177 @@
+"""Navigations one after the other with a model that learns from each: `evaluate --learn`, `navigate --learn`.
+
+    learner = Learner.begin(model, maze)        # or Learner.opened(folder, maze), where one was kept
+    outcomes = learn_while(campaign, learner)   # runs in their order, each with what the ones before it taught
+
+A folder in which a learner is kept (`-o`) is a model folder that every `--model` takes; beside model.yaml lie the model
+that it began with, `start/`, and the rows that it has learned since, `learning.npz`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mazeplan.choices import resolve_model
+from mazeplan.data.table import table_of
+from mazeplan.errors import InputError, ModelError
+from mazeplan.evaluate import Campaign, run_one
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel, save_model
+from mazeplan.models.online_rig import Lesson, OnlineModel, OnlineOptions
+from mazeplan.models.onlinefile import ROWS, START, read_online, write_online
+from mazeplan.records import FailureKind, NavigationResult
+
+SEEN = 0.8  # of the ticks, at least, in which the ball must have been seen
+BAD = (FailureKind.RIG_FAILED, FailureKind.BALL_LOST, FailureKind.LEAF_FAILED)
+
+
+@dataclass
+class Ticks:
+    """What a run tells of itself while it goes on, for `feed` of `navigate` and `run_one`."""
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    camera_delay: float | None = None  # s, where it was measured of the rig
+
+    def __call__(self, topic: str, t: float, document: Mapping[str, Any]) -> None:
+        if topic == "/tick":
+            self.rows.append(dict(document))
+        elif topic == "/header":
+            latency = document["replay"].get("latency")
+            self.camera_delay = None if latency is None else float(latency["camera_s"])
+
+
+@dataclass
+class Learner:
+    """A model that learns, and where it is kept; None: nowhere."""
+
+    online: OnlineModel
+    folder: Path | None = None
+
+    @classmethod
+    def begin(
+        cls, start: RigModel, maze: Maze, folder: str | Path | None = None, options: OnlineOptions | None = None
+    ) -> Learner:
+        """Begin with a model. Raises InputError for one that cannot learn, ModelError for a folder that holds another
+        model."""
+        folder = None if folder is None else Path(folder)
+        if folder is not None and (folder / "model.yaml").exists():
+            advice = "give another folder, and this one with --model to begin with it"
+            raise ModelError(f"holds a model that was not made by --learn: {advice}", file=folder)
+        return cls(OnlineModel(start, maze, options), folder)
+
+    @classmethod
+    def opened(cls, folder: str | Path, maze: Maze, options: OnlineOptions | None = None) -> Learner:
+        """Go on with one that was kept. Raises ModelError."""
+        return cls(read_online(Path(folder), maze, options), Path(folder))
+
+    @property
+    def model(self) -> RigModel:
+        """The model for the next run."""
+        return self.online.model
+
+    def learn(self, result: NavigationResult, ticks: Ticks) -> Lesson:
+        """Learn from a run that has ended, and keep what was learned. Raises ModelError where it cannot be kept."""
+        why = unfit(result, ticks)
+        if why:
+            lesson = self.online.skipped(why)
+        else:
+            try:
+                lesson = self.online.learn(table_of(ticks.rows, f"run {self.online.now + 1}"), ticks.camera_delay)
+            except InputError as problem:
+                lesson = self.online.skipped(str(problem))
+        self.keep()
+        return lesson
+
+    def keep(self) -> None:
+        """Write it where it is kept."""
+        if self.folder is not None:
+            if not (self.folder / START).exists():
+                save_model(self.online.start, self.folder / START)
+            save_model(self.model, self.folder)
+            write_online(self.online, self.folder)
+
+
+def learner_of(
+    model: str | None, rig: str, maze: Maze, folder: Path | None, options: OnlineOptions | None = None
+) -> Learner:
+    """The learner that is meant by `--model`, `--rig` and `-o`: one that is kept there goes on, else one begins. Raises
+    InputError."""
+    if folder is not None and (folder / ROWS).exists():
+        if model is not None and Path(model).resolve() != folder.resolve():
+            raise InputError(f"--model: got {model}, but what {folder} has learned so far goes on: leave --model out")
+        return Learner.opened(folder, maze, options)
+    return Learner.begin(resolve_model(model, rig, maze), maze, folder, options)
+
+
+def unfit(result: NavigationResult, ticks: Ticks) -> str:
+    """Why nothing can be learned from a run; empty where it can."""
+    bad = next((f for f in result.failures if f.kind in BAD), None)
+    if bad is not None:
+        return f"{bad.kind} after {bad.t:.1f} s"
+    if result.doubts:
+        doubt = result.doubts[0]
+        return f"what was measured is in doubt ({doubt.what} after {doubt.t:.1f} s)"
+    seen = sum("x" in row for row in ticks.rows)
+    if seen < SEEN * len(ticks.rows) or len(ticks.rows) < 2:
+        return f"the ball was seen in {seen} of {len(ticks.rows)} ticks only"
+    return ""
+
+
+def learn_while(
+    campaign: Campaign,
+    learner: Learner,
+    *,
+    progress: Callable[[int], None] | None = None,
+    tell: Callable[[Lesson], None] | None = None,
+) -> tuple[list[NavigationResult], list[Lesson]]:
+    """The results of a campaign in the order of its runs, and what each run taught; `progress(finished)` and `tell` are
+    called after each."""
+    outcomes, lessons = [], []
+    for index in range(campaign.runs):
+        ticks = Ticks()
+        outcomes.append(run_one(campaign, index, learner.model, ticks))
+        lessons.append(learner.learn(outcomes[-1], ticks))
+        if tell is not None:
+            tell(lessons[-1])
+        if progress is not None:
+            progress(index + 1)
+    return outcomes, lessons
+
+
+def evaluate_learning(
+    campaign: Campaign, folder: str | Path | None = None, options: OnlineOptions | None = None
+) -> tuple[list[NavigationResult], list[Lesson]]:
+    """`evaluate --learn` for Python: the campaign's model learns from each run; folder: where it is kept."""
+    maze = load_map(campaign.map)
+    kept = None if folder is None else Path(folder)
+    return learn_while(campaign, learner_of(campaign.model, campaign.rig, maze, kept, options))
+
+
+def lesson_document(lesson: Lesson) -> dict[str, Any]:
+    """What `evaluate --learn --json` tells of a run; null without rows."""
+
+    def rounded(value: float) -> float | None:
+        return round(value, 5) if math.isfinite(value) else None
+
+    return {
+        "run": lesson.run, "rows": {f"ring{ring}": n for ring, n in lesson.rows.items()}, "impacts": lesson.impacts,
+        "why_not": lesson.why or None, "error_m_s2": rounded(lesson.error), "fixed_error_m_s2": rounded(lesson.fixed),
+        "trusted": lesson.trusted,
+    }  # fmt: skip
+
+
+def lesson_line(lesson: Lesson) -> str:
+    """The same for people, where there is something to be said: empty for a run that was learned from as usual."""
+    if lesson.why:
+        return f"run {lesson.run}: not learned from: {lesson.why}"
+    if not lesson.trusted:
+        return (
+            f"run {lesson.run}: what was learned has predicted the last runs worse than the model of the beginning "
+            "did, which is therefore used"
+        )
+    return ""

@@ -1,0 +1,308 @@
+"""A rig's model that learns between runs: what changed of friction and gravity, and what the effects leave over.
+
+Each ring has an `OnlineProcess`. Its first rows are those that the model was learned from, as what its effects left
+over, and they have age 0; rows of run n have age n and are what the effects of the *first* model leave over of them.
+So the weights of the features say by how much the effects have changed since, and the process says the rest. A model
+without processes begins with none, on its effects as they are, with hyperparameters as the packaged models have them.
+
+A row enters as `learn` would take it from the log, but for three kinds. Where the ball rests, friction is anything up to
+its coefficient: no equation of the motion. At the ends of a stretch, of which a run has many, the smoothing is a guess:
+accelerations scatter three times as much there. And what is further than MISFIT deviations from what was expected is
+an impact: it says nothing of the floor.
+
+The model of before goes along. Rows are predicted by both before they are learned, and where the one that learns was
+the worse over the last WATCHED runs, the other one is the model until that has changed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mazeplan.data.table import Table
+from mazeplan.errors import InputError, ModelError, SettingsError
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import DryFriction, RingKinematics, TiltOffset, ViscousFriction, kinematic_terms
+from mazeplan.models.features import PLANNED_TERMS, effect_features, inputs
+from mazeplan.models.gaussian_process import JITTER, Hyperparameters, Term, kernel
+from mazeplan.models.modelfile import RigModel
+from mazeplan.models.online import SCORES, OnlineProcess, Walk
+from mazeplan.models.processfile import rounded
+from mazeplan.models.rig_learning import MOST_FRICTION, SMOOTHING, corrected, planned
+from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
+from mazeplan.records import Array, IntArray
+
+# medians over rings and packaged models; amplitude and noise times the radius of the track, m/s^2, rate times it, m/s
+LENGTHS = (0.06, 0.7, 0.45, 0.3, 0.35, 0.045, 0.048)  # of PLANNED_TERMS
+AMPLITUDE, NOISE = 0.075, 0.065
+RESTING = 0.15  # rad/s; slower than this the sign of dry friction is not sure
+ENDS = 2  # samples at either end of a stretch
+MISFIT = 4.0  # deviations
+WATCHED = 5  # runs
+FEWEST = 400  # rows of a ring, at least, that are kept
+FIXED = ("rolling_inertia", "viscous_friction", "dry_friction", "tilt_offset")  # what features stand for
+
+
+@dataclass(frozen=True)
+class OnlineOptions:
+    """How fast a rig may change, deviations of the step from one run to the next: factor, of gravity; viscous, 1/s;
+    dry, m/s^2 along the track; tilt, rad; process: variance of the rest, over its own. most: rows kept of each ring,
+    None: as many as the model was learned from; keep: how they are chosen, a name of `SCORES`. Raises SettingsError."""
+
+    factor: float = 5e-4
+    viscous: float = 0.01
+    dry: float = 0.02
+    tilt: float = 5e-5
+    process: float = 5e-3
+    most: int | None = None
+    keep: str = "novelty"
+
+    def __post_init__(self) -> None:
+        for name in ("factor", "viscous", "dry", "tilt", "process"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise SettingsError(f"got {getattr(self, name)!r}, expected a finite number >= 0", key=name)
+        if self.most is not None and self.most < 1:
+            raise SettingsError(f"got {self.most!r}, expected a whole number >= 1", key="most")
+        if self.keep not in SCORES:
+            raise SettingsError(f"got {self.keep!r}, expected one of {', '.join(SCORES)}", key="keep")
+
+    def walk(self, kind: str, radius: float) -> Walk:
+        """Of a ring; radius: m."""
+        steps = [] if kind == "np" else [self.factor, self.viscous, self.dry / radius, self.tilt, self.tilt]
+        return Walk(self.process, np.array(steps))
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What one run taught. run: its number, from 1; rows: taken, by ring; impacts: left out; why: not learned from,
+    empty where it was; error, fixed: rms of what model and first model expected of these rows before they were
+    learned, m/s^2 along the track, NaN without rows; trusted: whether the model that learned is used in the next."""
+
+    run: int
+    rows: dict[int, int] = field(default_factory=dict)
+    impacts: int = 0
+    why: str = ""
+    error: float = math.nan
+    fixed: float = math.nan
+    trusted: bool = True
+
+
+class OnlineModel:
+    """A model that learns. start: the model to begin with; maze: whose rings are those of the model. Raises InputError
+    for a model that cannot learn."""
+
+    def __init__(self, start: RigModel, maze: Maze, options: OnlineOptions | None = None) -> None:
+        if not start.delay_known:
+            advice = "fit one with `mazeplan collect` and `mazeplan learn --kind pi`, and give it with --model"
+            raise InputError(f"nominal physics do not tell how late the camera is, so nothing can be learned: {advice}")
+        self.start, self.maze, self.options = start, maze, options or OnlineOptions()
+        self.kind = start.kind if start.kind in ("np", "sp") else "sp"
+        self.now = 0
+        self.rings: dict[int, OnlineProcess] = {}
+        self.watched: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        for ring in maze.rings:
+            if not ring.is_disc and (self.kind == "sp" or ring.number in start.processes):
+                self.rings[ring.number] = self._beginning(ring.number)
+        if not self.rings:
+            raise InputError("the model has no process for any ring of the map, so nothing can be learned")
+
+    def _beginning(self, ring: int) -> OnlineProcess:
+        process, radius = self.start.processes.get(ring), self.maze.track_radius(ring)
+        walk = self.options.walk(self.kind, radius)
+        if process is None:
+            return OnlineProcess.begin(usual(radius), walk)
+        h, x = process.hyper, process.inputs
+        own = process.alpha * (h.noise**2 + JITTER * h.only.amplitude**2)
+        y = kernel(x, x, h) @ process.alpha + own  # what it was conditioned on: C alpha
+        features = _features(x, radius)[:, : len(walk.weights)]
+        return OnlineProcess.begin(h, walk).added(x, features, y, np.zeros(len(y)))
+
+    @property
+    def trusted(self) -> bool:
+        """Whether what was learned has been no worse than the first model."""
+        sums = np.sum(self.watched, axis=0) if self.watched else np.zeros(2)
+        return bool(sums[0] <= sums[1])
+
+    @property
+    def model(self) -> RigModel:
+        """The model as it is now: the first one where what was learned is not trusted."""
+        return self.learned if self.trusted and self.now else self.start
+
+    @property
+    def learned(self) -> RigModel:
+        """What was learned, trusted or not. Raises ModelError where it is no number."""
+        balls, processes = {r.number: self.start.ball(r.number) for r in self.maze.rings}, {}
+        balls |= self.start.balls
+        for ring, rows in self.rings.items():
+            weights, covariance = rows.weights(self.now)
+            if not np.isfinite(weights).all():
+                raise ModelError(f"ring {ring}: the weights came out as no numbers")
+            if len(weights):
+                balls[ring] = _changed(balls[ring], weights, np.diag(covariance))
+            if len(rows):
+                processes[ring] = rows.process(self.now)
+        if self.kind == "sp":
+            for ring in self.maze.rings:
+                if ring.number not in self.rings:  # a disc: no row of it can be learned
+                    balls[ring.number] = self._as_near(ring.number, balls)
+        kind = self.kind if processes else self.start.kind
+        told = {"runs": self.now, "rows": {f"ring{ring}": len(rows) for ring, rows in self.rings.items()}}
+        scores = {**self.start.scores, "learned_while_running": told}
+        return replace(self.start, kind=kind, balls=balls, processes=processes, scores=scores)
+
+    def _as_near(self, ring: int, balls: dict[int, BallModel]) -> BallModel:
+        """The ball of a ring of which nothing can be learned: floor and table have changed there as in the nearest."""
+        near = min(self.rings, key=lambda number: abs(number - ring))
+        place, ball, before = self.maze.ring(ring), balls[ring], self.start.ball(near)
+        scale = self.maze.track_radius(near) / max(place.track_radius, 0.5 * place.outer_radius)
+
+        def change(effect: str, parameter: str) -> float:
+            return balls[near].parameter(effect, parameter, 0.0) - before.parameter(effect, parameter, 0.0)
+
+        dry = ball.parameter("dry_friction", "coefficient", 0.0) + scale * change("dry_friction", "coefficient")
+        viscous = ball.parameter("viscous_friction", "coefficient", 0.0)
+        viscous += change("viscous_friction", "coefficient")
+        tilt = [ball.parameter("tilt_offset", a, 0.0) + change("tilt_offset", a) for a in ("beta", "gamma")]
+        viscous, dry = (min(max(c, 0.0), MOST_FRICTION) for c in (viscous, dry))
+        new = (ViscousFriction(viscous), DryFriction(dry), TiltOffset(*tilt))
+        kept = tuple(e for e in ball.effects if e.name not in FIXED[1:])
+        return BallModel((*kept, *new), ball.stderr)
+
+    # -- a run ---------------------------------------------------------------------------------------------------------
+
+    def skipped(self, why: str) -> Lesson:
+        """A run of which nothing is learned."""
+        self.now += 1
+        return Lesson(self.now, why=why, trusted=self.trusted)
+
+    def learn(self, table: Table, camera_delay: float | None = None) -> Lesson:
+        """Learn from the record of a run that has ended. camera_delay: s, where it was measured of the rig. Nothing is
+        changed by a record of which nothing can be learned."""
+        delay = self.start.camera_delay if camera_delay is None else camera_delay
+        try:
+            found = ring_samples(
+                _put_right(table, self.start), self.maze, SMOOTHING, SampleOptions(delay=delay, recompute=True)
+            )
+        except InputError as problem:
+            return self.skipped(str(problem))
+        now, rings, taken, impacts = self.now + 1, dict(self.rings), {}, 0
+        errors, watched = np.zeros(3), np.zeros(2)
+        try:
+            for ring, samples in found.items():
+                if ring not in rings:
+                    continue
+                rows = self._rows(ring, samples, now)
+                if rows is None:
+                    continue
+                most = self.options.most or max(len(self.start.processes.get(ring, ())), FEWEST)
+                learned = rings[ring].added(rows.inputs, rows.features, rows.y, np.full(len(rows.y), float(now)))
+                rings[ring] = learned.within(most, now, SCORES[self.options.keep])
+                rings[ring].process(now)  # raises where it is no number
+                taken[ring], impacts = len(rows.y), impacts + rows.impacts
+                errors += np.array([len(rows.y), *(np.sum(e**2) * samples.k.radius**2 for e in rows.errors)])
+                watched += [np.sum((e / rows.deviation) ** 2) for e in rows.errors]
+        except ModelError as problem:
+            return self.skipped(str(problem))
+        if not taken:
+            return self.skipped("the ball was not seen moving in any ring for long enough")
+        self.now, self.rings = now, rings
+        self.watched.append((float(watched[0]), float(watched[1])))
+        error, fixed = np.sqrt(errors[1:] / errors[0])
+        return Lesson(now, taken, impacts, "", float(error), float(fixed), self.trusted)
+
+    def _rows(self, ring: int, samples: RingSamples, now: int) -> _Rows | None:
+        """What a run tells of a ring; None where that is nothing."""
+        rows = self.rings[ring]
+        moving = samples.good & (np.abs(samples.k.theta_dot) > RESTING) & _inside(samples.segment)
+        if not moving.any():
+            return None
+        k, ball = samples.at(moving), self.start.ball(ring)
+        x, phi = rounded(inputs(k)), effect_features(k)[:, : rows.features.shape[1]]
+        left = samples.theta_ddot[moving] - (kinematic_terms(k) if self.kind == "np" else expected(ball, k))
+        mean, variance = rows.predict(x, phi, now)
+        first = self.start.processes.get(ring)
+        fixed = left if first is None else left - first.mean(x)
+        deviation = np.sqrt(variance + rows.hyper.noise**2)
+        fits = np.abs(left - mean) < MISFIT * deviation
+        if not fits.any():
+            return None
+        errors = (left - mean)[fits], fixed[fits]
+        return _Rows(x[fits], phi[fits], left[fits], errors, deviation[fits], int(np.sum(~fits)))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of a ring: inputs (N, D), features (N, M), y (N,); errors (N,) of model and first model before they are
+    learned; deviation (N,): to be expected of the former; impacts: how many were left out."""
+
+    inputs: Array
+    features: Array
+    y: Array
+    errors: tuple[Array, Array]
+    deviation: Array
+    impacts: int
+
+
+def _inside(segment: IntArray) -> np.ndarray:
+    """Which rows (N,) are further than ENDS from either end of their stretch."""
+    rows = np.arange(len(segment))
+    begin, end = (np.searchsorted(segment, segment, side) for side in ("left", "right"))
+    return np.asarray((rows - begin >= ENDS) & (end - 1 - rows >= ENDS))
+
+
+def usual(radius: float) -> Hyperparameters:
+    """Hyperparameters for a ring (radius: of its track, m) of which nothing was learned yet."""
+    columns = PLANNED_TERMS[0][0]
+    lengths = np.array([LENGTHS[0] / radius, *LENGTHS[1:]])
+    return Hyperparameters((Term(columns, lengths, AMPLITUDE / radius),), NOISE / radius, np.zeros(0))
+
+
+def expected(ball: BallModel, k: RingKinematics) -> Array:
+    """theta_dd (N,) of all effects as the planner has them."""
+    total = planned(ball, k)
+    for effect in ball.effects:
+        if effect.name not in FIXED:
+            total = total + effect.term(k)
+    return total
+
+
+def accelerations(model: RigModel, ring: int, k: RingKinematics) -> Array:
+    """theta_dd (N,) of a model, process and all."""
+    process = model.processes.get(ring)
+    base = kinematic_terms(k) if model.kind == "np" and process is not None else expected(model.ball(ring), k)
+    return base if process is None else base + process.mean(inputs(k))
+
+
+def _features(x: Array, radius: float) -> Array:
+    """`effect_features` (N, 5) of rows of which only the inputs (N, 9) are known."""
+    none = np.zeros(len(x))
+    theta, beta, gamma = (np.arctan2(x[:, i], x[:, i + 1]) for i in (3, 5, 7))
+    k = RingKinematics(radius, theta, x[:, 0], beta, x[:, 1], none, gamma, x[:, 2], none)
+    return effect_features(k)
+
+
+def _changed(ball: BallModel, weights: Array, variance: Array) -> BallModel:
+    """The ball with its effects changed by weights (5,) of some variance (5,); effects without a feature stay."""
+    scale = ball.parameter("rolling_inertia", "factor", 1.0)  # an error of a tilt as its weight has it
+    parts = (("rolling_inertia", "factor", 1.0), ("viscous_friction", "coefficient", 1.0),
+             ("dry_friction", "coefficient", 1.0), ("tilt_offset", "beta", scale), ("tilt_offset", "gamma", scale))  # fmt: skip
+    before = np.array([s * ball.stderr.get(effect, {}).get(name, 0.0) for effect, name, s in parts])
+    new = corrected(ball, weights, np.sqrt(before**2 + np.maximum(variance, 0.0)))
+    others = tuple(e for e in ball.effects if e.name not in FIXED)
+    return BallModel((*new.effects, *others), {**ball.stderr, **new.stderr})
+
+
+def _put_right(table: Table, model: RigModel) -> Table:
+    """The table with what the model knows of camera and tilt sensor taken off."""
+    columns = dict(table.columns)
+    if "x" in table:
+        x, y = model.camera.true(columns["x"], columns["y"])  # type: ignore[arg-type]  # arrays do as well
+        columns |= {"x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}
+    columns["beta"], columns["gamma"] = model.tilt_sensor.true(columns["beta"], columns["gamma"])  # type: ignore[arg-type]
+    return Table(columns, table.source)
+
+
