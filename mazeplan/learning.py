@@ -38,6 +38,7 @@ class Ticks:
     camera_delay: float | None = None  # s, where it was measured of the rig
 
     def __call__(self, topic: str, t: float, document: Mapping[str, Any]) -> None:
+        """Take a message of the run."""
         if topic == "/tick":
             self.rows.append(dict(document))
         elif topic == "/header":
@@ -160,7 +161,8 @@ def lesson_document(lesson: Lesson) -> dict[str, Any]:
 
     return {
         "run": lesson.run, "rows": {f"ring{ring}": n for ring, n in lesson.rows.items()}, "impacts": lesson.impacts,
-        "why_not": lesson.why or None, "error_m_s2": rounded(lesson.error), "fixed_error_m_s2": rounded(lesson.fixed),
+        "pace": lesson.pace, "why_not": lesson.why or None, "error_m_s2": rounded(lesson.error),
+        "fixed_error_m_s2": rounded(lesson.fixed),
         "trusted": lesson.trusted,
     }  # fmt: skip
 

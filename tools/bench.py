@@ -27,6 +27,7 @@ from bench_emps import emps_section
 from bench_faults import faults_section
 from bench_firmware import firmware_section
 from bench_improve import improve_section
+from bench_learning import learning_section
 from bench_models import collect_toy, measured_section, toy_section, training_section
 from bench_moves import moves_section
 from bench_plant import plant_section
@@ -164,6 +165,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         emps_section(quick),
         baselines_section(quick),
         improve_section(quick),
+        learning_section(quick),
         real_section(quick),
         trees_section(quick),
         faults_section(mazeplan, quick),
@@ -192,7 +194,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
-    "baselines": baselines_section, "improve": improve_section, "real": real_section,
+    "baselines": baselines_section, "improve": improve_section, "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "trees": trees_section, "view": view_section, "replay": replay_section, "rig": rig_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,

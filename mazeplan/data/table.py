@@ -106,7 +106,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def table_of(ticks: Sequence[Mapping[str, Any]], name: str) -> Table:
-    """A table from the ticks of a run, documents as a log holds them. Raises TableError with what is wrong in `name`."""
+    """A table from the ticks of a run, documents as a log holds them. Raises TableError about the file `name`."""
     columns = {key: column for key, column in columns_of(ticks).items() if column.dtype != object}
     with np.errstate(all="ignore"):
         return Table(_checked(columns, _Rows(Path(name), range(1, 1 + len(ticks)))), {"file": name})

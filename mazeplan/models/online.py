@@ -1,7 +1,7 @@
 """A Gaussian process that is told a few rows at a time, forgets what the rig no longer is, and never grows.
 
-    f(x, t) = g(x, t) + phi(x) w(t)      t = 0, 1, 2 ...: run in which a row was measured; 0: before all runs
-    cov(g(x, t), g(x', t')) = k(x, x') (1 + q m)        m = min(t, t'): what is added walks at random from run to run
+    f(x, t) = g(x, t) + phi(x) w(t)      t: when a row was measured, by a clock that runs from run to run
+    cov(g(x, t), g(x', t')) = k(x, x') (1 + q m)        m = min(t, t'): what is added walks at random
     cov(w(t), w(t'))        = diag(S) m                 w(0) = 0: the walk begins at the model as it was fitted
     y = f(x, t) + e,   e ~ N(0, s^2);      C = cov of all rows + s^2 I = L L'
 
@@ -46,7 +46,7 @@ MORE_JITTER = (1.0, 1e2, 1e4, 1e6)  # times JITTER, tried one after the other wh
 
 @dataclass(frozen=True)
 class Walk:
-    """What may change from run to run. process: q, of the variance of g; weights (M,): deviation of each weight's step,
+    """What may change in a unit of t. process: q, of the variance of g; weights (M,): deviation of each weight's step,
     square root of S, in the weight's unit."""
 
     process: float
@@ -170,6 +170,19 @@ class OnlineProcess:
         cross = self.between(inputs, features, age)
         half = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
         return cross @ self.alpha, np.maximum(prior - np.sum(half**2, axis=0), 0.0)
+
+    def evidence(self, inputs: Array, features: Array, y: Array, age: Array) -> float:
+        """Log likelihood of further rows, given all that are here."""
+        cross, own = self.between(inputs, features, age), self.between(inputs, features, age, (inputs, features, age))
+        own[np.diag_indices(len(y))] += self.hyper.noise**2 + self._jitter(age)
+        left = y
+        if len(self):
+            half = solve_triangular(self.factor, cross.T, lower=True, check_finite=False)
+            own, left = own - half.T @ half, y - cross @ self.alpha
+        factor = _factor(own, self._jitter(age))
+        off = solve_triangular(factor, left, lower=True, check_finite=False)
+        log_det = 2.0 * float(np.sum(np.log(np.diag(factor))))
+        return -0.5 * (float(off @ off) + log_det + len(y) * float(np.log(2.0 * np.pi)))
 
 
 Score = Callable[[OnlineProcess, int, float], IntArray]  # (rows, how many must go, now) -> which

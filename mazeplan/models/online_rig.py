@@ -1,14 +1,18 @@
 """A rig's model that learns between runs: what changed of friction and gravity, and what the effects leave over.
 
 Each ring has an `OnlineProcess`. Its first rows are those that the model was learned from, as what its effects left
-over, and they have age 0; rows of run n have age n and are what the effects of the *first* model leave over of them.
-So the weights of the features say by how much the effects have changed since, and the process says the rest. A model
-without processes begins with none, on its effects as they are, with hyperparameters as the packaged models have them.
+over, and they have age 0; later rows are what the effects of the *first* model leave over of them. So the weights of
+the features say by how much the effects have changed since, and the process says the rest. A model without processes
+begins with none, on its effects as they are, with hyperparameters about as the packaged models have them.
 
-A row enters as `learn` would take it from the log, but for three kinds. Where the ball rests, friction is anything up to
-its coefficient: no equation of the motion. At the ends of a stretch, of which a run has many, the smoothing is a guess:
-accelerations scatter three times as much there. And what is further than MISFIT deviations from what was expected is
-an impact: it says nothing of the floor.
+The clock by which rows age goes by one of PACES from run to run: by that under which the rows of the new run, of all
+rings together, are the likeliest, a long step being thought less likely beforehand. A model of a rig that stays as it
+is thus keeps what it knows, and that of one that changes forgets within a run or two.
+
+A row enters as `learn` would take it from the log, but for three kinds. Where the ball rests, friction is anything up
+to its coefficient: no equation of the motion. At the ends of a stretch, of which a run has many, the smoothing is a
+guess: accelerations scatter three times as much there. And what is further than MISFIT deviations from what was
+expected is an impact: it says nothing of the floor.
 
 The model of before goes along. Rows are predicted by both before they are learned, and where the one that learns was
 the worse over the last WATCHED runs, the other one is the model until that has changed.
@@ -18,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -37,19 +42,20 @@ from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.records import Array, IntArray
 
 # medians over rings and packaged models; amplitude and noise times the radius of the track, m/s^2, rate times it, m/s
-LENGTHS = (0.06, 0.7, 0.45, 0.3, 0.35, 0.045, 0.048)  # of PLANNED_TERMS
-AMPLITUDE, NOISE = 0.075, 0.065
+LENGTHS = (0.044, 0.37, 0.39, 0.45, 0.24, 0.034, 0.046)  # of PLANNED_TERMS
+AMPLITUDE, NOISE = 0.043, 0.073  # half of the median amplitude: what effects can explain is theirs
+PACES = ((0.05, 0.99), (1.0, 1e-2), (9.0, 1e-5))  # units of the clock from run to run, and how likely beforehand
 RESTING = 0.15  # rad/s; slower than this the sign of dry friction is not sure
 ENDS = 2  # samples at either end of a stretch
 MISFIT = 4.0  # deviations
-WATCHED = 5  # runs
+WATCHED, WORSE = 5, 1.1  # runs, and how much more error, squared, in the mean over them is worse
 FEWEST = 400  # rows of a ring, at least, that are kept
 FIXED = ("rolling_inertia", "viscous_friction", "dry_friction", "tilt_offset")  # what features stand for
 
 
 @dataclass(frozen=True)
 class OnlineOptions:
-    """How fast a rig may change, deviations of the step from one run to the next: factor, of gravity; viscous, 1/s;
+    """How fast a rig may change, deviations of the step in a unit of the clock: factor, of gravity; viscous, 1/s;
     dry, m/s^2 along the track; tilt, rad; process: variance of the rest, over its own. most: rows kept of each ring,
     None: as many as the model was learned from; keep: how they are chosen, a name of `SCORES`. Raises SettingsError."""
 
@@ -80,7 +86,8 @@ class OnlineOptions:
 class Lesson:
     """What one run taught. run: its number, from 1; rows: taken, by ring; impacts: left out; why: not learned from,
     empty where it was; error, fixed: rms of what model and first model expected of these rows before they were
-    learned, m/s^2 along the track, NaN without rows; trusted: whether the model that learned is used in the next."""
+    learned, m/s^2 along the track, NaN without rows; pace: by which the clock went on; trusted: whether the model that
+    learned is used in the next."""
 
     run: int
     rows: dict[int, int] = field(default_factory=dict)
@@ -88,6 +95,7 @@ class Lesson:
     why: str = ""
     error: float = math.nan
     fixed: float = math.nan
+    pace: float = 0.0
     trusted: bool = True
 
 
@@ -101,7 +109,7 @@ class OnlineModel:
             raise InputError(f"nominal physics do not tell how late the camera is, so nothing can be learned: {advice}")
         self.start, self.maze, self.options = start, maze, options or OnlineOptions()
         self.kind = start.kind if start.kind in ("np", "sp") else "sp"
-        self.now = 0
+        self.now, self.clock = 0, 0.0
         self.rings: dict[int, OnlineProcess] = {}
         self.watched: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         for ring in maze.rings:
@@ -123,9 +131,9 @@ class OnlineModel:
 
     @property
     def trusted(self) -> bool:
-        """Whether what was learned has been no worse than the first model."""
+        """Whether what was learned has not been worse than the first model."""
         sums = np.sum(self.watched, axis=0) if self.watched else np.zeros(2)
-        return bool(sums[0] <= sums[1])
+        return bool(sums[0] <= WORSE * sums[1])
 
     @property
     def model(self) -> RigModel:
@@ -138,13 +146,13 @@ class OnlineModel:
         balls, processes = {r.number: self.start.ball(r.number) for r in self.maze.rings}, {}
         balls |= self.start.balls
         for ring, rows in self.rings.items():
-            weights, covariance = rows.weights(self.now)
+            weights, covariance = rows.weights(self.clock)
             if not np.isfinite(weights).all():
                 raise ModelError(f"ring {ring}: the weights came out as no numbers")
             if len(weights):
                 balls[ring] = _changed(balls[ring], weights, np.diag(covariance))
             if len(rows):
-                processes[ring] = rows.process(self.now)
+                processes[ring] = rows.process(self.clock)
         if self.kind == "sp":
             for ring in self.maze.rings:
                 if ring.number not in self.rings:  # a disc: no row of it can be learned
@@ -189,32 +197,42 @@ class OnlineModel:
             )
         except InputError as problem:
             return self.skipped(str(problem))
-        now, rings, taken, impacts = self.now + 1, dict(self.rings), {}, 0
-        errors, watched = np.zeros(3), np.zeros(2)
+        told = {ring: self._rows(ring, some) for ring, some in found.items() if ring in self.rings}
+        told = {ring: rows for ring, rows in told.items() if rows is not None}
+        if not told:
+            return self.skipped("the ball was not seen moving in any ring for long enough")
         try:
-            for ring, samples in found.items():
-                if ring not in rings:
-                    continue
-                rows = self._rows(ring, samples, now)
-                if rows is None:
-                    continue
-                most = self.options.most or max(len(self.start.processes.get(ring, ())), FEWEST)
-                learned = rings[ring].added(rows.inputs, rows.features, rows.y, np.full(len(rows.y), float(now)))
-                rings[ring] = learned.within(most, now, SCORES[self.options.keep])
-                rings[ring].process(now)  # raises where it is no number
-                taken[ring], impacts = len(rows.y), impacts + rows.impacts
-                errors += np.array([len(rows.y), *(np.sum(e**2) * samples.k.radius**2 for e in rows.errors)])
-                watched += [np.sum((e / rows.deviation) ** 2) for e in rows.errors]
+            pace = max(PACES, key=lambda pace: self._evidence(told, pace[0]) + math.log(pace[1]))[0]
+            rings = self._with(told, self.clock + pace)
         except ModelError as problem:
             return self.skipped(str(problem))
-        if not taken:
-            return self.skipped("the ball was not seen moving in any ring for long enough")
-        self.now, self.rings = now, rings
-        self.watched.append((float(watched[0]), float(watched[1])))
-        error, fixed = np.sqrt(errors[1:] / errors[0])
-        return Lesson(now, taken, impacts, "", float(error), float(fixed), self.trusted)
+        self.now, self.clock, self.rings = self.now + 1, self.clock + pace, rings
+        count = sum(len(rows.y) for rows in told.values())
+        along = np.sum([[np.sum((e * rows.radius) ** 2) for e in rows.errors] for rows in told.values()], axis=0)
+        over = np.sum([[np.sum((e / rows.deviation) ** 2) for e in rows.errors] for rows in told.values()], axis=0)
+        self.watched.append((float(over[0]) / count, float(over[1]) / count))
+        error, fixed = np.sqrt(along / count)
+        taken, impacts = {ring: len(rows.y) for ring, rows in told.items()}, sum(r.impacts for r in told.values())
+        return Lesson(self.now, taken, impacts, "", float(error), float(fixed), pace, self.trusted)
 
-    def _rows(self, ring: int, samples: RingSamples, now: int) -> _Rows | None:
+    def _evidence(self, told: Mapping[int, _Rows], pace: float) -> float:
+        """Log likelihood of a run's rows if the clock has gone on by so much."""
+        return sum(
+            self.rings[ring].evidence(rows.inputs, rows.features, rows.y, np.full(len(rows.y), self.clock + pace))
+            for ring, rows in told.items()
+        )
+
+    def _with(self, told: Mapping[int, _Rows], clock: float) -> dict[int, OnlineProcess]:
+        """The rings with a run's rows, each within its budget. Raises ModelError where one is no number."""
+        rings = dict(self.rings)
+        for ring, rows in told.items():
+            most = self.options.most or max(len(self.start.processes.get(ring, ())), FEWEST)
+            new = rings[ring].added(rows.inputs, rows.features, rows.y, np.full(len(rows.y), clock))
+            rings[ring] = new.within(most, clock, SCORES[self.options.keep])
+            rings[ring].process(clock)
+        return rings
+
+    def _rows(self, ring: int, samples: RingSamples) -> _Rows | None:
         """What a run tells of a ring; None where that is nothing."""
         rows = self.rings[ring]
         moving = samples.good & (np.abs(samples.k.theta_dot) > RESTING) & _inside(samples.segment)
@@ -223,7 +241,7 @@ class OnlineModel:
         k, ball = samples.at(moving), self.start.ball(ring)
         x, phi = rounded(inputs(k)), effect_features(k)[:, : rows.features.shape[1]]
         left = samples.theta_ddot[moving] - (kinematic_terms(k) if self.kind == "np" else expected(ball, k))
-        mean, variance = rows.predict(x, phi, now)
+        mean, variance = rows.predict(x, phi, self.clock + 1.0)
         first = self.start.processes.get(ring)
         fixed = left if first is None else left - first.mean(x)
         deviation = np.sqrt(variance + rows.hyper.noise**2)
@@ -231,13 +249,13 @@ class OnlineModel:
         if not fits.any():
             return None
         errors = (left - mean)[fits], fixed[fits]
-        return _Rows(x[fits], phi[fits], left[fits], errors, deviation[fits], int(np.sum(~fits)))
+        return _Rows(x[fits], phi[fits], left[fits], errors, deviation[fits], int(np.sum(~fits)), k.radius)
 
 
 @dataclass(frozen=True)
 class _Rows:
     """Rows of a ring: inputs (N, D), features (N, M), y (N,); errors (N,) of model and first model before they are
-    learned; deviation (N,): to be expected of the former; impacts: how many were left out."""
+    learned; deviation (N,): to be expected of the former; impacts: how many were left out; radius: m."""
 
     inputs: Array
     features: Array
@@ -245,6 +263,7 @@ class _Rows:
     errors: tuple[Array, Array]
     deviation: Array
     impacts: int
+    radius: float
 
 
 def _inside(segment: IntArray) -> np.ndarray:
@@ -288,8 +307,13 @@ def _features(x: Array, radius: float) -> Array:
 def _changed(ball: BallModel, weights: Array, variance: Array) -> BallModel:
     """The ball with its effects changed by weights (5,) of some variance (5,); effects without a feature stay."""
     scale = ball.parameter("rolling_inertia", "factor", 1.0)  # an error of a tilt as its weight has it
-    parts = (("rolling_inertia", "factor", 1.0), ("viscous_friction", "coefficient", 1.0),
-             ("dry_friction", "coefficient", 1.0), ("tilt_offset", "beta", scale), ("tilt_offset", "gamma", scale))  # fmt: skip
+    parts = (
+        ("rolling_inertia", "factor", 1.0),
+        ("viscous_friction", "coefficient", 1.0),
+        ("dry_friction", "coefficient", 1.0),
+        ("tilt_offset", "beta", scale),
+        ("tilt_offset", "gamma", scale),
+    )
     before = np.array([s * ball.stderr.get(effect, {}).get(name, 0.0) for effect, name, s in parts])
     new = corrected(ball, weights, np.sqrt(before**2 + np.maximum(variance, 0.0)))
     others = tuple(e for e in ball.effects if e.name not in FIXED)
@@ -304,5 +328,3 @@ def _put_right(table: Table, model: RigModel) -> Table:
         columns |= {"x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}
     columns["beta"], columns["gamma"] = model.tilt_sensor.true(columns["beta"], columns["gamma"])  # type: ignore[arg-type]
     return Table(columns, table.source)
-
-

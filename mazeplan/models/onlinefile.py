@@ -31,6 +31,7 @@ def write_online(online: OnlineModel, folder: Path) -> Path:
     arrays: dict[str, Array | np.ndarray] = {
         "format": np.array(FORMAT),
         "now": np.array(online.now),
+        "clock": np.array(online.clock),
         "watched": np.array(online.watched, dtype=np.float64).reshape(-1, 2),
     }
     for ring, rows in online.rings.items():
@@ -72,9 +73,10 @@ def _fill(online: OnlineModel, arrays: dict[str, np.ndarray]) -> None:
     """Put the rows into the rings. Raises KeyError, ValueError or ModelError."""
     if int(arrays["format"]) != FORMAT:
         raise ValueError(f"got format {arrays['format']}, expected {FORMAT}")
-    online.now = int(arrays["now"])
+    online.now, online.clock = int(arrays["now"]), float(arrays["clock"])
     watched = arrays["watched"]
-    if online.now < 0 or watched.ndim != 2 or watched.shape[1:] != (2,) or not np.isfinite(watched).all():
+    bad = online.now < 0 or not 0.0 <= online.clock < np.inf
+    if bad or watched.ndim != 2 or watched.shape[1:] != (2,) or not np.isfinite(watched).all():
         raise ValueError("the runs are no numbers")
     online.watched.extend((float(a), float(b)) for a, b in watched)
     for ring, empty in online.rings.items():
@@ -83,6 +85,6 @@ def _fill(online: OnlineModel, arrays: dict[str, np.ndarray]) -> None:
         shapes = [(n, len(INPUTS)), (n, empty.features.shape[1]), (n,), (n,)]
         if n > MOST_ROWS or [p.shape for p in parts] != shapes or any(p.dtype != np.float64 for p in parts):
             raise ValueError(f"ring {ring}: got {[p.shape for p in parts]}, expected {shapes}")
-        if n and not (0.0 <= parts[3].min() and parts[3].max() <= online.now):
+        if n and not (parts[3].min() >= 0.0 and parts[3].max() <= online.clock):
             raise ValueError(f"ring {ring}: a row is of a run that has not been")
         online.rings[ring] = OnlineProcess.begin(empty.hyper, empty.walk).added(*parts)

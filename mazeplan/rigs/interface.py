@@ -23,8 +23,8 @@ class Rig(Protocol):
 
     It may also say `latency`, a `records.Latency` that was measured of it and counts for more than its model's, and
     `unseen_s`: a run ends when the ball was not seen for so long. With a method `ready` it is asked, before a log is
-    opened, whether it could be driven: where not, that raises SettingsError. With a method `begin_run` it is told before
-    each run of `evaluate` which one comes, from 1 on.
+    opened, whether it could be driven: where not, that raises SettingsError. With a method `begin_run` it is told
+    before each run of `evaluate` which one comes, from 1 on.
     """
 
     rate_hz: float

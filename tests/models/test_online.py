@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from mazeplan.errors import ModelError
 from mazeplan.models import fast_gp
@@ -58,9 +59,7 @@ def test_rows_added_in_blocks_are_the_same_as_all_at_once():
 def test_rows_removed_leave_what_the_others_make_alone(gone):
     rows = told(*PARTS)
     stay = np.setdiff1d(np.arange(len(rows)), gone)
-    alone = OnlineProcess.begin(HYPER, WALK).added(
-        rows.inputs[stay], rows.features[stay], rows.y[stay], rows.age[stay]
-    )
+    alone = OnlineProcess.begin(HYPER, WALK).added(rows.inputs[stay], rows.features[stay], rows.y[stay], rows.age[stay])
     left = rows.removed(np.array(gone, dtype=np.int64))
     np.testing.assert_allclose(left.factor, alone.factor, atol=1e-10)
     np.testing.assert_allclose(left.alpha, alone.alpha, atol=1e-9)
@@ -101,6 +100,17 @@ def test_prediction_is_that_of_process_and_weights_and_of_the_formula():
     np.testing.assert_allclose(mean, cross @ np.linalg.solve(C, rows.y), atol=1e-9)
     prior = np.diag(by_formula(larger))[106:] - HYPER.noise**2
     np.testing.assert_allclose(variance, prior - np.sum(cross.T * np.linalg.solve(C, cross.T), axis=0), atol=1e-9)
+
+
+def test_evidence_is_the_likelihood_of_rows_given_those_that_are_here():
+    rows, more = told(*PARTS), some(12, 7, 15)
+    whole = rows.added(*more)
+
+    def likelihood(r):
+        return multivariate_normal(np.zeros(len(r)), by_formula(r)).logpdf(r.y)
+
+    assert rows.evidence(*more) == pytest.approx(likelihood(whole) - likelihood(rows), abs=1e-7)
+    assert OnlineProcess.begin(HYPER, WALK).evidence(*PARTS[0]) == pytest.approx(likelihood(told(PARTS[0])), abs=1e-7)
 
 
 def test_a_weight_that_changes_is_followed_and_an_old_one_forgotten():
