@@ -32,7 +32,7 @@ from mazeplan.models.rig_learning import SMOOTHING
 from mazeplan.models.rollout import choose_windows, roll_out
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.palette import COLOURS
-from mazeplan.records import Array, NavigationResult
+from mazeplan.records import Array, IntArray, NavigationResult
 from mazeplan.rigs.registry import make_rig
 
 RIG, MODEL, RUNS, CHANGE = "worn", "toy", 20, 11
@@ -48,7 +48,7 @@ class Held:
     """A record of the excited rig: samples and windows by ring."""
 
     samples: dict[int, RingSamples]
-    windows: dict[int, Array]
+    windows: dict[int, IntArray]
 
     @classmethod
     def of(cls, run: int, seconds: float, seed: int) -> Held:

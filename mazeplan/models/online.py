@@ -33,7 +33,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, lapack, solve_triangular
+from scipy.linalg import cho_solve, cholesky, get_lapack_funcs, solve_triangular
 
 from mazeplan.errors import ModelError
 from mazeplan.models.gaussian_process import JITTER, GaussianProcess, Hyperparameters, kernel, prior_variance
@@ -110,8 +110,9 @@ class OnlineProcess:
         corner = _factor(own - low @ low.T, self._jitter(age))
         factor = np.zeros((n + len(y), n + len(y)))
         factor[:n, :n], factor[n:, :n], factor[n:, n:] = self.factor, low, corner
-        parts = ((self.inputs, inputs), (self.features, features), (self.y, y), (self.age, age))
-        return OnlineProcess(self.hyper, self.walk, *(np.concatenate(pair) for pair in parts), factor)
+        x, phi = np.concatenate([self.inputs, inputs]), np.concatenate([self.features, features])
+        both, ages = np.concatenate([self.y, y]), np.concatenate([self.age, age])
+        return OnlineProcess(self.hyper, self.walk, x, phi, both, ages, factor)
 
     def removed(self, rows: IntArray) -> OnlineProcess:
         """Without some rows (indices)."""
@@ -140,7 +141,8 @@ class OnlineProcess:
 
     def inverse(self) -> Array:
         """C^-1 (N, N)."""
-        found, _ = lapack.dpotri(self.factor, lower=1)
+        (potri,) = get_lapack_funcs(("potri",), (self.factor,))
+        found, _ = potri(self.factor, lower=1)
         return np.tril(found) + np.tril(found, -1).T
 
     def weights(self, now: float) -> tuple[Array, Array]:
@@ -245,6 +247,7 @@ def _factor(C: Array, jitter: Array) -> Array:
 def _taken_in(T: Array, B: Array) -> Array:
     """The lower factor of T T' + B B', T (N, N) a lower factor, B (N, K)."""
     n = len(T)
-    upper, _, _, _ = lapack.dtpqrt(0, min(PANEL, n), np.asfortranarray(T.T), np.asfortranarray(B.T))
+    (tpqrt,) = get_lapack_funcs(("tpqrt",), (T, B))
+    upper, _, _, _ = tpqrt(0, min(PANEL, n), np.asfortranarray(T.T), np.asfortranarray(B.T))
     factor = np.tril(np.triu(upper).T)
     return factor * np.where(np.diag(factor) < 0.0, -1.0, 1.0)[None]

@@ -322,9 +322,11 @@ def _changed(ball: BallModel, weights: Array, variance: Array) -> BallModel:
 
 def _put_right(table: Table, model: RigModel) -> Table:
     """The table with what the model knows of camera and tilt sensor taken off."""
-    columns = dict(table.columns)
+    columns, camera, sensor = dict(table.columns), model.camera, model.tilt_sensor
     if "x" in table:
-        x, y = model.camera.true(columns["x"], columns["y"])  # type: ignore[arg-type]  # arrays do as well
-        columns |= {"x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}
-    columns["beta"], columns["gamma"] = model.tilt_sensor.true(columns["beta"], columns["gamma"])  # type: ignore[arg-type]
+        c, s = math.cos(camera.angle), math.sin(camera.angle)
+        x, y = columns["x"] - camera.offset_x, columns["y"] - camera.offset_y
+        x, y = c * x + s * y, c * y - s * x
+        columns.update(x=x, y=y, theta=np.arctan2(y, x), r=np.hypot(x, y))
+    columns.update(beta=columns["beta"] / sensor.gain_beta, gamma=columns["gamma"] / sensor.gain_gamma)
     return Table(columns, table.source)
