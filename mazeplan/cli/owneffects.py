@@ -83,10 +83,10 @@ def installed_effects(taken: Iterable[str]) -> Installed:
 
 def _offered(plugin: Plugin) -> list[Any]:
     """One Candidate, several, or a function that returns them; compiled, so that what cannot be is known now."""
-    found = plugin.load()
+    found: Any = plugin.load()
     try:
-        found = found() if callable(found) and not isinstance(found, Candidate) else found
-        offered = [found] if isinstance(found, Candidate) else list(found)
+        found = found if isinstance(found, Candidate) or not callable(found) else found()
+        offered: list[Any] = [found] if isinstance(found, Candidate) else list(found)  # pyright: ignore
         for c in offered:
             _compile(getattr(c, "term", None))
     except Exception as problem:  # whatever anybody's code does

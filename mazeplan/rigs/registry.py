@@ -172,7 +172,7 @@ def _from_class(
     where: dict[str, Any] = {} if tree is None else {"file": file, "line": tree.line(("class",))}
     found = None if ":" in spec else plugin(RIGS, spec)
     name = f"{spec!r}" if found is None else found.label
-    kind = _class(spec, where) if found is None else installed_rig(found)
+    kind: Any = _class(spec, where) if found is None else installed_rig(found)
     if found is None:
         _check_class(kind, name, where)
     elif isinstance(kind, Path):

@@ -95,6 +95,10 @@ class UserGimbal(Gimbal):
         self._drives = tuple(
             _drive(model, key, axis, maze) for key, axis in (("beta", plan.beta), ("gamma", plan.gamma))
         )
+        for name in ("q", "actuator"):
+            if getattr(self._drives[0], name) == getattr(self._drives[1], name):
+                key = "joint" if name == "q" else "actuator"
+                raise SettingsError("is that of beta, too; expected another", key=f"gamma.{key}")
         self._check_level()
         for i in range(2):
             self._check_axis(i)
@@ -132,7 +136,8 @@ class UserGimbal(Gimbal):
             what = f"joint {joint} tilts the plate as {other} does; expected the other joint, or a turned frame"
             raise SettingsError(what, key=f"{name}.joint")
         about = "beta about y, " if i == 0 else "gamma about x, "
-        what = f"1 rad of joint {joint} lowers +x by {got[0]:.2f} and lifts +y by {got[1]:.2f} rad"
+        down, up = (round(one, 2) + 0.0 for one in got)  # without -0
+        what = f"1 rad of joint {joint} lowers the +x side by {down} rad and lifts the +y side by {up} rad"
         raise SettingsError(f"{what}; expected {about}1 and 0 of the other", key=f"{name}.joint")
 
     # -- as the machine needs it ------------------------------------------------------------------------------------
