@@ -184,6 +184,9 @@ def test_a_broken_rig_is_one_line_when_it_is_used_and_nothing_else_minds(offer, 
     assert (status, err) == (0, "")
     assert f"of package bad 1.0: broken ({value})\n" in out
     assert "toy (bad_module:Toy): not used: the program has a rig of this name, which comes first" in out
+    document = json.loads(call(monkeypatch, capsys, "rig", "list", "--json")[1])
+    assert document["rigs"].count("toy") == 1
+    assert list(document["installed"]) == ["broken"]
     told = call(monkeypatch, capsys, "doctor")[1]
     assert "plug-ins  2 broken" in told.replace("0 ready, ", "")
     assert said in told

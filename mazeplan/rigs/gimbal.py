@@ -38,6 +38,9 @@ class Gimbal:
         """Let one chunk pass."""
         mujoco.mj_step(self.model, self.data, nstep=self.steps)
 
+    def settle(self) -> None:
+        """The state was set from outside; nothing else is kept of it here."""
+
     @property
     def tilt(self) -> tuple[float, float]:
         """beta, gamma, rad."""

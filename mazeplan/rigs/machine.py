@@ -205,6 +205,7 @@ class Machine:
     def restore(self, snapshot: Snapshot) -> None:
         """Back to a snapshot of this very rig. Faults that were injected in between stay."""
         mujoco.mj_setState(self.gimbal.model, self.gimbal.data, snapshot.state, _WHOLE)
+        self.gimbal.settle()
         self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
         self._queue = deque(snapshot.queue)
 

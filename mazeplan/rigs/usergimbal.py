@@ -77,8 +77,6 @@ def read_model(path: Path) -> mujoco.MjModel:
     if not path.is_file():
         raise SettingsError(f"no such file: {path}", key="mjcf")
     try:
-        if path.suffix == ".mjb":
-            return mujoco.MjModel.from_binary_path(str(path))
         return mujoco.MjModel.from_xml_path(str(path))
     except Exception as problem:  # MuJoCo's own kinds differ from version to version
         raise SettingsError(f"{path}: {' '.join(str(problem).split())}", key="mjcf") from None
@@ -163,7 +161,11 @@ class UserGimbal(Gimbal):
         mujoco.mj_step(self.model, self.data, nstep=self.steps)
         if any(self.data.warning[int(kind)].number for kind in UNSTABLE):
             raise RigError(f"the model became unstable at t = {self.data.time:.3f} s; expected a smaller time step")
-        mujoco.mj_kinematics(self.model, self.data)  # frames go with the joints again
+        self.settle()
+
+    def settle(self) -> None:
+        """Frames go with the joints again."""
+        mujoco.mj_kinematics(self.model, self.data)
 
     @property
     def tilt(self) -> tuple[float, float]:

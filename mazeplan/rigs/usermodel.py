@@ -1,6 +1,6 @@
 """A rig simulated on a MuJoCo model of the user's own: `class: mazeplan.rigs.usermodel:ModelRig` in a rig's YAML file.
 
-The model (MJCF, or one that MuJoCo compiled) has a plate that two joints tilt, each with a position actuator, and a
+The model, in MuJoCo's own format (MJCF), has a plate that two joints tilt, each with a position actuator, and a
 ball with a free joint. Which is which says the file; `usergimbal` looks whether it can be so. Camera, delays and
 servo's play are those of any simulated rig.
 """
@@ -17,7 +17,7 @@ from mazeplan.errors import SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import key_path
 from mazeplan.rigs.machine import CHUNKS
-from mazeplan.rigs.settings import FileSettings, Section, SimulatedSettings, as_tuples, sentence, settings_from
+from mazeplan.rigs.settings import Fault, FileSettings, Section, SimulatedSettings, as_tuples, sentence, settings_from
 from mazeplan.rigs.simulated import SimulatedRig
 from mazeplan.rigs.usergimbal import Axis, Described, UserGimbal, read_model
 
@@ -54,7 +54,10 @@ class ModelSection(Section):
 
 
 class ModelRig(SimulatedRig):
-    """See `interface.Rig`. Raises SettingsError for keys and names that do not fit the model."""
+    """See `interface.Rig`. Raises SettingsError for keys and names that do not fit the model. cannot: kinds of faults
+    that it has no parts for."""
+
+    cannot = ("blocked",)
 
     def __init__(self, maze: Maze, settings: Mapping[str, Any]) -> None:
         keys = ModelSection.model_fields
@@ -67,14 +70,21 @@ class ModelRig(SimulatedRig):
                 raise SettingsError(f"{what}, expected one of {allowed}", key=key)
         chosen = settings_from(rest)
         for i, fault in enumerate(chosen.faults):
-            if fault.kind == "blocked":
-                raise SettingsError("got blocked, expected another: this model has no plugs", key=f"faults[{i}].kind")
+            if fault.kind in self.cannot:
+                what = f"got {fault.kind}, expected another: this model has no plugs"
+                raise SettingsError(what, key=f"faults[{i}].kind")
         model = read_model(_path(described.mjcf, settings))
         plan = Described(
             described.beta.axis(), described.gamma.axis(), described.ball, described.plate, 1e-3 * described.floor_mm
         )
         gimbal = UserGimbal(model, plan, maze, chosen.rate_hz * CHUNKS)
         super().__init__(maze, chosen, lambda: gimbal)
+
+    def inject(self, fault: Fault) -> None:
+        """See `Machine.inject`. Raises SettingsError for what it cannot have, too."""
+        if fault.kind in self.cannot:
+            raise SettingsError(f"got {fault.kind}, expected another: this model has no plugs", key="fault.kind")
+        super().inject(fault)
 
 
 def _section(data: Mapping[str, Any]) -> ModelSection:

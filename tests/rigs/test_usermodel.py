@@ -14,6 +14,9 @@ from pages import ROOT
 from mazeplan import check_rig, navigate
 from mazeplan.errors import RigError, SettingsError
 from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.faultkinds import KINDS
+from mazeplan.rigs.faultschedule import Drawn
+from mazeplan.rigs.faulty import FaultyRig, impossible
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.settings import Fault
 
@@ -27,7 +30,7 @@ SMALL = """<mujoco><option timestep="{timestep}" integrator="implicitfast"/>
 <worldbody><body name="a" pos="0.2 -0.1 0.5" euler="0 0 90">
 <inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
 <joint name="first" axis="0 1 0" armature="0.05" {limits}/>
-<body name="b"><inertial pos="0 0 0" mass="0.5" diaginertia="1e-3 1e-3 2e-3"/>
+<body name="b" euler="0 {tilted} 0"><inertial pos="0 0 0" mass="0.5" diaginertia="1e-3 1e-3 2e-3"/>
 <joint name="second" axis="1 0 0" armature="0.05"/>
 <joint name="lift" type="slide" axis="0 0 1" range="0 1e-5" limited="true" stiffness="1e5" damping="1e3"/>
 <geom type="box" size="0.12 0.12 0.005" pos="0 0 -0.005"/><site name="low" pos="0 0 -0.003"/>
@@ -39,7 +42,8 @@ SMALL = """<mujoco><option timestep="{timestep}" integrator="implicitfast"/>
 <{kind} name="two" joint="second" {gains}/>
 <position name="pull" tendon="cord" {cord}/>{more}</actuator></mujoco>"""
 PLAIN = {
-    "timestep": 1 / 1500, "limits": "", "free": "<freejoint/>", "shape": "sphere", "radius": 0.00635, "ctrl": "",
+    "timestep": 1 / 1500, "limits": "", "tilted": 0, "free": "<freejoint/>", "shape": "sphere", "radius": 0.00635,
+    "ctrl": "",
     "kind": "position", "gains": 'kp="34" kv="2.3"', "cord": 'kp="1e-6"', "more": "",
 }  # fmt: skip
 FILE = """class: mazeplan.rigs.usermodel:ModelRig
@@ -125,6 +129,14 @@ def test_signs_hold_in_a_turned_and_moved_plate_and_with_a_rope_of_half_a_turn(m
         assert true[-1, 1] < MAZE.track_radius(1) - 5e-3  # gamma lifts +y
 
 
+def test_a_plate_that_is_level_where_its_joint_is_not_at_zero(made):
+    rig = placed(made("beta: {joint: first, zero_deg: 10.0}", tilted=-10), theta=0.5 * math.pi)
+    assert rig.truth()[:3] == pytest.approx([0.0, MAZE.track_radius(1), MAZE.ball.radius], abs=1e-9)
+    true = driven(rig, 0.8, 0.05, 0.0)
+    assert true[-1, 5:] == pytest.approx([0.05, 0.0], abs=2e-3)
+    assert true[-1, 0] > 0.01
+
+
 def test_a_frame_below_the_floor_is_raised(made):
     rig = placed(made("plate: low", "floor_mm: 3.0"), ring=3, theta=1.0)
     x, y, z = driven(rig, 0.3)[-1, :3]
@@ -135,20 +147,25 @@ def test_a_frame_below_the_floor_is_raised(made):
 
 
 def test_state_of_the_ball_goes_in_and_comes_out_while_the_plate_turns(made):
-    rig = placed(made(), ring=2, theta=0.4)
+    rig = placed(made("plate: low", "floor_mm: 3.0"), ring=2, theta=0.4)
     driven(rig, 0.15, 0.08, -0.06)
     wanted = (np.array([0.03, -0.06, 0.02]), np.array([0.1, 0.05, 0.0]), np.array([-7.9, 15.7, 3.0]))
     rig.set_ball(*wanted)
     for got, asked in zip(rig.ball(), wanted, strict=True):
         assert got == pytest.approx(asked, abs=1e-9)
-    # and a velocity is what the position does
-    machine, before = rig.machine, rig.ball()[0]
-    velocity = rig.ball()[1]
-    machine.step()
-    assert (rig.ball()[0] - before) / machine.chunk_s == pytest.approx(velocity, abs=0.08)
-    then = rig.snapshot()
+    then, there = rig.snapshot(), rig.truth()
+    # velocities are what places and frames do within a microsecond
+    gimbal, (place, velocity, _), (turned, omega) = rig.machine.gimbal, rig.ball(), rig.machine.gimbal.plate()
+    mujoco.mj_integratePos(gimbal.model, gimbal.data.qpos, gimbal.data.qvel, 1e-6)
+    gimbal.settle()
+    assert (rig.ball()[0] - place) / 1e-6 == pytest.approx(velocity, abs=1e-4)
+    change = turned.T @ (gimbal.plate()[0] - turned) / 1e-6
+    assert [change[2, 1], change[0, 2], change[1, 0]] == pytest.approx(omega, abs=1e-4)
+    assert np.linalg.norm(omega) > 0.1
+    rig.restore(then)
     once = driven(rig, 0.2, 0.02, 0.02)
     rig.restore(then)
+    assert np.array_equal(rig.truth(), there)
     assert np.array_equal(driven(rig, 0.2, 0.02, 0.02), once)
 
 
@@ -161,7 +178,19 @@ def test_faults_act_on_it(made):
     assert math.degrees(math.atan2(true[1, 1], true[1, 0])) == pytest.approx(100.0, abs=1.0)
 
 
-def test_a_model_that_goes_wild_is_a_failure_of_the_rig(made):
+def test_an_opening_that_nothing_can_fill_is_refused(made):
+    rig = placed(made())
+    with pytest.raises(SettingsError, match="this model has no plugs"):
+        rig.inject(Fault(kind="blocked", at_s=0.0, opening="1-2@45"))
+    for name in ("gate_blocked", "gates_blocked"):
+        with pytest.raises(SettingsError, match=f"{name}: this rig cannot do that"):
+            FaultyRig(rig, MAZE, [Drawn(KINDS[name], 1.0, 2.0, 0.0, (0,), 3)])
+    assert impossible(rig) == {"gate_blocked", "gates_blocked"}
+    assert impossible(make_rig("toy", MAZE)) == set()
+
+
+def test_a_model_that_goes_wild_is_a_failure_of_the_rig(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log beside one
     rig = placed(made(timestep=1 / 150, gains='kp="1e9" kv="0"'))
     with pytest.raises(RigError, match="became unstable at t = 0"):
         driven(rig, 2.0, 0.05, 0.05)
