@@ -16,6 +16,8 @@ from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.mapedit import Written
 from mazeplan.palette import rgb
+from mazeplan.records import Array
+from mazeplan.view.camera import Layout, around
 from mazeplan.view.editor import MapEditor
 from mazeplan.view.meshes import gap_box, ring_floor, wall_mesh
 from mazeplan.view.scene import FLOOR, FLOOR_2, TABLE, UNIT, WALL, WALLS_SHOWN
@@ -23,17 +25,20 @@ from mazeplan.view.scene import FLOOR, FLOOR_2, TABLE, UNIT, WALL, WALLS_SHOWN
 if TYPE_CHECKING:
     from viser import ViserServer
 
+    from mazeplan.view.page import Page
+
 Phase = Literal["start", "update", "end"]
 Dragged = Callable[[int, float, Phase], None]  # index of the opening, degrees where it is dragged to
 ABOVE = 1.15  # height of a block in heights of the wall: it can be grabbed above it
 OPACITY = 0.75
+FROM = (0.0, -0.25, 1.0)  # the camera: from above, there one drags best
 
 
 class EditScene:
     """Draws what an editor has; tells what is dragged and what is clicked (index of the opening)."""
 
-    def __init__(self, server: ViserServer, dragged: Dragged, clicked: Callable[[int], None]) -> None:
-        self._server, self._dragged, self._clicked = server, dragged, clicked
+    def __init__(self, page: Page, dragged: Dragged, clicked: Callable[[int], None]) -> None:
+        self._page, self._server, self._dragged, self._clicked = page, page.server, dragged, clicked
         self._maze: Maze | None = None
         self._blocks: list[_Block] = []
         self._labels: tuple[Any, ...] = ()
@@ -58,6 +63,7 @@ class EditScene:
         scene, before = self._server.scene, self._maze
         if before is None or before.rings != maze.rings or before.rim_thickness != maze.rim_thickness:
             rim = maze.walls[0].outer_radius
+            self._page.framing.show(Layout(outline(maze), side=FROM))
             scene.add_cylinder("/map/table", UNIT * 1.3 * rim, 0.02, TABLE, radial_segments=96, position=(0, 0, -0.04))
             for ring in before.rings[len(maze.rings) :] if before else ():
                 scene.remove_by_name(f"/map/ring{ring.number}")
@@ -158,6 +164,11 @@ class _Block:
     def remove(self) -> None:
         self._mesh.remove()
         self._label.remove()
+
+
+def outline(maze: Maze) -> Array:
+    """Points, (N, 3), between which the maze lies with its blocks."""
+    return around(UNIT * maze.walls[0].outer_radius, high=UNIT * ABOVE * WALLS_SHOWN * maze.wall_height)
 
 
 def about_z(angle: float) -> tuple[float, float, float, float]:

@@ -16,8 +16,7 @@ from mazeplan.view.editscene import EditScene, Phase
 from mazeplan.view.listing import changed_lines, listing
 from mazeplan.view.page import Page
 
-TEXT_WIDTH = 520  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
-CAMERA = (0.0, -1.0, 4.1)  # from above: there one drags best
+TEXT_WIDTH = 400  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
 PAUSE_S = 1.0  # in typing, after which a further step begins that can be undone
 TYPED = (
     ".mantine-Textarea-input{min-height:65vh!important;white-space:pre!important;overflow:auto!important;"
@@ -42,8 +41,7 @@ class EditTab:
     def build(self, page: Page) -> None:
         """Scene, text, buttons."""
         self._page, gui = page, page.server.gui
-        page.server.initial_camera.position = CAMERA
-        self._scene = EditScene(page.server, self._drag, self._choose)
+        self._scene = EditScene(page, self._drag, self._choose)
         panel = gui.add_panel()
         with panel.add_tab("YAML"):
             self._listing = gui.add_html("")

@@ -8,10 +8,11 @@ from html import escape
 from typing import Any
 
 from mazeplan.maze.geometry import Maze
+from mazeplan.view.camera import Layout
 from mazeplan.view.page import WIDTH, Page
 from mazeplan.view.panel import Facts, TreePanel
 from mazeplan.view.plots import Plots
-from mazeplan.view.scene import TILT_SHOWN, Scene
+from mazeplan.view.scene import TILT_SHOWN, Scene, outline
 from mazeplan.view.story import Story
 
 Order = dict[str, Any]  # {"do": "start" | "stop" | "level" | "goal" | "close" | "open" | "fault", ...}
@@ -46,6 +47,7 @@ class LiveTab:
             server, offer.maze,
             on_ring=lambda ring: self._order({"do": "goal", "ring": ring}), on_opening=self._toggle,
         )  # fmt: skip
+        page.framing.show(Layout(outline(offer.maze)))
         curves = gui.add_panel()
         with curves.add_tab("Curves"):
             self._plots = Plots(server)

@@ -17,9 +17,8 @@ from mazeplan.data.runlog_reader import read_messages
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.view.editscene import ABOVE
-from mazeplan.view.edittab import CAMERA
-from mazeplan.view.page import LOOK_AT
+from mazeplan.view.camera import Layout
+from mazeplan.view.editscene import ABOVE, FROM, outline
 from mazeplan.view.scene import UNIT, WALLS_SHOWN
 
 pytestmark = pytest.mark.realtime
@@ -82,7 +81,7 @@ def test_an_opening_is_dragged_and_the_map_saved(chromium, tmp_path):
 
     def at(degrees: float) -> tuple[float, float]:
         place = (radius * math.cos(math.radians(degrees)), radius * math.sin(math.radians(degrees)), height)
-        return pixel(shown, place, CAMERA, LOOK_AT, 0.75)
+        return pixel(shown, place, Layout(outline(maze), side=FROM))
 
     with program("--map", str(path), "--edit") as (_, url), page(chromium, url, complaints) as shown:
         shown.locator("[data-line='18']").wait_for()
