@@ -123,7 +123,7 @@ class Framing:
             return
         first, pose = self._server.initial_camera, np.concatenate([camera.position, camera.look_at])
         given_back = same(pose, np.concatenate([first.position, first.look_at]))
-        if not (given_back or anew and not browser.poses or browser.ours(pose) and (anew or size != browser.size)):
+        if not (given_back or (anew and not browser.poses) or (browser.ours(pose) and (anew or size != browser.size))):
             return
         views = [fitted(layout, size[0] / size[1]) for layout in self._layouts]
         best = min(range(len(views)), key=lambda i: views[i].farthest)

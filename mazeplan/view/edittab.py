@@ -60,8 +60,8 @@ class EditTab:
             self._build_steps(gui)
             self._build_file(gui)
             self._help = gui.add_html(
-                f'<div style="{FONT}color:#666">Drag a block along its wall, click one to choose it; drag beside the '
-                "maze to turn the view. Ctrl Z: undo, ctrl Y: redo.</div>"
+                f'<div style="{FONT}color:#666">Drag a block along its wall, click one to choose it. In the maze a '
+                "drag moves openings only; outside it turns the view. Ctrl Z: undo, ctrl Y: redo.</div>"
             )
 
     def _build_opening(self, gui: Any) -> None:
