@@ -10,9 +10,10 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from threading import Event
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from mazeplan.view.camera import Framing
 from mazeplan.view.door import Door
@@ -25,6 +26,18 @@ if TYPE_CHECKING:
 
 HZ = 25.0  # drawn so often
 WIDTH = 340  # pixels of the panels at both sides: with one of 1024 there is as much left between them
+FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
+
+
+def pressed(lock: AbstractContextManager[object], do: Callable[[Any], object]) -> Callable[[Any], None]:
+    """What a person does in a browser, one after another; not what the program itself sets."""
+
+    def on(event: Any) -> None:
+        if getattr(event, "client_id", 0) is not None:
+            with lock:
+                do(event)
+
+    return on
 
 
 class Tab(Protocol):

@@ -12,7 +12,7 @@ import numpy as np
 from mazeplan.maze.geometry import Maze
 from mazeplan.palette import COLOURS
 from mazeplan.view.camera import ABOVE, Layout, around
-from mazeplan.view.page import WIDTH, Page
+from mazeplan.view.page import FONT, WIDTH, Page, pressed
 from mazeplan.view.panel import Facts, TreePanel
 from mazeplan.view.replaying import SPEEDS, Mark, Player, Recording, common_times
 from mazeplan.view.replayplots import ReplayPlots
@@ -22,7 +22,6 @@ MOST_BUTTONS = 30  # failures with a button of their own
 APART, BELOW = 2.15, 2.5  # distance of two mazes in radii of the larger one's rim, side by side or one below the other
 FROM_BELOW = (0.0, -0.35, 1.0)  # the camera, where one is below the other
 NAME_BELOW = 1.25  # so far from the middle of a maze is its name, in these radii
-FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
 LETTERS = "AB"
 
 
@@ -128,14 +127,7 @@ class ReplayTab:
     # -- what a person does -----------------------------------------------------------------------------------------
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
-        """What a person does; not what the program itself sets."""
-
-        def on(event: Any) -> None:
-            if getattr(event, "client_id", 0) is not None:
-                with self._lock:
-                    do(event)
-
-        return on
+        return pressed(self._lock, do)
 
     def _seek(self, t: float) -> None:
         self._player.playing = False
