@@ -73,7 +73,7 @@ def _name(given: Input) -> str:
     if given.evidence is not None and given.evidence.get("title"):
         return str(given.evidence["title"])
     ring = given.document.get("ring")
-    return f"ring {ring}, {given.name}" if ring else given.name
+    return f"{given.name}, ring {ring}" if ring else given.name
 
 
 def labels(evidence: Document | None) -> dict[str, str]:
