@@ -12,7 +12,8 @@ import pytest
 from ring_record import DT, RADII, Ball, columns, ring_table
 
 from mazeplan import compare as module
-from mazeplan.compare import FEWEST, PREDICTED, ROLLED, SPLIT, CompareOptions, best_lag, compare, nrmse
+from mazeplan.compare import FEWEST, SPLIT, best_lag, compare
+from mazeplan.comparison import PREDICTED, ROLLED, CompareOptions, nrmse
 from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.table import Table, read_table
 from mazeplan.errors import InputError, TableError

@@ -103,6 +103,8 @@ def delivered(status: int, stdout: Any) -> int:
         stdout.flush()
     except OSError as problem:
         unwritable(problem, status)
+    if sys.stdout is not stdout:  # typer put another in its place when the reader had left
+        unwritable(BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE)), status)
     return status
 
 
@@ -139,7 +141,7 @@ def main() -> None:
     """Entry point of the `mazeplan` command: turns deliberate errors into one line and their exit status."""
     give_streams()
     keep_compiled()
-    stdout = sys.stdout  # typer takes it away when the reader left
+    stdout = sys.stdout
     with ended_as_interrupted() as told:
         try:
             _main(told)
