@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from mazeplan import filekinds
 from mazeplan.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -67,7 +68,7 @@ def rig_file(spec: str) -> Path | None:
     path = Path(spec)
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.is_file():
-            raise SettingsError("no such file", file=spec)
+            raise SettingsError(filekinds.refused(path, "the settings of a rig (YAML)"), file=spec)
         return path
     if ":" in spec:
         return None
@@ -76,7 +77,8 @@ def rig_file(spec: str) -> Path | None:
         rig = installed_rig(found)
         return rig if isinstance(rig, Path) else None
     names = ", ".join((*rig_names(), *installed_rigs()))
-    raise SettingsError(f"got rig {shown(spec)}, expected one of {names}, a YAML file, or module:Class")
+    what = f", {filekinds.got(path)}" if path.is_dir() else ""
+    raise SettingsError(f"got rig {shown(spec)}{what}, expected one of {names}, a YAML file, or module:Class")
 
 
 def seeded(spec: str) -> tuple[str, int | None]:
