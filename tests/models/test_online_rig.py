@@ -33,7 +33,7 @@ def toy():
     return replace(model, processes=small, camera_delay=0.0)
 
 
-def driven(model, seconds=4.0, seed=0, more_dry=0.0, noise=0.0):
+def driven(model, seconds=4.0, seed=0, more_dry=0.0, noise=0.0) -> Table:
     """A ball that goes round ring 1 as the effects of the model say, with more dry friction (m/s^2), as a table."""
     rate, rng, ball = 300, np.random.default_rng(seed), model.ball(1)
     radius = MAZE.track_radius(1)
