@@ -107,7 +107,7 @@ def run_collection(
                 ring = plan.rings[segment % len(plan.rings)]
                 rig.reset(
                     ring=ring,
-                    theta=float(rng.uniform(-math.pi, math.pi)),
+                    theta=maze.clear_angle(ring, float(rng.uniform(-math.pi, math.pi))),
                     rng=np.random.default_rng([plan.seed, segment]),
                 )
                 for u in commands[start : start + stretch]:
@@ -134,7 +134,7 @@ def run_tour(
     check_ready(rig)
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, setup.maze.tilt_limit)
-    theta = float(rng.uniform(-math.pi, math.pi))
+    theta = setup.maze.clear_angle(plan.rings[0], float(rng.uniform(-math.pi, math.pi)))
     header = _header(setup.maze, plan, setup.rig_name) | {
         "rings": list(plan.rings), "model": setup.model_name or setup.model.kind, "start_ring": plan.rings[0],
         "drives": True,

@@ -60,7 +60,7 @@ class Machine:
             self._data = mujoco.MjData(self._model)
         model, data = self._model, self.data
         mujoco.mj_resetData(model, data)
-        radius = self.maze.track_radius(ring)
+        radius, theta = self.maze.track_radius(ring), self.maze.clear_angle(ring, theta)
         data.qpos[2:5] = radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius
         data.qpos[5] = 1.0
         mujoco.mj_forward(model, data)
