@@ -11,7 +11,6 @@ from mazeplan.models.modelfile import RigModel, load_model, model_names
 from mazeplan.models.transfer import carried_over
 from mazeplan.rigs.registry import rig_model_hint
 
-
 HOME = "cme"  # the map on which the packaged models were fitted
 
 

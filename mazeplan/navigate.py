@@ -51,17 +51,17 @@ def navigate(
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
-    start, goal: ring numbers (or "ring1"; None: the centre); rig: a packaged name, a YAML file, "module:Class", or a rig; model: packaged
-    name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); behavior: packaged
-    tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged ones; settings:
-    YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of openings not to be
-    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
-    time_limit: s of rig time for each goal, from when it was given; own_process: whether the watchdog may end the
-    process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
-    closes and opens openings, and stops; guard: entered with the rig around the run, such as an emergency stop; sense:
-    how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its settings say); feed:
-    called with topic, rig time and document of each message that a log would get, in the thread of the run; around:
-    puts something around the rig that was made, such as the clock on the wall.
+    start, goal: ring numbers (or "ring1"; None: the centre); rig: a packaged name, a YAML file, "module:Class", or a
+    rig; model: packaged name or folder (None: the rig's own, else a packaged one of its name, else nominal physics);
+    behavior: packaged tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged
+    ones; settings: YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of
+    openings not to be used; memory: file that keeps what happened at openings for the next run; seed: of start angle
+    and simulated noise; time_limit: s of rig time for each goal, from when it was given; own_process: whether the
+    watchdog may end the process where nothing else ends a leaf that hangs; goals: by which another thread gives other
+    goals meanwhile, closes and opens openings, and stops; guard: entered with the rig around the run, such as an
+    emergency stop; sense: how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its
+    settings say); feed: called with topic, rig time and document of each message that a log would get, in the thread of
+    the run; around: puts something around the rig that was made, such as the clock on the wall.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):

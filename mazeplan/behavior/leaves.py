@@ -118,6 +118,8 @@ class ConfirmRing(MazeLeaf):
             target = opening.leads_to(run.left_from)
         if run.here.ring != target:
             return self.fail_as(FailureKind.WRONG_RING, f"in ring {run.here.ring}, expected ring {target}")
+        if (elsewhere := self.walled_off(opening)) is not None:
+            return elsewhere
         run.graph.record(opening.name, success=True)
         run.on_event("passed", {"opening": opening.name, "ring": target})
         return Status.SUCCESS

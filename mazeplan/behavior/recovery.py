@@ -11,7 +11,6 @@ from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf
 from mazeplan.records import LEVEL, FailureKind
 
-
 BESIDE = 2.5  # diameters of the ball between an opening and a wall that leave no room to roll past it
 
 

@@ -174,7 +174,7 @@ class Maze:
         return there - (start - begin) % _TURN if there < span else None
 
     def clear_angle(self, ring: int, theta: float) -> float:
-        """The angle nearest to theta where the ball's centre can be in the middle of a ring, beside its radial walls."""
+        """The angle nearest to theta at which the ball has room in the middle of a ring, beside its radial walls."""
         walls = self.radial_walls_of(ring) if self.radial_walls else ()
         if not walls:
             return theta
