@@ -109,14 +109,14 @@ def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, 
     check = check_text(dump_map(maze))
     if not prior.radial_walls:
         return maze, check, ()
-    many = f"{len(prior.radial_walls)} radial wall{'s' * (len(prior.radial_walls) != 1)} of {prior_name}"
-    if len(prior.rings) == len(maze.rings):
-        with_them = replace(maze, radial_walls=prior.radial_walls)
-        checked = check_text(dump_map(with_them))
-        if not checked.errors or check.errors:
-            return with_them, checked, (f"no log tells of radial walls: the {many} are taken as they are",)
-        return maze, check, (f"the {many} are left out: {checked.errors[0].problem}",)
-    return maze, check, (f"the {many} are left out: it has {len(prior.rings)} rings",)
+    told = f"radial walls, of which no log tells, are those of {prior_name}"
+    if len(prior.rings) != len(maze.rings):
+        return maze, check, (f"{told}, but left out: it has {len(prior.rings)} rings",)
+    with_them = replace(maze, radial_walls=prior.radial_walls)
+    checked = check_text(dump_map(with_them))
+    if checked.errors and not check.errors:
+        return maze, check, (f"{told}, but left out: {checked.errors[0].problem}",)
+    return with_them, checked, (told,)
 
 
 def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:

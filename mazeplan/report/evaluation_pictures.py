@@ -56,7 +56,7 @@ def evaluation_pictures(several: Sequence[Runs], maze: Maze) -> list[Picture]:
     return found
 
 
-def _arrivals(figure: Figure, several: Sequence[Runs], marks: bool) -> None:
+def _arrivals(figure: Figure, several: Sequence[Runs], marks: bool = True) -> None:
     """marks: of the published times, too, which are of one maze alone."""
     rows = len(several) + marks
     upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2.4, 0.45 * rows)})

@@ -11,7 +11,7 @@ import pytest
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.palette import rgb
-from mazeplan.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
+from mazeplan.view.meshes import gap_box, radial_mesh, ribbon, ring_floor, sector, wall_mesh
 from mazeplan.view.moment import COLUMNS, Ahead, Gate, Moment, Said
 from mazeplan.view.panel import facts_html, tree_html
 from mazeplan.view.scene import UNIT, Scene, attitude, gate_colour, resampled
@@ -224,3 +224,16 @@ def test_names_out_of_files_are_no_html():
     assert "<b>&" not in text
     assert "<i>" not in text
     assert "no tree yet" in tree_html(Moment())
+
+
+def test_radial_walls_are_solid_and_in_their_places():
+    maze = load_map("detour")
+    for wall in maze.radial_walls:
+        vertices, faces = radial_mesh(maze, wall, 0.02)
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        ring = maze.ring(wall.ring)
+        volume = wall.thickness * (ring.outer_radius - ring.inner_radius) * 0.02
+        floor = vertices[np.abs(vertices[:, 2]) < 1e-12]
+        assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(volume, rel=0.02)
+        x, y = floor.mean(axis=0)[:2]
+        assert math.remainder(math.atan2(y, x) - wall.angle, math.tau) == pytest.approx(0.0, abs=1e-9)
