@@ -28,6 +28,7 @@ from mazeplan.job import Job, Setup
 from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
+from mazeplan.maze.regions import leading_to
 from mazeplan.records import Array, Command, FailureKind, Observation, State
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.run import Run
@@ -154,13 +155,18 @@ def left_alone(maze: Maze, passed: Mapping[str, int], refused: Container[str], s
     """Openings that a drive does not use, so that all are passed about equally often: those that refused the ball,
     and those passed more often than the rarest of their wall by more than `spare`.
 
-    passed: how often, by name; a wall of which all openings refused the ball is left as it is."""
+    passed: how often, by name; a wall of which all openings refused the ball is left as it is, and so are all where
+    radial walls would leave no way without those."""
     names: list[str] = []
     for wall in maze.walls:
         usable = [o.name for o in wall.openings if not o.closed and o.name not in refused]
         if usable:
             most = min(passed[name] for name in usable) + spare
             names += [o.name for o in wall.openings if o.name not in usable or passed[o.name] > most]
+    if maze.radial_walls:
+        last, shut = len(maze.rings), [o.name for o in maze.openings if o.closed]
+        if leading_to(maze, last, [*names, *shut]) != leading_to(maze, last, shut):
+            return ()
     return tuple(names)
 
 

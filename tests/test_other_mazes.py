@@ -29,7 +29,7 @@ def test_it_arrives_by_a_ring_that_it_leaves_outwards_and_enters_again(detour):
 
 
 def test_such_a_run_decides_the_same_in_a_replay(detour):
-    result, log = detour
+    _, log = detour
     found = replay(log)
     assert found.identical, found.difference
     assert found.plans > 50

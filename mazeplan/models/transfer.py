@@ -33,6 +33,8 @@ def carried_over(model: RigModel, home: Maze, maze: Maze) -> RigModel:
         return model
     balls = {}
     for ring in maze.rings:
+        if ring.is_disc and len(home.rings) not in model.balls:
+            continue  # the old disc had none either: what is nominal there is nominal here
         like = min((r for r in home.rings if r.is_disc == ring.is_disc), key=lambda r: abs(_radius(r) - _radius(ring)))
         ratio = _radius(ring) / _radius(like)
         effects = [

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mazeplan.choices import resolve_model
 from mazeplan.maze.mapfile import load_map
+from mazeplan.models.ball import BallModel
+from mazeplan.models.effects import RollingInertia
 from mazeplan.models.modelfile import load_model
+from mazeplan.models.planar import PlanarModel
 from mazeplan.models.transfer import carried_over, same_rings
 
 CME, SEVEN, LOPSIDED = load_map("cme"), load_map("seven"), load_map("lopsided")
@@ -22,6 +27,7 @@ def test_in_the_maze_it_was_fitted_on_it_is_the_model_itself():
 def test_every_ring_of_another_maze_has_physics_and_nothing_learned(maze):
     model = resolve_model(None, "toy", maze)
     assert sorted(model.balls) == [ring.number for ring in maze.rings]
+    assert PlanarModel.build(maze, model).scalars[2] == PlanarModel.build(CME, TOY).scalars[2]  # away from walls
     assert (model.kind, model.processes) == ("pi", {})
     assert (model.stage, model.camera_delay, model.delay_known) == (TOY.stage, TOY.camera_delay, True)
     for ring in maze.rings:
@@ -41,8 +47,13 @@ def test_dry_friction_is_the_same_force_and_rolling_the_same_factor():
     assert force == pytest.approx(like.parameter("dry_friction", "coefficient", 0.0) * CME.track_radius(1))
     for effect, parameter in (("rolling_inertia", "factor"), ("viscous_friction", "coefficient")):
         assert outer.parameter(effect, parameter, 0.0) == like.parameter(effect, parameter, 1.0)
-    disc = model.ball(7).parameter("rolling_inertia", "factor", 0.0)
-    assert disc == TOY.ball(5).parameter("rolling_inertia", "factor", 1.0)  # disc for disc, not ring 5 or 7 for number
+
+
+def test_what_was_fitted_for_the_disc_is_for_the_disc_whatever_its_number():
+    disc = BallModel((RollingInertia(0.7),))
+    model = carried_over(replace(TOY, balls={**TOY.balls, 5: disc}), CME, SEVEN)
+    assert model.ball(7).parameter("rolling_inertia", "factor", 0.0) == 0.7
+    assert model.ball(5).parameter("rolling_inertia", "factor", 0.0) != 0.7
 
 
 def test_a_map_that_was_measured_again_has_the_same_rings_and_one_with_another_count_has_not():

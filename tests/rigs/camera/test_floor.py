@@ -27,9 +27,9 @@ def solid(maze, x, y):
             return True
     for wall in maze.radial_walls:
         ring, (c, s) = maze.ring(wall.ring), (math.cos(wall.angle), math.sin(wall.angle))
-        if ring.inner_radius <= r <= ring.outer_radius and c * x + s * y > 0.0:
-            if abs(c * y - s * x) < 0.5 * wall.thickness:
-                return True
+        across = abs(c * y - s * x) < 0.5 * wall.thickness
+        if across and ring.inner_radius <= r <= ring.outer_radius and c * x + s * y > 0.0:
+            return True
     return r > maze.walls[0].inner_radius
 
 
