@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -237,3 +238,12 @@ def test_radial_walls_are_solid_and_in_their_places():
         assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(volume, rel=0.02)
         x, y = floor.mean(axis=0)[:2]
         assert math.remainder(math.atan2(y, x) - wall.angle, math.tau) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_page_shows_the_radial_walls_of_a_map():
+    server = FakeServer()
+    maze = load_map("detour")
+    Scene(server, maze)
+    drawn = sorted(name for name in server.nodes if "/radial" in name)
+    assert [name.rsplit("/", 1)[1] for name in drawn] == [f"radial{i}" for i in range(len(maze.radial_walls))]
+    assert len([name for name in server.nodes if re.search(r"/ring\d$", name)]) == 4
