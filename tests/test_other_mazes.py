@@ -6,17 +6,17 @@ import math
 
 import pytest
 
-import mazeplan
 from mazeplan.errors import InputError
 from mazeplan.evaluate import Campaign, job_of
 from mazeplan.maze.mapfile import load_map
+from mazeplan.navigate import navigate
 from mazeplan.replay import replay
 
 
 @pytest.fixture(scope="module")
 def detour(tmp_path_factory):
     log = tmp_path_factory.mktemp("detour") / "detour.mcap"
-    return mazeplan.navigate(map="detour", rig="toy", seed=9200, start_angle_deg=120.0, log=log), log
+    return navigate(map="detour", rig="toy", seed=9200, start_angle_deg=120.0, log=log), log
 
 
 def test_it_arrives_by_a_ring_that_it_leaves_outwards_and_enters_again(detour):
@@ -36,21 +36,21 @@ def test_such_a_run_decides_the_same_in_a_replay(detour):
 
 
 def test_seven_rings_end_in_the_seventh_without_being_told():
-    result = mazeplan.navigate(map="seven", rig="ideal", seed=9200)
+    result = navigate(map="seven", rig="ideal", seed=9200)
     assert result.success
     assert result.rings[-1].ring == 7
     assert result.time_s < 8.0
 
 
 def test_a_ball_in_a_dead_end_goes_back_out_and_around():
-    result = mazeplan.navigate(start=2, map="detour", rig="ideal", seed=9200, start_angle_deg=320.0)
+    result = navigate(start=2, map="detour", rig="ideal", seed=9200, start_angle_deg=320.0)
     assert result.success
     assert [p.opening for p in result.rings][:2] == ["1-2@325", "1-2@60"]
 
 
 def test_a_start_in_a_wall_is_refused_and_a_drawn_one_moved():
     with pytest.raises(InputError, match="start angle: got 99, where a radial wall leaves the ball no room in ring 1"):
-        mazeplan.navigate(map="detour", rig="ideal", start_angle_deg=99.0)
+        navigate(map="detour", rig="ideal", start_angle_deg=99.0)
     maze = load_map("detour")
     job = job_of(Campaign(1, map="detour", seed=9200), 4, maze)
     assert job.goal == 4
