@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -135,7 +136,8 @@ class Floor:
             ring = maze.ring(w.ring)
             inside = (rr >= ring.inner_radius - R_STEP) & (rr <= ring.outer_radius + R_STEP)
             free &= ~(inside & (along > 0.0) & (np.abs(across) < 0.5 * w.thickness))
-        labels, count = label(free)
+        found: Any = label(free)
+        labels, count = found
         joined = coo_array((np.ones(len(r)), (labels[:, -1], labels[:, 0])), (count + 1, count + 1))  # the turn closes
         joined.data[(labels[:, -1] == 0) | (labels[:, 0] == 0)] = 0.0
         joined.eliminate_zeros()
