@@ -7,7 +7,7 @@ import math
 import pytest
 
 from mazeplan.errors import InputError
-from mazeplan.evaluate import Campaign, job_of
+from mazeplan.evaluate import Campaign, job_of, run_one
 from mazeplan.maze.mapfile import load_map
 from mazeplan.navigate import navigate
 from mazeplan.replay import replay
@@ -58,3 +58,6 @@ def test_a_start_in_a_wall_is_refused_and_a_drawn_one_moved():
     placed = maze.clear_angle(1, job.theta)
     assert math.degrees(job.theta) == pytest.approx(101.25)
     assert math.degrees(placed) == pytest.approx(106.9, abs=0.2)
+    started = run_one(Campaign(1, rig="ideal", map="detour", time_limit=0.1), 4).start  # what is told of it, too
+    assert started is not None
+    assert started.theta == placed

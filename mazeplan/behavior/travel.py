@@ -75,8 +75,7 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
     The arrival speed points the way the ball turns; the lean points to the ring behind the opening."""
     here = run.here
     turn = run.turn_to(opening)
-    # a plan on its way keeps its side, also when the ball is half a turn away; radial walls leave no choice
-    if warm is not None and not run.maze.radial_walls_of(here.ring):
+    if warm is not None:  # a plan on its way keeps its side, also when the ball is half a turn away
         turn = nearest(opening.angle, float(warm.states[-1, 0])) - here.theta
         turn = turn - 2.0 * math.pi * round((turn - run.turn_to(opening)) / (2.0 * math.pi))
     arrival = math.copysign(arrival_speed(run, opening, travel) / run.maze.track_radius(here.ring), turn)

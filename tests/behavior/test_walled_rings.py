@@ -109,14 +109,13 @@ def test_a_long_way_may_take_longer():
     assert missed["long"] > 4.2
 
 
-def test_a_ball_that_rolls_past_the_wall_of_the_sector_it_was_to_fall_into_is_still_outside():
+@pytest.mark.parametrize(("theta", "ring"), [(45.0, 2), (70.0, 1)])
+def test_a_ball_that_rolls_past_the_wall_of_the_sector_it_was_to_fall_into_is_still_outside(theta, ring):
     bench = walled((2, 30.0), (2, 60.0))
-    run = bench.run
-    for theta, ring in ((45.0, 2), (70.0, 1)):
-        state = at(1, 45.0)
-        run.begin(0.0, state, state)
-        run.opening = MAZE.opening("1-2@45")
-        run.enter(2)
-        state = at(1, theta, t=0.05)
-        run.begin(0.05, state, state)
-        assert run.here.ring == ring
+    run, state = bench.run, at(1, 45.0)
+    run.begin(0.0, state, state)
+    run.opening = MAZE.opening("1-2@45")
+    run.enter(2)
+    state = at(1, theta, t=0.05)
+    run.begin(0.05, state, state)
+    assert run.here.ring == ring

@@ -3,56 +3,21 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fake_scene import FakeServer
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.palette import rgb
-from mazeplan.view.meshes import gap_box, radial_mesh, ribbon, ring_floor, sector, wall_mesh
+from mazeplan.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
 from mazeplan.view.moment import COLUMNS, Ahead, Gate, Moment, Said
 from mazeplan.view.panel import facts_html, tree_html
 from mazeplan.view.scene import UNIT, Scene, attitude, gate_colour, resampled
 from mazeplan.view.tallies import bounds
 
 MAZE = load_map("cme")
-
-
-class Handle(SimpleNamespace):
-    """Keeps what it is given; counts how often something is set."""
-
-    sets = 0
-
-    def __setattr__(self, name, value):
-        object.__setattr__(self, "sets", self.sets + 1)
-        object.__setattr__(self, name, value)
-
-    def on_click(self, call):
-        self.__dict__["click"] = call
-
-    def remove(self):
-        self.__dict__["removed"] = True
-
-
-class FakeServer:
-    """Of viser's scene: every add_ gives a handle under its name."""
-
-    def __init__(self):
-        self.nodes = {}
-        self.scene = self
-
-    def __getattr__(self, name):
-        if not name.startswith("add_"):
-            raise AttributeError(name)
-
-        def add(path, *values, **more):
-            self.nodes[path] = handle = Handle(values=values, **more)
-            return handle
-
-        return add
 
 
 def moment(**more):
@@ -227,23 +192,11 @@ def test_names_out_of_files_are_no_html():
     assert "no tree yet" in tree_html(Moment())
 
 
-def test_radial_walls_are_solid_and_in_their_places():
-    maze = load_map("detour")
-    for wall in maze.radial_walls:
-        vertices, faces = radial_mesh(maze, wall, 0.02)
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        ring = maze.ring(wall.ring)
-        volume = wall.thickness * (ring.outer_radius - ring.inner_radius) * 0.02
-        floor = vertices[np.abs(vertices[:, 2]) < 1e-12]
-        assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(volume, rel=0.02)
-        x, y = floor.mean(axis=0)[:2]
-        assert math.remainder(math.atan2(y, x) - wall.angle, math.tau) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_page_shows_the_radial_walls_of_a_map():
-    server = FakeServer()
-    maze = load_map("detour")
-    Scene(server, maze)
-    drawn = sorted(name for name in server.nodes if "/radial" in name)
-    assert [name.rsplit("/", 1)[1] for name in drawn] == [f"radial{i}" for i in range(len(maze.radial_walls))]
-    assert len([name for name in server.nodes if re.search(r"/ring\d$", name)]) == 4
+def test_a_record_without_tree_and_goal_says_what_it_is():
+    rows = np.full((1, len(COLUMNS)), np.nan)
+    told = facts_html(Moment(tick=1, ring=1, rows=rows, header={"excitation": "multisine"}))
+    assert '<td data-fact="ring">1</td>' in told
+    assert '<td data-fact="doing">excitation: multisine</td>' in told
+    assert "planner" not in told
+    assert "no tree<" in tree_html(Moment(tick=1))
+    assert "no tree yet<" in tree_html(Moment())
