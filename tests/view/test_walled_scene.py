@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from  import FakeServer
+from fake_scene import FakeServer
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.view.meshes import radial_mesh
