@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def test_radial_walls_are_solid_and_in_their_places():
 
 
 def test_the_page_shows_the_radial_walls_of_a_map():
-    server = FakeServer()
+    server: Any = FakeServer()
     maze = load_map("detour")
     Scene(server, maze)
     drawn = sorted(name for name in server.nodes if "/radial" in name)
