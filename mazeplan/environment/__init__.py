@@ -1,11 +1,13 @@
-"""The maze as a Gymnasium environment: `import mazeplan.environment`, then `gymnasium.make("mazeplan/CircularMaze-v1")`.
+"""The maze as a Gymnasium environment.
+
+`import mazeplan.environment`, then `gymnasium.make("mazeplan/CircularMaze-v1")`.
 
 task.py       what may be chosen
 worlds.py     the rigs behind it: a fleet of simulated ones, or any rigs
 senses.py     what is known of balls from what was measured: the observation "state"
 judging.py    rewards, arrival, out
-pictures.py   the observation "pixels", and `render`
-episodes.py   all of that together, for N rigs; single.py and vector.py are Gymnasium's face of it
+episodes.py   all of that together, for N rigs, with the observation "pixels"
+single.py     Gymnasium's face of it for one rig; vector.py: for many
 expert.py     the planner as a policy; record.py: its episodes as a data set
 
 Gymnasium is imported in this room alone. It has no entry points for packages any more (since its version 1.0), so that

@@ -15,7 +15,7 @@ from mazeplan.environment.task import Task
 from mazeplan.environment.worlds import world_of
 from mazeplan.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.records import Array, IntArray, Observation
+from mazeplan.records import IntArray, Observation
 from mazeplan.rigs.fleet import Samples
 
 OPTIONS = ("start_ring", "start_angle_deg")  # of reset()
@@ -110,8 +110,10 @@ class Episodes:
 
     def _drawn(self) -> Any:
         if self._pictures is None:
-            from mazeplan.environment.pictures import Pictures
-
+            try:
+                from mazeplan.rigs.camera.pictures import Pictures
+            except ImportError:
+                raise SettingsError("pictures need OpenCV: pip install 'mazeplan[gym]'") from None
             self._pictures = Pictures(self.maze)
         return self._pictures
 
@@ -128,5 +130,6 @@ class Episodes:
         it."""
         seen = self._senses.unseen_s(rows) <= 0.0
         return {
-            "ring": ring, "time_s": self._senses.t[rows], "seen": seen, "success": arrived, "is_success": arrived.copy(),
+            "ring": ring, "time_s": self._senses.t[rows], "seen": seen, "success": arrived,
+            "is_success": arrived.copy(),
         }  # fmt: skip

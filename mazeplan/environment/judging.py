@@ -92,9 +92,7 @@ class Judge:
         inside = (goal.inner_radius <= radius) & (radius <= goal.outer_radius)
         self._since[rows] = since = _held(self._since[rows], t, inside, seen)
         arrived = seen & (t - since >= HOLD - 1e-6)
-        self._outside[rows] = outside = _held(
-            self._outside[rows], t, radius > senses.maze.rings[0].outer_radius, seen
-        )
+        self._outside[rows] = outside = _held(self._outside[rows], t, radius > senses.maze.rings[0].outer_radius, seen)
         out = ~arrived & ((unseen >= LOST - 1e-6) | (seen & (t - outside >= OUT - 1e-6)))
         reward = arrived.astype(float)
         if self._task.reward == "dense":

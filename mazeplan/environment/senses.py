@@ -1,7 +1,7 @@
 """What is known of N balls from what their rigs measured, and the observation "state" that is made of it.
 
-Nothing here is smoothed, predicted or looked up in the simulation: a rig on a table would give the same. Positions carry
-the camera's noise and are as late as its pictures; while the ball is not seen the last position and speed stay.
+Nothing here is smoothed, predicted or looked up in the simulation: a rig on a table would give the same. Positions
+carry the camera's noise and are as late as its pictures; while the ball is not seen the last position and speed stay.
 Speeds are differences over two samples (of those in which the ball was seen), tilt rates the same.
 """
 
@@ -77,7 +77,8 @@ class Senses:
         """The observations (len(rows), 13), see NAMES."""
         limit, rim = self.maze.tilt_limit, self.maze.rings[0].outer_radius
         now, before = self._where[0, rows], self._where[-1, rows]
-        velocity = (now[:, 1:] - before[:, 1:]) / (now[:, :1] - before[:, :1])
+        apart = np.maximum(now[:, :1] - before[:, :1], 1.0 / self._rate)  # a rig's clock may stand still
+        velocity = (now[:, 1:] - before[:, 1:]) / apart
         radius = np.hypot(now[:, 1], now[:, 2])
         safe = np.maximum(radius, 1e-9)
         c, s = np.where(radius > 0.0, now[:, 1] / safe, 1.0), now[:, 2] / safe

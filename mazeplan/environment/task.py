@@ -20,8 +20,8 @@ STEPS = 600  # after which an episode is cut off: 20 s at 30 Hz, as for `navigat
 @dataclass(frozen=True)
 class Task:
     """map, rig: as `navigate` takes them; observation: "state" or "pixels"; reward: "sparse" or "dense"; start_ring: a
-    ring or "any", goal_ring: a ring (None: the innermost); start_angle_deg: None: drawn anew for each episode; discount:
-    the learner's, by which the dense reward is shaped; size: px, side of a picture. Raises SettingsError."""
+    ring or "any", goal_ring: a ring (None: the innermost); start_angle_deg: None: drawn anew for each episode;
+    discount: the learner's, by which the dense reward is shaped; size: px, side of a picture. Raises SettingsError."""
 
     map: str = "cme"
     rig: str = "toy"

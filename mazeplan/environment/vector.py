@@ -20,7 +20,7 @@ class CircularMazeVectorEnv(VectorEnv):
 
     threads: of the physics, None: one a processor core. Raises as `CircularMazeEnv`."""
 
-    metadata = {**CircularMazeEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata = {**CircularMazeEnv.metadata, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -50,7 +50,9 @@ class CircularMazeVectorEnv(VectorEnv):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin N episodes, with seeds seed, seed + 1, ... or those of a list."""
-        seeds = [None if seed is None else seed + i for i in range(self.num_envs)] if not isinstance(seed, list) else seed
+        seeds = (
+            [None if seed is None else seed + i for i in range(self.num_envs)] if not isinstance(seed, list) else seed
+        )
         if len(seeds) != self.num_envs:
             raise SettingsError(f"got {len(seeds)}, expected one for each of {self.num_envs}", key="seed")
         first = not self._rngs

@@ -1,8 +1,8 @@
 """Many simulated rigs at once, each to the last bit of its physics what `simulated.SimulatedRig` is alone.
 
-What the servos are told in each chunk of a sample (command delay, slew limit, play) does not hang on the physics: it is
-worked out beforehand, for all rigs in one go. Then each rig's physics pass through MuJoCo, in threads, which it lets run
-beside one another. Then pictures, delays and noise, again in one go; only random numbers are drawn rig by rig, from
+What the servos are told in each chunk of a sample (command delay, slew limit, play) does not hang on the physics: it
+is worked out beforehand, for all rigs in one go. Then each rig's physics pass through MuJoCo, in threads, which it lets
+run beside one another. Then pictures, delays and noise, again in one go; only random numbers are drawn rig by rig, from
 each rig's own generator and in the order in which it draws them alone.
 """
 

@@ -141,4 +141,3 @@ def _slack(maze: Maze) -> float:
     tilt = TILT * maze.tilt_limit * math.sqrt(2.0)
     rim = maze.walls[0].outer_radius
     return rim * (1.0 - math.cos(tilt)) + 2.0 * maze.ball.radius * math.sin(tilt)
-

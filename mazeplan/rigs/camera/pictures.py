@@ -1,30 +1,24 @@
-"""Pictures of the maze as the rig's overhead camera takes them, for the observation "pixels" and for `render`."""
+"""Pictures of the maze as a simulated overhead camera takes them, for people and for learners."""
 
 from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 
-from mazeplan.errors import SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
-
-try:
-    import cv2
-
-    from mazeplan.rigs.camera.look import Look
-    from mazeplan.rigs.camera.render import Overhead
-    from mazeplan.rigs.camera.sensing import TRUE
-except ImportError:
-    raise SettingsError("pictures need OpenCV: pip install 'mazeplan[gym]'") from None
+from mazeplan.rigs.camera.look import Look
+from mazeplan.rigs.camera.render import Overhead
+from mazeplan.rigs.camera.sensing import TRUE
 
 
 class Pictures:
     """Draws what is to be seen, (5,) as `SimulatedRig.pictured`, in red, green, blue."""
 
     def __init__(self, maze: Maze) -> None:
-        cv2.setNumThreads(1)  # the other cores are for other environments
+        cv2.setNumThreads(1)  # the other cores are for other runs
         self._eye = Overhead(maze, TRUE, Look(sharp=False))
 
     def whole(self, scene: Array, rng: np.random.Generator) -> np.ndarray:
