@@ -1,11 +1,12 @@
 """Rewards and ends of episodes, of N balls at once, by what their rigs measured.
 
     sparse    1 on arrival, else 0
-    dense     sparse + discount x phi(next) - phi(now),    phi = -(expected s to the goal) / (the longest there is)
+    dense     sparse + discount x phi(next) - phi(now),    phi = 1 - (expected s to the goal) / (the longest there is)
 
 The expected time is that of the fastest route over the openings (`maze.graph`), from the ring and the angle at which
 the ball is seen; phi is 0 where an episode ends. A reward shaped so by a potential leaves the best policies what they
-are (Ng, Harada and Russell 1999), for a learner with the same discount.
+are (Ng, Harada and Russell 1999), for a learner with the same discount. Standing still costs, the nearer to the goal
+the more, so that returns without discount rank policies as one would.
 
 Arrival is what it is for `navigate`: the ball's centre was measured inside the goal ring for HOLD s, in each sample in
 which it was seen. Out is a ball that was not seen for LOST s, or seen outside the rim for OUT s.
@@ -65,7 +66,7 @@ class Judge:
             if not np.all(np.isfinite(times[ring - 1])):
                 raise SettingsError(f"there is no way from ring {ring} to ring {self.goal}", key="goal_ring")
         longest = float(np.max(times[np.isfinite(times)]))
-        self._potential = -np.where(np.isfinite(times), times, longest) / longest
+        self._potential = 1.0 - np.where(np.isfinite(times), times, longest) / longest
         self._phi, self._since = np.zeros(number), np.full(number, math.nan)
         self._outside = np.full(number, math.nan)  # since when it is seen there, s
 
@@ -75,7 +76,7 @@ class Judge:
         self._phi[rows] = self.potential(rows)
 
     def potential(self, rows: IntArray) -> Array:
-        """phi of where the balls were seen last; 0 at the goal, -1 where it is farthest."""
+        """phi of where the balls were seen last; 1 at the goal, 0 where it is farthest."""
         radius, theta = self._senses.place(rows)
         at = (theta + math.pi) / math.tau * ANGLES
         low = np.minimum(at.astype(np.int64), ANGLES - 1)
@@ -90,9 +91,10 @@ class Judge:
         unseen = senses.unseen_s(rows)
         seen, goal = unseen <= 0.0, senses.maze.ring(self.goal)
         inside = (goal.inner_radius <= radius) & (radius <= goal.outer_radius)
-        self._since[rows] = since = _held(self._since[rows], t, inside, seen)
+        beyond = radius > senses.maze.rings[0].outer_radius
+        self._since[rows] = since = _held(self._since[rows], t, inside)
         arrived = seen & (t - since >= HOLD - 1e-6)
-        self._outside[rows] = outside = _held(self._outside[rows], t, radius > senses.maze.rings[0].outer_radius, seen)
+        self._outside[rows] = outside = _held(self._outside[rows], t, beyond)
         out = ~arrived & ((unseen >= LOST - 1e-6) | (seen & (t - outside >= OUT - 1e-6)))
         reward = arrived.astype(float)
         if self._task.reward == "dense":
@@ -102,7 +104,6 @@ class Judge:
         return Verdict(reward, arrived, out, senses.ring(radius))
 
 
-def _held(since: Array, t: Array, holds: np.ndarray, seen: np.ndarray) -> Array:
-    """Since when something holds, NaN where it does not; what was not seen changes nothing."""
-    began = np.where(np.isnan(since), t, since)
-    return np.where(seen, np.where(holds, began, math.nan), since)
+def _held(since: Array, t: Array, holds: np.ndarray) -> Array:
+    """Since when something holds, NaN where it does not."""
+    return np.where(holds, np.where(np.isnan(since), t, since), math.nan)

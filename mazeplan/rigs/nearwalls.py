@@ -23,7 +23,8 @@ from mazeplan.rigs.mjcf import GRAVITY, PLUG_ON, mjcf
 from mazeplan.rigs.settings import SimulatedSettings
 
 CELL = 0.004  # m, side of a cell
-FREE = 0.003  # m that the ball may go before the model is asked for again; in one step of 1/600 s: 1.8 m/s
+FREE = 0.003  # m, at least, that the ball may go before the model is asked for again
+FASTEST = 2.0  # m/s, of a ball; one that is left alone on the plate reaches .6
 TILT = 1.5  # times the tilt limit: what the plate may swing to
 ARENA = 1 << 21  # bytes for contacts of a ball; MuJoCo would take 14 MB a ball
 SEEN_WITH = ("geom_bodyid", "geom_dataid", "geom_matid", "geom_plugin")  # what is not the box's own
@@ -35,14 +36,15 @@ class NearWalls:
     def __init__(self, text: str, maze: Maze) -> None:
         self._whole = mujoco.MjModel.from_xml_string(text)
         self._walls = _walls(self._whole)
-        reach = maze.ball.radius + FREE + _slack(maze) + math.sqrt(0.5) * CELL
+        self._timestep = float(self._whole.opt.timestep)
+        self._free = max(FREE, FASTEST * self._timestep)
+        reach = maze.ball.radius + self._free + _slack(maze) + math.sqrt(0.5) * CELL
         places, sizes = self._whole.geom_pos[self._walls], self._whole.geom_size[self._walls]
         self._half = float(np.max(np.hypot(places[:, 0], places[:, 1]) + np.hypot(sizes[:, 0], sizes[:, 1]))) + reach
         self._side = math.ceil(2.0 * self._half / CELL)
         self._near = self._boxes_near(reach)
         self.slots = max(len(boxes) for boxes in self._near.values())  # boxes that a model has
         self.any = self._template(text)
-        self._timestep = float(self.any.opt.timestep)
         self._own = [
             name
             for name in dir(self.any)
@@ -51,7 +53,7 @@ class NearWalls:
         self._models: dict[int, mujoco.MjModel] = {}
 
     def at(self, x: float, y: float) -> mujoco.MjModel:
-        """The model for a ball at x, y, m in the room, as long as it is not farther than FREE from there."""
+        """The model for a ball at x, y, m in the room, as long as it is not farther than `free` from there."""
         last = self._side - 1
         column = min(max(int((x + self._half) / CELL), 0), last)
         row = min(max(int((y + self._half) / CELL), 0), last)
@@ -63,7 +65,7 @@ class NearWalls:
         """Let so many of MuJoCo's steps pass; one after another where the ball is too fast to be looked for once."""
         x, y, vx, vy = (*data.qpos[2:4].tolist(), *data.qvel[2:4].tolist())
         most = steps * self._timestep
-        if math.hypot(vx, vy) * most + GRAVITY * most * most <= FREE:
+        if math.hypot(vx, vy) * most + GRAVITY * most * most <= self._free:
             mujoco.mj_step(self.at(x, y), data, nstep=steps)
             return
         for _ in range(steps):

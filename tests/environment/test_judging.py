@@ -118,7 +118,7 @@ def test_the_dense_reward_is_the_sparse_one_and_a_potential():
     wandering = [(0.089 * math.cos(a), 0.089 * math.sin(a)) for a in np.linspace(0.0, 4.0, 30)] + inwards
     _, judge = begun("dense", discount=0.97)
     start = judge.potential(ROW)[0]
-    assert -1.0 <= start < 0.0
+    assert 0.0 < start < 0.5
     for places in (inwards, wandering):
         dense = walk(places, "dense", discount=0.97)
         sparse = walk(places)
@@ -133,7 +133,7 @@ def test_the_potential_is_the_expected_time_of_the_fastest_route():
     senses, judge = begun("dense", ring=3, theta=-math.pi + math.tau * 30 / 120)
     route = graph.route(3, 5, -math.pi + math.tau * 30 / 120)
     assert route is not None
-    assert judge.potential(ROW)[0] == pytest.approx(-route.expected_s / times.max())
+    assert judge.potential(ROW)[0] == pytest.approx(1.0 - route.expected_s / times.max())
     assert np.all(times[4] == 0.0)
     closed = load_map("cme").openings  # towards the goal it grows, ring by ring
     gates = [next(o for o in closed if o.outer == ring) for ring in (1, 2, 3, 4)]

@@ -81,9 +81,11 @@ def test_some_of_a_fleet_go_on_while_others_begin_anew():
     np.testing.assert_array_equal(fleet.state(1)[0], other.state(0)[0])
 
 
-def test_a_ball_thrown_across_the_maze_meets_the_same_walls():
-    whole = mujoco.MjModel.from_xml_string(mjcf(MAZE, TOY))
-    near = near_walls(MAZE, TOY)
+@pytest.mark.parametrize("rate", [30.0, 10.0])
+def test_a_ball_thrown_across_the_maze_meets_the_same_walls(rate):
+    settings = TOY.model_copy(update={"rate_hz": rate})
+    whole = mujoco.MjModel.from_xml_string(mjcf(MAZE, settings))
+    near = near_walls(MAZE, settings)
     one, other = mujoco.MjData(whole), mujoco.MjData(near.any)
     for data in (one, other):
         data.qpos[2:6] = MAZE.track_radius(2), 0.0, MAZE.ball.radius, 1.0
@@ -91,14 +93,14 @@ def test_a_ball_thrown_across_the_maze_meets_the_same_walls():
     mujoco.mj_forward(whole, one)
     mujoco.mj_forward(near.at(*other.qpos[2:4]), other)
     touched = 0
-    for _ in range(40):
+    for _ in range(round(40 * rate / 30.0)):
         mujoco.mj_step(whole, one, nstep=4)
         near.step(other, 4)
         np.testing.assert_array_equal(one.qpos, other.qpos)
         touched += one.ncon > 1
     assert touched >= 3
     assert 1.5 * 4.0 * whole.opt.timestep > FREE
-    assert near.slots < 0.15 * whole.ngeom
+    assert near.slots < 0.25 * whole.ngeom
 
 
 def test_walls_are_shared_by_rigs_that_differ_in_their_camera_only():
