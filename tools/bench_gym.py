@@ -140,7 +140,7 @@ def gym_section(quick: bool) -> list[str]:
     rows = [
         "## Gymnasium environment",
         "",
-        f"`{room.ID}` on `toy`, random actions held for {HOLD} samples, balls in all rings. Samples (30 are a second of",
+        f"`{room.ID}` on `toy`, random actions held for {HOLD} samples, balls in all rings. Samples (30 a second of",
         f"the rig) of all environments together, a second; asked for: {ASKED:,.0f} on two cores.",
         "",
         "| environments | one thread | two threads | of one |",
