@@ -24,7 +24,7 @@ try:
 except ImportError as missing:
     sys.exit(f"examples/sac.py needs {missing.name}: pip install stable-baselines3 'mazeplan[gym]'")
 
-EPISODES = 20  # of a trial
+EPISODES = 10  # of a trial
 TRIAL_SEED = 10_000  # far from those of training
 
 
@@ -61,8 +61,10 @@ def main() -> None:
     env = make_vec_env(room.ID, given.environments, seed=given.seed, env_kwargs=options)
     alone = make_vec_env(room.ID, 1, env_kwargs=options)
     model = SAC(
-        "MlpPolicy", env, gamma=given.discount, seed=given.seed, learning_starts=1000, batch_size=256,
-        train_freq=1, gradient_steps=1, device="cpu",
+        "MlpPolicy", env, gamma=given.discount, seed=given.seed, learning_starts=1000, batch_size=128,
+        train_freq=8, gradient_steps=-1, device="cpu",
+        use_sde=True, sde_sample_freq=8,  # noise that changes with each sample never gets past the servos
+        policy_kwargs={"net_arch": [128, 128]},
     )  # fmt: skip
     print("before:", trial(model, alone), flush=True)
     began = time.monotonic()

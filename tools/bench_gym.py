@@ -10,6 +10,7 @@ from __future__ import annotations
 # (MuJoCo's compiled module tells type checkers nothing of its names)
 import time
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -34,7 +35,7 @@ HOLD = 5  # samples for which a drawn action stays
 SEGMENTS = (192, 360, 720)
 
 
-def rate(number: int, threads: int, seconds: float, **options: object) -> float:
+def rate(number: int, threads: int, seconds: float, **options: Any) -> float:
     """Samples a second of all environments together, with random actions from all rings."""
     envs = gymnasium.make_vec(room.ID, num_envs=number, threads=threads, start_ring="any", **options)
     envs.reset(seed=0)
@@ -70,7 +71,7 @@ def cost_of_walls(settings: SimulatedSettings, samples: int) -> tuple[int, float
     whole, near = mujoco.MjModel.from_xml_string(text), NearWalls(text, maze)
     same, took = True, np.zeros(2)
 
-    def passed(step: Callable[[], None]) -> float:
+    def passed(step: Callable[[], object]) -> float:
         began = time.thread_time()
         step()
         return time.thread_time() - began
@@ -83,7 +84,7 @@ def cost_of_walls(settings: SimulatedSettings, samples: int) -> tuple[int, float
             if k % HOLD == 0:
                 one.ctrl[:] = other.ctrl[:] = rng.uniform(-1.0, 1.0, 2) * maze.tilt_limit
             took[0] += passed(lambda data=one: mujoco.mj_step(whole, data, nstep=20))
-            took[1] += passed(lambda data=other: [near.step(data, 4) for _ in range(5)] and None)
+            took[1] += passed(lambda data=other: [near.step(data, 4) for _ in range(5)])
             same = same and np.array_equal(one.qpos, other.qpos) and np.array_equal(one.qvel, other.qvel)
     us = 1e6 * took / (4 * 20 * samples)
     return whole.ngeom, float(us[0]), near.any.ngeom, float(us[1]), same
