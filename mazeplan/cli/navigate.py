@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.records import NavigationResult
 
 Map = Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")]
-RigName = Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")]
+RigName = Annotated[str, typer.Option("--rig", help="Name of a rig (rig list), YAML file, or module:Class.")]
 Model = Annotated[str | None, typer.Option("--model", help="Packaged model or folder; default: the rig's own.")]
 Behavior = Annotated[str, typer.Option("--behavior", help="Packaged behaviour tree or XML file.")]
 HowFile = Annotated[str | None, typer.Option("--settings", help="YAML file of costs, gains and windows.")]
@@ -59,16 +59,17 @@ def navigate(
     as_json: Json = False,
 ) -> None:
     """Bring the ball from one ring to another."""
-    from mazeplan.cli.arguments import positive
+    from mazeplan.cli.arguments import finite, positive
     from mazeplan.errors import RigError
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
+    angle = None if start_angle is None else finite("--start-angle", start_angle, "degrees")
     job = {
         "start": start, "goal": len(maze.rings) if goal == "centre" else goal, "map": maze, "rig": rig, "model": model,
         "behavior": behavior, "behavior_modules": tuple(behavior_module or ()), "settings": settings,
-        "start_angle_deg": start_angle, "closed": close or (), "seed": seed,
+        "start_angle_deg": angle, "closed": close or (), "seed": seed,
         "time_limit": positive("--time-limit", time_limit), "log": log, "memory": memory, "sense": sense,
     }  # fmt: skip
     if view:

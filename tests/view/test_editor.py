@@ -223,7 +223,12 @@ def test_a_packaged_map_is_saved_in_the_folder_where_one_works(tmp_path, monkeyp
 
 @pytest.mark.parametrize(
     ("content", "problem"),
-    [(None, "no such file"), (b"\xff\xfe", "not a text file in UTF-8"), (b"a: [", "not valid YAML"), (b"", "is empty")],
+    [
+        (None, "no such file"),
+        (b"\xff\xfe", "got text that is not UTF-8, expected a map"),
+        (b"a: [", "not valid YAML"),
+        (b"", "got an empty file, expected a map"),
+    ],
 )
 def test_what_is_no_text_or_yaml_is_refused_in_one_line(tmp_path, content, problem):
     path = tmp_path / "bad.yaml"
