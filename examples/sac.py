@@ -1,10 +1,11 @@
 """Soft actor-critic (Stable-Baselines3) learns to bring the ball to the centre, from nothing.
 
     pip install stable-baselines3
-    python examples/sac.py --from 4 --steps 20000
+    python examples/sac.py --from 4 --steps 200000
 
-From ring 4 alone it takes minutes; from all rings hours. Before and after, the policy plays the same episodes without
-exploring.
+Before and after, the policy plays the same episodes without exploring. It is an example of how a learner is connected,
+not a tuned one: in a trial from ring 4 on the rig `toy`, 10,000 steps raised the mean return from -8.7 to -7.9, and the
+ball did not arrive yet.
 """
 
 from __future__ import annotations
