@@ -28,6 +28,7 @@ FEATURES = {
     "hardware": "camera and serial line of a real rig",
     "testing": "generated ball behaviours for tests of trees",
     "docs": "the documentation as a site: make docs",
+    "campaign": "evaluate on other machines and resumed: --dask, --store",
     "tune": "searching costs and gains: tools/tune.py",
     "bench": "other solvers and searches beside these: make bench",
     "dev": "make test",
