@@ -16,6 +16,7 @@ import threading
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -47,8 +48,7 @@ def dask_executor(address: str, workers: int | None, carry: Sequence[Any], say: 
     except ImportError:
         raise InputError("--dask needs dask and distributed: pip install 'mazeplan[campaign]'") from None
     with ExitStack() as stack:
-        for name in ("distributed", "tornado"):  # their words are for who runs a cluster
-            logging.getLogger(name).setLevel(logging.CRITICAL)
+        stack.enter_context(_silence())
         stack.enter_context(_settings())
         target = stack.enter_context(_own_cluster(workers)) if address == LOCAL else _checked(address)
         try:
@@ -61,10 +61,24 @@ def dask_executor(address: str, workers: int | None, carry: Sequence[Any], say: 
         yield Dask(client, address)
 
 
-def _settings() -> Any:
-    import dask
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Not a word of Dask's own, which are for who runs a cluster: what a person must know is said here."""
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
 
-    return dask.config.set(
+
+def _settings() -> Any:
+    from dask import config
+
+    return config.set(
         {
             "distributed.comm.timeouts.connect": CONNECT_S,
             "distributed.scheduler.allowed-failures": MOST_DEATHS - 1,
@@ -88,11 +102,11 @@ def _own_cluster(workers: int | None) -> Iterator[Any]:
     """A scheduler and workers on this machine that nobody else can reach."""
     import distributed
 
+    dashboard: Any = f"{LOOPBACK}:0" if _has_bokeh() else None
     with interrupts_held():
         cluster = distributed.LocalCluster(
             n_workers=workers or _cores(), threads_per_worker=1, processes=True, host=LOOPBACK,
-            silence_logs=logging.CRITICAL, worker_dashboard_address=None,
-            dashboard_address=f"{LOOPBACK}:0" if _has_bokeh() else None,
+            silence_logs=logging.CRITICAL, dashboard_address=dashboard, worker_dashboard_address=None,
         )  # fmt: skip
     with cluster:
         yield cluster
@@ -140,13 +154,13 @@ def _check_workers(client: Client, address: str, say: Words) -> None:
     except TimeoutError:
         start = f"dask worker {address} --nthreads 1"
         raise InputError(f"--dask: the scheduler at {address} has no workers; start some: {start}") from None
-    found: Mapping[str, Any] = client.run(facts, on_error="return")
+    found: Any = client.run(facts, on_error="return")
     for worker, theirs in found.items():
         if isinstance(theirs, BaseException):
             raise InputError(f"--dask: worker {worker} cannot do this: {_line(theirs)}")
         if other := unlike(program(), theirs):
             raise InputError(f"--dask: worker {worker} would not compute the same: it has {other}")
-    threads = client.nthreads()
+    threads: Any = client.nthreads()
     if many := sum(count > 1 for count in threads.values()):
         more = "worker has" if many == 1 else "workers have"
         say(f"{many} {more} several threads, of which one is used: a run takes its process (dask worker --nthreads 1)")
@@ -203,6 +217,9 @@ class Dask:
                     future = arrived.get(timeout=POLL_S)
                 except queue.Empty:
                     continue
+                if future.status in ("pending", "lost"):  # its result died with its worker before it was fetched
+                    future.add_done_callback(arrived.put)
+                    continue
                 index, _ = running.pop(future.key)
                 yield index, self._outcome(future)
         finally:
@@ -214,15 +231,16 @@ class Dask:
         """What a task returned. Raises what it raised, and RigError where the scheduler does not know it any more."""
         from distributed import KilledWorker
 
-        if future.status == "finished":
-            with self._scheduler_there():
-                return future.result()
-        if future.status != "error":
-            raise self._lost()
-        error = future.exception()
-        if isinstance(error, KilledWorker):
-            return Lost(error.allowed_failures + 1)
-        raise error if isinstance(error, Exception) else self._lost()
+        try:
+            return future.result()
+        except KilledWorker as killed:
+            return Lost(killed.allowed_failures + 1)
+        except CancelledError:
+            raise self._lost() from None
+        except OSError:  # of the way there, or of the work
+            if future.status == "error":
+                raise
+            raise self._lost() from None
 
     def _count(self) -> None:
         """How many workers there are, now and then. Raises RigError when there were none for too long."""
@@ -231,21 +249,14 @@ class Dask:
             raise self._lost()
         if now - self._counted < COUNT_S:
             return
-        with self._scheduler_there():
-            self._workers = len(self._client.nthreads())
-        self._counted = now
+        try:
+            threads: Any = self._client.nthreads()
+        except (OSError, TimeoutError):
+            raise self._lost() from None
+        self._workers, self._counted = len(threads), now
         self._alone_since = math.inf if self._workers else min(self._alone_since, now)
         if now - self._alone_since > ALONE_S:
             raise RigError(f"the scheduler at {self._address} had no workers for {ALONE_S:g} s")
-
-    @contextmanager
-    def _scheduler_there(self) -> Iterator[None]:
-        from distributed.client import FutureCancelledError
-
-        try:
-            yield
-        except (OSError, TimeoutError, FutureCancelledError):
-            raise self._lost() from None
 
     def _lost(self) -> RigError:
         return RigError(f"the scheduler at {self._address} does not answer any more")

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from time import monotonic, sleep
+from multiprocessing import resource_tracker
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -42,6 +42,7 @@ def interrupts_held() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # else the first process that is begun would have it unblock them here
     before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPT)
     try:
         yield
@@ -69,6 +70,7 @@ class Processes:
 
     def __init__(self, workers: int) -> None:
         self._pools: list[ProcessPoolExecutor | None] = [None] * workers
+        self._last: dict[int, Future[Any]] = {}
 
     def share(self, value: Value) -> Value:
         """The same: through a pipe it travels fast enough."""
@@ -112,12 +114,16 @@ class Processes:
         pool = self._pools[number]
         if pool is not None:
             try:
-                return pool.submit(work, *task)
+                future = pool.submit(work, *task)
             except BrokenProcessPool:  # it died while it had nothing to do
                 self._discard(number)
+            else:
+                self._last[number] = future
+                return future
         pool = self._pools[number] = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
         with interrupts_held():
-            return pool.submit(work, *task)
+            future = self._last[number] = pool.submit(work, *task)
+        return future
 
     def _discard(self, number: int) -> None:
         pool, self._pools[number] = self._pools[number], None
@@ -126,17 +132,16 @@ class Processes:
 
     def close(self) -> None:
         """End the workers, those that are in the midst of something, too: their plates go level first."""
-        pools, self._pools = [p for p in self._pools if p is not None], [None] * len(self._pools)
+        pools = [pool for pool in self._pools if pool is not None]
+        self._pools = [None for _ in self._pools]
         # a pool has no public way to end its process before Python 3.14
         processes = [process for pool in pools for process in (pool._processes or {}).values()]
         for pool in pools:
             pool.shutdown(wait=False, cancel_futures=True)
         for process in processes:
             process.terminate()
-        until = monotonic() + GRACE_S
-        while any(process.is_alive() for process in processes) and monotonic() < until:
-            sleep(0.01)
-        for process in processes:
+        wait(self._last.values(), GRACE_S)
+        for process in processes:  # at once: to take an interpreter down in order takes a while, and nobody has of it
             process.kill()
 
 
