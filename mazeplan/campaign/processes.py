@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
+from multiprocessing import connection, resource_tracker
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -136,13 +136,16 @@ class Processes:
         self._pools = [None for _ in self._pools]
         # a pool has no public way to end its process before Python 3.14
         processes = [process for pool in pools for process in (pool._processes or {}).values()]
+        going = [future for future in self._last.values() if future.running()]
         for pool in pools:
             pool.shutdown(wait=False, cancel_futures=True)
         for process in processes:
             process.terminate()
-        wait(self._last.values(), GRACE_S)
+        wait(going, GRACE_S)
         for process in processes:  # at once: to take an interpreter down in order takes a while, and nobody has of it
             process.kill()
+        for process in processes:
+            connection.wait([process.sentinel], GRACE_S)
 
 
 def _begin() -> None:
