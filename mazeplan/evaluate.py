@@ -59,11 +59,10 @@ def evaluate(
             return evaluate(campaign, progress=progress, executor=own, store=store)
     done = {} if store is None else {k: r for k, r in store.results.items() if k < campaign.runs}
     missing = [index for index in range(campaign.runs) if index not in done]
-    parcel = store.parcel if store is not None else Parcel()
-    if executor.apart and missing:
-        parcel = parcel if store is not None else packed(campaign)
+    if missing and (executor.apart or store is not None):
         check(campaign)
-        campaign = replace(campaign, own_process=True)
+    parcel = store.parcel if store is not None else packed(campaign) if executor.apart else Parcel()
+    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
     shared = executor.share(parcel) if missing else parcel
     tasks = [(shared, campaign, index) for index in missing]
     for k, ran in each(run_packed, tasks, executor, lambda k, lost: _lost(campaign, missing[k], lost)):
@@ -91,7 +90,7 @@ def process_ended(campaign: Campaign, index: int, lost: Lost) -> NavigationResul
 
 
 def _lost(campaign: Campaign, index: int, lost: Lost) -> Ran:
-    return Ran(process_ended(campaign, index, lost), 0.0, "")
+    return Ran(process_ended(campaign, index, lost), 0.0, 0.0, "")
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:

@@ -83,6 +83,8 @@ def _settings() -> Any:
             "distributed.comm.timeouts.connect": CONNECT_S,
             "distributed.scheduler.allowed-failures": MOST_DEATHS - 1,
             "distributed.admin.large-graph-warning-threshold": LARGE,
+            # of workers of one's own: to look a hundred times a second what they do takes a tenth of their time
+            "distributed.worker.profile.enabled": False,
         }
     )
 
@@ -102,11 +104,11 @@ def _own_cluster(workers: int | None) -> Iterator[Any]:
     """A scheduler and workers on this machine that nobody else can reach."""
     import distributed
 
-    dashboard: Any = f"{LOOPBACK}:0" if _has_bokeh() else None
     with interrupts_held():
         cluster = distributed.LocalCluster(
             n_workers=workers or _cores(), threads_per_worker=1, processes=True, host=LOOPBACK,
-            silence_logs=logging.CRITICAL, dashboard_address=dashboard, worker_dashboard_address=None,
+            silence_logs=logging.CRITICAL, dashboard_address=f"{LOOPBACK}:0",
+            worker_dashboard_address=f"{LOOPBACK}:0",
         )  # fmt: skip
     with cluster:
         yield cluster

@@ -44,7 +44,7 @@ def columns() -> Any:
             "time_limit_s": number, "success": pa.bool_(), "reason": text, "time_s": number, "replans": pa.int32(),
             "failures": words, "recoveries": words, "rings": pa.list_(pa.int16()), "ring_s": pa.list_(number),
             "openings": words, **{f"planner_ms_{key}": number for key in SPREADS},
-            **{f"tick_ms_{key}": number for key in SPREADS}, "wall_s": number, "host": text,
+            **{f"tick_ms_{key}": number for key in SPREADS}, "wall_s": number, "cpu_s": number, "host": text,
             "ended": pa.timestamp("ms", tz="UTC"), "version": text, "settings": text, "setup": text, "result": text,
         }
     )  # fmt: skip
@@ -159,6 +159,7 @@ def row_of(index: int, ran: Ran) -> dict[str, Any]:
         **{f"planner_ms_{key}": result.planner_ms.get(key) for key in SPREADS},
         **{f"tick_ms_{key}": result.tick_ms.get(key) for key in SPREADS},
         "wall_s": ran.wall_s,
+        "cpu_s": ran.cpu_s,
         "host": ran.host,
         "ended": datetime.now(UTC),
         "result": json.dumps(result.to_json()),

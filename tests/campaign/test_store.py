@@ -42,8 +42,8 @@ def test_a_result_comes_back_to_the_last_bit():
 
 def test_a_row_is_pleasant_to_read(tmp_path):
     with open_store(tmp_path, LIGHT) as store:
-        store.keep(1, Ran(run(8), 0.5, "here:1"))
-        store.keep(0, Ran(run(7, success=False), 0.25, "here:2"))
+        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
+        store.keep(0, Ran(run(7, success=False), 0.25, 0.125, "here:2"))
         assert len(list(tmp_path.glob("*.run-*.parquet"))) == 2
         assert len(pd.read_parquet(tmp_path)) == 2  # while it is under way, too
     assert [path.name for path in tmp_path.glob("*.parquet")] == [f"campaign-{store.name}.parquet"]
@@ -53,6 +53,7 @@ def test_a_row_is_pleasant_to_read(tmp_path):
     assert table["success"].dtype == bool
     assert list(table["success"]) == [False, True]
     assert list(table["wall_s"]) == [0.25, 0.5]
+    assert list(table["cpu_s"]) == [0.125, 0.125]
     one = table.iloc[0]
     assert (one["campaign"], one["rig"], one["map"], one["start_ring"], one["goal_ring"], one["time_limit_s"]) == (
         store.name, LIGHT.rig, "cme", 4, 5, 20.0,
@@ -90,12 +91,12 @@ def test_the_same_campaign_goes_on_and_computes_nothing_twice(tmp_path):
 def test_other_campaigns_stay_apart_and_are_named(tmp_path):
     other = replace(LIGHT, seed=8, start=3)
     with open_store(tmp_path, other) as store:
-        store.keep(0, Ran(run(8), 0.5, "here:1"))
+        store.keep(0, Ran(run(8), 0.5, 0.125, "here:1"))
     with open_store(tmp_path, LIGHT) as store:
         assert store.results == {}
         (told,) = store.others()
         assert told.endswith("(other start ring, seed)")
-        store.keep(0, Ran(run(7), 0.5, "here:1"))
+        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
     table = pd.read_parquet(tmp_path)
     assert table.groupby("campaign").size().tolist() == [1, 1]
     with open_store(tmp_path, other) as store:
@@ -104,11 +105,11 @@ def test_other_campaigns_stay_apart_and_are_named(tmp_path):
 
 def test_a_command_that_was_killed_leaves_nothing_broken(tmp_path, monkeypatch):
     with open_store(tmp_path, LIGHT) as store:
-        store.keep(0, Ran(run(7), 0.5, "here:1"))
+        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
         whole = next(tmp_path.glob("*.run-*.parquet")).read_bytes()
         monkeypatch.setattr(os, "fsync", lambda number: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
-            store.keep(1, Ran(run(8), 0.5, "here:1"))
+            store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
         monkeypatch.undo()
         assert len(list(tmp_path.glob("*.parquet"))) == 1
         (tmp_path / f".campaign-{store.name}.run-00000002.parquet.1").write_bytes(whole[:99])  # killed as it wrote
@@ -116,7 +117,7 @@ def test_a_command_that_was_killed_leaves_nothing_broken(tmp_path, monkeypatch):
     single.write_bytes(whole)  # killed when all were one file, but the single ones were still there
     with open_store(tmp_path, LIGHT) as store:
         assert set(store.results) == {0}
-        store.keep(1, Ran(run(8), 0.5, "here:1"))
+        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
     assert list(pd.read_parquet(tmp_path)["index"]) == [0, 1]
     assert not single.exists()
 
@@ -125,7 +126,7 @@ def test_many_single_files_become_one_on_the_way(tmp_path, monkeypatch):
     monkeypatch.setattr("mazeplan.campaign.store.TOGETHER", 3)
     with open_store(tmp_path, LIGHT) as store:
         for index in range(4):
-            store.keep(index, Ran(run(index), 0.5, "here:1"))
+            store.keep(index, Ran(run(index), 0.5, 0.125, "here:1"))
         assert len(list(tmp_path.glob("*.run-*.parquet"))) == 1
         assert sorted(pd.read_parquet(tmp_path)["index"]) == [0, 1, 2, 3]
 
