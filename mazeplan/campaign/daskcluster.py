@@ -83,8 +83,9 @@ def _settings() -> Any:
             "distributed.comm.timeouts.connect": CONNECT_S,
             "distributed.scheduler.allowed-failures": MOST_DEATHS - 1,
             "distributed.admin.large-graph-warning-threshold": LARGE,
-            # of workers of one's own: to look a hundred times a second what they do takes a tenth of their time
+            # of workers of one's own: to look at them a hundred times a second takes a tenth of their time
             "distributed.worker.profile.enabled": False,
+            "distributed.admin.tick.interval": "1s",
         }
     )
 
