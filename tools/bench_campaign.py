@@ -167,8 +167,8 @@ def _said(ways: dict[str, Way], empty: dict[str, float]) -> list[str]:
         f"- two processes are {one.sum() / two.sum():.2f} times as fast as one worker (asked for: {TWICE}; by blocks",
         f"  {_range(one / two)}), two workers of Dask {dasks}",
         f"- Dask costs {cost:.1f} % against two processes (asked for: less than {DASK_COST:.0f} %; by blocks",
-        f"  {_range(costs, 1)} %); a task that does nothing takes {each}; with Dask that is",
-        f"  {100.0 * empty[DASK] / typical:.2f} % of a run",
+        f"  {_range(costs, 1)} %)",
+        f"- a task that does nothing takes {each}, which is {100.0 * empty[DASK] / typical:.2f} % of a run",
         f"- results are {'the same' if same else 'NOT THE SAME'} for all three",
     ]
 

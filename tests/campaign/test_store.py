@@ -112,6 +112,7 @@ def test_a_command_that_was_killed_leaves_nothing_broken(tmp_path, monkeypatch):
             store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
         monkeypatch.undo()
         assert len(list(tmp_path.glob("*.parquet"))) == 1
+        assert [path.suffix for path in tmp_path.glob(".*")] == [".lock"]
         (tmp_path / f".campaign-{store.name}.run-00000002.parquet.1").write_bytes(whole[:99])  # killed as it wrote
         single = tmp_path / f"campaign-{store.name}.run-00000000.parquet"
     single.write_bytes(whole)  # killed when all were one file, but the single ones were still there
