@@ -31,6 +31,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
 from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.plugins import LEAVES, plugin
 from mazeplan.progress import Advance, no_advance
 from mazeplan.records import FailureKind, Latency, Observation
 from mazeplan.rigs.interface import Rig
@@ -150,6 +151,11 @@ def _setup_of(header: dict[str, Any], path: Path, model: str | Path | RigModel |
         file = user_module(name, "--behavior-module").__file__ or ""
         if file_sha256(file) != module["sha256"]:
             raise _changed("module", f"{name} ({file})", path, "")
+    for name, leaf in kept.get("leaves", {}).items():
+        found = plugin(LEAVES, name)
+        file = None if found is None else found.file()
+        if found is None or file_sha256(file or "") != leaf["sha256"]:
+            raise _changed("leaf", f"{name} ({file or leaf['file']})", path, "")
     memory = kept.get("memory")
     try:
         settings = settings_from_text(kept["settings"])

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan import resources
-from mazeplan.campaign.parcel import Parcel, module_file
+from mazeplan.campaign.parcel import Parcel, installed, module_file, rig_modules
 from mazeplan.campaign.program import program
 from mazeplan.campaign.single import Campaign, job_of, setup_of
-from mazeplan.job import file_sha256
+from mazeplan.job import Setup, file_sha256, installed_leaves
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.rigs.registry import rig_file, rig_label
@@ -46,6 +46,7 @@ def identity(campaign: Campaign, parcel: Parcel) -> dict[str, Any]:
         "seed": campaign.seed,
         "time_limit_s": campaign.time_limit,
         "modules": _modules_of(campaign),
+        "packages": _packages_of(campaign, setup),
         "files": {
             name: digest
             for name, digest in parcel.digests.items()
@@ -65,10 +66,15 @@ def _rig_of(campaign: Campaign) -> dict[str, Any]:
 
 def _modules_of(campaign: Campaign) -> dict[str, str]:
     """{module of a user: SHA-256 of its file}, installed ones, too."""
-    rig = rig_file(campaign.rig)
-    kind = campaign.rig if rig is None else read_rig_file(rig)[0]
-    names = [*campaign.behavior_modules, *([] if kind is None else [kind.partition(":")[0]])]
+    names = [*campaign.behavior_modules, *rig_modules(campaign.rig)]
     return {name: file_sha256(module_file(name) or Path()) for name in names}
+
+
+def _packages_of(campaign: Campaign, setup: Setup) -> dict[str, list[str]]:
+    """{what an installed package offers and is used here: package, version, SHA-256 of its file}."""
+    rig = installed(campaign.rig)
+    used = [*installed_leaves(setup), *([] if rig is None else [rig])]
+    return {found.name: [found.source, file_sha256(found.file() or Path())] for found in used}
 
 
 def digest_of(document: Mapping[str, Any]) -> str:

@@ -15,6 +15,7 @@ import hashlib
 import importlib
 import importlib.util
 import os
+import re
 import sys
 import sysconfig
 import tempfile
@@ -30,8 +31,9 @@ from mazeplan.choices import model_source
 from mazeplan.errors import InputError
 from mazeplan.maze.mapfile import find_map
 from mazeplan.models.modelfile import model_names
+from mazeplan.plugins import RIGS, Plugin, plugin
 from mazeplan.records import NavigationResult
-from mazeplan.rigs.registry import rig_file, seeded
+from mazeplan.rigs.registry import rig_file, rig_names, seeded
 from mazeplan.rigs.settings import read_rig_file
 from mazeplan.usermodule import user_module
 
@@ -69,12 +71,10 @@ def packed(campaign: Campaign) -> Parcel:
         if not _packaged(path):
             names[field] = f"{field}/{path.name}"
             files[names[field]] = _content(path)
-    rig = rig_file(campaign.rig)
-    if rig is None:
-        modules.append(campaign.rig.partition(":")[0])
-    elif not _packaged(rig):
-        kind, data, _ = read_rig_file(rig)
-        modules += [] if kind is None else [kind.partition(":")[0]]
+    rig = None if installed(campaign.rig) else rig_file(campaign.rig)
+    modules += rig_modules(campaign.rig)
+    if rig is not None and not _packaged(rig):
+        data = read_rig_file(rig)[1]
         place, beside = _rig_files(rig, data)
         names["rig"] = place + _seed_of(campaign.rig)
         files |= beside
@@ -86,6 +86,21 @@ def packed(campaign: Campaign) -> Parcel:
     if (size := sum(map(len, files.values()))) > MOST_BYTES:
         raise InputError(f"the files of this campaign have {size >> 20} MiB, expected at most {MOST_BYTES >> 20}")
     return Parcel(tuple(sorted(files.items())), tuple(names.items()))
+
+
+def installed(rig: str) -> Plugin | None:
+    """The entry point of an installed package that a rig's name stands for; None: it stands for something else."""
+    name = seeded(rig)[0]
+    if ":" in name or name in rig_names() or Path(name).suffix in (".yaml", ".yml") or Path(name).is_file():
+        return None
+    return plugin(RIGS, name)
+
+
+def rig_modules(rig: str) -> list[str]:
+    """The module of a user that a rig's class is in, where it is none of an installed package by name."""
+    path = rig_file(rig)
+    kind = seeded(rig)[0] if path is None else read_rig_file(path)[0]
+    return [kind.partition(":")[0]] if kind is not None and ":" in kind else []
 
 
 def _packaged(path: Path) -> bool:
@@ -117,11 +132,32 @@ def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, bytes
         path = next((base / name for base in (rig.parent, Path()) if (base / name).is_file()), None)
         if path is not None:
             found[PurePosixPath(name).as_posix()] = path
+    for name, path in list(found.items()):
+        if path.suffix == ".xml":
+            found |= _of_model(name, path)
     depth = max((name.split("/").count("..") for name in found), default=0)
     folder = "rig" + "/in" * depth
     files = {os.path.normpath(f"{folder}/{name}"): _content(path) for name, path in found.items()}
     place = f"{folder}/{rig.name}"
     return place, {**files, place: _content(rig)}
+
+
+def _of_model(name: str, model: Path) -> dict[str, Path]:
+    """Files that a MuJoCo model names: meshes, pictures, and further models, beside it or in the folders it says."""
+    found: dict[str, Path] = {}
+    waiting, folders = [model], [""]
+    while waiting:
+        text = waiting.pop().read_text(encoding="utf-8", errors="replace")
+        folders += re.findall(r'\b(?:meshdir|texturedir|assetdir)\s*=\s*"([^"]+)"', text)
+        for file in re.findall(r'\bfile\s*=\s*"([^"]+)"', text):
+            for folder in folders:
+                place = os.path.normpath(os.path.join(os.path.dirname(name), folder, file))
+                path = model.parent / folder / file
+                if os.path.isabs(place) or place in found or not path.is_file():
+                    continue
+                found[place] = path
+                waiting += [path] if path.suffix == ".xml" else []
+    return found
 
 
 def _texts(value: Any) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.cli.arguments import check_folder
-from mazeplan.cli.output import print_json
+from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
 WIDEST = 2.0  # m; of a ring on a table
@@ -94,7 +94,7 @@ def _of_ball(
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Diagnosis of a ball in its ring, and its document."""
     from mazeplan.cli.arguments import positive
-    from mazeplan.cli.owneffects import own_effects
+    from mazeplan.cli.owneffects import installed_effects, own_effects
     from mazeplan.cli.progress import Working
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
@@ -119,6 +119,11 @@ def _of_ball(
         known = load_model(model).declared(ring or 1) if model is not None else {}
     library = [*ring_library(), *wall_library(gates or Gates())]
     own = own_effects(effects, [c.name for c in library])
+    installed = installed_effects([c.name for c in (*library, *own)])
+    own += installed.candidates
+    installed.check_declared(declare, {c.name for c in (*library, *own)})
+    for problem in installed.problems.values():
+        say(f"mazeplan: not looked for: {problem}")
     declare_known(known, declare, [*library, *own])
     if radius is None:
         _check_rings(table, maze)
@@ -130,8 +135,10 @@ def _of_ball(
     ball = record_of(table, rows, odd)
     with Working("diagnosing") as shown:
         done = run(ball, where, known, ring=number, gates=gates, more=own, test=further, progress=shown.tell)
+    document = done.document()
+    document["notes"] += [f"looked for {name} of package {of.source}, too" for name, of in installed.owners.items()]
     return done, {
-        **done.document(),
+        **document,
         "ring": number,
         "radius_m": where,
         "declared": known,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,9 @@ from mazeplan.errors import InputError
 from mazeplan.evaluate import Campaign
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import PACKAGED, load_model
+from mazeplan.plugins import RIGS, Plugin
 from mazeplan.resources import share
+from mazeplan.rigs import registry
 from mazeplan.rigs.registry import make_rig
 
 RIG = """\
@@ -100,6 +103,27 @@ def test_another_parcel_brings_its_own_modules(desk, tmp_path, monkeypatch):
         there = unpacked(parcel, CAMPAIGN)
         lights.append(make_rig(there.rig, load_map(there.map)).light)
     assert lights == ["helper", "another one", "helper"]
+
+
+def test_a_model_of_ones_own_comes_with_what_it_names(desk):
+    (desk / "rigs" / "meshes").mkdir()
+    (desk / "rigs" / "meshes" / "plate.stl").write_bytes(b"plate")
+    (desk / "rigs" / "more.xml").write_text('<mujoco><mesh file="plate.stl"/><mesh file="gone.stl"/></mujoco>')
+    (desk / "rigs" / "arm.xml").write_text('<mujoco><compiler meshdir="meshes"/><include file="more.xml"/></mujoco>')
+    (desk / "rigs" / "arm.yaml").write_text("class: mazeplan.rigs.usermodel:ModelRig\nmjcf: arm.xml\n")
+    files = dict(packed(Campaign(1, "rigs/arm.yaml")).files)
+    assert set(files) == {"rig/arm.yaml", "rig/arm.xml", "rig/more.xml", "rig/meshes/plate.stl"}
+
+
+def test_a_rig_of_an_installed_package_stays_a_name(monkeypatch):
+    entry = EntryPoint("cart", "mazeplan.testing.lightrig:LightRig", RIGS)
+    cart = Plugin(RIGS, "cart", entry.value, "carts", "1.2", entry)
+    monkeypatch.setattr(parcels, "plugin", lambda group, name: cart if name == "cart" else None)
+    monkeypatch.setattr(registry, "plugin", lambda group, name: cart if name == "cart" else None)
+    assert packed(Campaign(1, "cart")) == Parcel()
+    source, digest = of(Campaign(1, "cart"))["packages"]["cart"]
+    assert source == "carts 1.2"
+    assert len(digest) == 64
 
 
 def test_a_file_that_is_not_there_is_named(desk):
