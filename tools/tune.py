@@ -1,13 +1,15 @@
 """Search the weights of settings.yaml over many simulated rigs at once. Usage:
 
     python tools/tune.py -o found.yaml [--generations 30] [--population 12] [--runs 24] [--workers 2] [--seed 1]
+        [--dask ADDRESS]
 
 CMA-ES (package `cma`) over the keys of `SEARCHED`, all scaled to [0, 1], from the packaged values. Every generation
 drives the same starts on the same rigs with each candidate: the packaged rigs, and rigs drawn at random from the ranges
 of `random_rigs`, new ones in each generation, so that nothing is tuned to one rig's faults. A rig that is drawn has the
 model that identification would find, with errors as large as its own standard errors (`random_rigs.model_of`). The
 price of a candidate is the mean of time over what a good time on that rig is (`GOOD`), a run that does not arrive
-counting PENALTY s. The seeds decide everything.
+counting PENALTY s. The seeds decide everything, wherever the candidates are driven: in processes here, or on the
+workers of a Dask scheduler.
 """
 
 from __future__ import annotations
@@ -15,16 +17,17 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import random_rigs
 from random_rigs import draw, drive
 
+from mazeplan.campaign.executor import each, open_executor
+from mazeplan.cli.output import say
 from mazeplan.cli.progress import Working
-from mazeplan.errors import SettingsError
+from mazeplan.errors import MazeplanError, SettingsError
 from mazeplan.settings import load_settings
 
 PENALTY = 10.0  # s
@@ -118,8 +121,10 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
-    for name, default in (("generations", 30), ("population", 12), ("runs", 24), ("workers", 2), ("seed", 1)):
+    for name, default in (("generations", 30), ("population", 12), ("runs", 24), ("seed", 1)):
         parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--workers", type=int, help="default: 2; with --dask local: one a core")
+    parser.add_argument("--dask", help="a scheduler's address, or local")
     parser.add_argument("--settings", type=Path, help="where to begin; default: the packaged ones")
     parser.add_argument("--sigma", type=float, default=0.12)
     o = parser.parse_args()
@@ -127,16 +132,19 @@ def main() -> None:
     search = cma.CMAEvolutionStrategy(
         to_unit(start), o.sigma, {"bounds": [0, 1], "popsize": o.population, "seed": o.seed, "verbose": -9}
     )
-    each = o.population + 2  # candidates: the population, the search's mean, and where it began
-    with ProcessPoolExecutor(o.workers, mp_context=get_context("spawn")) as pool, Working("candidates") as shown:
+    workers = o.workers or (None if o.dask else 2)
+    # workers elsewhere have no tools/: the functions of random_rigs go there with the tasks
+    asked = open_executor(workers, o.dask, carry=(random_rigs,), say=say)
+    with asked as executor, Working("candidates") as shown:
         for generation in range(o.generations):
             runs = schedule(o.seed, generation, o.runs)
             points = search.ask()
             candidates = [from_unit(p) for p in points] + [from_unit(np.asarray(search.mean)), start]
-            times = []
-            for one in pool.map(price, [(c, runs) for c in candidates]):
-                times.append(one)
-                shown.advance(generation * each + len(times), o.generations * each)
+            found: dict[int, list[float]] = {}
+            for index, one in each(price, [((c, runs),) for c in candidates], executor):
+                found[index] = one
+                shown.advance(generation * len(candidates) + len(found), o.generations * len(candidates))
+            times = [found[index] for index in range(len(candidates))]
             means = [float(np.mean(t)) for t in times]
             search.tell(points, means[: len(points)])
             mean, first = times[-2], times[-1]
@@ -157,4 +165,7 @@ def write(path: Path, values: dict[str, float], line: str, options: argparse.Nam
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except MazeplanError as problem:
+        sys.exit(f"tune.py: {problem}")
