@@ -1,6 +1,7 @@
 """Search the weights of settings.yaml over many simulated rigs at once. Usage:
 
     python tools/tune.py -o found.yaml [--generations 30] [--population 12] [--runs 24] [--workers 2] [--seed 1]
+        [--screen MODEL [--spare 3]]
 
 CMA-ES (package `cma`) over the keys of `SEARCHED`, all scaled to [0, 1], from the packaged values. Every generation
 drives the same starts on the same rigs with each candidate: the packaged rigs, and rigs drawn at random from the ranges
@@ -8,6 +9,9 @@ of `random_rigs`, new ones in each generation, so that nothing is tuned to one r
 model that identification would find, with errors as large as its own standard errors (`random_rigs.model_of`). The
 price of a candidate is the mean of time over what a good time on that rig is (`GOOD`), a run that does not arrive
 counting PENALTY s. The seeds decide everything.
+
+With --screen a generation draws `spare` times as many candidates, plays their plans in batches on a learned model
+(`screen`), and drives the best of them by that alone.
 """
 
 from __future__ import annotations
@@ -22,9 +26,11 @@ from typing import Any
 
 import numpy as np
 from random_rigs import draw, drive
+from screen import judged, screen
 
 from mazeplan.cli.progress import Working
 from mazeplan.errors import SettingsError
+from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.settings import load_settings
 
 PENALTY = 10.0  # s
@@ -113,6 +119,12 @@ def schedule(seed: int, generation: int, runs: int) -> list[tuple[Any, int]]:
     return out
 
 
+def screened(points: list[np.ndarray], keep: int, model: RigModel, seed: int) -> list[np.ndarray]:
+    """The `keep` points of the unit cube whose plans do best on a learned model, in the order in which they came."""
+    prices = screen([judged(from_unit(p)) for p in points], model, seed)
+    return [points[i] for i in sorted(np.argsort(prices, kind="stable")[:keep].tolist())]
+
+
 def main() -> None:
     import cma  # pyright: ignore[reportMissingImports]  (of the extra `tune`)
 
@@ -122,7 +134,10 @@ def main() -> None:
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--settings", type=Path, help="where to begin; default: the packaged ones")
     parser.add_argument("--sigma", type=float, default=0.12)
+    parser.add_argument("--screen", metavar="MODEL", help="folder or packaged name of a model to screen candidates by")
+    parser.add_argument("--spare", type=int, default=3, help="candidates screened for each one that is driven")
     o = parser.parse_args()
+    model = None if o.screen is None else load_model(o.screen)
     start = packaged_values(o.settings)
     search = cma.CMAEvolutionStrategy(
         to_unit(start), o.sigma, {"bounds": [0, 1], "popsize": o.population, "seed": o.seed, "verbose": -9}
@@ -131,7 +146,9 @@ def main() -> None:
     with ProcessPoolExecutor(o.workers, mp_context=get_context("spawn")) as pool, Working("candidates") as shown:
         for generation in range(o.generations):
             runs = schedule(o.seed, generation, o.runs)
-            points = search.ask()
+            points = search.ask() if model is None else search.ask(o.spare * o.population)
+            if model is not None:
+                points = screened(points, o.population, model, 1000 * o.seed + generation)
             candidates = [from_unit(p) for p in points] + [from_unit(np.asarray(search.mean)), start]
             times = []
             for one in pool.map(price, [(c, runs) for c in candidates]):
