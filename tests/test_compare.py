@@ -17,6 +17,7 @@ from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.table import Table, read_table
 from mazeplan.errors import InputError, TableError
 from mazeplan.maze.mapfile import load_map
+from mazeplan.models.confidence import ConfidenceOptions
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.samples import SampleOptions, ring_samples
@@ -24,7 +25,10 @@ from mazeplan.models.samples import SampleOptions, ring_samples
 MAZE = load_map("cme")
 TRAINING = TrainingOptions(first=100, rows=150, starts=1, iterations=10, refinement=4)
 GUARD = SPLIT["guard"]
-QUICK = CompareOptions(Smoothing("rts", model="snap"), delay=0.0, fit=FitOptions(most=250, training=TRAINING))
+FEW = ConfidenceOptions(200)
+QUICK = CompareOptions(
+    Smoothing("rts", model="snap"), delay=0.0, fit=FitOptions(most=250, training=TRAINING), bands=FEW
+)
 ONE = replace(QUICK, kinds=("p", "pi"))  # where processes are not what is looked at
 
 
@@ -106,6 +110,16 @@ def test_intervals_hold_their_figures(scores):
         for (low, high), figure in pairs:
             assert low <= figure <= high
             assert low < high < 3.0 * figure
+
+
+def test_bands_hold_the_measured_angle_where_the_model_is_right(scores):
+    for s in scores:
+        assert set(s.confidence) == {"pi", "np", "sp"}
+        for kind, told in s.confidence.items():
+            assert (told["rollouts"], told["windows"]) == (200, 4)
+            assert told["below"][40] < 0.0 < told["above"][40], kind
+        assert s.confidence["sp"]["coverage_all"] > 0.6
+        assert s.confidence["sp"]["above"][40] < 0.5 * s.confidence["pi"]["above"][40]
 
 
 def test_the_document_is_plain(scores):

@@ -29,11 +29,12 @@ LAGS, SHORT = 30, 0.1  # samples, and share of the power below which neighbours 
 
 @dataclass(frozen=True)
 class ConfidenceOptions:
-    """rollouts: of each kind and ring, 0 for none; device and precision of the sums over rows."""
+    """rollouts: of each kind and ring, 0 for none; device and precision of the sums over rows: what is drawn needs no
+    more than seven digits."""
 
     rollouts: int = 2000
     device: str = "cpu"
-    precision: str = "float64"
+    precision: str = "float32"
 
 
 @dataclass(frozen=True)
