@@ -25,7 +25,6 @@ autodoc_default_options = {"members": True}
 autodoc_type_aliases = {"Array": "Array"}
 maximum_signature_line_length = 100
 
-OPTIONAL = ("view", "reports")
 ELSEWHERE = {
     "../BENCHMARKS.md": "benchmarks.md",
     "../CHANGELOG.md": "changes.md",
@@ -34,12 +33,7 @@ ELSEWHERE = {
 
 
 def within_the_site(app: Any, name: str, source: list[str]) -> None:
-    """Links to files above docs/, as they are right in the repository, lead to the pages that show those files; pages
-    that are not there are not listed."""
-    if name == "index":
-        for page in OPTIONAL:
-            if page not in app.env.found_docs:
-                source[0] = source[0].replace(f"\n{page}\n", "\n")
+    """Links to files above docs/, as they are right in the repository, lead to the pages that show those files."""
     for path, page in ELSEWHERE.items():
         source[0] = source[0].replace(f"]({path}", f"]({page}")
 

@@ -32,7 +32,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.samples import rings_of
-from mazeplan.progress import Advance, Words, led_by, no_advance, no_words
+from mazeplan.progress import Advance, Words, led_by, no_advance, no_words, of_total
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
 
@@ -85,7 +85,7 @@ def improve(
         rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
         plan = Collection(options.seconds, rings, 1000 * number + options.seed)
         machine = watched(make_rig(rig, maze), own_process=options.own_process)
-        collected = lambda seconds: advance(seconds, math.ceil(options.seconds))  # noqa: E731
+        collected = of_total(advance, math.ceil(options.seconds))
         run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
         document, known = one_round(read_table(log), maze, known, reference, tell, working)
         tell(document["sentence"])
@@ -106,7 +106,7 @@ def _navigate(
 ) -> dict[str, Any]:
     working(f"navigating {when}")
     campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed, own_process=options.own_process)
-    done = evaluate(campaign, workers=options.workers, progress=lambda runs: advance(runs, options.runs))
+    done = evaluate(campaign, workers=options.workers, progress=of_total(advance, options.runs))
     document = summary(done)
     del document["results"]
     mean = document["time_s"]["mean"]

@@ -24,3 +24,8 @@ def piece(advance: Advance, begin: float, size: float, total: float) -> Advance:
 def led_by(lead: str, tell: Words) -> Words:
     """Words that say first of what they are."""
     return lambda text: tell(f"{lead}{text}")
+
+
+def of_total(advance: Advance, total: float) -> Callable[[float], None]:
+    """For work that tells how much is done, and not of how much."""
+    return lambda done: advance(done, total)

@@ -65,7 +65,7 @@ def load_settings(source: str | Path | None = None) -> Settings:
     if source is None:
         return packaged
     path = Path(source)
-    return _apply(packaged, read_yaml(path, error=SettingsError), path)
+    return _apply(packaged, read_yaml(path, error=SettingsError, what="settings (YAML)"), path)
 
 
 @cache

@@ -16,6 +16,7 @@ def call(
 ) -> tuple[int, str, str]:
     """Exit status, stdout and stderr of `mazeplan` with these arguments; terminal: stderr is said to be one."""
     monkeypatch.setattr("mazeplan.cli.progress.is_terminal", lambda stream: terminal)
+    monkeypatch.setattr("mazeplan.cli.progress.COMPILING_S", 1e6)  # s; who compiles first is a matter of chance here
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setattr(sys, "argv", ["mazeplan", *map(str, arguments)])
     try:

@@ -12,7 +12,9 @@ import pytest
 from ring_record import DT, RADII, Ball, columns, ring_table
 
 from mazeplan import compare as module
-from mazeplan.compare import FEWEST, PREDICTED, ROLLED, SPLIT, CompareOptions, best_lag, compare, nrmse
+from mazeplan import comparison
+from mazeplan.compare import FEWEST, SPLIT, best_lag, compare
+from mazeplan.comparison import PREDICTED, ROLLED, CompareOptions, nrmse
 from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.table import Table, read_table
 from mazeplan.errors import InputError, TableError
@@ -44,8 +46,8 @@ def one_thread():
 @pytest.fixture(autouse=True)
 def few_draws(monkeypatch):
     """100 draws of a bootstrap are enough for tests."""
-    whole = module.block_bootstrap
-    monkeypatch.setattr(module, "block_bootstrap", lambda *a: whole(*a, draws=100))
+    whole = comparison.block_bootstrap
+    monkeypatch.setattr(comparison, "block_bootstrap", lambda *a: whole(*a, draws=100))
 
 
 def first_rows(table, n):
@@ -167,8 +169,8 @@ def test_what_is_fitted_sees_no_test_row(table, monkeypatch):
         seen.append(rows)
         return fit(kind, samples, rows, *a, **more)
 
-    fit = module.fit_kind
-    monkeypatch.setattr(module, "fit_kind", spy)
+    fit = comparison.fit_kind
+    monkeypatch.setattr(comparison, "fit_kind", spy)
     compare([table], [], MAZE, replace(ONE, samples=SampleOptions(ring=2), rates="smoothed"))
     samples = ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(ring=2))[2]
     held = module.prepare(samples, None, QUICK).test_rows
@@ -184,14 +186,14 @@ def test_accelerations_are_predicted_by_the_mean_and_roll_outs_by_what_is_typica
         def mean(self, k):
             return np.zeros(len(k.theta))
 
-    fit, asked = module.fit_kind, []
+    fit, asked = comparison.fit_kind, []
 
     def other(kind, samples, rows, options):
         asked.append(options.heavy_tails)
         return replace(fit(kind, samples, rows, options), robust=Still())
 
     plain = compare([table], [], MAZE, ONE)
-    monkeypatch.setattr(module, "fit_kind", lambda *a, progress, advance: other(*a))
+    monkeypatch.setattr(comparison, "fit_kind", lambda *a, progress, advance: other(*a))
     moved = compare([table], [], MAZE, ONE)
     assert asked
     assert all(asked)

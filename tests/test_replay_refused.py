@@ -152,8 +152,8 @@ def test_files_that_are_no_whole_log_of_a_navigation(recorded, monkeypatch, caps
         (collected, "got a log of `collect`, expected one of `navigate --log`"),
         (half, "cut off"),
         (damaged, "damaged"),
-        (tmp_path / "text.mcap", "another kind of file"),
-        (tmp_path / "none.mcap", "cannot be read"),
+        (tmp_path / "text.mcap", "expected a run log of mazeplan"),
+        (tmp_path / "none.mcap", "no such file, expected a run log"),
     ):
         code, out, err = call(monkeypatch, capsys, "log", "replay", path)
         assert (code, out, len(err.splitlines())) == (2, "", 1)

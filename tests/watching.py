@@ -15,12 +15,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from mazeplan.view.camera import FOV, fitted
+
 CHROMIUM = shutil.which("chromium")
 NEEDED = os.environ.get("MAZEPLAN_BROWSER") == "needed"  # set where the browser is: nothing is skipped there
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--disable-gpu"]
 LONG = 120_000  # ms; the machine may be slow, and busy
-VISERS_OWN = ("Unable to preventDefault inside passive event listener",)  # told while something is dragged
-SIZE = {"width": 1100, "height": 480}
+SIZE = {"width": 1300, "height": 620}
 
 
 @contextmanager
@@ -63,12 +64,8 @@ def browser() -> Iterator:
 @contextmanager
 def page(opened, url: str, complaints: list[str]) -> Iterator:
     """The page at a URL; errors in its console, and requests that leave the machine, are added to `complaints`."""
-
-    def told(message) -> bool:
-        return message.type == "error" and not message.text.startswith(VISERS_OWN)
-
     shown = opened.new_page(viewport=SIZE)
-    shown.on("console", lambda m: complaints.append(m.text) if told(m) else None)
+    shown.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
     shown.on("pageerror", lambda error: complaints.append(str(error)))
     shown.on("request", lambda r: complaints.append(r.url) if not r.url.startswith((url, "data:", "blob:")) else None)
     shown.set_default_timeout(LONG)
@@ -77,12 +74,13 @@ def page(opened, url: str, complaints: list[str]) -> Iterator:
     shown.close()
 
 
-def pixel(shown, place, camera, look_at, fov: float) -> tuple[float, float]:
-    """Where a place of the scene is on the screen."""
+def pixel(shown, place, layout) -> tuple[float, float]:
+    """Where a place of the scene is on the screen, while the camera is where the page put it for a layout."""
     box = shown.locator("canvas").first.bounding_box()
-    eye = np.array(camera)
-    forth = (np.array(look_at) - eye) / np.linalg.norm(np.array(look_at) - eye)
+    view = fitted(layout, box["width"] / box["height"])
+    eye, look_at = np.array(view.position), np.array(view.look_at)
+    forth = (look_at - eye) / np.linalg.norm(look_at - eye)
     right = np.cross(forth, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(forth, [0.0, 0.0, 1.0]))
-    off, scale = np.array(place) - eye, 0.5 * box["height"] / math.tan(0.5 * fov)
+    off, scale = np.array(place) - eye, 0.5 * box["height"] / math.tan(0.5 * FOV)
     x, y = scale * (off @ right) / (off @ forth), scale * (off @ np.cross(right, forth)) / (off @ forth)
     return box["x"] + 0.5 * box["width"] + x, box["y"] + 0.5 * box["height"] - y

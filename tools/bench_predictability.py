@@ -24,7 +24,8 @@ from bench_taught import DRAWN, FITTED, Truth, taught_errors
 
 from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_tour
-from mazeplan.compare import THOROUGH, CompareOptions, RingData, by_ring, prepare
+from mazeplan.compare import by_ring, prepare
+from mazeplan.comparison import THOROUGH, CompareOptions, RingData
 from mazeplan.data.table import read_table
 from mazeplan.job import Setup
 from mazeplan.maths.angles import difference

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from mazeplan.compare import THOROUGH, RingData
+from mazeplan.comparison import THOROUGH, RingData
 from mazeplan.data.split import uniform_downsample
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.effects import RingKinematics

@@ -139,7 +139,7 @@ def trial(rig: str, model: RigModel, candidates: int, runs: int, seed: int, spre
     began = time.process_time()
     screened = screen([judged(v) for v in values], model, seed)
     middle_s, jobs = time.process_time(), [(rig, 10_000_000 * seed + i) for i in range(runs)]
-    driven = np.array([np.mean(price((v, jobs))) for v in values])
+    driven = np.array([float(np.mean(price((v, jobs)))) for v in values], dtype=np.float64)
     return {
         "screened": screened, "driven": driven, "correlation": correlation(screened, driven),
         "screen_s": middle_s - began, "drive_s": time.process_time() - middle_s,

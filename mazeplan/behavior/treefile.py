@@ -17,7 +17,7 @@ from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan import resources
+from mazeplan import filekinds, resources
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.conditions import DECISIONS, Conditions
 from mazeplan.behavior.decorators import DECORATORS, SubTree
@@ -78,23 +78,25 @@ def read_tree(source: str | Path) -> TreeFile:
     return TreeFile(_parse(path, _read(path)), path)
 
 
+EXPECTED = 'a behaviour tree (XML, <root BTCPP_format="4">)'
+
+
 def _read(path: Path) -> bytes:
     """What a file says, as far as it may be read. Raises TreeError."""
     try:
         if not path.is_file():
-            names, what = ", ".join(tree_names()), "got a folder" if path.is_dir() else "no such file"
-            raise TreeError(f"{what}; expected an XML file or one of {names}", file=path)
+            raise TreeError(filekinds.refused(path, f"an XML file or one of {', '.join(tree_names())}"), file=path)
         with path.open("rb") as stream:
             return stream.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as problem:
-        raise TreeError(f"cannot be read: {problem}", file=str(path)[:200]) from None
+    except (OSError, ValueError):
+        raise TreeError(filekinds.refused(path, EXPECTED), file=str(path)[:200]) from None
 
 
 def _parse(path: Path, data: bytes) -> Element:
     if len(data) > MAX_BYTES:
         raise TreeError(f"larger than {MAX_BYTES} bytes, which no tree is", file=path)
     if not data.strip():
-        raise TreeError('the file is empty, expected <root BTCPP_format="4">', file=path)
+        raise TreeError(f"got an empty file, expected {EXPECTED}", file=path)
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         line = 1 + data[: min(i for i in (data.find(b"<!DOCTYPE"), data.find(b"<!ENTITY")) if i >= 0)].count(b"\n")
         raise TreeError("document types and entities are not allowed", file=path, line=line)
@@ -104,6 +106,9 @@ def _parse(path: Path, data: bytes) -> Element:
     try:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as problem:
+        kind = filekinds.got(path)
+        if kind not in ("XML", "HTML", "text", "no such file"):  # of text that was handed in there is no file
+            raise TreeError(f"got {kind}, expected {EXPECTED}", file=path) from None
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
         raise TreeError(f"not XML: {_one_line(message)}", file=path, line=problem.lineno) from None
     if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII

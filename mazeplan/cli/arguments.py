@@ -34,6 +34,13 @@ def positive(option: str, value: float) -> float:
     return value
 
 
+def finite(option: str, value: float, unit: str) -> float:
+    """The value of an option that must be finite. Raises InputError otherwise."""
+    if not math.isfinite(value):
+        raise InputError(f"{option}: got {value:g}, expected a finite number of {unit}")
+    return value
+
+
 def parse_ring(text: str, maze: Maze) -> int:
     """Number of a ring written as "ring1", "Ring 1" or "1". Raises InputError if the maze has no such ring."""
     number = re.fullmatch(r"(?:ring[ _-]?)?([0-9]{1,3})", text.strip().lower())

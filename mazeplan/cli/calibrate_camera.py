@@ -11,6 +11,9 @@ import typer
 from mazeplan.cli.output import print_json, say
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mazeplan.cli.progress import Working
     from mazeplan.rigs.camera.calibration import Calibration, Lens
     from mazeplan.rigs.camera.markers import Markers
     from mazeplan.rigs.hardware.files import RigFile
@@ -50,6 +53,7 @@ def camera(
 ) -> None:
     """The overhead camera: lens from a chessboard, place over the plate, look of the empty floor."""
     from mazeplan.cli.arguments import positive
+    from mazeplan.cli.progress import Working
     from mazeplan.errors import SettingsError
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
@@ -72,10 +76,16 @@ def camera(
         check_begun(given)
     except SettingsError as problem:
         raise placed(problem, file.data) from None
-    lens = _lens(given, file) if boards is None else calibrate_lens(pictures(boards, BOARDS), counts, square / 1000.0)
     source = plate or str(given.get("source", 0))
     markers = None if circles else _markers(given, maze, file)
-    done = calibrate_plate(lens, list(pictures(source, PLATES)), maze, markers, _pivot(given))
+    with Working("calibrating", compiles=False) as shown:
+        if boards is None:
+            lens = _lens(given, file)
+        else:
+            lens = calibrate_lens(_shown(pictures(boards, BOARDS), shown), counts, square / 1000.0)
+        seen = list(_shown(pictures(source, PLATES), shown))
+        shown.tell("the place of the camera")
+        done = calibrate_plate(lens, seen, maze, markers, _pivot(given))
     section = _section(done, markers, given, file)
     written = None
     if not dry_run:
@@ -88,6 +98,14 @@ def camera(
         print_json({"lens_px": lens.error_px, "left_out": list(lens.left_out), "by": done.by, **out, "rig": written})
     else:
         _report(lens, done, written)
+
+
+def _shown(found: Iterator[Any], shown: Working) -> Iterator[Any]:
+    """Pictures as they come, each told by its name; then that the lens is worked out."""
+    for name, image in found:
+        shown.tell(Path(name).name)
+        yield name, image
+    shown.tell("what the pictures have in common")
 
 
 def _report(lens: Lens, done: Calibration, written: str | None) -> None:

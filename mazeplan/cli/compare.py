@@ -13,7 +13,7 @@ from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
 if TYPE_CHECKING:
-    from mazeplan.compare import RingScores
+    from mazeplan.comparison import RingScores
     from mazeplan.maze.geometry import Maze
 
 RATES = ("auto", "smoothed", "delayed", "filtered")
@@ -71,8 +71,8 @@ def compare(
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.progress import Working
     from mazeplan.cli.report import check_page, write_report
-    from mazeplan.compare import THOROUGH, CompareOptions
     from mazeplan.compare import compare as run
+    from mazeplan.comparison import THOROUGH, CompareOptions
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import read_table
     from mazeplan.models.confidence import ConfidenceOptions

@@ -76,7 +76,8 @@ def diagnose(
             known, number = document["declared"], document["ring"]
             document["model"] = _new_model(done, model, known, number, map_ or "cme", output)
             document["notes"] += _not_in_it(done)
-        finish(done, document, output, f"{log.name}, {document['ring'] or 'one ring'}", as_json)
+        number = document["ring"]
+        finish(done, document, output, f"ring {number} of {log.name}" if number else log.name, as_json)
     else:
         raise InputError(f"--system: got {system!r}, expected ring or emps")
 

@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 FIRST_S = 10.0  # s that the first run waits for somebody who looks
 GRACE_S = 3.0  # s without anybody, in which a page that is loaded again comes back
 LOOK_S = 0.05
+READING = "reading map, model and tree, making the rig"
+LOADING = (
+    "rig and model are there; loading the compiled planner: seconds, the first time on this machine up to two minutes"
+)
 NOT_OFFERED = ("observe_hangs",)  # nothing watches a simulation, nobody could end it
 
 
@@ -51,6 +55,7 @@ class LiveSession:
         self._faulty: FaultyRig | None = None
         self._opening: str | None = None
         self._count, self._injected, self._waiting = 0, 0, ""
+        self._phase = "idle"
         self._page: PageLink | None = None
         self.result: NavigationResult | None = None
         self.problem: MazeplanError | None = None
@@ -70,35 +75,39 @@ class LiveSession:
         offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {})
         with PageLink(offer, door, listening, self._order) as self._page:
             listening.close()
-            say(f"page: {door.url}")
-            if self._begin:
-                self._page.tell("starting", "the run begins as soon as somebody looks")
-                self._page.opened.wait(FIRST_S)
-                self._run(self._page)
-            while self._asked(self._page):
-                self._run(self._page)
+            try:
+                say(f"page: {door.url}")
+                self._serve(self._page)
+            except KeyboardInterrupt:  # how one leaves a page where no run goes on
+                if not self._resting:
+                    raise
+
+    def _serve(self, page: PageLink) -> None:
+        if self._begin:
+            self._tell("starting", "the run begins as soon as somebody looks")
+            page.opened.wait(FIRST_S)
+            self._run(page)
+        while self._asked(page):
+            self._run(page)
 
     # -- runs -------------------------------------------------------------------------------------------------------
 
     def _asked(self, page: PageLink) -> bool:
         """Wait until another run is wanted; whether one is."""
-        page.tell("idle", self._waiting or "Start begins a run")
+        self._tell("failed" if self.problem is not None else "idle", self._waiting or "Start begins a run")
         left_at = monotonic()
-        try:
-            while not self._started.wait(LOOK_S):
-                if page.ended.is_set():
-                    return False
-                if page.viewers or self._stay:
-                    left_at = monotonic()
-                elif monotonic() - left_at > GRACE_S:
-                    return False
-        except KeyboardInterrupt:  # how one leaves a page where no run goes on
-            return False
+        while not self._started.wait(LOOK_S):
+            if page.ended.is_set():
+                return False
+            if page.viewers or self._stay:
+                left_at = monotonic()
+            elif monotonic() - left_at > GRACE_S:
+                return False
         return True
 
     def _run(self, page: PageLink) -> None:
         self._started.clear()
-        page.tell("starting", self._waiting)
+        self._tell("starting", READING)
         self._waiting, number = "", self._count
         self._count += 1
         try:
@@ -115,9 +124,16 @@ class LiveSession:
             self._machine = self._faulty = None
             self._goals = Goals(self._maze)
 
+    def _tell(self, phase: str, note: str = "") -> None:
+        self._phase = phase
+        if self._page is not None:
+            self._page.tell(phase, note)
+
     def _take(self, topic: str, t: float, document: dict[str, Any]) -> None:
         if topic == "/tick":
             self._opening = document.get("opening")
+            if self._phase == "starting":  # until now it was getting ready
+                self._tell("running")
         if self._page is not None:
             self._page.take(topic, t, document)
 
@@ -137,11 +153,9 @@ class LiveSession:
 
     @contextmanager
     def _guard(self, machine: Rig) -> Iterator[None]:
-        goals, page = self._goals, self._page
         self._machine = machine
-        if page is not None:
-            page.tell("running", "")
-        with stop_key(machine, goals.stop):
+        self._tell("starting", LOADING)
+        with stop_key(machine, self._goals.stop):
             yield
 
     # -- orders -----------------------------------------------------------------------------------------------------
@@ -152,34 +166,43 @@ class LiveSession:
             told = self._do(str(order.get("do")), order)
         except MazeplanError as problem:
             told = str(problem)
-        machine, page = self._machine, self._page
-        if machine is None:
+        if self._resting:
             self._waiting = told
-        if told and page is not None:
-            page.tell("idle" if machine is None else "running", told)
+        if told:
+            self._tell(self._phase, told)
+
+    @property
+    def _resting(self) -> bool:
+        """Whether no run goes on or gets ready."""
+        return self._phase not in ("starting", "running")
 
     def _do(self, what: str, order: dict[str, Any]) -> str:
         machine = self._machine
         if what == "level":
             return self._level_now(machine)
-        if what == "start" and machine is None:
+        if what == "start" and self._resting:
+            self._tell("starting", READING)  # at once: the run's thread looks a little later
             self._started.set()
-        elif what == "stop" and machine is not None:
+        elif what == "stop" and not self._resting:
             self._goals.stop()
         elif what == "goal":
             self._goals.aim(int(order["ring"]))
-            return "" if machine is not None else f"the next run goes to ring {order['ring']}"
+            return f"the next run goes to ring {order['ring']}" if self._resting else ""
         elif what in ("close", "open"):
             (self._goals.close if what == "close" else self._goals.open)(str(order["opening"]))
-            return "" if machine is not None else f"in the next run {order['opening']} is {what}"
+            is_ = "closed" if what == "close" else "open"
+            return f"in the next run {order['opening']} is {is_}" if self._resting else ""
         elif what == "fault":
             return self._inject(str(order["kind"]))
         return ""
 
     def _level_now(self, machine: Any) -> str:
         """The plate first, then the run."""
-        if machine is None:
+        if machine is None and self._resting:
             return "no run goes on: the plate is level"
+        if machine is None:
+            self._goals.stop()
+            return "the run that gets ready ends before it begins"
         try:
             for name in ("level_now", "stop", "level"):
                 if callable(level := getattr(machine, name, None)):

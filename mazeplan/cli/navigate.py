@@ -59,16 +59,17 @@ def navigate(
     as_json: Json = False,
 ) -> None:
     """Bring the ball from one ring to another."""
-    from mazeplan.cli.arguments import positive
+    from mazeplan.cli.arguments import finite, positive
     from mazeplan.errors import RigError
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
+    angle = None if start_angle is None else finite("--start-angle", start_angle, "degrees")
     job = {
         "start": start, "goal": len(maze.rings) if goal == "centre" else goal, "map": maze, "rig": rig, "model": model,
         "behavior": behavior, "behavior_modules": tuple(behavior_module or ()), "settings": settings,
-        "start_angle_deg": start_angle, "closed": close or (), "seed": seed,
+        "start_angle_deg": angle, "closed": close or (), "seed": seed,
         "time_limit": positive("--time-limit", time_limit), "log": log, "memory": memory, "sense": sense,
     }  # fmt: skip
     if view:

@@ -10,7 +10,7 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,8 +61,8 @@ class NavigationProgress:
         self._live: Any = None
 
     def __enter__(self) -> Self:
+        tell_of_compiling()
         if self._live_wanted:
-            tell_of_compiling()
             from rich.console import Console
             from rich.live import Live
 
@@ -136,9 +136,13 @@ class Working:
     """Shows long work on a terminal: what is being done, how far it is, how fast that goes and how long it will still
     take where that is known, else how long it took until now. Elsewhere nothing. A context manager.
 
-    label: a word for all of it; transient: the last picture is wiped."""
+    label: a word for all of it; transient: the last picture is wiped; compiles: for the first time that may take a
+    minute, which is told elsewhere, too."""
 
-    def __init__(self, label: str, stream: TextIO | None = None, *, transient: bool = True) -> None:
+    def __init__(
+        self, label: str, stream: TextIO | None = None, *, transient: bool = True, compiles: bool = True
+    ) -> None:
+        self._compiles = compiles
         self._stream = sys.stderr if stream is None else stream
         self._label, self._transient = label, transient
         self._shown: Any = None
@@ -146,8 +150,9 @@ class Working:
         self._done, self._total = 0.0, math.inf
 
     def __enter__(self) -> Self:
-        if is_terminal(self._stream):
+        if self._compiles:
             tell_of_compiling()
+        if is_terminal(self._stream):
             self._shown = _bar(self._stream, self._transient)
             self._task = self._shown.add_task(self._label, total=None, words="")
             self._shown.start()
@@ -175,6 +180,19 @@ class Working:
         if self._shown is not None:
             self._shown.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
+    def over(self, found: Iterable[Any], words: Callable[[Any], str]) -> Iterator[Any]:
+        """What is found one by one, shown meanwhile; words: of the newest. Wiped while the caller has it."""
+        parts, told = iter(found), ""
+        while True:
+            with self:
+                self.tell(told)
+                try:
+                    part = next(parts)
+                except StopIteration:
+                    return
+            told = words(part)
+            yield part
+
     def advance(self, done: float, total: float) -> None:
         """So much of so much is done. Less than before, or of another total: other work began."""
         if self._shown is None:
@@ -190,7 +208,7 @@ def log_read(path: Path) -> RunLog:
     """A log, while it is shown that it is read: one of half an hour takes seconds. Raises LogError."""
     from mazeplan.data.runlog import read_log
 
-    with Working("reading") as shown:
+    with Working("reading", compiles=False) as shown:
         shown.tell(path.name)
         return read_log(path)
 
@@ -246,7 +264,8 @@ def campaign_progress(
 
 
 def tell_of_compiling() -> None:
-    """From now on say so, once, when Numba compiles for more than COMPILING_S: the first time takes a minute."""
+    """From now on say so, once, when Numba compiles for more than COMPILING_S: the first time takes a minute. One line,
+    with a terminal or without, as nothing else would tell why the program is silent."""
     from numba.core import event
 
     class Told(event.Listener):

@@ -40,7 +40,7 @@ def report(
     check_page("-o", output)
     if pictures is not None:
         check_folder("--pictures", pictures)
-    with Working("drawing") as shown:
+    with Working("drawing", compiles=False) as shown:
         found = _sections([part for path in inputs for part in read_input(path)], shown.tell)
         write_page(output, title or found[0].title + (" and more" if len(found) > 1 else ""), found, pictures)
     say(f"wrote {output}" + (f", pictures in {pictures}" if pictures is not None else ""))

@@ -30,6 +30,7 @@ def check(
 
     Of a rig on a table each part is looked at before, the board first, and its latencies are measured. Exit status: 1 a
     check did not pass, 2 a file is wrong or not calibrated, 3 a part is silent."""
+    from mazeplan.cli.progress import Working
     from mazeplan.cli.rig_walk import check_hardware
     from mazeplan.errors import MazeplanError
     from mazeplan.maze.mapfile import load_map
@@ -45,8 +46,9 @@ def check(
     else:
         machine = watched(make_rig(rig, maze), own_process=True)
         found = iter(check_rig(machine, maze, seed=seed, repeatable=not hardware))
+    bar = None if is_hardware(rig) else Working("checking")  # a walk asks, and takes as long as the person does
     try:
-        for result in found:
+        for result in found if bar is None else bar.over(found, lambda result: f"after {result.name}"):
             if isinstance(result, tuple):
                 more[result[0]] = result[1]
                 continue

@@ -16,7 +16,7 @@ from mazeplan.errors import InputError
 Logs = Annotated[
     list[Path] | None, typer.Argument(metavar="LOG [OTHER]", help="Run log to look at, or two beside each other.")
 ]
-Edit = Annotated[bool, typer.Option("--edit", help="Edit the map of --map on the page; nothing is driven.")]
+Edit = Annotated[bool, typer.Option("--edit", help="Edit the map of --map, else cme, on the page; nothing is driven.")]
 
 
 def view(

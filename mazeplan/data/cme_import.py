@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mazeplan import filekinds
 from mazeplan.data.cme_recovery import (
     ACCELERATION,
     AXES,
@@ -106,7 +107,8 @@ def find_models(folder: str | Path) -> dict[int, str]:
     """The model of each ring, as what its file names end in; the longest if there are several. Raises ModelError."""
     folder = Path(folder)
     if not folder.is_dir():
-        raise ModelError("no such folder", file=folder)
+        expected = "the folder of the published model files"
+        raise ModelError(filekinds.refused(folder, expected).replace("no such file", "no such folder"), file=folder)
     pattern = re.compile(re.escape(PREFIX["inputs"]) + r"(_ring([0-9]{1,2})_.*\.txt)")
     found: dict[int, tuple[int, str]] = {}
     try:

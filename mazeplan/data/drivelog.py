@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan import filekinds
 from mazeplan.errors import TableError
 from mazeplan.records import Array
 
@@ -77,17 +78,17 @@ def _moves(path: Path, position: Array, volts: Array) -> None:
 def _variables(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
-    if not path.is_file():
-        raise TableError("no such file, expected a .mat file of the benchmark EMPS", file=path)
+    expected = "a .mat file (MATLAB 4 to 7.2) of the benchmark EMPS"
+    if not path.is_file() or not path.stat().st_size:
+        raise TableError(filekinds.refused(path, expected), file=path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of variables that are not ours
             found = loadmat(path, variable_names=[*COLUMNS, GAIN])
     except Exception as error:  # a damaged file raises whatever its reader stumbles over
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise TableError(
-            f"got no readable MATLAB file ({reason}), expected .mat, version 4 to 7.2", file=path
-        ) from None
+        kind = filekinds.got(path)
+        reason = f" ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
+        raise TableError(f"got {kind}{reason if 'MATLAB' in kind else ''}, expected {expected}", file=path) from None
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 

@@ -17,6 +17,7 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import StreamReader
 
+from mazeplan import filekinds
 from mazeplan.errors import LogError
 
 PROGRAM = "mazeplan"
@@ -26,7 +27,7 @@ RECORD_LIMIT = 64 * 2**20  # bytes; the longest of ours is a header with a map, 
 MEASURED = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns that every log has
 PLAN_STATES = ("theta", "theta_dot", "beta", "beta_dot", "gamma", "gamma_dot")
 PLAN_CONTROLS = ("u_beta", "u_gamma")
-EXPECTED = "expected a run log of mazeplan (MCAP)"
+EXPECTED = "a run log of mazeplan (MCAP)"
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,11 @@ def read_messages(path: Path) -> tuple[dict[str, Any], list[tuple[str, dict[str,
     try:
         with path.open("rb") as stream:
             messages, complete = _messages(stream, path)
-    except (OSError, ValueError) as problem:
-        raise LogError(f"cannot be read: {getattr(problem, 'strerror', None) or problem}", file=path) from None
+    except (OSError, ValueError):
+        raise LogError(filekinds.refused(path, EXPECTED), file=path) from None
     header = next((document for topic, document in messages if topic == "/header"), {})
     if header.get("program") != PROGRAM:
-        raise LogError(f"got an MCAP file without the header of a run, {EXPECTED}", file=path)
+        raise LogError(f"got an MCAP file without the header of a run, expected {EXPECTED}", file=path)
     if header.get("format") != FORMAT:
         raise LogError(f"got format {header.get('format')!r}, expected {FORMAT}: written by another version", file=path)
     return header, messages, complete
@@ -108,7 +109,7 @@ def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, 
     """(topic, document) of all messages, and whether the file was finished."""
     size = os.fstat(stream.fileno()).st_size
     if stream.read(len(MAGIC)) != MAGIC:
-        raise LogError(f"got {'an empty file' if size == 0 else 'another kind of file'}, {EXPECTED}", file=path)
+        raise LogError(filekinds.refused(path, EXPECTED), file=path)
     stream.seek(max(0, size - len(MAGIC)))
     finished = size > len(MAGIC) and stream.read() == MAGIC
     stream.seek(0)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -20,6 +21,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from mazeplan import filekinds
 from mazeplan.data.runlog import read_log
 from mazeplan.errors import TableError
 from mazeplan.records import Array, IntArray
@@ -87,11 +89,18 @@ class _Rows:
         raise TableError(f"got {got}, expected {expected}", file=self.file, line=line, key=name)
 
 
+OTHERS = (
+    "an empty file", "a file with nothing but blanks", "a PNG picture", "a JPEG picture", "a PDF", "a zip archive",
+    "a gzip archive", "an HDF5 file", "a MATLAB file", "XML", "HTML", "JSON", "YAML",
+)  # fmt: skip
+EXPECTED = "a run log (.mcap) or a table (CSV) with t, beta, gamma and theta, or x and y, in its first row"
+
+
 def read_table(path: str | Path) -> Table:
     """A table from a run log (.mcap) or CSV. Raises TableError or LogError with file, line and column."""
     path = Path(path)
-    if not path.is_file():
-        raise TableError("not a file" if path.exists() else "no such file", file=path)
+    if not path.is_file() or filekinds.got(path) in OTHERS or not os.access(path, os.R_OK):
+        raise TableError(filekinds.refused(path, EXPECTED), file=path)
     if path.suffix == ".mcap":
         log = read_log(path)
         columns = {name: column for name, column in log.ticks.items() if column.dtype != object}

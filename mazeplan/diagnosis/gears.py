@@ -52,7 +52,7 @@ def _fit_with_band(
     few = rows & (np.cumsum(rows) <= ENOUGH)  # an axis that was fitted without the band has the lag that it makes
 
     def refitted(band: float) -> float:
-        return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float)).rms
+        return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float), plain.axis).rms
 
     coarse = min((band for band in bands if band < 0.5 * float(np.ptp(u))), key=refitted)
     axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks).axis
@@ -75,8 +75,8 @@ def fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np
 def _fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit) -> StageFit:
     """As `fit_with_play`, where the fit without any is known."""
 
-    def fitted(backlash: float, of: np.ndarray = rows) -> StageFit:
-        return fit_axis(played(u, backlash)[of], angle[of], dt, first[of].astype(float))
+    def fitted(backlash: float, of: np.ndarray, near: StageAxis | None = None) -> StageFit:
+        return fit_axis(played(u, backlash)[of], angle[of], dt, first[of].astype(float), near)
 
     left = (angle - simulate_axis(plain.axis, u, dt))[rows]
     late = (simulate_axis(plain.axis, played(u, TRIED), dt) - simulate_axis(plain.axis, u, dt))[rows]
@@ -85,10 +85,10 @@ def _fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: n
         return plain
     few = rows & (np.cumsum(rows) <= ENOUGH)
     found: Any = minimize_scalar(
-        lambda b: fitted(b, few).rms, bounds=(0.0, MOST), method="bounded", options={"xatol": 2e-4}
+        lambda b: fitted(b, few, plain.axis).rms, bounds=(0.0, MOST), method="bounded", options={"xatol": 2e-4}
     )
     best = float(found.x)
-    with_play = fitted(best)
+    with_play = fitted(best, rows)
     gain = 2.0 * plain.samples * math.log(plain.rms / with_play.rms)
     if best < SMALLEST or gain < SURE:
         return plain

@@ -49,7 +49,7 @@ def check_map(source: str | Path) -> MapCheck:
     """Read a map and collect everything that is wrong with it; raises nothing for a bad file."""
     try:
         path = find_map(source)
-        return _check_tree(read_yaml(path, error=MapError), path)
+        return _check_tree(read_yaml(path, error=MapError, what="a map (YAML)"), path)
     except MapError as error:
         return MapCheck(None, (error,))
 
@@ -89,6 +89,10 @@ def _check_tree(tree: Tree, file: str | Path) -> MapCheck:
 
     if not isinstance(tree.data, dict):
         return MapCheck(None, (error(((), f"got {shown(tree.data)}, expected keys such as name, ball, rings")),))
+    if tree.data and not any(key in tree.data for key in MapFile.model_fields):
+        names = ", ".join(shown(str(key)) for key in list(tree.data)[:3])
+        problem = f"got the keys {names} ..., expected a map: keys such as name, ball, rings"
+        return MapCheck(None, (error(((), problem)),))
     try:
         spec = MapFile.model_validate(tree.data)
     except ValidationError as wrong:

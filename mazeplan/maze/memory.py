@@ -76,7 +76,7 @@ def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
     memory = OpeningMemory()
     if not path.exists():
         return memory
-    tree = read_yaml(path, error=InputError)
+    tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (JSON)")
     names = tuple(openings)
     root = _mapping(tree, path, (), tree.data, ("format", "openings"))
     if root.get("format") != FORMAT:

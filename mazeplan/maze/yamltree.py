@@ -9,7 +9,6 @@ checked, and the work is bounded by `MAX_BYTES` and `MAX_ENTRIES`.
 from __future__ import annotations
 
 import re
-import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any, NoReturn
 
 import yaml
 
+from mazeplan import filekinds
 from mazeplan.errors import InputError
 
 MAX_BYTES = 1 << 20
@@ -70,33 +70,32 @@ def shown(value: Any) -> str:
     return text if len(text) <= 50 else text[:45] + "...'"
 
 
-def read_yaml(path: Path, *, error: type[InputError] = InputError) -> Tree:
-    """Read one file. Raises `error`, with file and line, for whatever cannot be used."""
+def read_yaml(path: Path, *, error: type[InputError] = InputError, what: str = "a YAML file") -> Tree:
+    """Read one file; what: it should be. Raises `error`, with file and line, for whatever cannot be used."""
     try:
         status = path.stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise error("got a folder, expected a file", file=path)
-        if not stat.S_ISREG(status.st_mode):
-            raise error("not a regular file", file=path)
+        if not path.is_file() or not status.st_size:
+            raise error(filekinds.refused(path, what), file=path)
         if status.st_size > MAX_BYTES:
-            raise error(f"got {status.st_size} bytes, expected at most {MAX_BYTES}", file=path)
+            raise error(f"got {status.st_size} bytes, expected {what} of at most {MAX_BYTES}", file=path)
         with path.open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise error("no such file", file=path) from None
-    except (OSError, ValueError) as problem:  # ValueError: a name with a zero byte
-        reason = problem.strerror if isinstance(problem, OSError) else problem
-        raise error(f"cannot be read: {reason}", file=shown(str(path)) if "\0" in str(path) else path) from None
+    except (OSError, ValueError):  # ValueError: a name with a zero byte
+        named = shown(str(path)) if "\0" in str(path) else path
+        raise error(filekinds.refused(path, what), file=named) from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         line = content.count(b"\n", 0, problem.start) + 1
-        raise error("not a text file in UTF-8", file=path, line=line) from None
-    return parse_yaml(text, file=path, error=error)
+        raise error(filekinds.refused(path, what), file=path, line=line) from None
+    kind = filekinds.got(path)
+    if kind in ("XML", "HTML", "a file with nothing but blanks"):
+        raise error(f"got {kind}, expected {what}", file=path, line=1)
+    return parse_yaml(text, file=path, error=error, language="JSON" if kind == "JSON" else "YAML")
 
 
-def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputError) -> Tree:
-    """Parse YAML text; `file` is what errors call it. Raises `error` with the line."""
+def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputError, language: str = "YAML") -> Tree:
+    """Parse YAML text; `file` and `language` are what errors call it. Raises `error` with the line."""
     if bad := _CONTROL.search(text):
         line = text.count("\n", 0, bad.start()) + 1
         raise error(f"not a text file: holds the control character {ord(bad[0]):#04x}", file=file, line=line)
@@ -110,7 +109,7 @@ def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputEr
         mark = getattr(problem, "problem_mark", None)
         said = getattr(problem, "problem", None) or getattr(problem, "reason", None) or "cannot be parsed"
         line = None if mark is None else mark.line + 1
-        raise error(f"not valid YAML: {' '.join(str(said).split())}", file=file, line=line) from None
+        raise error(f"not valid {language}: {' '.join(str(said).split())}", file=file, line=line) from None
 
 
 class _Builder:

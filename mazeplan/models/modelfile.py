@@ -30,7 +30,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from mazeplan import resources
+from mazeplan import filekinds, resources
 from mazeplan.errors import ModelError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
@@ -157,10 +157,10 @@ def load_model(source: str | Path) -> RigModel:
         folder = PACKAGED / str(source)
     path = folder if folder.suffix == ".yaml" else folder / "model.yaml"
     if not path.exists():
-        raise ModelError(
-            f"no such model; expected a folder with model.yaml, or one of {', '.join(model_names())}", file=source
-        )
-    return _Reader(read_yaml(path, error=ModelError), path).model()
+        what = filekinds.got(folder)
+        told = "no such model; " if what == "no such file" else f"got {what}, "
+        raise ModelError(f"{told}expected a folder with model.yaml, or one of {', '.join(model_names())}", file=source)
+    return _Reader(read_yaml(path, error=ModelError, what="a model (model.yaml)"), path).model()
 
 
 class _Reader:

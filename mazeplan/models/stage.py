@@ -151,9 +151,9 @@ def axis_from_arx(arx: AxisArx) -> StageAxis:
     return StageAxis(gain, frequency, damping, dead_time, offset)
 
 
-def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None) -> StageFit:
+def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, near: StageAxis | None = None) -> StageFit:
     """Fit one axis to commands u (N,) and measured angle (N,), sampled every dt s. breaks: True where a new record
-    begins.
+    begins; near: an axis that is like it, so that none has to be looked for, which is most of the time.
 
     Raises ValueError when there is nothing to fit: fewer than 60 samples, or a command that never moves."""
     from scipy.optimize import least_squares
@@ -170,7 +170,8 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None) -> 
         simulated = ((simulate_axis(axis, u[a:b], dt) - angle[a:b])[n:] for (a, b), n in zip(pieces, late, strict=True))
         return np.concatenate(list(simulated))
 
-    start = min(_starts(u, angle, dt, number), key=lambda axis: float(np.sum(error(_point(axis), SETTLE_S) ** 2)))
+    guesses = _guesses(u, angle, dt, number) if near is None else [near]
+    start = min([*_textbook(), *guesses], key=lambda axis: float(np.sum(error(_point(axis), SETTLE_S) ** 2)))
     settled = max(SETTLE_S, -SETTLE_TIMES / max(pole.real for pole in start.poles()))
     bounds = (_point(StageAxis(*LOW)), _point(StageAxis(*HIGH)))
     best = least_squares(
@@ -189,12 +190,15 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None) -> 
     return StageFit(axis, float(np.sqrt(variance)), n)
 
 
-def _starts(u: Array, angle: Array, dt: float, number: Array) -> list[StageAxis]:
-    """Where the fit may start from."""
-    starts = [StageAxis(*TEXTBOOK, dead) for dead in DEAD_TIMES]
-    with contextlib.suppress(ValueError):  # a record too short for it
-        starts.append(axis_from_arx(fit_arx_alone(u, angle, dt, number, orders=(2,))))
-    return starts
+def _textbook() -> list[StageAxis]:
+    return [StageAxis(*TEXTBOOK, dead) for dead in DEAD_TIMES]
+
+
+def _guesses(u: Array, angle: Array, dt: float, number: Array) -> list[StageAxis]:
+    """Where the fit may start from besides: the axis of a difference equation, if the record is long enough."""
+    with contextlib.suppress(ValueError):
+        return [axis_from_arx(fit_arx_alone(u, angle, dt, number, orders=(2,)))]
+    return []
 
 
 def _point(axis: StageAxis) -> Array:

@@ -10,14 +10,14 @@ import numpy as np
 from mazeplan.palette import COLOURS
 from mazeplan.records import Array
 from mazeplan.report.drawing import line, points
-from mazeplan.report.models import KINDS, Document, best_kind, kinds, known, rings
+from mazeplan.report.models import Document, best_kind, kinds, known, rings
 from mazeplan.report.models_pictures import STYLES
 from mazeplan.report.page import Picture, Table
+from mazeplan.report.words import DEG, KINDS, MISSING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DEG = 180.0 / math.pi
 LAST = 40  # samples
 
 
@@ -46,7 +46,7 @@ def _table(document: Document, numbers: list[int]) -> Table:
         for kind in columns:
             told = scores["confidence"].get(kind)
             if told is None:
-                row.append("–")
+                row.append(MISSING)
                 continue
             low, high = (known(v) for v in scores.get("interval95", {}).get(str(LAST), {}).get(kind) or (None, None))
             give = f" ± {0.5 * DEG * (high - low):.1f}" if math.isfinite(high - low) else ""
@@ -67,7 +67,7 @@ def _draw(figure: Figure, document: Document, numbers: list[int]) -> None:
         told = document[f"ring{ring}"]["confidence"]
         kind = best if best in told else list(told)[-1]
         _window(panels[0, i], told[kind]["window"], kind)
-        panels[0, i].set_title(f"ring {ring}: {kind}")
+        panels[0, i].set_title(f"ring {ring}: {KINDS.get(kind, kind)}")
         for name, one in told.items():
             k, share = np.arange(len(one["coverage"])), 100.0 * np.array([known(v) for v in one["coverage"]])
             style = STYLES.get(name, "neutral")

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from mazeplan.report import words
 from mazeplan.report.inputs import Input
 from mazeplan.report.models import known
 from mazeplan.report.page import Note, Section, Table, write_page
@@ -16,10 +17,6 @@ VERDICTS = {
     "ambiguous": "found, but it cannot be told apart from another",
     "unknown_effect": "something is there that has no name",
 }
-LABELS = {
-    "nrmse": "nRMSE of theta_dd", "rollout20": "theta error after 20 samples, rad",
-    "rollout40": "theta error after 40 samples, rad", "free_run": "position error of a free run, m",
-}  # fmt: skip
 Document = dict[str, Any]
 
 
@@ -44,7 +41,8 @@ def _misfit(curve: Document) -> float:
 def write_diagnosis(document: Document, evidence: Document, path: Path) -> None:
     """The page of one diagnosis: one file, nothing loaded from elsewhere."""
     given = Input("diagnosis", path.parent, evidence["title"], document, evidence)
-    write_page(path, f"What the model lacks: {evidence['title']}", [diagnosis_section(given)])
+    section = diagnosis_section(given)
+    write_page(path, section.title, [section])
 
 
 def diagnosis_section(given: Input) -> Section:
@@ -65,11 +63,64 @@ def diagnosis_section(given: Input) -> Section:
             Note("The evidence behind it is in the folder that this writes:", "mazeplan diagnose LOG -o FOLDER")
         )
     notes = evidence["notes"] if evidence is not None and evidence.get("notes") else document.get("notes", [])
-    parts += [Note(str(note)) for note in notes]
+    parts += [Note(words.sentence(note)) for note in notes]
     verdict = VERDICTS.get(document["verdict"], str(document["verdict"]))
-    sentence = document.get("sentence")
-    name = evidence.get("title", given.name) if evidence is not None else given.name
-    return Section(f"Diagnosis of {name}", str(sentence or verdict), _facts(document, verdict), parts)
+    return Section(f"Diagnosis of {_name(given)}", lead(document, evidence), _facts(document, verdict), parts)
+
+
+def _name(given: Input) -> str:
+    """Of what it is."""
+    if given.evidence is not None and given.evidence.get("title"):
+        return str(given.evidence["title"])
+    ring = given.document.get("ring")
+    return f"{given.name}, ring {ring}" if ring else given.name
+
+
+def labels(evidence: Document | None) -> dict[str, str]:
+    """Score -> words with the unit that its number has; a system that is no ball has words of its own."""
+    told = (evidence or {}).get("labels", {})
+    own = {} if "rollout40" in told else told
+    return {**words.SCORES, **own}
+
+
+def drawn(evidence: Document | None) -> str:
+    """The score that is looked at."""
+    return str((evidence or {}).get("drawn", "rollout40"))
+
+
+def lead(document: Document, evidence: Document | None) -> str:
+    """What came out, in words; sizes are in the table below."""
+    found = _listed([words.spoken(effect["name"]) for effect in document.get("effects") or []])
+    unknown = words.spoken(str((document.get("unknown") or {}).get("description") or "nobody can say what"))
+    change = _change(document, evidence)
+    verdict = document["verdict"]
+    if verdict == "nothing_missing":
+        return f"Nothing is missing: what is left is what noise alone would leave. {change}".strip()
+    if verdict == "unknown_effect":
+        also = f", besides {found}" if found else ""
+        return f"Something is there that has no name{also}: {unknown}. {change}".strip()
+    tail = "".join(
+        f" This record cannot tell {' from '.join(words.spoken(str(name)) for name in group)}."
+        for group in document.get("ambiguous_with") or [] if verdict == "ambiguous"
+    )  # fmt: skip
+    return f"The model lacks {found or 'nothing that has a name'}.{tail} {change}".strip()
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)
+
+
+def _change(document: Document, evidence: Document | None) -> str:
+    """Of the score that is looked at, before and after; nothing where it is not known."""
+    name = drawn(evidence)
+    label = labels(evidence).get(name, name)
+    before, after = (words.labelled(known((document.get(w) or {}).get(name)), label) for w in ("before", "after"))
+    if not (math.isfinite(before) and math.isfinite(after)):
+        return ""
+    text, _, unit = words.relabelled(label).rpartition(", ")
+    text, unit = (text, f" {unit}") if text else (unit, "")
+    first = f"{text[:1].upper()}{text[1:]}: {before:.3g}{unit}"
+    return f"{first}." if before == after else f"{first} before, {after:.3g}{unit} after."
 
 
 def _facts(document: Document, verdict: str) -> list[tuple[str, str]]:
@@ -82,45 +133,46 @@ def _facts(document: Document, verdict: str) -> list[tuple[str, str]]:
         facts.append(("held out", f"{100.0 * document['held_out']:.0f} % of the samples"))
     declared = document.get("declared")
     if isinstance(declared, dict) and declared:
-        facts.append(("known before", ", ".join(str(name).replace("_", " ") for name in declared)))
+        facts.append(("known before", ", ".join(words.spoken(str(name)) for name in declared)))
     if isinstance(document.get("model"), str):
         facts.append(("new model", document["model"]))
     return facts
 
 
 def _scores(document: Document, evidence: Document | None) -> Table:
-    labels = {**LABELS, **(evidence or {}).get("labels", {})}
     test = document.get("test") or {}
     columns = [("before", document.get("before", {})), ("after", document.get("after", {}))]
     if isinstance(test, dict):
         columns += [(f"{w}, further record", test[w]) for w in ("before", "after") if isinstance(test.get(w), dict)]
     rows = []
-    for name, label in labels.items():
+    names = labels(evidence)
+    for name, label in names.items():
         if any(name in part for _, part in columns):
-            rows.append([label, *(_number(known(part.get(name))) for _, part in columns)])
+            rows.append([words.relabelled(label), *(_cell(known(part.get(name)), label) for _, part in columns)])
     floor = document.get("noise_floor")
     if isinstance(floor, int | float):
-        drawn = labels.get((evidence or {}).get("drawn", "rollout40"), "")
-        rows.append([f"{drawn}, by noise alone", *[""] * (len(columns) - 1), _number(floor)])
+        label = names.get(drawn(evidence), "")
+        text, comma, unit = words.relabelled(label).rpartition(", ")
+        told = f"{text or unit} by noise alone" + (f", {unit}" if comma else "")
+        rows.append([told, *[""] * (len(columns) - 1), _cell(floor, label)])
     return Table("On what was held out", ("", *(name for name, _ in columns)), rows)
 
 
 def _effects(document: Document) -> Table:
+    """A row a parameter, with the name by which `--declare` knows it."""
     rows = []
     for effect in document["effects"]:
         for i, (name, p) in enumerate(effect["parameters"].items()):
-            first = [effect["name"].replace("_", " "), _worth(effect)] if i == 0 else ["", ""]
-            unit = str(p.get("unit", "1"))
-            value = f"{p['value']:.5g}" + ("" if unit == "1" else f" {unit}")
-            error = p.get("stderr")
-            rows.append([first[0], name, value, "-" if error is None else f"{error:.2g}", first[1]])
-    head = ("effect", "parameter", "value", "standard error", "-2 log L grows without it by")
-    return Table("What was found", head, rows)
+            size = words.measured(p["value"], p.get("stderr"), str(p.get("unit", "1")))
+            told = [words.spoken(effect["name"]), _worth(effect)] if i == 0 else ["", ""]
+            rows.append([told[0], words.parameter(effect["name"], name), size, told[1], f"{effect['name']}.{name}"])
+    head = ("effect", "what of it", "value ± standard error", "evidence", "name")
+    return Table("What was found; evidence: growth of -2 log L (misfit) without it", head, rows, code=frozenset({4}))
 
 
 def _worth(effect: Document) -> str:
     evidence = effect.get("evidence")
-    return f"{evidence:.1f}" if isinstance(evidence, int | float) else "-"
+    return f"{evidence:.1f}" if isinstance(evidence, int | float) else words.MISSING
 
 
 def _navigation(navigation: Document) -> Table:
@@ -129,8 +181,7 @@ def _navigation(navigation: Document) -> Table:
     for when in ("before", "after"):
         part = navigation[when]
         times = [known(part["time_s"].get(name)) for name in ("mean", "best", "worst")]
-        told = [f"{value:.2f} s" if math.isfinite(value) else "-" for value in times]
-        rows.append([when, f"{part['success']} of {part['runs']}", *told])
+        rows.append([when, f"{part['success']} of {part['runs']}", *(words.seconds(value) for value in times)])
     return Table("Navigations with the old model and with the new one", ("", "arrived", "mean", "best", "worst"), rows)
 
 
@@ -139,21 +190,16 @@ def _apart(document: Document) -> list[Note]:
     found = []
     ways = document.get("separate_by") or []
     for i, group in enumerate(document.get("ambiguous_with") or []):
-        names = ", ".join(str(name).replace("_", " ") for name in group)
+        names = ", ".join(words.spoken(str(name)) for name in group)
         text = f"Hard to tell apart in this record: {names}."
         way = ways[i] if i < len(ways) else {}
         if way.get("why"):
-            text += f" {_sentence(way['why'])}"
+            text += f" {words.sentence(way['why'])}"
         if way.get("first"):
-            text += f" What to do: {way['first']}, then"
+            text += f" What to do: {words.spoken(str(way['first']))}, then"
         found.append(Note(text, str(way.get("command") or "")))
     return found
 
 
-def _sentence(text: Any) -> str:
-    words = str(text)
-    return words[:1].upper() + words[1:] + "."
-
-
-def _number(value: float) -> str:
-    return f"{value:.4f}" if math.isfinite(value) else "-"
+def _cell(value: float, label: str) -> str:
+    return words.number(words.labelled(value, label), 2 if label.endswith(", rad") else 4)

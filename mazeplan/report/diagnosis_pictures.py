@@ -8,7 +8,8 @@ import numpy as np
 
 from mazeplan.palette import COLOURS
 from mazeplan.records import Array
-from mazeplan.report.diagnosis import LABELS, Document, explained_by
+from mazeplan.report import words
+from mazeplan.report.diagnosis import Document, drawn, explained_by, labels
 from mazeplan.report.drawing import INK, beside, line, nothing
 from mazeplan.report.models import known
 from mazeplan.report.page import Picture
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 WHEN = {"before": "bad", "after": "good"}
 CANDIDATES = 10
+LONG = 34  # characters of a label on a side
+LEAST = 1.0  # of a gain that has a bar
 
 
 def diagnosis_pictures(document: Document, evidence: Document) -> list[Picture]:
@@ -26,9 +29,9 @@ def diagnosis_pictures(document: Document, evidence: Document) -> list[Picture]:
     count = len(shown_candidates(evidence))
     found = [
         Picture(
-            "candidates", "Candidates, each added by itself; and before and after",
-            "by how much each candidate lowers -2 log L; the error before and after",
-            lambda figure: _first(figure, document, evidence), (9.0, 1.3 + 0.27 * max(count, 6)),
+            "candidates", "Candidates, each added by itself; and the error before and after",
+            "by how much each candidate lowers the misfit; the error before and after",
+            lambda figure: _first(figure, document, evidence), (9.4, 1.5 + 0.27 * max(count, 6)),
         )
     ]  # fmt: skip
     if "before" in evidence and "after" in evidence:
@@ -61,32 +64,44 @@ def _first(figure: Figure, document: Document, evidence: Document) -> None:
     if not shown:
         nothing(ranks, "nothing was tried")
     found = {effect["name"] for effect in document.get("effects", [])}
+    accept = float(evidence.get("accept", 15.0))
+    top = max([accept, *(c["gain"] for c in shown)])
     for i, c in enumerate(shown):
+        gain = max(c["gain"], 0.0)
         name = "good" if c["name"] in found else "neutral" if not c.get("named", True) else "real"
         hatch = "" if name == "good" else "...." if c.get("placebo") else "///" if name == "neutral" else ""
-        ranks.barh(i, max(c["gain"], 0.0), color=COLOURS[name], hatch=hatch, edgecolor="white", linewidth=0)
-        told = f" {max(c['gain'], 0.0):.0f}{', taken' if name == 'good' else ''}"
-        ranks.text(max(c["gain"], 0.0), i, told, va="center", fontsize=7.5)
-    ranks.set_yticks(range(len(shown)), [_called(c) for c in shown], fontsize=8)
-    accept = float(evidence.get("accept", 15.0))
-    ranks.set_xscale("symlog", linthresh=accept)
-    ranks.xaxis.set_major_formatter("{x:g}")
-    ranks.margins(x=0.2)
+        if gain > LEAST:
+            ranks.barh(
+                i, gain - LEAST, left=LEAST, color=COLOURS[name], hatch=hatch, edgecolor="white", linewidth=0
+            )  # fmt: skip
+        told = f" {gain:.0f}{', found' if name == 'good' else ''}"
+        ranks.text(max(gain, LEAST), i, told, va="center", fontsize=7.5)
+    ranks.set_yticks(range(len(shown)), [words.candidate(str(c["name"])) for c in shown], fontsize=8)
+    ranks.set_ylim(-0.7, len(shown) - 0.4)
+    _readable_log(ranks, LEAST, 2.5 * top)
     ranks.axvline(accept, **line("bad", linewidth=1.0))
-    ranks.text(accept, len(shown) - 0.4, " counts from here", fontsize=7.5, va="bottom")
-    ranks.set_xlabel("-2 log L falls by, penalty taken off (hatched: no name)")
+    ranks.text(accept, len(shown) - 0.4, f" {accept:g}: counts from here", fontsize=7.5, va="bottom")
+    ranks.set_xlabel(
+        "fall of the misfit (-2 log L), penalty taken off; log scale\nhatched: has no name; dotted: placebo"
+    )
     _bars(bars, document, evidence)
 
 
-def _called(candidate: Document) -> str:
-    return str(candidate["name"]).replace("_", " ")
+def _readable_log(axes: Axes, least: float, most: float) -> None:
+    """A logarithmic axis with a line and a plain number at 1, 3, 10, 30 ..."""
+    axes.set_xscale("log")
+    axes.set_xlim(least, most)
+    ticks = [m * 10.0**n for n in range(-3, 9) for m in (1.0, 3.0) if least <= m * 10.0**n <= most]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.grid(axis="x")
 
 
 def _bars(axes: Axes, document: Document, evidence: Document) -> None:
-    name = evidence.get("drawn", "rollout40")
-    label = evidence.get("labels", {}).get(name, LABELS.get(name, name))
-    values = {when: known(document.get(when, {}).get(name)) for when in WHEN}
-    values["noise alone"] = known(document.get("noise_floor"))
+    name = drawn(evidence)
+    label = labels(evidence).get(name, name)
+    values = {when: words.labelled(known(document.get(when, {}).get(name)), label) for when in WHEN}
+    values["noise alone"] = words.labelled(known(document.get("noise_floor")), label)
     shown = {when: value for when, value in values.items() if np.isfinite(value)}
     if not shown:
         return nothing(axes, "no stretch is long enough")
@@ -94,10 +109,10 @@ def _bars(axes: Axes, document: Document, evidence: Document) -> None:
         role = WHEN.get(when, "neutral")
         hatch = {"bad": "xxx", "neutral": "...."}.get(role, "")
         axes.bar(i, value, 0.65, color=COLOURS[role], hatch=hatch, edgecolor="white", linewidth=0)
-        axes.text(i, value, f"{value:.4f}", ha="center", va="bottom", fontsize=8)
+        axes.text(i, value, f"{value:.3g}", ha="center", va="bottom", fontsize=8)
     axes.set_xticks(range(len(shown)), list(shown))
-    axes.set_ylabel(label)
-    axes.set_title("samples held out")
+    axes.set_ylabel(_wrapped(words.relabelled(label)))
+    axes.set_title("on samples held out")
     axes.margins(y=0.12)
     return None
 
@@ -107,29 +122,37 @@ def _values(part: Document, name: str) -> Array:
 
 
 def _residuals(figure: Figure, evidence: Document) -> None:
+    from matplotlib.ticker import MultipleLocator
+
     panels: Any = figure.subplots(1, 3, sharey=True)
     most = explained_by(evidence)
-    words = (*(str(axis) for axis in evidence["axes"][:2]), "time, s")
-    for axes, name, label in zip(panels, ("position", "speed", "time"), words, strict=True):
+    told = (*(str(axis) for axis in evidence["axes"][:2]), "time, s")
+    for axes, name, label in zip(panels, ("position", "speed", "time"), told, strict=True):
         for when, role in WHEN.items():
             curve = evidence[when][name]
             at, mean, error = (_values(curve, part) for part in ("at", "mean", "stderr"))
+            at = at * words.labelled(1.0, label)
             axes.plot(at, mean, **line(role), label=when)
             axes.fill_between(at, mean - 2 * error, mean + 2 * error, color=COLOURS[role], alpha=0.22, lw=0)
         axes.axhline(0.0, color=INK, lw=0.6)
-        axes.set_xlabel(_spelled(label))
+        axes.set_xlabel(words.relabelled(label) + ("\n(counted against the motion)" if name == "time" else ""))
+        if label == "theta, rad":
+            axes.xaxis.set_major_locator(MultipleLocator(90))
         axes.grid()
         if name == most:
             axes.set_title("what was found explains most here")
             for side in axes.spines.values():
                 side.set(visible=True, linewidth=1.4)
-    panels[0].set_ylabel("mean innovation,\nstandard deviations")
-    panels[2].annotate("counted against the motion", (0.5, 0.01), xycoords="axes fraction", ha="center", fontsize=7.5)
+    panels[0].set_ylabel("mean of what is left,\nin standard deviations")
     panels[2].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
-def _spelled(label: str) -> str:
-    return label.replace("_", " ").replace("theta dot", "theta_dot")
+def _wrapped(text: str) -> str:
+    """In two lines where it is long."""
+    if len(text) <= LONG:
+        return text
+    at = text.rfind(" ", 0, LONG)
+    return f"{text[:at]}\n{text[at + 1 :]}"
 
 
 def _white(figure: Figure, evidence: Document) -> None:
@@ -145,13 +168,14 @@ def _white(figure: Figure, evidence: Document) -> None:
                   transform=spectrum.get_yaxis_transform())  # fmt: skip
     spectrum.set_yscale("log")
     spectrum.yaxis.set_major_formatter("{x:g}")
+    spectrum.margins(x=0.01)
     spectrum.set_xlabel("frequency, Hz")
-    spectrum.set_ylabel("highest power in a band,\nover the mean")
+    spectrum.set_ylabel("highest power in a band,\nmean of all: 1 (log scale)")
     white = known(evidence["after"]["white"])
     if np.isfinite(white):
         lags.axhspan(-white, white, color="#dddddd", zorder=0, label="white: inside")
-    lags.set_xlabel("samples apart")
-    lags.set_ylabel("correlation")
+    lags.set_xlabel("how far apart, samples")
+    lags.set_ylabel("correlation, 1: alike")
     for axes in (spectrum, lags):
         axes.grid(axis="y")
     lags.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

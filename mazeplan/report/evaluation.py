@@ -17,6 +17,8 @@ from mazeplan.records import Array
 from mazeplan.report import published
 from mazeplan.report.inputs import Input
 from mazeplan.report.page import Note, Section, Table
+from mazeplan.report.run import told
+from mazeplan.report.words import MISSING, seconds
 
 SECTORS = 16
 Z = 1.959964  # of a 95 % interval
@@ -163,10 +165,10 @@ def _facts(several: list[Runs]) -> list[tuple[str, str]]:
     setup = several[0].setup
     names = (
         ("rig", "rig"), ("map_name", "map"), ("model", "model"), ("behavior", "behaviour tree"), ("seed", "first seed"),
-        ("start_ring", "from ring"), ("goal_ring", "to ring"), ("time_limit_s", "time limit, s"),
+        ("start_ring", "from ring"), ("goal_ring", "to ring"), ("time_limit_s", "time limit"),
         ("version", "mazeplan"),
     )  # fmt: skip
-    return [(label, f"{setup[name]}") for name, label in names if setup.get(name) not in (None, "")]
+    return [(label, told(name, setup[name])) for name, label in names if setup.get(name) not in (None, "")]
 
 
 def _lead(several: list[Runs]) -> str:
@@ -184,23 +186,19 @@ def _table(several: list[Runs]) -> Table:
     rows[0].append(f"{published.ARRIVED} of {published.RUNS}")
     shares = [interval(int(r.arrived.sum()), len(r.time)) for r in several]
     shares.append(interval(published.ARRIVED, published.RUNS))
-    rows.append(["95 % interval of the share", *(f"{100 * a:.0f} .. {100 * b:.0f} %" for a, b in shares)])
-    labels = {"mean": "mean time", "best": "best", "p50": "median", "p95": "95 %", "worst": "worst"}
+    rows.append(["95 % interval of the share", *(f"{100 * a:.0f} to {100 * b:.0f} %" for a, b in shares)])
+    labels = {"mean": "mean time", "best": "best", "p50": "median", "p95": "95 % are faster than", "worst": "worst"}
     for key, label in labels.items():
-        cells = [_seconds(figures(runs)[key]) for runs in several]
-        rows.append([label, *cells, _seconds(published.TIMES.get(key, math.nan))])
-    rows.append(["failures on the way", *(str(sum(len(x["failures"]) for x in r.results)) for r in several), "-"])
+        cells = [seconds(figures(runs)[key]) for runs in several]
+        rows.append([label, *cells, seconds(published.TIMES.get(key, math.nan))])
+    rows.append(["failures on the way", *(str(sum(len(x["failures"]) for x in r.results)) for r in several), MISSING])
     ends = [Counter(x["reason"] for x in r.results if not x["success"]) for r in several]
-    told = [", ".join(f"{k.replace('_', ' ')} {n}" for k, n in sorted(e.items())) or "-" for e in ends]
-    rows.append(["those that did not arrive ended with", *told, "-"])
+    why = [", ".join(f"{k.replace('_', ' ')} {n}" for k, n in sorted(e.items())) or MISSING for e in ends]
+    rows.append(["those that did not arrive ended with", *why, MISSING])
     if len(several) > 1:
         for key, label in (("rig", "rig"), ("model", "model"), ("map_name", "map"), ("version", "mazeplan")):
-            rows.append([label, *(str(r.setup.get(key, "-")) for r in several), "-"])
+            rows.append([label, *(str(r.setup.get(key, MISSING)) for r in several), MISSING])
     return Table("In figures; times are of the runs that arrived", head, rows)
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.2f} s" if math.isfinite(value) else "-"
 
 
 def _kinds_table(several: list[Runs]) -> Table:

@@ -152,16 +152,17 @@ def _times_by_start(axes: Any, runs: Runs, number: int) -> None:
     )
     axes.set_ylim(0.0, top)
     axes.tick_params(axis="x", pad=3)
-    axes.yaxis.set_major_locator(_whole_seconds())
+    axes.yaxis.set_major_locator(_whole(4, prune="lower"))
     axes.yaxis.set_major_formatter("{x:g} s")
     axes.tick_params(labelsize=7)
     axes.set_title("time by start angle" + ("\n(X at the rim: did not arrive)" if lost.any() else ""), pad=16)
 
 
-def _whole_seconds() -> Any:
+def _whole(most: int, **more: Any) -> Any:
+    """Ticks at whole numbers."""
     from matplotlib.ticker import MaxNLocator
 
-    return MaxNLocator(4, integer=True, prune="lower")
+    return MaxNLocator(most, integer=True, **more)
 
 
 def _rings(figure: Figure, several: Sequence[Runs]) -> None:
@@ -220,6 +221,7 @@ def _kinds(figure: Figure, several: Sequence[Runs], kinds: Sequence[str]) -> Non
     axes.set_ylim(len(kinds) - 0.5, -0.5)
     axes.set_xlabel("failures, number in all runs")
     axes.margins(x=0.08)
+    axes.xaxis.set_major_locator(_whole(8))
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 

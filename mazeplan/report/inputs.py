@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mazeplan import filekinds
 from mazeplan.errors import InputError
 
 KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or of a model"
@@ -61,11 +62,13 @@ def read_document(path: Path) -> dict[str, Any]:
                 f"got {path.stat().st_size / 2**20:.0f} MB, expected at most {MOST / 2**20:.0f}", file=path
             )
         text = path.read_bytes().decode()
-    except (OSError, ValueError) as problem:
-        raise InputError(f"cannot be read: {getattr(problem, 'strerror', None) or problem}", file=path) from None
+    except (OSError, ValueError):
+        raise InputError(filekinds.refused(path, KINDS), file=path) from None
     try:
         document = json.loads(text)
     except json.JSONDecodeError as problem:
+        if filekinds.got(path) != "JSON":
+            raise InputError(filekinds.refused(path, KINDS), file=path) from None
         raise InputError(f"is no JSON: {problem.msg}; expected {KINDS}", file=path, line=problem.lineno) from None
     except RecursionError:
         raise InputError(f"is nested too deeply; expected {KINDS}", file=path) from None

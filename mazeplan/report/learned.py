@@ -26,6 +26,7 @@ from mazeplan.models.rollout import CHECKED, choose_windows, roll_out
 from mazeplan.models.samples import RingSamples, SampleOptions, joined, ring_samples
 from mazeplan.models.start import PAST, angle_noise, causal_start
 from mazeplan.records import Array
+from mazeplan.report import words
 from mazeplan.report.page import Table as Shown
 
 MISFIT = 0.5  # of the spread of theta_dd: what the filter that finds a roll-out's start expects of any model
@@ -97,19 +98,25 @@ def effects_table(model: RigModel) -> Shown:
     for effect, parameter in names:
         entries = [found.get(effect, {}).get(parameter) for found in rings.values()]
         unit = next(entry["unit"] for entry in entries if entry)
-        words = f"{effect} {parameter}".replace("_", " ") + ("" if unit == "1" else f", {unit}")
-        rows.append([words, *(_entry(entry) for entry in entries)])
-    return Shown("Effects, value ± standard error", ("", *(f"ring {ring}" for ring in rings)), rows)
+        shown = words.in_unit(0.0, unit)[1]
+        told = f"{words.spoken(effect)}: {words.parameter(effect, parameter)}" + (f", {shown}" if shown else "")
+        cells = [words.MISSING if e is None else _entry(e, shown) for e in entries]
+        rows.append([told, *cells, f"{effect}.{parameter}"])
+    head = ("", *(f"ring {ring}" for ring in rings), "name")
+    return Shown("Effects, value ± standard error", head, rows, code=frozenset({len(head) - 1}))
 
 
-def _entry(entry: dict[str, Any] | None) -> str:
-    if entry is None:
-        return "-"
-    return f"{entry['value']:.4g}" + (f" ± {entry['stderr']:.2g}" if "stderr" in entry else "")
+def _entry(entry: dict[str, Any], unit: str) -> str:
+    """Without the unit, which is at the head of its row."""
+    return words.measured(entry["value"], entry.get("stderr"), entry["unit"]).removesuffix(f"{words.HARD}{unit}")
 
 
 def model_facts(model: RigModel, folder: Path) -> list[tuple[str, str]]:
     """What a reader should know of it."""
-    facts = [("model", folder.name), ("kind", model.kind), ("camera late by", f"{1e3 * model.camera_delay:.1f} ms")]
+    facts = [
+        ("model", folder.name),
+        ("kind", words.kind(model.kind)),
+        ("camera late by", f"{1e3 * model.camera_delay:.1f} ms"),
+    ]
     files = [str(entry["file"]) for entry in model.data if isinstance(entry, dict) and entry.get("file")]
     return [*facts, *([("learned from", ", ".join(files))] if files else [])]

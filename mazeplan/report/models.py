@@ -13,15 +13,13 @@ from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Array
-from mazeplan.report import published
+from mazeplan.report import published, words
 from mazeplan.report.inputs import Input
 from mazeplan.report.page import Note, Section, Table
+from mazeplan.report.words import KINDS, MISSING
 
-KINDS = {
-    "rf": "random forest", "p": "equation", "pi": "linear in the equation's terms", "np": "Gaussian process",
-    "npd": "process on the discrete map", "sp": "process and terms", "model": "the model",
-}  # fmt: skip
 Document = dict[str, Any]
+SLASH = f"{words.HARD}/{words.HARD}"
 
 
 def rings(document: Document) -> list[int]:
@@ -79,9 +77,10 @@ def models_section(given: Input) -> Section:
         parts.append(Note("The document is from before it told of residuals over the maze and of bands."))
     first = next(iter(document.values()))
     facts = [("rings", ", ".join(str(ring) for ring in rings(document)))]
-    for name, label in (("rates", "rates"), ("delay_s", "ball behind the tilt, s")):
-        if name in first:
-            facts.append((label, f"{first[name]}"))
+    if "rates" in first:
+        facts.append(("rates", str(first["rates"])))
+    if isinstance(first.get("delay_s"), int | float):
+        facts.append(("ball behind the tilt", f"{first['delay_s']:g} s"))
     return Section(f"Models, {given.name}", _lead(document), facts, parts)
 
 
@@ -97,7 +96,7 @@ def model_section(folder: Path, logs: Sequence[Path]) -> Section:
     if not logs:
         note = Note("How it does on a log, and what it leaves over, is shown when logs are given with it:",
                     "mazeplan report MODEL LOG... -o FILE.html")  # fmt: skip
-        return Section(f"Model {folder.name}", f"A model of kind {model.kind}.", facts, [*parts, note])
+        return Section(f"Model {folder.name}", f"Kind of model: {words.kind(model.kind)}.", facts, [*parts, note])
     document = judged(model, [read_table(log) for log in logs], maze)
     facts.append(("judged on", ", ".join(log.name for log in logs)))
     shown: list[Any] = [
@@ -107,7 +106,7 @@ def model_section(folder: Path, logs: Sequence[Path]) -> Section:
         *models_pictures(document, maze, "model"),
     ]
     told = [f"{known(s['nrmse_test']['model']):.3f} in {ring}" for ring, s in document.items()]
-    lead = f"nRMSE of theta_dd {', '.join(told)}".replace("ring", "ring ")
+    lead = f"Relative error of the angular acceleration (nRMSE): {', '.join(told)}".replace("in ring", "in ring ")
     return Section(f"Model {folder.name} on {', '.join(log.name for log in logs)}", f"{lead}.", facts, shown)
 
 
@@ -137,8 +136,8 @@ def _lead(document: Document) -> str:
         f"{known(document[f'ring{ring}']['nrmse_test'].get(best)):.3f} in ring {ring}" for ring in rings(document)
     ]  # fmt: skip
     return (
-        f"{KINDS.get(best, best)[:1].upper()}{KINDS.get(best, best)[1:]} ({best}) predicts the acceleration best: "
-        + (f"test nRMSE {', '.join(told)}.")
+        f"Predicts the acceleration best: {KINDS.get(best, best)}. "
+        f"Relative error on test rows (nRMSE): {', '.join(told)}."
     )
 
 
@@ -165,21 +164,27 @@ def _accelerations(document: Document) -> Table:
     def text(row: str, kind: str) -> str:
         train = known(document[row]["nrmse_train"].get(kind))
         low, high = (document[row].get("interval95", {}).get("nrmse_test", {}).get(kind) or (None, None))[:2]
-        band = "" if low is None or high is None else f" [{low:.2f}, {high:.2f}]"
-        before = f"{_three(train)} / " if math.isfinite(train) else ""
-        return f"{before}{_three(test(row, kind))}{band}"
+        band = "" if low is None or high is None else f" [{low:.2f},{words.HARD}{high:.2f}]"
+        before = f"{words.number(train, 3)}{SLASH}" if math.isfinite(train) else ""
+        return f"{before}{words.number(test(row, kind), 3)}{band}"
 
     names = [f"ring{ring}" for ring in rings(document)]
     rows, strong = _marked(names, columns, test, text)
     for row, ring in zip(rows, rings(document), strict=True):
         row[0] = f"ring {ring}: {_rows(document[f'ring{ring}'])}"
-    rows += _paper(columns, rings(document), published.NRMSE, lambda value: f"{value:.2f}")
-    return Table(
-        "nRMSE of theta_dd, train / test [95 % interval]; published: test, on the paper's rig",
-        ("", *columns),
-        rows,
-        strong,
-    )
+    title = "Relative error of the angular acceleration (nRMSE)"
+    if any(scores["nrmse_train"] for scores in document.values()):
+        title += ", train / test" + (" [95 % interval]" if any("interval95" in s for s in document.values()) else "")
+    paper = _paper(columns, rings(document), published.NRMSE, lambda value: f"{value:.2f}")
+    return _beside(paper, title, [words.kind(kind) for kind in columns], rows, strong)
+
+
+def _beside(
+    paper: list[list[str]], title: str, head: Sequence[str], rows: list[list[str]], strong: frozenset[tuple[int, int]]
+) -> Table:
+    """A table with what was published below, where there is any."""
+    told = "; published: test, on the paper's rig" if paper else ""
+    return Table(title + told, ("", *head), [*rows, *paper], strong)
 
 
 def _rows(scores: Document) -> str:
@@ -195,7 +200,9 @@ def _paper(
     for ring in numbers:
         if not any(ring <= len(table[kind]) for kind in columns if kind in table):
             continue
-        told = [text(table[kind][ring - 1]) if kind in table and ring <= len(table[kind]) else "-" for kind in columns]
+        told = [
+            text(table[kind][ring - 1]) if kind in table and ring <= len(table[kind]) else MISSING for kind in columns
+        ]
         rows.append([f"published, ring {ring}", *told])
     return rows
 
@@ -209,7 +216,7 @@ def _rollouts(document: Document) -> Table:
 
     def text(row: str, kind: str) -> str:
         errors = document[row]["rollout"].get(kind)
-        return f"{_three(known(errors['20']))} / {_three(late(row, kind))}" if errors else "-"
+        return _degrees(known(errors["20"]), late(row, kind)) if errors else MISSING
 
     names = [f"ring{ring}" for ring in rings(document) if document[f"ring{ring}"]["rollout"]]
     rows, strong = _marked(names, columns, late, text)
@@ -218,14 +225,10 @@ def _rollouts(document: Document) -> Table:
         row[0] = f"ring {row[0].removeprefix('ring')}: {scores.get('windows', '?')} windows, " + str(
             scores.get("windows_chosen", "")
         )
-    rows += _paper(columns, rings(document), published.ROLLOUT, lambda pair: f"{pair[0]:.2f} / {pair[1]:.2f}")
-    return Table(
-        "Mean absolute error of theta after 20 / 40 samples, rad; published: on the paper's rig",
-        ("", *columns),
-        rows,
-        strong,
-    )
+    paper = _paper(columns, rings(document), published.ROLLOUT, lambda pair: _degrees(*pair))
+    title = "Mean absolute error of the angle after 20 / 40 samples, deg"
+    return _beside(paper, title, [KINDS.get(kind, kind) for kind in columns], rows, strong)
 
 
-def _three(value: float) -> str:
-    return f"{value:.3f}" if math.isfinite(value) else "-"
+def _degrees(early: float, late: float) -> str:
+    return SLASH.join(words.number(words.DEG * value, 1) for value in (early, late))

@@ -12,6 +12,7 @@ from mazeplan.palette import COLOURS
 from mazeplan.report.drawing import INK, darker, line, plan_view, points
 from mazeplan.report.models import Document, around, best_kind, cells, kinds, known, rings
 from mazeplan.report.page import Picture
+from mazeplan.report.words import DEG, KINDS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +30,7 @@ def models_pictures(document: Document, maze: Maze, main: str = "") -> list[Pict
     if any(scores.get("curve") for scores in document.values()):
         found.append(
             Picture(
-                "learning", "Learning curves", "test nRMSE against the number of training rows, by ring",
+                "learning", "Learning curves", "relative test error against the number of training rows, by ring",
                 lambda figure: _learning(figure, document), (width, 3.2),
             )
         )  # fmt: skip
@@ -37,7 +38,7 @@ def models_pictures(document: Document, maze: Maze, main: str = "") -> list[Pict
         found.append(
             Picture(
                 "rollouts", "How far roll-outs are off: mean, and from 10 to 90 % of the windows",
-                "absolute error of theta against the number of samples rolled out, by ring",
+                "absolute error of the angle against the number of samples rolled out, by ring",
                 lambda figure: _rollouts(figure, document), (width, 3.2),
             )
         )  # fmt: skip
@@ -53,7 +54,7 @@ def models_pictures(document: Document, maze: Maze, main: str = "") -> list[Pict
         )  # fmt: skip
         found.append(
             Picture(
-                "residual-rings", f"Mean residual in each ring by angle and rate, {main}",
+                "residual-rings", f"What is left on average in each ring, by angle and speed: {KINDS.get(main, main)}",
                 "heat map of the mean residual against angle and rate, a panel a ring",
                 lambda figure: _heat(figure, document, told, main), (9.0, 1.0 + 1.75 * len(told)),
             )
@@ -87,7 +88,7 @@ def _learning(figure: Figure, document: Document) -> None:
             n, y = zip(*at, strict=True)
             rows |= {value for value in n if value and math.isfinite(value)}
             top = max([top, *(value for value in y if value < MOST_DRAWN)])
-            axes.plot(n, y, **_style(kind, markersize=4.5), label=kind)
+            axes.plot(n, y, **_style(kind, markersize=4.5), label=KINDS.get(kind, kind))
         axes.set_xscale("log")
         ticks = sorted(rows)
         axes.set_xticks(ticks, [f"{n:g}" for n in ticks], rotation=45)
@@ -96,7 +97,7 @@ def _learning(figure: Figure, document: Document) -> None:
         axes.set_xlabel("training rows")
         axes.grid()
     panels[0].set_ylim(0.0, 1.05 * top)
-    panels[0].set_ylabel("test nRMSE of theta_dd")
+    panels[0].set_ylabel("relative error of the angular\nacceleration on test rows (nRMSE)")
     panels[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
@@ -109,10 +110,10 @@ def _rollouts(figure: Figure, document: Document) -> None:
             band = document[f"ring{ring}"]["bands"].get(kind)
             if band is None:
                 continue
-            mean, low, high = (np.array([known(v) for v in band[name]]) for name in ("mean", "p10", "p90"))
+            mean, low, high = (DEG * np.array([known(v) for v in band[name]]) for name in ("mean", "p10", "p90"))
             k = np.arange(len(mean))
             name = STYLES.get(kind, "neutral")
-            axes.plot(k, mean, **line(name), label=kind)
+            axes.plot(k, mean, **line(name), label=KINDS.get(kind, kind))
             axes.plot(k[10::10], mean[10::10], **points(name))
             if kind != "npd":  # it leaves the picture
                 axes.fill_between(k, low, high, color=COLOURS[name], alpha=0.16, lw=0)
@@ -120,7 +121,7 @@ def _rollouts(figure: Figure, document: Document) -> None:
         axes.set_title(f"ring {ring}")
         axes.set_xlabel("samples rolled out")
         axes.grid()
-    panels[0].set_ylabel("|theta error|, rad")
+    panels[0].set_ylabel("error of the angle, deg")
     panels[0].set_ylim(0.0, 1.05 * top if top > 0.0 else None)
     panels[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
@@ -148,10 +149,10 @@ def _over_maze(figure: Figure, document: Document, maze: Maze, told: list[int], 
             drawn.set_array(np.ma.masked_invalid(left))
             drawn.set_clim(0.0, top)
             axes.add_collection(drawn)
-        axes.set_title(kind)
+        axes.set_title(KINDS.get(kind, kind))
     if drawn is not None:
         bar = figure.colorbar(drawn, ax=list(panels), shrink=0.75, extend="max", aspect=30)
-        bar.set_label("root mean square of measured - predicted, rad/s²")
+        bar.set_label("measured less predicted,\nroot mean square, rad/s²")
 
 
 def _heat(figure: Figure, document: Document, told: list[int], kind: str) -> None:
@@ -173,9 +174,9 @@ def _heat(figure: Figure, document: Document, told: list[int], kind: str) -> Non
             axes.text(0.5 * (angle[i] + angle[i + 1]), j + 0.5, "+" if value > 0 else "−", color=ink, ha="center",
                       va="center", fontsize=7)  # fmt: skip
         axes.axhline(0.5 * row[-1], color=INK, lw=0.6)
-        axes.set_ylabel(f"ring {ring}\ntheta_dot, rad/s")
+        axes.set_ylabel(f"ring {ring}\nspeed, rad/s")
         axes.set_yticks(row, [f"{v:.1f}" for v in rate], fontsize=7.5)
     panels[-1].set_xticks(range(0, 361, 45))
-    panels[-1].set_xlabel("theta, deg   (hatched: too few samples)")
+    panels[-1].set_xlabel("angle of the ball, deg   (speed: angular; hatched: too few samples)")
     bar = figure.colorbar(drawn, ax=list(panels), extend="both", aspect=40)
-    bar.set_label("mean of measured - predicted, rad/s²")
+    bar.set_label("measured less predicted, mean, rad/s²")

@@ -38,7 +38,7 @@ STYLE: Any = {
     "svg.fonttype": "path",  # or it would look otherwise on every machine
     "svg.hashsalt": "mazeplan",  # the same picture, the same file
 }
-NUMBER = re.compile(r"|-|-?[0-9][0-9.e+-]*( (s|ms|mm|%))?")
+NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 
@@ -71,12 +71,14 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """head: of its columns; rows: of text; strong: (row, column) of cells that stand out."""
+    """head: of its columns; rows: of text; strong: (row, column) of cells that stand out; code: columns of names
+    as they are typed."""
 
     caption: str
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     strong: frozenset[tuple[int, int]] = frozenset()
+    code: frozenset[int] = frozenset()
 
     @property
     def numeric(self) -> set[int]:

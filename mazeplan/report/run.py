@@ -15,12 +15,13 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text, load_map
 from mazeplan.records import Array
 from mazeplan.report.page import Note, Section, Table
+from mazeplan.report.words import MISSING
 
 AHEAD = 0.2  # s; a plan that begins where the ball is says nothing of the model, its prediction does
 
 HEADER = (
     ("rig", "rig"), ("map_name", "map"), ("model", "model"), ("behavior", "behaviour tree"), ("seed", "seed"),
-    ("start_ring", "from ring"), ("goal_ring", "to ring"), ("time_limit_s", "time limit, s"), ("version", "mazeplan"),
+    ("start_ring", "from ring"), ("goal_ring", "to ring"), ("time_limit_s", "time limit"), ("version", "mazeplan"),
     ("platform", "machine"),
 )  # fmt: skip
 
@@ -176,7 +177,7 @@ def run_section(log: RunLog) -> Section:
     if not len(log.ticks["t"]):
         raise LogError("got a log without a single tick, expected one of a run", file=log.path)
     maze = maze_of(log)
-    facts = [(label, _told(log.header[name])) for name, label in HEADER if log.header.get(name) not in (None, "")]
+    facts = [(label, told(name, log.header[name])) for name, label in HEADER if log.header.get(name) not in (None, "")]
     facts.insert(0, ("log", log.path.name + ("" if log.complete else " (cut off)")))
     parts: list[Any] = [_rings_table(log), *run_pictures(log, maze)]
     failures = mishaps(log)
@@ -185,23 +186,25 @@ def run_section(log: RunLog) -> Section:
     parts.append(_times_table(log))
     if not log.trees:
         parts.append(Note("The log is from before trees were told: its timeline shows which leaf commanded."))
-    return Section(f"Run {log.path.stem}", lead(log), facts, parts)
+    return Section(f"Run {log.path.name}", lead(log), facts, parts)
 
 
-def _told(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def told(name: str, value: Any) -> str:
+    """A fact with its unit, where its name has one."""
+    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{shown} s" if name.endswith("_s") else shown
 
 
 def _rings_table(log: RunLog) -> Table:
     rows = [
-        [f"{v.ring}", f"{v.start:.2f} s", f"{v.end - v.start:.2f} s", v.opening or "-"] for v in visits(log)
+        [f"{v.ring}", f"{v.start:.2f} s", f"{v.end - v.start:.2f} s", v.opening or MISSING] for v in visits(log)
     ]  # fmt: skip
     return Table("Rings", ("ring", "entered at", "time in it", "left by"), rows)
 
 
 def _failures_table(failures: list[Mishap]) -> Table:
     rows = [
-        [f"{m.t:.2f} s", m.kind.replace("_", " "), m.where, m.detail, m.recovery.replace("_", " ") or "-"]
+        [f"{m.t:.2f} s", m.kind.replace("_", " "), m.where, m.detail, m.recovery.replace("_", " ") or MISSING]
         for m in failures
     ]
     return Table("Failures and recoveries", ("at", "kind", "where", "detail", "recovery"), rows)

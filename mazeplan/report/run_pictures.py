@@ -15,6 +15,7 @@ from mazeplan.report.drawing import FAILURE_MARKERS, INK, area, darker, line, no
 from mazeplan.report.page import Picture
 from mazeplan.report.run import AHEAD, Mishap, Visit, mishaps, theta_lines, times_ms, trail, visits
 from mazeplan.report.timeline import labels, leaf_bars
+from mazeplan.report.words import ANGLE, BETA, GAMMA
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,8 +137,8 @@ def _theta(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], kind
                 label="opening it left by" if i == 0 else None,
             )  # fmt: skip
     _failure_lines(upper, failures, kinds, named=True)
-    upper.set_ylabel("theta, deg")
-    lower.set_ylabel("real - planned,\ndeg")
+    upper.set_ylabel(ANGLE)
+    lower.set_ylabel("real less\nplanned, deg")
     lower.set_xlabel("time, s")
     lower.axhline(0.0, color=INK, lw=0.6)
     for axes in (upper, lower):
@@ -184,12 +185,12 @@ def _met(bars: list[Any], name: str) -> bool:
 def _tilt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) -> None:
     panels = figure.subplots(2, 1, sharex=True)
     t = log.ticks["t"]
-    for axes, name in zip(panels, ("beta", "gamma"), strict=True):
+    for axes, (name, label) in zip(panels, (("beta", BETA), ("gamma", GAMMA)), strict=True):
         _bands(axes, visits(log), named=axes is panels[0])
         axes.plot(t, DEG * log.ticks[f"u_{name}"], drawstyle="steps-post", **line("commanded"), label="commanded")
         axes.plot(t, DEG * log.ticks[name], **line("measured"), label="measured")
         _failure_lines(axes, failures if axes is panels[0] else [], kinds)
-        axes.set_ylabel(f"{name}, deg")
+        axes.set_ylabel(label.replace(" (", "\n("))
         axes.grid(axis="y")
     panels[0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     panels[1].set_xlabel("time, s")
@@ -212,6 +213,6 @@ def _times(figure: Figure, log: RunLog) -> None:
     else:
         axes.text(0.5, 0.5, "the log tells no times", transform=axes.transAxes, ha="center")
     axes.set_xlabel("time, s")
-    axes.set_ylabel("took, ms")
+    axes.set_ylabel("took, ms (log scale)")
     axes.grid(axis="y")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

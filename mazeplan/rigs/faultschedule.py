@@ -132,7 +132,7 @@ def _drawn(entry: Entry, seed: int, number: int) -> Drawn:
 def load_schedule(path: str | Path) -> tuple[Trial, ...]:
     """The trials of a file, in its order. Raises SettingsError with file, line and key."""
     file = Path(path)
-    tree = read_yaml(file, error=SettingsError)
+    tree = read_yaml(file, error=SettingsError, what="a schedule of faults (YAML)")
     if not isinstance(tree.data, dict):
         raise SettingsError(f"got {shown(tree.data)}, expected `faults:` and a list", file=file, line=1)
     try:
@@ -186,7 +186,7 @@ def _sentence(error: Any, key: Key) -> str:
         fields = Entry.model_fields if len(key) > 1 else Schedule.model_fields
         return f"unknown key, expected one of {', '.join(fields)}"
     if error["type"] == "missing":
-        return "it is missing"
+        return "is missing, expected a list of faults" if key == ("faults",) else "it is missing"
     if error["type"] in ("model_type", "dict_type"):
         return f"got {shown(error.get('input'))}, expected `kind: ...`"
     expected = str(error["msg"]).removeprefix("Input should be ")

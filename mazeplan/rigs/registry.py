@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from mazeplan import filekinds
 from mazeplan.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
@@ -39,12 +40,13 @@ def rig_file(spec: str) -> Path | None:
     path = Path(spec)
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.is_file():
-            raise SettingsError("no such file", file=spec)
+            raise SettingsError(filekinds.refused(path, "the settings of a rig (YAML)"), file=spec)
         return path
     if ":" in spec:
         return None
+    what = f", {filekinds.got(path)}" if path.is_dir() else ""
     raise SettingsError(
-        f"got rig {shown(spec)}, expected one of {', '.join(rig_names())}, a YAML file, or module:Class"
+        f"got rig {shown(spec)}{what}, expected one of {', '.join(rig_names())}, a YAML file, or module:Class"
     )
 
 

@@ -171,7 +171,7 @@ def parsed_key(text: str) -> Key:
 
 def read_rig_file(path: Path) -> tuple[str | None, dict[str, Any], Tree]:
     """(class or None, the other keys, the tree for line numbers) of a rig's YAML file. Raises SettingsError."""
-    tree = read_yaml(path, error=SettingsError)
+    tree = read_yaml(path, error=SettingsError, what="the settings of a rig (YAML)")
     if not isinstance(tree.data, dict):
         raise SettingsError(f"got {shown(tree.data)}, expected settings as `key: value`", file=path, line=1)
     data = dict(tree.data)

@@ -42,7 +42,7 @@ class MapEditor:
 
     def __init__(self, source: str | Path) -> None:
         found = find_map(source)
-        read_yaml(found, error=MapError)  # says in one line what cannot be read
+        read_yaml(found, error=MapError, what="a map (YAML)")  # says in one line what cannot be read
         packaged = found.parent == resources.share("maps") and not Path(source).exists()
         self.path = Path.cwd() / found.name if packaged else found.resolve()
         content = found.read_bytes()

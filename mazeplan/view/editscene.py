@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,6 +17,8 @@ from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.mapedit import Written
 from mazeplan.palette import rgb
+from mazeplan.records import Array
+from mazeplan.view.camera import Layout, around
 from mazeplan.view.editor import MapEditor
 from mazeplan.view.meshes import gap_box, ring_floor, wall_mesh
 from mazeplan.view.scene import FLOOR, FLOOR_2, TABLE, UNIT, WALL, WALLS_SHOWN
@@ -23,25 +26,31 @@ from mazeplan.view.scene import FLOOR, FLOOR_2, TABLE, UNIT, WALL, WALLS_SHOWN
 if TYPE_CHECKING:
     from viser import ViserServer
 
+    from mazeplan.view.page import Page
+
 Phase = Literal["start", "update", "end"]
 Dragged = Callable[[int, float, Phase], None]  # index of the opening, degrees where it is dragged to
 ABOVE = 1.15  # height of a block in heights of the wall: it can be grabbed above it
 OPACITY = 0.75
+NEAR = 0.016  # m; so far beside an opening it is still grabbed
+FROM = (0.0, -0.25, 1.0)  # the camera: from above, there one drags best
 
 
 class EditScene:
     """Draws what an editor has; tells what is dragged and what is clicked (index of the opening)."""
 
-    def __init__(self, server: ViserServer, dragged: Dragged, clicked: Callable[[int], None]) -> None:
-        self._server, self._dragged, self._clicked = server, dragged, clicked
+    def __init__(self, page: Page, dragged: Dragged, clicked: Callable[[int], None]) -> None:
+        self._page, self._server, self._dragged, self._clicked = page, page.server, dragged, clicked
         self._maze: Maze | None = None
         self._blocks: list[_Block] = []
-        self._labels: tuple[Any, ...] = ()
+        self._openings: tuple[Written, ...] = ()
+        self._grips: dict[int, _Grip | None] = {}  # by browser, while it drags
 
     def show(self, editor: MapEditor, chosen: int | None) -> None:
         """Bring it up to date; what is as it was is not sent again."""
         if editor.maze is None:
             return
+        self._openings = editor.openings
         if editor.maze != self._maze:
             self._show_walls(editor.maze)
             self._maze = editor.maze
@@ -58,13 +67,20 @@ class EditScene:
         scene, before = self._server.scene, self._maze
         if before is None or before.rings != maze.rings or before.rim_thickness != maze.rim_thickness:
             rim = maze.walls[0].outer_radius
+            self._page.framing.show(Layout(outline(maze), side=FROM))
             scene.add_cylinder("/map/table", UNIT * 1.3 * rim, 0.02, TABLE, radial_segments=96, position=(0, 0, -0.04))
             for ring in before.rings[len(maze.rings) :] if before else ():
                 scene.remove_by_name(f"/map/ring{ring.number}")
                 scene.remove_by_name(f"/map/wall{ring.number - 1}")
+                scene.remove_by_name(f"/map/grip{ring.number - 1}")
             for ring in maze.rings:
                 colour = FLOOR if ring.number % 2 else FLOOR_2
-                self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), colour)
+                floor = self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), colour)
+                floor.on_drag(self._drag)
+            for wall in maze.walls:  # seen by the pointer alone: walls are made anew while something is dragged
+                form = wall_mesh(replace(wall, openings=()), 1.02 * WALLS_SHOWN * maze.wall_height)
+                grip = self._mesh(f"grip{wall.outer_ring}", form, WALL, opacity=0.0, cast_shadow=False)
+                grip.on_drag(self._drag)
         walls = (
             {} if before is None or before.wall_height != maze.wall_height else {w.outer_ring: w for w in before.walls}
         )
@@ -89,9 +105,42 @@ class EditScene:
         """Somebody clicked a block."""
         self._clicked(index)
 
-    def dragged(self, index: int, angle_deg: float, phase: Phase) -> None:
-        """Somebody drags a block."""
-        self._dragged(index, angle_deg, phase)
+    async def _drag(self, event: Any) -> None:
+        self.drag(event, None)
+
+    def drag(self, event: Any, index: int | None) -> None:
+        """Somebody drags a block, or, with index None, from some place in the maze: the opening that is grabbed there,
+        if one is near. Whoever drags in the maze does not mean to turn the view."""
+        x, y, height = event.start_position
+        if event.phase == "start":
+            near = self._near(x, y) if index is None else index
+            start = next((o.angle_deg for o in self._openings if o.index == near), None)
+            grip = None if near is None or start is None else _Grip(near, start, math.atan2(y, x))
+            self._grips[event.client.client_id] = grip
+        grip = self._grips.get(event.client.client_id)
+        angle = pointed_angle(event.client.camera.position, event.end_position, height)
+        if grip is not None and angle is not None:
+            self._dragged(grip.index, grip.start_deg + math.degrees(difference(angle, grip.grabbed)), event.phase)
+        if event.phase == "end":
+            self._grips.pop(event.client.client_id, None)
+
+    def _near(self, x: float, y: float) -> int | None:
+        """The opening nearest to a place in the scene; None where none is near."""
+        maze = self._maze
+        if maze is None or not self._openings:
+            return None
+        at = {o.index: UNIT * _middle(maze, o) * np.exp(1j * math.radians(o.angle_deg)) for o in self._openings}
+        nearest = min(at, key=lambda index: abs(at[index] - complex(x, y)))
+        return nearest if abs(at[nearest] - complex(x, y)) < UNIT * NEAR else None
+
+
+@dataclass(frozen=True)
+class _Grip:
+    """An opening that is dragged: where it was, deg, and at which angle it was grabbed, rad."""
+
+    index: int
+    start_deg: float
+    grabbed: float
 
 
 class _Block:
@@ -101,13 +150,13 @@ class _Block:
         self._server, self._name, self._scene = server, f"/map/block{place}", scene
         self._mesh: Any = None
         self._form: tuple[float, ...] | None = None
-        self._index, self._start, self._grabbed = 0, 0.0, 0.0
+        self._index = 0
         self._turned: float | None = None
         self._label: Any = None
 
     def show(self, maze: Maze, opening: Written, colour: str, chosen: bool) -> None:
         self._index = opening.index
-        wall = (maze.rings[opening.outer - 1].inner_radius, maze.rings[opening.inner - 1].outer_radius)
+        wall = _sides(maze, opening)
         form = (*wall, opening.width_mm, maze.wall_height)
         if form != self._form:
             self._form = form
@@ -147,17 +196,25 @@ class _Block:
 
         @self._mesh.on_drag
         async def _(event: Any) -> None:  # async: they come one after another
-            angle = pointed_angle(event.client.camera.position, event.end_position, event.start_position[2])
-            if event.phase == "start":
-                self._start = self._turned or 0.0
-                self._grabbed = math.atan2(event.start_position[1], event.start_position[0])
-            if angle is not None:
-                turn = math.degrees(difference(angle, self._grabbed))
-                self._scene.dragged(self._index, self._start + turn, event.phase)
+            self._scene.drag(event, self._index)
 
     def remove(self) -> None:
         self._mesh.remove()
         self._label.remove()
+
+
+def _sides(maze: Maze, opening: Written) -> tuple[float, float]:
+    """Radii of the wall that an opening breaks, m."""
+    return maze.rings[opening.outer - 1].inner_radius, maze.rings[opening.inner - 1].outer_radius
+
+
+def _middle(maze: Maze, opening: Written) -> float:
+    return 0.5 * sum(_sides(maze, opening))
+
+
+def outline(maze: Maze) -> Array:
+    """Points, (N, 3), between which the maze lies with its blocks."""
+    return around(UNIT * maze.walls[0].outer_radius, high=UNIT * ABOVE * WALLS_SHOWN * maze.wall_height)
 
 
 def about_z(angle: float) -> tuple[float, float, float, float]:

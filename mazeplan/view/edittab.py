@@ -14,16 +14,16 @@ from mazeplan.palette import COLOURS
 from mazeplan.view.editor import MapEditor
 from mazeplan.view.editscene import EditScene, Phase
 from mazeplan.view.listing import changed_lines, listing
-from mazeplan.view.page import Page
+from mazeplan.view.page import FONT, Page, pressed
 
-TEXT_WIDTH = 520  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
-CAMERA = (0.0, -1.0, 4.1)  # from above: there one drags best
+TEXT_WIDTH = 400  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
 PAUSE_S = 1.0  # in typing, after which a further step begins that can be undone
 TYPED = (
     ".mantine-Textarea-input{min-height:65vh!important;white-space:pre!important;overflow:auto!important;"
     "font-size:11px!important;font-family:ui-monospace,Menlo,Consolas,monospace!important}"
+    # and keeps room for a label beside them
+    ".mantine-Flex-root:has(> * .mantine-Textarea-input) > :first-child:not(:has(textarea)){display:none}"
 )
-FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
 
 
 class EditTab:
@@ -42,8 +42,7 @@ class EditTab:
     def build(self, page: Page) -> None:
         """Scene, text, buttons."""
         self._page, gui = page, page.server.gui
-        page.server.initial_camera.position = CAMERA
-        self._scene = EditScene(page.server, self._drag, self._choose)
+        self._scene = EditScene(page, self._drag, self._choose)
         panel = gui.add_panel()
         with panel.add_tab("YAML"):
             self._listing = gui.add_html("")
@@ -52,7 +51,7 @@ class EditTab:
             said = "What you type is in the maze at once, as far as it is right."
             gui.add_html(f'<style>{TYPED}</style><div style="{FONT}color:#666">{said}</div>')
             self._typed = gui.add_text("", _plain(self._editor.text), multiline=True)
-            self._typed.on_update(self._on_typed)
+            self._typed.on_update(self._pressed(lambda event: self._type(event.target.value)))
             self._beside = gui.add_html("")
         panel.dock_left()
         panel.set_width(TEXT_WIDTH)
@@ -62,8 +61,8 @@ class EditTab:
             self._build_steps(gui)
             self._build_file(gui)
             self._help = gui.add_html(
-                f'<div style="{FONT}color:#666">Drag a block along its wall, click one to choose it; drag beside the '
-                "maze to turn the view. Ctrl Z: undo, ctrl Y: redo.</div>"
+                f'<div style="{FONT}color:#666">Drag a block along its wall, click one to choose it. In the maze a '
+                "drag moves openings only; outside it turns the view. Ctrl Z: undo, ctrl Y: redo.</div>"
             )
 
     def _build_opening(self, gui: Any) -> None:
@@ -100,19 +99,16 @@ class EditTab:
         self._save.on_click(self._pressed(lambda event: self._write(event)))
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
-        """What a person does, with what cannot be done told in the page; not what the program itself sets."""
+        """What a person does, with what cannot be done told in the page."""
 
-        def on(event: Any) -> None:
-            if getattr(event, "client_id", 0) is None:
-                return
-            with self._lock:
-                self._refused = self._said = ""
-                try:
-                    do(event)
-                except MapError as problem:
-                    self._refused = str(problem)
+        def attempt(event: Any) -> None:
+            self._refused = self._said = ""
+            try:
+                do(event)
+            except MapError as problem:
+                self._refused = str(problem)
 
-        return on
+        return pressed(self._lock, attempt)
 
     # -- what a person does -----------------------------------------------------------------------------------------
 
@@ -154,15 +150,9 @@ class EditTab:
     def _put_in(self) -> None:
         self._chosen = self._editor.add(int(self._wall.value.split("–")[0]))
 
-    def _on_typed(self, event: Any) -> None:
-        if event.client_id is not None:
-            with self._lock:
-                self._refused = self._said = ""
-                self._typed_at = monotonic()
-                try:
-                    self._editor.write(event.target.value)
-                except MapError as problem:
-                    self._refused = str(problem)
+    def _type(self, text: str) -> None:
+        self._typed_at = monotonic()
+        self._editor.write(text)
 
     def _write(self, event: Any, with_errors: bool = False) -> None:
         errors = self._editor.check.errors

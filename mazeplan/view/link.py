@@ -56,7 +56,7 @@ class PageLink:
             self._queue.append((topic, document))
 
     def tell(self, phase: str, note: str = "") -> None:
-        """How the session stands: phase is idle, starting or running."""
+        """How the session stands: phase is idle, failed (the last run could not), starting or running."""
         self.take(STATE, 0.0, {"phase": phase, "note": note})
 
     def _send(self) -> None:

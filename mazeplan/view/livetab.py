@@ -8,14 +8,22 @@ from html import escape
 from typing import Any
 
 from mazeplan.maze.geometry import Maze
+from mazeplan.palette import COLOURS
+from mazeplan.view.camera import Layout
 from mazeplan.view.page import WIDTH, Page
 from mazeplan.view.panel import Facts, TreePanel
 from mazeplan.view.plots import Plots
-from mazeplan.view.scene import TILT_SHOWN, Scene
+from mazeplan.view.scene import TILT_SHOWN, Scene, outline
 from mazeplan.view.story import Story
 
 Order = dict[str, Any]  # {"do": "start" | "stop" | "level" | "goal" | "close" | "open" | "fault", ...}
 STATE = "state"  # topic of what is told of the session, beside the topics of a run
+PHASES = {  # sign, words, name in the palette
+    "idle": ("■", "no run", "neutral"),
+    "starting": ("…", "a run gets ready", "planned"),
+    "running": ("▶", "a run goes on", "running"),
+    "failed": ("✕", "the run could not go on", "bad"),
+}
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,7 @@ class LiveTab:
             server, offer.maze,
             on_ring=lambda ring: self._order({"do": "goal", "ring": ring}), on_opening=self._toggle,
         )  # fmt: skip
+        page.framing.show(Layout(outline(offer.maze)))
         curves = gui.add_panel()
         with curves.add_tab("Curves"):
             self._plots = Plots(server)
@@ -65,9 +74,9 @@ class LiveTab:
         self._stop = gui.add_button("Stop", color="gray", hint="end the run at its next tick, plate level")
         for button, what in ((level, "level"), (self._start, "start"), (self._stop, "stop")):
             button.on_click(self._ordering(lambda event, what=what: {"do": what}))
-        rings = [f"ring {ring.number}" for ring in offer.maze.rings]
-        goal = gui.add_button_group("New goal", rings, hint="or click a ring's floor")
-        goal.on_click(self._ordering(lambda event: {"do": "goal", "ring": int(event.target.value.split()[1])}))
+        rings = [str(ring.number) for ring in offer.maze.rings]  # short, so that seven are in one row
+        goal = gui.add_button_group("Go to ring", rings, hint="from where the ball is; or click a ring's floor")
+        goal.on_click(self._ordering(lambda event: {"do": "goal", "ring": int(event.target.value)}))
         names = [opening.name for opening in offer.maze.openings]
         if names:
             with gui.add_folder("Openings", expand_by_default=False):
@@ -119,15 +128,18 @@ class LiveTab:
             return
         self._state_shown = state = dict(self._state)
         phase = str(state.get("phase", "idle"))
-        self._start.disabled, self._stop.disabled = phase != "idle", phase == "idle"
+        resting = phase in ("idle", "failed")
+        self._start.disabled, self._stop.disabled = not resting, resting
         self._head.content = head_html(self._offer, phase, str(state.get("note", "")))
 
 
 def head_html(offer: Offer, phase: str, note: str) -> str:
-    """Rig, map, and how things stand."""
-    words = {"idle": "no run", "starting": "a run begins", "running": "a run goes on"}
+    """Rig, map, and how things stand; what a person waits for, or has to know, in a frame."""
+    sign, word, colour = PHASES.get(phase, ("", phase, "neutral"))
+    told = f'<div style="font-size:12px" data-note>{escape(note)}</div>' if note else ""
+    frame = f"border-left:4px solid {COLOURS[colour]};padding-left:6px;margin-top:2px"
     return (
-        f'<div style="font-size:13px;padding:2px 12px" data-phase="{escape(phase, quote=True)}">rig '
-        f"<b>{escape(offer.rig)}</b>, map <b>{escape(offer.maze.name)}</b> · {words.get(phase, escape(phase))}"
-        f'<div style="color:#666;font-size:12px">{escape(note)}</div></div>'
+        f'<div style="font-size:13px;line-height:1.35;padding:2px 12px" data-phase="{escape(phase, quote=True)}">rig '
+        f"<b>{escape(offer.rig)}</b>, map <b>{escape(offer.maze.name)}</b>"
+        f'<div style="{frame}"><b style="color:{COLOURS[colour]}">{sign} {escape(word)}</b>{told}</div></div>'
     )

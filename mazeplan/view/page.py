@@ -1,7 +1,8 @@
 """A page: a server behind its door, and tabs that are drawn by one thread.
 
 A tab is whatever has `build` and `draw` (`Tab`). It gets the page, whose `server` is viser's, and puts what it has into
-`page.tabs`, the group of tabs in the panel at the right; the scene is for one tab alone, as all see the same.
+`page.tabs`, the group of tabs in the panel at the right; the scene is for one tab alone, as all see the same, and that
+one says what of it is to be seen (`page.framing`).
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from threading import Event
 from time import monotonic, sleep
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from mazeplan.view.door import Door, listen
-from mazeplan.view.server import check_installed, open_server
+from mazeplan.view.camera import Framing
+from mazeplan.view.door import Door
+from mazeplan.view.server import open_server
 
 if TYPE_CHECKING:
     import socket
@@ -22,8 +25,19 @@ if TYPE_CHECKING:
     from viser import GuiTabGroupHandle, ViserServer
 
 HZ = 25.0  # drawn so often
-WIDTH = 380  # pixels of the panels at both sides
-CAMERA, LOOK_AT = (0.0, -1.95, 3.25), (0.0, -0.06, 0.0)
+WIDTH = 340  # pixels of the panels at both sides: with one of 1024 there is as much left between them
+FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
+
+
+def pressed(lock: AbstractContextManager[object], do: Callable[[Any], object]) -> Callable[[Any], None]:
+    """What a person does in a browser, one after another; not what the program itself sets."""
+
+    def on(event: Any) -> None:
+        if getattr(event, "client_id", 0) is not None:
+            with lock:
+                do(event)
+
+    return on
 
 
 class Tab(Protocol):
@@ -55,9 +69,7 @@ class Page:
         scene.configure_default_lights(cast_shadow=False)
         scene.add_light_ambient("/light", intensity=0.9)
         scene.add_light_directional("/lamp", intensity=0.7, position=(-0.8, -2.5, 2.0))
-        camera = self.server.initial_camera
-        camera.position, camera.look_at = CAMERA, LOOK_AT
-        camera.fov = 0.75
+        self.framing = Framing(self.server)
         self.tabs: GuiTabGroupHandle = gui.add_tab_group()
         for tab in self._tabs:
             tab.build(self)
@@ -90,16 +102,3 @@ class Page:
     def close(self) -> None:
         """Let everybody go."""
         self.server.stop()
-
-
-def serve(tabs: Sequence[Tab], host: str, port: int, say: Callable[[str], object]) -> None:
-    """A page in this process, for what needs no run beside it, until Ctrl-C; `say` is told its address. Raises
-    InputError where it cannot be."""
-    check_installed()
-    listening = listen(host, port)
-    page = Page(Door.at(host, listening.getsockname()[1]), listening, tabs)
-    say(f"page: {page.door.url}")
-    try:
-        page.loop(lambda: True)
-    except KeyboardInterrupt:
-        page.close()

@@ -60,11 +60,12 @@ class TreePanel:
 def facts_html(moment: Moment) -> str:
     """Time, rings, leaf, computing time, outcome, last failure, what happened last."""
     rows = [("time", f"{moment.t:.2f} s" if moment.tick else "–")]
-    rows.append(("ring", f"{moment.ring or '–'} → {moment.goal or '–'}"))
+    rows.append(("ring", f"{moment.ring or '–'}{f' → {moment.goal}' if moment.goal else ''}"))
     rows.append(("doing", _doing(moment)))
     if len(moment.rows):
         planner, tick = moment.column("planner_ms")[-1], moment.column("tick_ms")[-1]
-        rows.append(("planner, tick", f"{_ms(planner)}, {_ms(tick)}"))
+        if planner == planner or tick == tick:  # not NaN: somebody planned
+            rows.append(("planner, tick", f"{_ms(planner)}, {_ms(tick)}"))
     if moment.doubts:
         rows.append(("not believed", moment.doubts))
     cells = "".join(
@@ -82,7 +83,9 @@ def facts_html(moment: Moment) -> str:
 def _doing(moment: Moment) -> str:
     if moment.result is not None or not moment.tick:
         return "–"
-    return f"{moment.leaf}{f' to {moment.opening}' if moment.opening else ''}"
+    excitation = moment.header.get("excitation")
+    leaf = moment.leaf or (f"excitation: {excitation}" if excitation else "–")
+    return f"{leaf}{f' to {moment.opening}' if moment.opening else ''}"
 
 
 def _ms(value: float) -> str:
@@ -117,7 +120,7 @@ def _failure(moment: Moment) -> str:
 def tree_html(moment: Moment) -> str:
     """A line for each node, indented."""
     if not moment.nodes:
-        return f'<div style="{FONT}color:#666;padding:2px 12px">no tree yet</div>'
+        return f'<div style="{FONT}color:#666;padding:2px 12px">no tree{"" if moment.tick else " yet"}</div>'
     active = set(moment.active)
     failed = moment.failure.where if moment.failure is not None else None
     lines = [

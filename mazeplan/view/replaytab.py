@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from threading import RLock
 from typing import Any
 
+import numpy as np
+
+from mazeplan.maze.geometry import Maze
 from mazeplan.palette import COLOURS
-from mazeplan.view.page import CAMERA, LOOK_AT, WIDTH, Page
+from mazeplan.view.camera import ABOVE, Layout, around
+from mazeplan.view.page import FONT, WIDTH, Page, pressed
 from mazeplan.view.panel import Facts, TreePanel
 from mazeplan.view.replaying import SPEEDS, Mark, Player, Recording, common_times
 from mazeplan.view.replayplots import ReplayPlots
-from mazeplan.view.scene import TILT_SHOWN, UNIT, Scene
+from mazeplan.view.scene import TILT_SHOWN, UNIT, Scene, outline
 
 MOST_BUTTONS = 30  # failures with a button of their own
-APART = 2.55  # distance of two mazes in radii of the larger one's rim
-FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
+APART, BELOW = 2.15, 2.5  # distance of two mazes in radii of the larger one's rim, side by side or one below the other
+FROM_BELOW = (0.0, -0.35, 1.0)  # the camera, where one is below the other
+NAME_BELOW = 1.25  # so far from the middle of a maze is its name, in these radii
 LETTERS = "AB"
 
 
@@ -52,23 +57,17 @@ class ReplayTab:
             tilt.on_update(lambda event: setattr(self, "_tilt_shown", float(event.target.value)))
 
     def _build_scenes(self, page: Page) -> list[Scene | None]:
-        """The second maze to the right of the first, as far as it takes."""
-        reach = max((r.maze.walls[0].outer_radius for r in self._recordings if r.maze), default=0.1)
         two = len(self._recordings) > 1
-        places = [-0.5 * APART * reach, 0.5 * APART * reach] if two else [0.0]
+        mazes = {letter: recording.maze for recording, letter in zip(self._recordings, LETTERS, strict=False)}
+        reach = max((maze.walls[0].outer_radius for maze in mazes.values() if maze), default=0.1)
+        page.framing.show(*layouts(mazes, reach))
         scenes: list[Scene | None] = []
-        for recording, letter, x in zip(self._recordings, LETTERS, places, strict=False):
-            if recording.maze is None:
-                scenes.append(None)
-                continue
-            scenes.append(Scene(page.server, recording.maze, f"/run{letter}", (x, 0.0)))
-            if two:
-                place = (UNIT * x, -UNIT * 1.35 * reach, 0.0)
-                page.server.scene.add_label(f"/name{letter}", f"{letter}: {recording.name}", position=place)
-        if two:  # farther away, so that both are in the picture
-            camera = page.server.initial_camera
-            camera.position = (0.0, 1.7 * CAMERA[1], 2.15 * CAMERA[2])
-            camera.look_at = LOOK_AT
+        for recording, (letter, maze) in zip(self._recordings, mazes.items(), strict=True):
+            name = f"/run{letter}"
+            scenes.append(Scene(page.server, maze, name, places(mazes, reach)[letter]) if maze else None)
+            if two and maze:
+                below = (0.0, -UNIT * NAME_BELOW * reach, 0.0)
+                page.server.scene.add_label(f"{name}/name", f"{letter}: {recording.name}", position=below)
         return scenes
 
     def _build_time(self, gui: Any) -> None:
@@ -128,14 +127,7 @@ class ReplayTab:
     # -- what a person does -----------------------------------------------------------------------------------------
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
-        """What a person does; not what the program itself sets."""
-
-        def on(event: Any) -> None:
-            if getattr(event, "client_id", 0) is not None:
-                with self._lock:
-                    do(event)
-
-        return on
+        return pressed(self._lock, do)
 
     def _seek(self, t: float) -> None:
         self._player.playing = False
@@ -174,6 +166,28 @@ class ReplayTab:
             self._slider.value = min(max(round(t, 2), self._slider.min), self._slider.max)
             self._play.label = "Stop" if playing else "Play"
             self._head.content = head_html(self._recordings, t)
+
+
+def places(mazes: Mapping[str, Maze | None], reach: float, below: bool = False) -> dict[str, tuple[float, float]]:
+    """Where mazes of up to a radius of `reach` stand, m: one in the middle; two side by side or one below the other."""
+    if len(mazes) < 2:
+        return dict.fromkeys(mazes, (0.0, 0.0))
+    x, y = (0.0, -0.5 * BELOW * reach) if below else (0.5 * APART * reach, 0.0)
+    return dict(zip(mazes, ((-x, -y), (x, y)), strict=True))
+
+
+def layouts(mazes: Mapping[str, Maze | None], reach: float) -> list[Layout]:
+    """In which they may stand, with their names below them."""
+    found = []
+    for below in (False, True)[: len(mazes)]:
+        at = places(mazes, reach, below)
+        points = [outline(maze, at[letter]) for letter, maze in mazes.items() if maze]
+        if len(mazes) > 1:
+            points += [np.array([[UNIT * x, UNIT * (y - NAME_BELOW * reach), 0.0]]) for x, y in at.values()]
+        frames = {f"/run{letter}": (UNIT * x, UNIT * y, 0.0) for letter, (x, y) in at.items()}
+        side = FROM_BELOW if below else ABOVE
+        found.append(Layout(np.vstack(points or [around(UNIT * reach)]), frames, side))
+    return found
 
 
 def head_html(recordings: Sequence[Recording], t: float) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.palette import rgb
 from mazeplan.records import Array
+from mazeplan.view.camera import around
 from mazeplan.view.meshes import gap_box, joined, ribbon, ring_floor, strip, wall_mesh
 from mazeplan.view.moment import Ahead, Gate, Moment
 
@@ -32,6 +33,7 @@ TILT_SHOWN = 3.0  # times as large as it is
 WALLS_SHOWN = 0.5  # of their height: the ball is to be seen behind them
 WALL, FLOOR, FLOOR_2, TABLE = (178, 184, 192), (250, 250, 248), (238, 240, 242), (205, 208, 212)
 SHADE = (222, 225, 229)
+SHADE_BELOW, RAISED = 0.3, 0.15  # of the rim's radius: the shade of the plate, and how high its edge comes as a rule
 Colour = tuple[int, int, int]
 
 
@@ -47,12 +49,12 @@ class Scene:
         self._server, self._maze, self._name = server, maze, name
         self.tilt_shown = TILT_SHOWN
         scene = server.scene
-        position = (UNIT * at[0], UNIT * at[1], 0.0)
-        self._plate = scene.add_frame(f"{name}/plate", show_axes=False, position=position)
+        scene.add_frame(name, show_axes=False, position=(UNIT * at[0], UNIT * at[1], 0.0))
+        self._plate = scene.add_frame(f"{name}/plate", show_axes=False)
         rim = maze.walls[0].outer_radius
         scene.add_cylinder(
             f"{name}/shade", UNIT * 0.99 * rim, 0.01, SHADE, radial_segments=96,
-            position=(position[0], position[1], -UNIT * 0.3 * rim),
+            position=(0.0, 0.0, -UNIT * SHADE_BELOW * rim),
         )  # fmt: skip
         self._build_plate(on_ring)
         self._gates = {o.name: _GateMark(self, o, on_opening) for o in maze.openings}
@@ -166,6 +168,12 @@ class _GateMark:
         elif self._label is not None:
             self._label.remove()
             self._label = None
+
+
+def outline(maze: Maze, at: tuple[float, float] = (0.0, 0.0)) -> Array:
+    """Points, (N, 3), between which a maze lies that stands at a place, m, and tilts."""
+    rim = UNIT * maze.walls[0].outer_radius
+    return around(rim, (UNIT * at[0], UNIT * at[1]), -SHADE_BELOW * rim, RAISED * rim)
 
 
 def _calling(what: Callable[[Any], object], with_: Any) -> Callable[[Any], None]:

@@ -16,6 +16,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.errors import InputError
+from mazeplan.view.clientfix import mended
 from mazeplan.view.door import Door, Refusal
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ def _checked(door: Door, ready: Event, then: Any) -> Any:
         refusal = door.refusal(request.path, given)
         response = then(connection, request) if refusal is None else answer(refusal)
         if response is not None:
+            mended(response)
             hosts = [value for name, value in given if name.lower() == "host"]
             door.dress(response.headers, hosts[0] if hosts else f"{door.host}:{door.port}")
         return response

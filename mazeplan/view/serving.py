@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from mazeplan.errors import LogError
@@ -42,17 +43,24 @@ def edit_map(source: str | Path, host: str, port: int, on: Callable[[], bool] = 
 
     check_installed()
     editor = MapEditor(source)
-    _serve(EditTab(editor), host, port, on)
+    _serve(EditTab(editor), host, port, on, note=f"map: {source}, saved as {editor.path}")
     if editor.changed:
-        print(f"mazeplan: {editor.path.name}: what was changed since it was saved last is lost", file=sys.stderr)
+        _say(f"mazeplan: {editor.path.name}: what was changed since it was saved last is lost")
 
 
-def _serve(tab: Tab, host: str, port: int, on: Callable[[], bool]) -> None:
+def _say(text: str) -> None:
+    with suppress(OSError):  # nobody reads it any more; the page is there all the same
+        print(text, file=sys.stderr, flush=True)
+
+
+def _serve(tab: Tab, host: str, port: int, on: Callable[[], bool], note: str = "") -> None:
     with listen(host, port) as listening:
         door = Door.at(host, listening.getsockname()[1])
         page = Page(door, listening, [tab])
-        print(f"page: {door.url}", file=sys.stderr, flush=True)
         try:
+            for text in (note, f"page: {door.url}"):
+                if text:
+                    _say(text)
             page.loop(on)
         except KeyboardInterrupt:  # the way to end it
             pass

@@ -156,7 +156,7 @@ class Story:
             tick=self._ticks,
             t=self._t,
             header=self._header,
-            ring=tick.get("ring"),
+            ring=self._ring(x, y),
             goal=self._goal,
             opening=opening,
             goal_theta=tick.get("goal_theta"),
@@ -177,6 +177,12 @@ class Story:
             said=tuple(self._said),
             result=self._result,
         )
+
+    def _ring(self, x: float, y: float) -> int | None:
+        """As the run has it; where nobody followed the ball from ring to ring, by where it is."""
+        told = self._tick.get("ring")
+        known = told is None and self.maze is not None and not math.isnan(x)
+        return self.maze.ring_at(math.hypot(x, y)) if known and self.maze is not None else told
 
     def _ahead(self) -> Ahead | None:
         plan = self._followed

@@ -87,7 +87,11 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
     ("words", "status", "said"),
     [
         (["--plate", "plate.png"], 2, "rig.yaml: camera: no lens there yet"),
-        (["--boards", "nix", "--plate", "plate.png"], 2, "nix: no such folder, picture or video"),
+        (
+            ["--boards", "nix", "--plate", "plate.png"],
+            2,
+            "nix: no such file, expected a folder of pictures",
+        ),
         (["--boards", "boards", "--corners", "7", "--plate", "plate.png"], 2, "--corners: got '7', expected"),
         (["--boards", "boards", "--corners", "9x6", "--plate", "plate.png"], 2, "expected at least 5"),
         (["--boards", "boards", "--corners", "7x5", "--square-mm", "0"], 2, "--square-mm"),

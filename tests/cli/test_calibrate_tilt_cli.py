@@ -135,7 +135,7 @@ def test_where_readings_cannot_be_kept_nobody_is_asked(desk, board, monkeypatch,
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--readings", "none.csv"], "none.csv: cannot be read: No such file or directory"),
+        (["--readings", "none.csv"], "none.csv: no such file, expected a table (CSV) with v0"),
         (["--rig", "toy"], "got rig 'toy', expected one on a table"),
         (["--rig", "none.yaml"], "none.yaml: no such file"),
         (["--readings", "few.csv"], "few.csv: got 1 readings, expected at least 8"),

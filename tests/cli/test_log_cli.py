@@ -158,7 +158,7 @@ def test_export_to_a_place_that_cannot_be_written(log, tmp_path):
 
 def test_a_log_that_is_not_there_is_one_line(tmp_path):
     for command in (("info",), ("export", "-o", "-")):
-        with pytest.raises(LogError, match="No such file"):
+        with pytest.raises(LogError, match="no such file, expected a run log"):
             run(command[0], tmp_path / "none.mcap", *command[1:])
 
 

@@ -205,6 +205,23 @@ def test_compiling_that_takes_long_is_told_once():
     assert drawn.index("limit 60.0") < drawn.index("compiling, once") < drawn.index("limit 0.001")
 
 
+def test_compiling_is_told_without_a_terminal_too():
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILING.replace("60.0", "9.0")], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == "compiling, once for this machine: up to two minutes\n"
+
+
+def test_what_is_found_one_by_one_is_shown_while_it_is_sought(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    stream = io.StringIO()
+    stream.isatty = lambda: True
+    found = list(Working("checking", stream, compiles=False).over(["clock", "signs"], lambda name: f"after {name}"))
+    assert found == ["clock", "signs"]
+    assert "checking" in stream.getvalue()
+    assert "after clock" in stream.getvalue()
+
+
 def on_terminal(script):
     """What a script prints, and what it draws on the terminal that its stderr is."""
     keyboard, screen = pty.openpty()

@@ -264,7 +264,7 @@ def test_a_foreign_file_is_one_line_that_names_what_was_expected(tmp_path, conte
     ("content", "told"),
     [
         (b"", "got an empty file, expected a run log of mazeplan (MCAP)"),
-        (b"t,theta\n0,1\n", "got another kind of file, expected a run log of mazeplan (MCAP)"),
+        (b"t,theta\n0,1\n", "got a table (CSV), expected a run log of mazeplan (MCAP)"),
         (b"\x89MCAP0\r\n" + b"\xff" * 64, "damaged after 0 messages"),
         (b"\x89MCAP0\r\n", "without the header of a run"),
     ],
@@ -278,10 +278,13 @@ def test_another_file_is_refused(tmp_path, content, told):
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    for path, told in ((tmp_path / "none.mcap", "No such file"), (tmp_path, "Is a directory")):
+    for path, told in (
+        (tmp_path / "none.mcap", "no such file, expected a run log"),
+        (tmp_path, "got a folder, expected a run log"),
+    ):
         with pytest.raises(LogError, match=told) as caught:
             read_log(path)
-        assert str(caught.value).startswith(f"{path}: cannot be read")
+        assert str(caught.value).startswith(f"{path}: ")
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):

@@ -60,8 +60,8 @@ def test_theta_and_r_are_worked_out_and_unknown_columns_kept(tmp_path):
         (GOOD.replace(",0.1", ",").replace("0.0,", ","), 2, "t: got an empty cell"),
         (GOOD.replace("0.1,0.0,", ",0.0,").replace(",0.0,0.1", ",,0.1"), None, "the ball is never seen"),
         ("t,t,beta\n", 1, "got column 't' twice, expected a header row with each name once"),
-        ("", 1, "header"),
-        ("\n  \n", 1, "header"),
+        ("", None, "got an empty file"),
+        ("\n  \n", None, "nothing but blanks"),
         ("0,1,2\n3,4,5\n", 1, "got numbers, expected a header row"),
         (GOOD.replace(",", ";"), 1, "got semicolons between the names, expected commas"),
         (GOOD.replace(",", "\t"), 1, "got tabs between the names, expected commas"),
@@ -199,7 +199,7 @@ def test_numbers_near_the_largest_do_no_harm(tmp_path):
 def test_files_that_are_none_or_too_large(tmp_path, monkeypatch):
     with pytest.raises(TableError, match="no such file"):
         read_table(tmp_path / "none.csv")
-    with pytest.raises(TableError, match="not a file"):
+    with pytest.raises(TableError, match="got a folder, expected a run log"):
         read_table(tmp_path)
     monkeypatch.setattr(module, "LIMIT_BYTES", 50)
     with pytest.raises(TableError, match=r"table.csv: got 0 MiB, expected at most 0; split it"):

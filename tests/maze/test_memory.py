@@ -72,7 +72,7 @@ def test_names_that_yaml_would_read_otherwise_survive(tmp_path):
         ("format: 1\nopenings:\n  1-2@45: {failures: .nan}\n", "openings"),
         ("format: 1\nopenings:\n  1-2@45: {losses: 1}\n", "losses: unknown key, expected one of successes, failures"),
         ("format: 1\nopenings: [1]\n", ":2: openings: got a list, expected a mapping"),
-        ("", "the file is empty"),
+        ("", "got an empty file, expected a file of `navigate --memory`"),
     ],
 )
 def test_mistakes_are_one_line_with_place(tmp_path, text, said):

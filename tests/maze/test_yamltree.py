@@ -119,11 +119,11 @@ def test_files(tmp_path):
     assert "no such file" in error(tmp_path / "none.yaml")
     assert "folder" in error(tmp_path)
     (tmp_path / "latin.yaml").write_bytes(b"a: 1\nb: \xe9\n")
-    assert "latin.yaml:2: not a text file in UTF-8" in error(tmp_path / "latin.yaml")
+    assert "latin.yaml:2: got text that is not UTF-8, expected a YAML file" in error(tmp_path / "latin.yaml")
     (tmp_path / "binary.yaml").write_bytes(bytes(range(256)))
-    assert "not a text file" in error(tmp_path / "binary.yaml")
+    assert "got a binary file, expected a YAML file" in error(tmp_path / "binary.yaml")
     os.mkfifo(tmp_path / "pipe.yaml")
-    assert "not a regular file" in error(tmp_path / "pipe.yaml")
+    assert "got a device or pipe, expected a YAML file" in error(tmp_path / "pipe.yaml")
     (tmp_path / "good.yaml").write_bytes(b"\xef\xbb\xbfa: 1\r\nb: 2\r\n")
     assert read_yaml(tmp_path / "good.yaml").data == {"a": 1, "b": 2}
 
@@ -133,7 +133,7 @@ def test_file_of_100_mb_is_refused_unread(tmp_path):
     with path.open("wb") as stream:
         stream.truncate(100_000_000)
     begin = time.perf_counter()
-    with pytest.raises(MapError, match="got 100000000 bytes, expected at most"):
+    with pytest.raises(MapError, match="got 100000000 bytes, expected a YAML file of at most"):
         read_yaml(path, error=MapError)
     assert time.perf_counter() - begin < 2.0  # it is not read
 

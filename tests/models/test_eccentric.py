@@ -9,7 +9,8 @@ import pytest
 from plant import play
 
 from mazeplan.cli.compare import report
-from mazeplan.compare import CompareOptions, compare
+from mazeplan.compare import compare
+from mazeplan.comparison import CompareOptions
 from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.table import Table
 from mazeplan.maze.mapfile import load_map

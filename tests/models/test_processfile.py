@@ -4,83 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import io
-import pickle
 import re
-import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from process_folder import MODEL, arrays, assert_refused, edit, process, put, saved
 
 from mazeplan.errors import ModelError
-from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RollingInertia
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
-from mazeplan.models.modelfile import RigModel, load_model, save_model
-from mazeplan.models.processfile import MOST_BYTES, MOST_ROWS, NAMES, rounded
-from mazeplan.models.stage import StageModel
+from mazeplan.models.modelfile import load_model, save_model
+from mazeplan.models.processfile import MOST_ROWS, NAMES, rounded
 
-
-def process(n=50, seed=0):
-    rng = np.random.default_rng(seed)
-    x = rounded(rng.standard_normal((n, 9)))
-    hyper = Hyperparameters.plain(np.exp(0.5 * rng.standard_normal(9)), 1.7320508, 0.31415926)
-    return GaussianProcess.condition(hyper, x, np.zeros((n, 0)), np.sin(x[:, 0]) + x[:, 3])
-
-
-BALLS = {1: BallModel((RollingInertia(0.58),)), 2: BallModel((RollingInertia(0.6),))}
-MODEL = RigModel(StageModel(), BALLS, kind="sp", processes={1: process(), 2: process(80, 1)})
+# --- round trip ---
 
 
 @pytest.fixture
 def folder(tmp_path):
     save_model(MODEL, tmp_path / "m")
     return tmp_path / "m"
-
-
-def assert_refused(folder, key, *said, line_of=None):
-    """Loading fails with one line that names file, line and key."""
-    with pytest.raises(ModelError) as error:
-        load_model(folder)
-    text, path = str(error.value), folder / "model.yaml"
-    found = re.fullmatch(rf"{re.escape(str(path))}:(\d+): {re.escape(key)}: .+", text)
-    assert found, text
-    line = path.read_text().splitlines()[int(found[1]) - 1]
-    assert (line_of or key.split(".")[-1]) in line, (line, text)
-    for part in said:
-        assert part in text
-    return text
-
-
-def put(folder, content, ring=1):
-    """Other arrays for a ring, and model.yaml told so: what someone does who wants to get past the checksum."""
-    path, model = folder / f"ring{ring}.npz", folder / "model.yaml"
-    before = hashlib.sha256(path.read_bytes()).hexdigest()
-    path.write_bytes(content)
-    assert before in model.read_text()
-    model.write_text(model.read_text().replace(before, hashlib.sha256(content).hexdigest()))
-
-
-def arrays(folder, ring=1):
-    with np.load(folder / f"ring{ring}.npz", allow_pickle=False) as held:
-        return {name: held[name] for name in held.files}
-
-
-def saved(**held):
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **held)
-    return stream.getvalue()
-
-
-def edit(folder, old, new):
-    path = folder / "model.yaml"
-    text, changed = path.read_text(), re.sub(old, new, path.read_text(), count=1)
-    assert changed != text
-    path.write_text(changed)
-
-
-# --- round trip ---
 
 
 def test_a_model_with_processes_comes_back_as_it_was(folder):
@@ -358,77 +300,3 @@ def test_an_array_on_its_own_is_no_archive(folder):
     np.save(stream, np.zeros(3))
     put(folder, stream.getvalue())
     assert_refused(folder, "processes.1", "ring1.npz is no such file of arrays", line_of="1:")
-
-
-# --- nothing is executed, nothing is unpacked without limit ---
-
-
-class Trap:
-    """Leaves a mark on disk when it is unpickled."""
-
-    def __init__(self, mark):
-        self.mark = mark
-
-    def __reduce__(self):
-        return Path.touch, (self.mark,)
-
-
-@pytest.mark.parametrize("name", ["inputs", "alpha", "family"])
-def test_a_pickle_among_the_arrays_is_not_executed(folder, tmp_path, name):
-    trap = np.array([Trap(tmp_path / "mark")], dtype=object)
-    stream = io.BytesIO()
-    np.savez(stream, **{**arrays(folder), name: trap})  # pyright: ignore[reportArgumentType]
-    put(folder, stream.getvalue())
-    assert_refused(folder, "processes.1", line_of="1:")
-    assert not (tmp_path / "mark").exists()
-    with np.load(folder / "ring1.npz", allow_pickle=True) as held:
-        held[name]
-    assert (tmp_path / "mark").exists()  # the trap works
-
-
-def test_a_pickle_in_place_of_the_archive_is_not_executed(folder, tmp_path):
-    put(folder, pickle.dumps(Trap(tmp_path / "mark")))
-    assert_refused(folder, "processes.1", line_of="1:")
-    assert not (tmp_path / "mark").exists()
-    pickle.loads((folder / "ring1.npz").read_bytes())
-    assert (tmp_path / "mark").exists()
-
-
-def zipped(members):
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
-    return stream.getvalue()
-
-
-def test_a_small_file_that_unpacks_to_a_large_one_is_refused(folder):
-    content = zipped({"inputs.npy": bytes(MOST_BYTES // 2 + 1), "alpha.npy": bytes(MOST_BYTES // 2 + 1)})
-    assert len(content) < 200_000
-    put(folder, content)
-    assert_refused(
-        folder,
-        "processes.1",
-        f"ring1.npz is no such file of arrays: it unpacks to more than {MOST_BYTES} bytes",
-        line_of="1:",
-    )
-
-
-def header(shape, dtype="<f8"):
-    """An .npy file that only promises its data."""
-    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
-    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode() + bytes(80)
-
-
-@pytest.mark.parametrize(
-    "shape", ["(1000000000000000,)", "(3000000000, 9)", "(-1, 9)", "(10000000000000000000000,)", "()", "(2, 9"]
-)
-def test_an_array_that_claims_to_be_huge_is_not_made(folder, shape):
-    members = {f"{name}.npy": header("()") for name in NAMES} | {"inputs.npy": header(shape)}
-    put(folder, zipped(members))
-    assert_refused(folder, "processes.1", "ring1.npz", line_of="1:")
-
-
-def test_a_file_too_large_is_not_read(folder, monkeypatch):
-    monkeypatch.setattr("mazeplan.models.processfile.MOST_BYTES", 1000)
-    assert_refused(folder, "processes.1", "ring1.npz is larger than 1000 bytes", line_of="1:")

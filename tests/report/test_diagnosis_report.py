@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from report_documents import diagnosis, evidence
 
 from mazeplan.diagnosis.evidence import Evidence
 from mazeplan.diagnosis.report import spectrum
 from mazeplan.diagnosis.screening import PEAK
-from mazeplan.report.diagnosis import diagnosis_section, explained_by
+from mazeplan.report.diagnosis import diagnosis_section, explained_by, lead
 from mazeplan.report.diagnosis_pictures import shown_candidates
 from mazeplan.report.inputs import Input
 from mazeplan.report.page import Note, Picture, Table
@@ -62,9 +65,14 @@ def test_a_placebo_is_shown_though_it_is_far_behind():
 def test_numbers_and_what_would_tell_apart():
     done = section(evidence())
     scores, effects = (part for part in done.parts if isinstance(part, Table))
-    assert ["theta error after 40 samples, rad", "0.2929", "0.0061"] in scores.rows
-    assert scores.rows[-1] == ["theta error after 40 samples, rad, by noise alone", "", "0.0050"]
-    assert effects.rows == [["dry friction", "coefficient", "0.4123 rad/s^2", "0.02", "321.5"]]
+    assert ["error of the angle after 40 samples, deg", "16.78", "0.35"] in scores.rows
+    assert scores.rows[-1] == ["error of the angle after 40 samples by noise alone, deg", "", "0.29"]
+    size = "0.412\u00a0±\u00a00.020\u00a0rad/s²"
+    assert effects.rows == [["dry friction", "coefficient", size, "321.5", "dry_friction.coefficient"]]
+    assert done.lead == (
+        "The model lacks dry friction. This record cannot tell dry friction from viscous friction. "
+        "Error of the angle after 40 samples: 16.8 deg before, 0.35 deg after."
+    )
     notes = [part for part in done.parts if isinstance(part, Note)]
     assert notes[0].text.startswith("Hard to tell apart in this record: dry friction, viscous friction. Dry friction")
     assert notes[0].code == "mazeplan collect --tilt 1.5 -o apart.mcap"
@@ -77,3 +85,53 @@ def test_without_evidence_it_is_said_where_to_get_it():
     done = section()
     assert not any(isinstance(part, Picture) for part in done.parts)
     assert any(isinstance(part, Note) and part.code == "mazeplan diagnose LOG -o FOLDER" for part in done.parts)
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"verdict": "nothing_missing", "effects": []}, "Nothing is missing: what is left is what noise alone would"),
+        ({"verdict": "unknown_effect", "effects": [], "unknown": {"description": "a force by theta_dot (wind_like)"}},
+         "Something is there that has no name: a force by angular speed (wind like)."),
+        ({"verdict": "effect_found"}, "The model lacks dry friction. Error of the angle after 40 samples: 16.8 deg"),
+    ],
+)  # fmt: skip
+def test_the_verdict_is_said_in_words(changed, told):
+    assert lead({**diagnosis(), **changed}, None).startswith(told)
+
+
+def test_a_system_that_is_no_ball_keeps_its_own_words():
+    shown = {"labels": {"nrmse": "relative force error"}, "drawn": "nrmse"}
+    document = {**diagnosis(), "verdict": "effect_found", "before": {"nrmse": 0.5}, "after": {"nrmse": 0.25}}
+    assert lead(document, shown).endswith("Relative force error: 0.5 before, 0.25 after.")
+
+
+def test_no_name_of_the_program_stands_in_what_people_read():
+    """But for the column of names: in tables, notes, and in what is written into pictures."""
+    shown = evidence()
+    shown["notes"] = ["the new model lacks outer_gates: a model file has no place for it"]
+    shown["axes"] = ["theta, rad", "theta_dot, rad/s"]
+    done = section(shown)
+    told = [done.title, done.lead, *(value for fact in done.facts for value in fact)]
+    for part in done.parts:
+        if isinstance(part, Table):
+            told += [part.caption, *part.head]
+            told += [cell for row in part.rows for i, cell in enumerate(row) if i not in part.code]
+        elif isinstance(part, Note):
+            told.append(part.text)
+        else:
+            figure = Figure(part.size)
+            part.draw(figure)
+            told += [part.title, part.alt, *(text.get_text() for text in figure.findobj(Text))]
+    assert "The new model lacks outer gates: a model file has no place for it." in told
+    assert "angle of the ball, deg" in told
+    assert "angular speed of the ball, rad/s" in told
+    assert not [text for text in told if "_" in text or "theta" in text or re.search(r"\brad\b(?!/s)", text)]
+
+
+def test_the_scale_of_candidates_has_plain_numbers():
+    figure = Figure()
+    picture = next(part for part in section(evidence()).parts if isinstance(part, Picture))
+    picture.draw(figure)
+    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert ticks == ["1", "3", "10", "30", "100"]

@@ -26,6 +26,7 @@ from mazeplan.report.inputs import Input, of_document
 from mazeplan.report.learned import effects_table, judged
 from mazeplan.report.models import around, best_kind, models_section
 from mazeplan.report.page import Picture, Table
+from mazeplan.report.words import MISSING
 
 
 def test_a_cell_has_the_samples_of_its_angle_and_rate():
@@ -80,12 +81,15 @@ def test_tables_have_the_numbers_of_the_document_and_the_published_ones():
     assert best_kind(comparison()) == "sp"
     tables = [part for part in section(comparison()).parts if isinstance(part, Table)]
     first, second = tables
-    assert list(first.head) == ["", "p", "sp"]
-    assert first.rows[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345 [0.31, 0.37]"]
+    assert list(first.head) == ["", "bare equation (p)", "terms and process (sp)"]
+    plain = [[cell.replace("\u00a0", " ") for cell in row] for row in first.rows]
+    assert plain[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345 [0.31, 0.37]"]
     assert first.strong == {(0, 2), (1, 2)}
-    assert first.rows[2] == ["published, ring 1", "-", "0.35"]
-    assert second.rows[0] == ["ring 1: 7 windows, evenly spaced", "0.123 / 0.247"]
-    assert second.rows[-1] == ["published, ring 2", "0.15 / 0.33"]
+    assert plain[2] == ["published, ring 1", MISSING, "0.35"]
+    degrees = [[cell.replace("\u00a0", " ") for cell in row] for row in second.rows]
+    assert degrees[0] == ["ring 1: 7 windows, evenly spaced", "7.1 / 14.1"]
+    assert degrees[-1] == ["published, ring 2", "8.6 / 18.9"]
+    assert "deg" in second.caption
 
 
 def test_pictures_are_those_that_there_are_numbers_for():
@@ -126,7 +130,8 @@ def test_a_model_is_judged_on_a_table_as_the_equation_says():
     assert scores["nrmse_test"]["model"] < 0.25 * scores["nrmse_test"]["p"]
     assert scores["nrmse_test"]["p"] == pytest.approx(0.4 / 0.6, abs=0.2)  # smoothing takes from both
     assert scores["rollout"]["model"]["40"] < 0.1 * scores["rollout"]["p"]["40"]
-    assert effects_table(model).rows == [["rolling inertia factor", "0.6 ± 0.01"]]
+    size = ["0.600\u00a0±\u00a00.010", "rolling_inertia.factor"]
+    assert effects_table(model).rows == [["rolling inertia: factor of the gravity part", *size]]
 
 
 def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
@@ -138,10 +143,10 @@ def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
     page = alone(tmp_path / "m.html")
     assert "Model mine on x.csv" in page
     assert page.count("<figure") == 3
-    assert "viscous friction coefficient, 1/s" in page
+    assert "viscous friction: coefficient, 1/s" in page
     code, _, err = done(folder, "-o", tmp_path / "n.html")
     assert code == 0, err
-    assert "A model of kind p." in alone(tmp_path / "n.html")
+    assert "Kind of model: bare equation (p)." in alone(tmp_path / "n.html")
     code, _, err = done(record, "-o", tmp_path / "o.html")
     assert code == 2
     assert "x.csv: got a table, expected the folder of a model beside it" in err

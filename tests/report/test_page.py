@@ -11,6 +11,7 @@ from standalone_page import alone, svgs
 from mazeplan.errors import InputError
 from mazeplan.report import page as module
 from mazeplan.report.page import Note, Picture, Section, Table, write_page
+from mazeplan.report.words import MISSING
 
 
 def plot(figure):
@@ -60,7 +61,7 @@ def test_the_same_report_is_the_same_file(tmp_path):
 
 
 def test_columns_of_numbers_stand_to_the_right():
-    rows = [["a", "1", "1.5 s", "-"], ["b", "-2.5", "-", "-"]]
+    rows = [["a", "1", "1.5 s", MISSING], ["b", "-2.5", MISSING, MISSING]]
     assert Table("", ("", "", "", ""), rows).numeric == {1, 2, 3}
     assert Table("", ("", ""), [["1", "1 of 2"]]).numeric == {0}
     assert Table("", ("",), []).numeric == set()

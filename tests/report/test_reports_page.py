@@ -25,7 +25,7 @@ def test_documents_of_the_tests_have_the_keys_that_commands_print():
     """What the tests of reports are given has nothing that the commands do not tell."""
     import numpy as np
 
-    from mazeplan.compare import RingScores
+    from mazeplan.comparison import RingScores
     from mazeplan.models.rollout import Windows
     from mazeplan.records import Failure, FailureKind, NavigationResult, Start
 

@@ -17,9 +17,9 @@ from mazeplan.data.runlog_reader import read_messages
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.view.editscene import ABOVE
-from mazeplan.view.edittab import CAMERA
-from mazeplan.view.page import LOOK_AT
+from mazeplan.view.camera import Layout
+from mazeplan.view.editscene import ABOVE, FROM, outline
+from mazeplan.view.edittab import TEXT_WIDTH
 from mazeplan.view.scene import UNIT, WALLS_SHOWN
 
 pytestmark = pytest.mark.realtime
@@ -82,7 +82,7 @@ def test_an_opening_is_dragged_and_the_map_saved(chromium, tmp_path):
 
     def at(degrees: float) -> tuple[float, float]:
         place = (radius * math.cos(math.radians(degrees)), radius * math.sin(math.radians(degrees)), height)
-        return pixel(shown, place, CAMERA, LOOK_AT, 0.75)
+        return pixel(shown, place, Layout(outline(maze), side=FROM))
 
     with program("--map", str(path), "--edit") as (_, url), page(chromium, url, complaints) as shown:
         shown.locator("[data-line='18']").wait_for()
@@ -107,4 +107,12 @@ def test_an_opening_is_dragged_and_the_map_saved(chromium, tmp_path):
         shown.get_by_role("button", name="Undo", exact=True).click()
         shown.locator("[data-changed='1']").wait_for()
         assert "angle_deg: 17," in shown.locator("[data-line='18']").inner_text()  # the drag was one step
+        shown.get_by_role("tab", name="Type").click()
+        typed = shown.locator("textarea").first
+        typed.wait_for()
+        assert typed.bounding_box()["width"] > 0.9 * TEXT_WIDTH  # no room is kept for a label
+        typed.fill(typed.input_value().replace("width_mm: 14}", "width_mm: 4}"))
+        shown.get_by_role("button", name="Save, with errors …").click()
+        shown.get_by_role("button", name="Back to the map").click()
+        assert "width_mm: 4}" not in path.read_text()
     assert complaints == []

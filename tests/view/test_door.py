@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import threading
 import urllib.error
 import urllib.request
@@ -12,6 +13,7 @@ from soon import soon
 
 from mazeplan.errors import InputError
 from mazeplan.view import server as server_module
+from mazeplan.view.clientfix import SCRIPT
 from mazeplan.view.door import Door, is_loopback, listen
 from mazeplan.view.server import check_installed
 
@@ -164,3 +166,19 @@ def test_another_name_for_this_machine_gets_no_page(served):
 
 def test_nothing_leads_through_a_computer_of_others(served):
     assert served.server.request_share_url() is None
+
+
+def test_the_page_begins_with_what_mends_it_packed_or_not(served):
+    """Before the client of viser; see `mazeplan.view.clientfix`."""
+    pages = []
+    for packing in ("identity", "gzip"):
+        request = urllib.request.Request(served.door.url, headers={"Accept-Encoding": packing})
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            body = answer.read()
+            assert int(answer.headers["Content-Length"]) == len(body)
+        pages.append(gzip.decompress(body) if packing == "gzip" else body)
+    assert pages[0] == pages[1]
+    assert pages[0].index(SCRIPT.encode()) < pages[0].index(b"<meta")
+    assert pages[0].count(b"<script>") == 1
+    with urllib.request.urlopen(served.door.url, timeout=10) as answer:  # once more, as another browser does
+        assert answer.read() == pages[0]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from fake_scene import FakeServer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,6 +18,8 @@ from mazeplan import resources
 from mazeplan.errors import MapError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.view.editor import MapEditor
+from mazeplan.view.editscene import EditScene
+from mazeplan.view.scene import UNIT
 
 LOPSIDED = resources.share("maps") / "lopsided.yaml"
 
@@ -217,7 +223,12 @@ def test_a_packaged_map_is_saved_in_the_folder_where_one_works(tmp_path, monkeyp
 
 @pytest.mark.parametrize(
     ("content", "problem"),
-    [(None, "no such file"), (b"\xff\xfe", "not a text file in UTF-8"), (b"a: [", "not valid YAML"), (b"", "is empty")],
+    [
+        (None, "no such file"),
+        (b"\xff\xfe", "got text that is not UTF-8, expected a map"),
+        (b"a: [", "not valid YAML"),
+        (b"", "got an empty file, expected a map"),
+    ],
 )
 def test_what_is_no_text_or_yaml_is_refused_in_one_line(tmp_path, content, problem):
     path = tmp_path / "bad.yaml"
@@ -226,3 +237,38 @@ def test_what_is_no_text_or_yaml_is_refused_in_one_line(tmp_path, content, probl
     with pytest.raises(MapError, match=problem) as told:
         MapEditor(path)
     assert str(told.value).count("\n") == 0
+
+
+@pytest.fixture
+def dragged(editor):
+    """A scene of a fake page, and what it tells of drags; `pull` drags from a place, m, straight up the picture."""
+    told = []
+    page = SimpleNamespace(server=FakeServer(), framing=SimpleNamespace(show=lambda *layouts: None))
+    scene = EditScene(page, lambda index, angle, phase: told.append((index, angle, phase)), lambda index: None)
+    scene.show(editor, None)
+
+    def pull(name, radius, angle, further):
+        for phase, end in (("start", angle), ("update", angle + further), ("end", angle + further)):
+            places = [UNIT * radius * np.array([np.cos(a), np.sin(a), 0.0]) for a in np.radians((angle, end))]
+            camera = SimpleNamespace(position=(0.0, 0.0, 9.0))
+            event = SimpleNamespace(
+                phase=phase, start_position=places[0], end_position=places[1],
+                client=SimpleNamespace(client_id=1, camera=camera),
+            )  # fmt: skip
+            asyncio.run(page.server.nodes[f"/map/{name}"].drag(event))
+        return told
+
+    return pull
+
+
+@pytest.mark.parametrize("name", ["ring1", "ring2", "grip1"])
+def test_a_drag_that_begins_beside_an_opening_grabs_it(editor, dragged, name):
+    opening = editor.openings[0]
+    told = dragged(name, editor.maze.threshold_radius(editor.maze.openings[0]), opening.angle_deg + 6.0, 20.0)
+    assert [(index, phase) for index, _, phase in told] == [(0, "start"), (0, "update"), (0, "end")]
+    assert [angle for _, angle, _ in told] == pytest.approx([opening.angle_deg + d for d in (0.0, 20.0, 20.0)])
+
+
+def test_a_drag_far_from_any_opening_moves_nothing(editor, dragged):
+    far = editor.free_angle(1)
+    assert dragged("ring1", 0.09, far, 20.0) == []

@@ -60,7 +60,7 @@ def test_what_a_run_tells_is_shown_and_what_is_pressed_arrives(page):
     assert soon(lambda: moves(viewer) > before)
     for label in ("Level now", "Start", "Stop", "Inject"):
         viewer.press(label)
-    viewer.choose("New goal", "ring 3")
+    viewer.choose("Go to ring", "3")
     viewer.choose("Use", "close")
     assert soon(lambda: len(orders) == 6)
     assert sorted(orders, key=str) == sorted(

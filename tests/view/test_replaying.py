@@ -113,7 +113,7 @@ def test_failures_are_marked_with_what_was_done_and_how_it_ended(tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "problem"),
     [
-        (lambda data: b"no log", "another kind of file"),
+        (lambda data: b"no log", "expected a run log of mazeplan"),
         (lambda data: data[:40] + bytes([data[40] ^ 255]) + data[41:], "damaged|without the header"),
         (lambda data: data.replace(b'"kind":"failure"', b'"kinD":"failure"').replace(b'"t":', b'"T":'), "damaged"),
     ],

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fake_scene import FakeServer
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.palette import rgb
@@ -18,40 +18,6 @@ from mazeplan.view.scene import UNIT, Scene, attitude, gate_colour, resampled
 from mazeplan.view.tallies import bounds
 
 MAZE = load_map("cme")
-
-
-class Handle(SimpleNamespace):
-    """Keeps what it is given; counts how often something is set."""
-
-    sets = 0
-
-    def __setattr__(self, name, value):
-        object.__setattr__(self, "sets", self.sets + 1)
-        object.__setattr__(self, name, value)
-
-    def on_click(self, call):
-        self.__dict__["click"] = call
-
-    def remove(self):
-        self.__dict__["removed"] = True
-
-
-class FakeServer:
-    """Of viser's scene: every add_ gives a handle under its name."""
-
-    def __init__(self):
-        self.nodes = {}
-        self.scene = self
-
-    def __getattr__(self, name):
-        if not name.startswith("add_"):
-            raise AttributeError(name)
-
-        def add(path, *values, **more):
-            self.nodes[path] = handle = Handle(values=values, **more)
-            return handle
-
-        return add
 
 
 def moment(**more):
@@ -224,3 +190,13 @@ def test_names_out_of_files_are_no_html():
     assert "<b>&" not in text
     assert "<i>" not in text
     assert "no tree yet" in tree_html(Moment())
+
+
+def test_a_record_without_tree_and_goal_says_what_it_is():
+    rows = np.full((1, len(COLUMNS)), np.nan)
+    told = facts_html(Moment(tick=1, ring=1, rows=rows, header={"excitation": "multisine"}))
+    assert '<td data-fact="ring">1</td>' in told
+    assert '<td data-fact="doing">excitation: multisine</td>' in told
+    assert "planner" not in told
+    assert "no tree<" in tree_html(Moment(tick=1))
+    assert "no tree yet<" in tree_html(Moment())

@@ -20,6 +20,7 @@ from mazeplan.rigs.faulty import FaultyRig
 from mazeplan.rigs.paced import PacedRig
 from mazeplan.rigs.registry import make_rig
 from mazeplan.view.door import listen
+from mazeplan.view.livetab import Offer, head_html
 
 MAZE = load_map("cme")
 
@@ -56,6 +57,8 @@ def running(session):
     machine = session._around(make_rig("toy", MAZE))
     session._goals.begin(MAZE)
     with session._guard(machine):
+        session._take("/tick", 0.0, {"t": 0.0})
+        session._page.taken.clear()
         yield session
 
 
@@ -92,7 +95,7 @@ def test_a_machine_of_wood_is_stopped_by_what_it_has(session, methods):
     called = []
     machine = type("Machine", (), {name: lambda self, name=name: called.append(name) for name in methods})()
     assert session._around(machine) is machine  # neither paced nor made to go wrong
-    session._machine = machine
+    session._machine, session._phase = machine, "running"
     session._order({"do": "level"})
     assert called == [methods[0]]
 
@@ -102,6 +105,7 @@ def test_a_machine_that_cannot_be_levelled_is_told_and_the_run_stopped_all_the_s
         raise RigError("the board does not answer")
 
     session._machine = type("Machine", (), {"level": staticmethod(level)})()
+    session._phase = "running"
     session._goals.begin(MAZE)
     session._order({"do": "level"})
     assert session._page.told[-1] == ("running", "the board does not answer")
@@ -216,3 +220,46 @@ def test_who_does_not_ask_for_a_page_gets_nothing_of_it():
         "assert not [name for name in sys.modules if name.startswith(('mazeplan.view', 'mazeplan.cli.live', 'viser'))]"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_from_start_to_the_first_tick_it_is_told_what_one_waits_for(session):
+    def once(number, **more):
+        with more["guard"](more["around"](make_rig("toy", MAZE))):
+            more["feed"]("/header", 0.0, {})
+            more["feed"]("/tick", 0.0, {"t": 0.0})
+            more["feed"]("/tick", 0.1, {"t": 0.1})
+        return outcome()
+
+    session._once = once
+    session._order({"do": "start"})
+    assert session._page.told == [("starting", live.READING)]
+    session._order({"do": "start"})  # twice in a hurry
+    session._run(session._page)
+    assert session._page.told[1:] == [("starting", live.READING), ("starting", live.LOADING), ("running", "")]
+    assert not session._started.is_set()
+
+
+def test_what_is_pressed_while_it_gets_ready_is_for_that_run(session):
+    session._order({"do": "start"})
+    session._order({"do": "goal", "ring": 3})
+    assert session._page.told[-1] == ("starting", live.READING)  # not: the next run
+    session._order({"do": "level"})
+    assert session._page.told[-1] == ("starting", "the run that gets ready ends before it begins")
+    session._goals.begin(MAZE)
+    assert list(session._goals.take(0.0)) == [Aim(3), Stop()]
+
+
+def test_why_a_run_could_not_begin_stays_where_start_is(session, monkeypatch):
+    def broken(number, **more):
+        raise RigError("the board does not answer")
+
+    session._once = broken
+    session._run(session._page)
+    session._page.ended.set()
+    assert not session._asked(session._page)
+    assert session._page.told[-1] == ("failed", "the board does not answer")
+    shown = head_html(Offer(MAZE, "toy"), *session._page.told[-1])
+    assert 'data-phase="failed"' in shown
+    assert "the board does not answer" in shown
+    session._order({"do": "start"})  # once more
+    assert session._started.is_set()

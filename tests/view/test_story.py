@@ -207,3 +207,11 @@ def test_a_log_without_a_map_can_be_shown():
     story.take(*tick(0, planned_theta=0.0))
     assert story.moment().gates == ()
     assert story.moment().plan is None
+
+
+def test_where_nobody_followed_the_ball_its_place_tells_the_ring():
+    """As in a log of `collect`."""
+    told = {"t": 0.0, "x": 0.0, "y": -0.05, "beta": 0.0, "gamma": 0.0, "u_beta": 0.0, "u_gamma": 0.0}
+    assert after(("/tick", told)).ring == 3
+    assert after(("/tick", {**told, "x": None, "y": None})).ring is None
+    assert after(("/tick", {**told, "ring": 2})).ring == 2

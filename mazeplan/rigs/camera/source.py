@@ -14,6 +14,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from mazeplan import filekinds
 from mazeplan.errors import InputError, RigError
 from mazeplan.maze.yamltree import shown
 
@@ -51,13 +52,13 @@ class VideoSource:
         self.source, self._patience = source, patience_s
         self._file = isinstance(source, str) and "://" not in source and not source.startswith("/dev/")
         if self._file and not Path(str(source)).is_file():
-            raise InputError("no such video file", file=str(source))
+            raise InputError(filekinds.refused(str(source), "a video"), file=str(source))
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what is wrong is said here, in one line
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._video = cv2.VideoCapture(source)
         if not self._video.isOpened():
             if self._file:
-                raise InputError("not a video that OpenCV can read", file=str(source))
+                raise InputError(filekinds.refused(str(source), "a video that OpenCV can read"), file=str(source))
             raise RigError(f"camera {shown(source)} cannot be opened; {_advice(source)}")
         if size is not None and not self._file:
             self._video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
@@ -118,11 +119,11 @@ def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
         for name in names[:most]:
             image = cv2.imdecode(np.frombuffer(Path(name).read_bytes(), np.uint8), cv2.IMREAD_COLOR)
             if image is None:
-                raise InputError("not a picture that OpenCV can read", file=name)
+                raise InputError(filekinds.refused(name, "a picture that OpenCV can read"), file=name)
             yield name, image
         return
     if not (source.isdigit() or "://" in source or Path(source).exists()):
-        raise InputError("no such folder, picture or video", file=source)
+        raise InputError("no such file, expected a folder of pictures, a picture or a video", file=source)
     video = VideoSource(int(source) if source.isdigit() else source)
     try:
         count = int(video._video.get(cv2.CAP_PROP_FRAME_COUNT)) if video._file else 0
@@ -143,15 +144,15 @@ def _files(source: str) -> list[str] | None:
     if path.is_dir():
         names = sorted(str(p) for p in path.iterdir() if p.suffix.lower() in SUFFIXES)
         if not names:
-            raise InputError(f"got a folder without pictures ({', '.join(SUFFIXES)})", file=source)
+            raise InputError(f"got a folder without pictures, expected some ({', '.join(SUFFIXES)})", file=source)
         return names
     if any(sign in source for sign in "*?["):
         names = sorted(glob.glob(source))
         if not names:
-            raise InputError("no such files", file=source)
+            raise InputError("no such files, expected pictures", file=source)
         return names
     if path.suffix.lower() in SUFFIXES:
         if not path.is_file():
-            raise InputError("no such file", file=source)
+            raise InputError("no such file, expected a picture", file=source)
         return [source]
     return None

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mazeplan import filekinds
 from mazeplan.errors import InputError, TableError
 from mazeplan.maze.yamltree import shown
 from mazeplan.records import Array
@@ -116,12 +117,12 @@ def read_readings(path: Path) -> list[Reading]:
             header = [name.strip() for name in next(rows, [])]
             missing = [name for name in COLUMNS if name not in header]
             if missing:
-                got = shown(",".join(header)) if header else "nothing"
-                raise TableError(f"got {got}, lacks the columns {', '.join(missing)}", file=path, line=1)
+                kind = filekinds.got(path)
+                got = f"the header {shown(','.join(header))}" if kind in ("text", "a table (CSV)") else kind
+                raise TableError(f"got {got}, expected a table (CSV) with {', '.join(COLUMNS)}", file=path, line=1)
             return [_reading(header, row, path, rows.line_num) for row in rows if any(cell.strip() for cell in row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "not a CSV file in UTF-8"
-        raise TableError(f"cannot be read: {reason}", file=path) from None
+    except (OSError, UnicodeDecodeError, csv.Error):
+        raise TableError(filekinds.refused(path, f"a table (CSV) with {', '.join(COLUMNS)}"), file=path) from None
 
 
 def _reading(header: list[str], row: list[str], path: Path, line: int) -> Reading:

@@ -63,7 +63,7 @@ def test_a_camera_that_is_not_there_fails_the_rig():
 
 
 def test_what_does_not_exist_and_what_does_not_answer_are_told_as_what_they_are():
-    with pytest.raises(InputError, match="nosuch: no such folder, picture or video"):
+    with pytest.raises(InputError, match="nosuch: no such file, expected a folder of pictures, a picture or a video"):
         list(pictures("nosuch", 3))
     with pytest.raises(RigError, match="cannot be opened; does that address show pictures in a browser"):
         VideoSource("http://127.0.0.1:9/stream")

@@ -132,12 +132,15 @@ def test_a_table_there_and_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("v0,v1,beta_deg\n1,2,3\n", "r.csv:1: got 'v0,v1,beta_deg', lacks the columns gamma_deg"),
+        (
+            "v0,v1,beta_deg\n1,2,3\n",
+            "r.csv:1: got the header 'v0,v1,beta_deg', expected a table (CSV) with v0, v1, beta_deg, gamma_deg",
+        ),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n\n1,2,3,4,5\n", "r.csv:4: got 5 columns, the header has 4"),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n1,2,x,4\n", "r.csv:3: beta_deg: got 'x', expected a number"),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3\n", "r.csv:2: gamma_deg: got '', expected a number"),
         ("v0,v1,beta_deg,gamma_deg\n1,inf,3,4\n", "r.csv:2: v1: got 'inf', expected a number"),
-        ("", "r.csv:1: got nothing, lacks the columns"),
+        ("", "r.csv:1: got an empty file, expected a table"),
     ],
 )
 def test_tables_that_cannot_be_used(tmp_path, text, said):
