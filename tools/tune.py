@@ -11,7 +11,8 @@ price of a candidate is the mean of time over what a good time on that rig is (`
 counting PENALTY s. The seeds decide everything.
 
 With --screen a generation draws `spare` times as many candidates, plays their plans in batches on a learned model
-(`screen`), and drives the best of them by that alone.
+(`screen`), and drives the best of them by that alone. Whether that order is the one of driving, tools/screen.py
+measures; it says nothing of openings, so that the keys of the gate are drawn, but not screened.
 """
 
 from __future__ import annotations
