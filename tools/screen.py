@@ -1,4 +1,4 @@
-"""Which settings are worth driving: their plans played thousands of times on a learned model. Used by tune.py.
+"""Which settings are not worth driving: their plans played thousands of times on a learned model. Used by tune.py.
 
     python tools/screen.py --model toy --rig toy [--candidates 16] [--runs 16] [--seed 1]
 

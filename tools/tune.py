@@ -10,9 +10,9 @@ model that identification would find, with errors as large as its own standard e
 price of a candidate is the mean of time over what a good time on that rig is (`GOOD`), a run that does not arrive
 counting PENALTY s. The seeds decide everything.
 
-With --screen a generation draws `spare` times as many candidates, plays their plans in batches on a learned model
-(`screen`), and drives the best of them by that alone. Whether that order is the one of driving, tools/screen.py
-measures; it says nothing of openings, so that the keys of the gate are drawn, but not screened.
+With --screen a generation draws `spare` times as many candidates and plays their plans in batches on a learned model
+(`screen`): those that are hopeless there are not driven. More it cannot tell: among the others the order by their plans
+is not the order of driving (tools/screen.py measures it), so that the first ones drawn are taken.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ MIX = ("ideal", "toy", "rough", "drawn", "ideal", "toy", "ideal", "drawn")
 GOOD = {"ideal": 2.6, "toy": 2.9, "rough": 3.6}  # s
 GOOD_DRAWN = 3.1  # s
 LOST = PENALTY / max(GOOD.values()) - 1e-9  # price from which on a run is lost
+HOPELESS = 2.0  # price on a model, over that of the middle candidate, from which on a candidate is not driven
 SEARCHED = {  # key: lowest, highest, whether its logarithm is searched
     "cost.speed": (0.01, 1.0, True), "cost.arrival": (0.02, 2.0, True), "cost.lean": (0.1, 10.0, True),
     "cost.rate": (0.005, 0.5, True), "cost.control": (0.001, 0.1, True), "cost.control_scale": (0.03, 0.15, True),
@@ -121,9 +122,11 @@ def schedule(seed: int, generation: int, runs: int) -> list[tuple[Any, int]]:
 
 
 def screened(points: list[np.ndarray], keep: int, model: RigModel, seed: int) -> list[np.ndarray]:
-    """The `keep` points of the unit cube whose plans do best on a learned model, in the order in which they came."""
+    """The first `keep` points of the unit cube whose plans are not hopeless on a learned model; where there are fewer,
+    the best of the others too."""
     prices = screen([judged(from_unit(p)) for p in points], model, seed)
-    return [points[i] for i in sorted(np.argsort(prices, kind="stable")[:keep].tolist())]
+    hopeless = np.maximum(prices / np.median(prices), HOPELESS)  # all that are not are alike
+    return [points[i] for i in sorted(np.argsort(hopeless, kind="stable")[:keep].tolist())]
 
 
 def main() -> None:

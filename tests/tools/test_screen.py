@@ -39,6 +39,16 @@ def test_the_time_of_arrival():
     assert 0.4 < times[2] < 0.4 + 2.0
 
 
+def test_only_hopeless_candidates_are_passed_over(monkeypatch):
+    import tune
+
+    points = [np.full(len(tune.SEARCHED), 0.1 * i) for i in range(6)]
+    monkeypatch.setattr(tune, "screen", lambda candidates, model, seed: np.array([0.3, 4.0, 0.2, 0.25, 0.31, 2.0]))
+    model = load_model("ideal")
+    assert [p[0] for p in tune.screened(points, 3, model, 1)] == pytest.approx([0.0, 0.2, 0.3])  # not by their prices
+    assert [p[0] for p in tune.screened(points, 5, model, 1)] == pytest.approx([0.0, 0.2, 0.3, 0.4, 0.5])
+
+
 def test_what_a_plan_depends_on():
     values = {"cost.speed": 1.0, "gate.kp": 2.0, "gate.window_mm": 3.0, "estimator.acceleration_sigma": 4.0}
     assert judged(values) == {"cost": {"speed": 1.0}, "gate": {"window_mm": 3.0}}
