@@ -45,7 +45,7 @@ class Campaign:
     model: str | None = None
     behavior: str = "navigate"
     start: int | str = 1
-    goal: int | str = 5
+    goal: int | str | None = None  # None: the centre
     seed: int = 0
     time_limit: float = TIME_LIMIT
     settings: str | None = None
@@ -63,7 +63,7 @@ def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
     """Run number `index` of a campaign."""
     return Job(
         ring_number(campaign.start, maze),
-        ring_number(campaign.goal, maze),
+        len(maze.rings) if campaign.goal is None else ring_number(campaign.goal, maze),
         start_angle(index),
         campaign.seed + index,
         campaign.time_limit,

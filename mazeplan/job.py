@@ -11,12 +11,16 @@ from typing import Any
 
 from mazeplan import resources
 from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.ownleaves import installed_in
 from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.treefile import nodes_named
+from mazeplan.errors import TreeError
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.models.modelfile import RigModel
+from mazeplan.plugins import Plugin
 from mazeplan.records import Latency
 from mazeplan.settings import Settings, load_settings
 from mazeplan.usermodule import user_module
@@ -96,7 +100,10 @@ def _to_replay(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
     behavior = resources.find("behaviors", setup.behavior, ".xml")
     modules = [(name, user_module(name, "--behavior-module").__file__ or "") for name in setup.behavior_modules]
     memory = None if setup.memory is None else setup.memory.document()
+    installed = [(plugin.name, plugin.file() or "") for plugin in installed_leaves(setup)]
+    leaves = {name: {"file": str(file), "sha256": file_sha256(file)} for name, file in installed}
     more = {
+        "leaves": leaves or None,
         "memory": memory, "start_theta": job.theta, "model": setup.model_source, "unseen_s": setup.unseen_s,
         "latency": None if setup.latency is None else asdict(setup.latency),
     }  # fmt: skip
@@ -111,6 +118,15 @@ def _to_replay(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "modules": {name: {"file": file, "sha256": file_sha256(file)} for name, file in modules},
         **{name: value for name, value in more.items() if value is not None},
     }
+
+
+def installed_leaves(setup: Setup) -> tuple[Plugin, ...]:
+    """Entry points of the leaves of installed packages that the tree names; none where it cannot be read, which others
+    will say."""
+    try:
+        return installed_in(nodes_named(setup.behavior), setup.behavior_modules)
+    except TreeError:
+        return ()
 
 
 def file_sha256(path: str | Path) -> str:

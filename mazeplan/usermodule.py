@@ -30,11 +30,14 @@ def user_module(name: str, option: str) -> ModuleType:
 
 
 def _broken(name: str, option: str, problem: BaseException) -> InputError:
+    return InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}")
+
+
+def reason(problem: BaseException) -> str:
     """One line with the place in the user's own code: the innermost one, unless a syntax error names it itself."""
     frames = [frame for frame in traceback.extract_tb(problem.__traceback__) if "importlib" not in frame.filename]
     where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
     if isinstance(problem, SyntaxError) and problem.filename:
         where = f"{problem.filename}:{problem.lineno}: "
         problem = SyntaxError(problem.msg)
-    what = " ".join(f"{type(problem).__name__}: {problem}".split())
-    return InputError(f"{option}: module {name!r} cannot be imported: {where}{what}")
+    return where + " ".join(f"{type(problem).__name__}: {problem}".split())

@@ -42,7 +42,7 @@ def run(words: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def desk(tmp_path):
     (tmp_path / "runs").mkdir()
-    for folder in ("maps", "behaviors"):
+    for folder in ("maps", "behaviors", "examples"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     return tmp_path
 

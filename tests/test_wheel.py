@@ -45,6 +45,8 @@ def test_wheel_holds_everything_and_runs_elsewhere(tmp_path):
         "rigs/hardware.yaml",
         "rigs/emulated.png",
         "models/packaged/toy/model.yaml",
+        "cli/newrig/rig.py.jinja",
+        "cli/newrig/pyproject.toml.jinja",
     ):
         assert f"mazeplan/{name}" in names
     carry_compiled(site)

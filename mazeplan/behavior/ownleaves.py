@@ -1,17 +1,19 @@
-"""Leaves that users bring in modules of their own: `--behavior-module MODULE`.
+"""Leaves that users bring in modules of their own, `--behavior-module MODULE`, and those of installed packages.
 
 A leaf is a public class of the module that derives from `leaf.Leaf` and has a `step`; its name is that of the class.
+An installed package offers one by an entry point `mazeplan.leaves` of its name; it is imported when a tree names it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from mazeplan.behavior.decorators import DECORATORS
 from mazeplan.behavior.leaf import CONVERSIONS, OF_THE_MAP, Leaf, Port, shown
 from mazeplan.behavior.nodes import CONTROLS
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.errors import InputError
+from mazeplan.plugins import LEAVES, Plugin, plugin, plugins
 from mazeplan.usermodule import user_module
 
 OPTION = "--behavior-module"
@@ -22,9 +24,78 @@ MOST_WIND_DOWN = 90  # ticks; 3 s at 30 Hz: nobody waits longer for a run to end
 RESERVED = (*CATEGORIES, *CONTROLS, *DECORATORS, "SubTree", "Control", "Decorator", "BehaviorTree", "TreeNodesModel")
 
 
-def registry_with(modules: Iterable[str] = ()) -> Mapping[str, type[Leaf]]:
-    """The leaves that a tree may name: the packaged ones and those of the modules. Raises InputError if a module
-    cannot be imported, has no leaf, or one whose name is taken or whose ports are not such."""
+class Registry(Mapping[str, type[Leaf]]):
+    """Leaves by name; those of installed packages are imported when they are asked for, which raises InputError where
+    one is broken. owners: whose those are that were asked for."""
+
+    def __init__(self, known: Mapping[str, type[Leaf]]) -> None:
+        self._known, self.owners = dict(known), dict[str, Plugin]()
+
+    def __getitem__(self, name: str) -> type[Leaf]:
+        if name not in self._known:
+            found = plugin(LEAVES, name)
+            if found is None or not_a_name(found):
+                raise KeyError(name)
+            self._known[name], self.owners[name] = installed_leaf(found), found
+        return self._known[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known or name in self.installed
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._known
+        yield from (name for name in self.installed if name not in self._known)
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    @property
+    def installed(self) -> dict[str, Plugin]:
+        """Entry points by the names of leaves that they offer; nothing of them is imported."""
+        return {found.name: found for found in plugins(LEAVES) if not_a_name(found) is None}
+
+    def usable(self, tell: Callable[[str], object]) -> dict[str, type[Leaf]]:
+        """All of them; of an installed one that is broken `tell` is told."""
+        out = {}
+        for name in self:
+            try:
+                out[name] = self[name]
+            except InputError as problem:
+                tell(str(problem))
+        return out
+
+
+def not_a_name(found: Plugin) -> str | None:
+    """Why no tree could name this leaf of a package; None: it can be."""
+    if found.name in REGISTRY or found.name in RESERVED:
+        return "the program has a node of this name, which comes first"
+    return None if found.name.isidentifier() and not found.name.startswith("_") else "expected the name of a class"
+
+
+def installed_leaf(found: Plugin) -> type[Leaf]:
+    """The leaf that a package offers. Raises InputError where it is none."""
+    leaf = found.load()
+    if not (isinstance(leaf, type) and issubclass(leaf, Leaf) and leaf.step is not Leaf.step):
+        raise found.problem(f"got {shown(leaf)}, expected a class derived from mazeplan.MazeLeaf that has a step")
+    if leaf.__name__ != found.name:
+        raise found.problem(f"got the class {leaf.__name__}, expected one whose name is that of the entry point")
+    _check(leaf, found.label)
+    return leaf
+
+
+def installed_in(names: Iterable[str], modules: Iterable[str] = ()) -> tuple[Plugin, ...]:
+    """Those of installed packages among the names of a tree's nodes. Raises InputError as `registry_with` does."""
+    beyond = [name for name in sorted(set(names)) if name not in REGISTRY and name not in RESERVED]
+    if not beyond:
+        return ()
+    own = {name for module in modules for name in _leaves(module)}
+    found = (plugin(LEAVES, name) for name in beyond if name not in own)
+    return tuple(one for one in found if one is not None)
+
+
+def registry_with(modules: Iterable[str] = ()) -> Registry:
+    """The leaves that a tree may name: the packaged ones, those of the modules, and of installed packages. Raises
+    InputError if a module cannot be imported, has no leaf, or one whose name is taken or whose ports are not such."""
     registry: dict[str, type[Leaf]] = dict(REGISTRY)
     for module in dict.fromkeys(modules):
         found = _leaves(module)
@@ -36,7 +107,7 @@ def registry_with(modules: Iterable[str] = ()) -> Mapping[str, type[Leaf]]:
                 raise InputError(f"{OPTION}: {module}.{name}: this name is taken; expected another")
             _check(leaf, f"{OPTION}: {module}.{name}")
             registry[name] = leaf
-    return registry
+    return Registry(registry)
 
 
 def _leaves(module: str) -> dict[str, type[Leaf]]:

@@ -25,7 +25,7 @@ from mazeplan.behavior.expression import ExpressionError, parse_expression
 from mazeplan.behavior.leaf import REQUIRED, Context, Key, Leaf, Place, Port, TreeNode, shown
 from mazeplan.behavior.nodes import CONTROLS, Node
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.errors import MazeplanError, TreeError
+from mazeplan.errors import InputError, MazeplanError, TreeError
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 60  # nodes on one path, subtrees included
@@ -79,6 +79,12 @@ def read_tree(source: str | Path) -> TreeFile:
 
 
 EXPECTED = 'a behaviour tree (XML, <root BTCPP_format="4">)'
+
+
+def nodes_named(source: str | Path) -> set[str]:
+    """Names of all kinds of nodes in a tree's file. Raises TreeError as `read_tree` does."""
+    elements = read_tree(source).root.iter()
+    return {str(e.get("ID", "")) if e.tag in EXPLICIT else str(e.tag) for e in elements}
 
 
 def _read(path: Path) -> bytes:
@@ -211,7 +217,7 @@ class _Builder:
             children = [self._node(child, board, path, within) for child in element]
             node = node_class(name, children, self._context.clock, board, values)
         elif kind in self._registry:
-            leaf = self._registry[kind]
+            leaf = self._leaf(element, path, kind)
             if len(element):
                 raise self.error(element, path, f"{kind} is a leaf and has no children")
             values = self._values(element, path, leaf.ports, attributes, board)
@@ -226,6 +232,12 @@ class _Builder:
             raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
         node.place, node.conditions = Place(self._file, element.sourceline, path), conditions
         return node
+
+    def _leaf(self, element: Element, path: str, kind: str) -> type[Leaf]:
+        try:
+            return self._registry[kind]
+        except InputError as problem:  # of an installed package that is broken
+            raise self.error(element, path, problem.problem) from None
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
         """(kind of node, its attributes but for the ID of the explicit form and what editors note)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from mazeplan.cli import behavior, calibrate, data, learn, log, map, rig
+from mazeplan.cli import behavior, calibrate, data, learn, log, map, new, rig
 from mazeplan.cli.collect import collect
 from mazeplan.cli.compare import compare
 from mazeplan.cli.diagnose import diagnose
@@ -36,5 +36,6 @@ app.add_typer(behavior.app, name="behavior")
 app.add_typer(rig.app, name="rig")
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(data.app, name="data")
+app.add_typer(new.app, name="new")
 app.command()(view)
 app.command()(doctor)

@@ -81,8 +81,10 @@ def list_leaves(behavior_module: BehaviorModule = None) -> None:
     from mazeplan.behavior.nodes import CONTROLS
     from mazeplan.behavior.ownleaves import registry_with
 
-    for name, leaf in sorted(registry_with(behavior_module or ()).items()):
-        print(f"{name}: {(leaf.__doc__ or 'no docstring').strip().splitlines()[0]}")
+    registry = registry_with(behavior_module or ())
+    for name, leaf in sorted(registry.usable(_not_listed).items()):
+        of = f" (package {registry.owners[name].source})" if name in registry.owners else ""
+        print(f"{name}: {(leaf.__doc__ or 'no docstring').strip().splitlines()[0]}{of}")
         for port_name, port in leaf.ports.items():
             default = (
                 "needed" if port.default is REQUIRED else "" if port.default is None else f"default {port.default}"
@@ -91,6 +93,10 @@ def list_leaves(behavior_module: BehaviorModule = None) -> None:
             print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}{_allowed(port)}")
     print("control nodes: " + ", ".join((*CONTROLS, *DECORATORS, "SubTree")))
     print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
+
+
+def _not_listed(problem: str) -> None:
+    say(f"mazeplan: not listed: {problem}")
 
 
 def _allowed(port: Port) -> str:
@@ -111,7 +117,7 @@ def palette(
     from mazeplan.behavior.ownleaves import registry_with
     from mazeplan.behavior.palette import write_palette
 
-    text = write_palette(registry_with(behavior_module or ()))
+    text = write_palette(registry_with(behavior_module or ()).usable(_not_listed))
     if output is None:
         print(text, end="")
         return

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def collect(
     output: Annotated[Path, typer.Option("-o", "--output", help="Run log (MCAP) to write.")],
-    rig: Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")] = "toy",
+    rig: Annotated[str, typer.Option("--rig", help="Name of a rig (rig list), YAML file, or module:Class.")] = "toy",
     seconds: Annotated[float, typer.Option("--seconds", help="Duration in s of rig time.")] = 300.0,
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     ring: Annotated[str, typer.Option("--ring", help="Ring to start in.")] = "ring1",

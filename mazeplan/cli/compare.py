@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.cli.arguments import logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
 if TYPE_CHECKING:
     from mazeplan.comparison import RingScores
-    from mazeplan.maze.geometry import Maze
 
 RATES = ("auto", "smoothed", "delayed", "filtered")
 KERNELS = ("auto", "rbf", "exponential")
@@ -92,7 +92,7 @@ def compare(
     if page is not None:
         check_page("--report", page)
     require_torch()
-    maze, known = _maze(map_, logs[0])
+    maze, known = logged_map(map_, logs[0])
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
         delay=delay,
@@ -118,21 +118,6 @@ def compare(
         print_json(document)
         return
     report(scores)
-
-
-def _maze(name: str | None, log: Path) -> tuple[Maze, bool]:
-    """The map, and whether its openings are those of the data: a table does not tell, a log or a person does."""
-    from mazeplan.data.runlog import read_log
-    from mazeplan.maze.mapfile import check_text, load_map
-
-    if name is not None:
-        return load_map(name), True
-    if log.suffix == ".mcap" and log.is_file():
-        text = read_log(log).header.get("map")
-        maze = check_text(text, file=log).maze if isinstance(text, str) else None
-        if maze is not None:
-            return maze, True
-    return load_map("cme"), False
 
 
 def report(scores: list[RingScores]) -> None:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.cli.arguments import check_folder
-from mazeplan.cli.output import print_json
+from mazeplan.cli.arguments import check_folder, logged_map
+from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
 WIDEST = 2.0  # m; of a ring on a table
@@ -46,7 +46,9 @@ def diagnose(
     test: Annotated[
         Path | None, typer.Option("--test", help="A further record on which before and after are reported.")
     ] = None,
-    map_: Annotated[str | None, typer.Option("--map", help="Packaged map or YAML file; default: cme.")] = None,
+    map_: Annotated[
+        str | None, typer.Option("--map", help="Packaged map or YAML file; default: the log's, else cme.")
+    ] = None,
     system: Annotated[
         str, typer.Option("--system", help="ring: a ball in its ring; emps: a drive axis, benchmark EMPS.")
     ] = "ring",
@@ -71,10 +73,10 @@ def diagnose(
     elif system == "ring":
         if output is not None:
             check_folder("-o", output)
-        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme", effects)
+        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_, effects)
         if output is not None:
             known, number = document["declared"], document["ring"]
-            document["model"] = _new_model(done, model, known, number, map_ or "cme", output)
+            document["model"] = _new_model(done, model, known, number, logged_map(map_, log)[0], output)
             document["notes"] += _not_in_it(done)
         number = document["ring"]
         finish(done, document, output, f"ring {number} of {log.name}" if number else log.name, as_json)
@@ -89,21 +91,20 @@ def _of_ball(
     declare: list[str],
     ring: int | None,
     test: Path | None,
-    map_: str,
+    map_: str | None,
     effects: str | None,
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Diagnosis of a ball in its ring, and its document."""
     from mazeplan.cli.arguments import positive
-    from mazeplan.cli.owneffects import own_effects
+    from mazeplan.cli.owneffects import installed_effects, own_effects
     from mazeplan.cli.progress import Working
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.diagnose import diagnose as run
     from mazeplan.diagnosis.library import Gates, ring_library, wall_library
     from mazeplan.diagnosis.record import centred, record_of, turned_round
-    from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model
 
-    maze, table = load_map(map_), read_table(log)
+    maze, table = logged_map(map_, log)[0], read_table(log)
     if model is not None:
         table = centred(table, load_model(model).camera)
     known: dict[str, dict[str, float]] = {}
@@ -119,6 +120,11 @@ def _of_ball(
         known = load_model(model).declared(ring or 1) if model is not None else {}
     library = [*ring_library(), *wall_library(gates or Gates())]
     own = own_effects(effects, [c.name for c in library])
+    installed = installed_effects([c.name for c in (*library, *own)])
+    own += installed.candidates
+    installed.check_declared(declare, {c.name for c in (*library, *own)})
+    for problem in installed.problems.values():
+        say(f"mazeplan: not looked for: {problem}")
     declare_known(known, declare, [*library, *own])
     if radius is None:
         _check_rings(table, maze)
@@ -130,8 +136,10 @@ def _of_ball(
     ball = record_of(table, rows, odd)
     with Working("diagnosing") as shown:
         done = run(ball, where, known, ring=number, gates=gates, more=own, test=further, progress=shown.tell)
+    document = done.document()
+    document["notes"] += [f"looked for {name} of package {of.source}, too" for name, of in installed.owners.items()]
     return done, {
-        **done.document(),
+        **document,
         "ring": number,
         "radius_m": where,
         "declared": known,
@@ -150,17 +158,16 @@ def _not_in_it(done: Diagnosis) -> list[str]:
 
 
 def _new_model(
-    done: Diagnosis, model: str | None, known: dict[str, dict[str, float]], ring: int | None, map_: str, folder: Path
+    done: Diagnosis, model: str | None, known: dict[str, dict[str, float]], ring: int | None, maze: Maze, folder: Path
 ) -> str | None:
     """The folder of the model with what was found; None where nothing was."""
     from mazeplan.diagnosis.update import base_model, updated
-    from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model, save_model
     from mazeplan.models.stage import StageModel
 
     if not done.effects:
         return None
-    maze, stage = load_map(map_), None if done.stage is None else StageModel(*done.stage.axes)
+    stage = None if done.stage is None else StageModel(*done.stage.axes)
     old = base_model(maze, ring, known, stage) if model is None else load_model(model)
     return str(save_model(updated(old, maze, {ring or 1: done.effects}), folder / "model").parent)
 

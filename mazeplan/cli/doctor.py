@@ -10,7 +10,7 @@ import shutil
 import sys
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ from typing import Annotated, Any
 import typer
 from packaging.requirements import Requirement
 
+from mazeplan.cli.added import added, plugin_lines
 from mazeplan.cli.output import print_json
 
 CORE = "core"
@@ -162,6 +163,7 @@ def document(found: dict[str, list[Package]]) -> dict[str, Any]:
         "emulator": emulator(),
         "browser": browser(),
         "ports": ports(),
+        "plugins": [asdict(found) for found in added()],
     }
 
 
@@ -195,6 +197,7 @@ def lines(found: dict[str, list[Package]]) -> list[str]:
     state = "ready" if page else "missing chromium"
     how = "" if page else "; to have them: sudo apt-get install chromium"
     told.append(f"browser   {state}: tests of the live page{how}")
+    told += plugin_lines(added())
     if serial is not None:
         told.append(f"ports     {', '.join(serial) or 'none found'}: where a board may be plugged in")
     return told

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def improve(
     rig: Annotated[
-        str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class; surprise@3: its seed 3.")
+        str, typer.Option("--rig", help="Name of a rig (rig list), YAML file, or module:Class; surprise@3: its seed 3.")
     ],
     model: Annotated[
         str | None, typer.Option("--model", help="What is known already; default: the rig's own model.")

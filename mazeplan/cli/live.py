@@ -20,7 +20,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.faultkinds import KINDS
 from mazeplan.rigs.faultschedule import at_once
-from mazeplan.rigs.faulty import FaultyRig, Injectable, Orders
+from mazeplan.rigs.faulty import FaultyRig, Injectable, Orders, impossible
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.paced import PacedRig
 from mazeplan.rigs.registry import make_rig, rig_label
@@ -48,7 +48,8 @@ class LiveSession:
         sense: str | None = None,
     ) -> None:  # fmt: skip
         self._maze, self._rig, self._once, self._begin, self._stay = maze, rig, once, begin, stay
-        self._injectable = isinstance(make_rig(rig, maze, sense), Injectable)
+        machine = make_rig(rig, maze, sense)
+        self._injectable, self._impossible = isinstance(machine, Injectable), impossible(machine)
         self._goals = Goals(maze)
         self._started = threading.Event()
         self._machine: Any = None
@@ -71,7 +72,7 @@ class LiveSession:
 
         listening = listen(host, port)
         door = Door.at(host, listening.getsockname()[1])
-        kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in NOT_OFFERED}
+        kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in {*NOT_OFFERED, *self._impossible}}
         offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {})
         with PageLink(offer, door, listening, self._order) as self._page:
             listening.close()

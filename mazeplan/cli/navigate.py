@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.records import NavigationResult
 
 Map = Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")]
-RigName = Annotated[str, typer.Option("--rig", help="Packaged rig, YAML file, or module:Class.")]
+RigName = Annotated[str, typer.Option("--rig", help="Name of a rig (rig list), YAML file, or module:Class.")]
 Model = Annotated[str | None, typer.Option("--model", help="Packaged model or folder; default: the rig's own.")]
 Behavior = Annotated[str, typer.Option("--behavior", help="Packaged behaviour tree or XML file.")]
 HowFile = Annotated[str | None, typer.Option("--settings", help="YAML file of costs, gains and windows.")]

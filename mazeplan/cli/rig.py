@@ -16,7 +16,7 @@ app = typer.Typer(help="Rigs: conformance, list.", no_args_is_help=True)
 
 @app.command("check")
 def check(
-    rig: Annotated[str, typer.Argument(help="Packaged rig, YAML file, or module:Class.")],
+    rig: Annotated[str, typer.Argument(help="Name of a rig (rig list), YAML file, or module:Class.")],
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     seed: Annotated[int, typer.Option("--seed", min=0)] = 0,
     hardware: Annotated[bool, typer.Option("--hardware", help="Leave out what only a simulation can repeat.")] = False,
@@ -72,8 +72,9 @@ def check(
 def list_rigs(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
-    """The packaged rigs, and every key that a simulated rig's YAML file may set."""
-    from mazeplan.rigs.registry import rig_names
+    """The packaged rigs, those of installed packages, and every key that a simulated rig's YAML file may set."""
+    from mazeplan.plugins import RIGS, plugins
+    from mazeplan.rigs.registry import installed_rigs, rig_names, unusable
     from mazeplan.rigs.settings import SimulatedSettings
 
     keys = {
@@ -81,9 +82,16 @@ def list_rigs(
         for name, info in SimulatedSettings.model_fields.items()
     }
     if as_json:
-        print_json({"rigs": list(rig_names()), "settings": keys})
+        installed = {
+            name: {"package": found.package, "version": found.version, "object": found.value}
+            for name, found in installed_rigs().items()
+        }
+        print_json({"rigs": [*rig_names(), *installed], "installed": installed, "settings": keys})
         return
     print("packaged rigs: " + ", ".join(rig_names()))
+    for found in plugins(RIGS):
+        problem = unusable(found)
+        print(f"of package {found.source}: {found.name} ({found.value}){f': not used: {problem}' if problem else ''}")
     print("keys of a simulated rig (default; what):")
     for name, key in keys.items():
         print(f"  {name:24s} {key['default']!s:12s} {key['what']}")

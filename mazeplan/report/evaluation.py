@@ -68,6 +68,11 @@ def maze_of(evaluations: Sequence[Input]) -> Maze:
     return load_map("cme")
 
 
+def as_published(maze: Maze) -> bool:
+    """Whether a maze is the one of which the published times are."""
+    return maze == load_map("cme")
+
+
 def interval(successes: int, runs: int) -> tuple[float, float]:
     """Of a share, 95 % (Wilson, 1927)."""
     p, zz = successes / runs, Z * Z / runs
@@ -133,7 +138,7 @@ def evaluation_section(given: Sequence[Input]) -> Section:
 
     maze = maze_of(given)
     several = _apart([runs_of(part) for part in given])
-    parts: list[Any] = [_table(several), *evaluation_pictures(several, maze), _kinds_table(several)]
+    parts: list[Any] = [_table(several, as_published(maze)), *evaluation_pictures(several, maze), _kinds_table(several)]
     if all(not len(by_kind(runs)) for runs in several):
         parts.pop()
     if any(not np.isfinite(runs.start).any() for runs in several):
@@ -180,7 +185,8 @@ def _lead(several: list[Runs]) -> str:
     return "; ".join(told) + "."
 
 
-def _table(several: list[Runs]) -> Table:
+def _table(several: list[Runs], compared: bool) -> Table:
+    """compared: with the published times."""
     head = ["", *(runs.name for runs in several), "published, on hardware"]
     rows = [["arrived", *(f"{int(r.arrived.sum())} of {len(r.time)}" for r in several)]]
     rows[0].append(f"{published.ARRIVED} of {published.RUNS}")
@@ -198,6 +204,8 @@ def _table(several: list[Runs]) -> Table:
     if len(several) > 1:
         for key, label in (("rig", "rig"), ("model", "model"), ("map_name", "map"), ("version", "mazeplan")):
             rows.append([label, *(str(r.setup.get(key, MISSING)) for r in several), MISSING])
+    if not compared:
+        head, rows = head[:-1], [row[:-1] for row in rows]
     return Table("In figures; times are of the runs that arrived", head, rows)
 
 

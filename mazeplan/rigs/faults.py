@@ -13,6 +13,7 @@ import numpy as np
 from mazeplan.errors import SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
+from mazeplan.rigs.gimbal import Gimbal
 from mazeplan.rigs.mjcf import PLUG_OFF, PLUG_ON, plug_name
 from mazeplan.rigs.settings import Fault
 
@@ -23,8 +24,8 @@ class FaultBox:
     """Applies the faults of one run to a MuJoCo model and its data. Raises SettingsError for an opening that does
     not exist."""
 
-    def __init__(self, faults: Sequence[Fault], model: mujoco.MjModel, data: mujoco.MjData, maze: Maze) -> None:
-        self._faults, self._model, self._data, self._maze = list(faults), model, data, maze
+    def __init__(self, faults: Sequence[Fault], gimbal: Gimbal, maze: Maze) -> None:
+        self._faults, self._gimbal, self._maze = list(faults), gimbal, maze
         for i, fault in enumerate(faults):
             self._check(fault, f"faults[{i}]")
         self._done: set[int] = set()
@@ -82,27 +83,23 @@ class FaultBox:
         blocked = {fault.opening for fault in self.active("blocked", t)}
         for fault in self._faults:
             if fault.kind == "blocked" and fault.opening is not None:
-                geom = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, plug_name(fault.opening))
+                model = self._gimbal.model
+                geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, plug_name(fault.opening))
                 on = PLUG_ON if fault.opening in blocked else PLUG_OFF
-                self._model.geom_contype[geom] = self._model.geom_conaffinity[geom] = on
+                model.geom_contype[geom] = model.geom_conaffinity[geom] = on
         for i, fault in enumerate(self._faults):
             if fault.kind in ("push", "teleport") and i not in self._done and t >= fault.at_s:
                 self._done.add(i)
                 angle = math.radians(fault.direction_deg)
                 if fault.kind == "push":
-                    self._data.qvel[2] += fault.speed_m_s * math.cos(angle)
-                    self._data.qvel[3] += fault.speed_m_s * math.sin(angle)
+                    self._gimbal.kick(fault.speed_m_s * math.cos(angle), fault.speed_m_s * math.sin(angle))
                 else:
                     radius = self._maze.track_radius(fault.ring)
                     self._put(np.array([radius * math.cos(angle), radius * math.sin(angle), self._maze.ball.radius]))
 
-    def _plate(self) -> Array:
-        return self._data.body("plate").xmat.reshape(3, 3)
-
     def _put(self, position: Array) -> None:
         """The ball at rest there, (3,) m in the plate's frame."""
-        self._data.qpos[2:5] = self._plate() @ position
-        self._data.qvel[2:8] = 0.0
+        self._gimbal.rest(self._gimbal.drawn() @ position)
 
     def after_step(self, t: float) -> None:
         """A ball that is glued or held goes with the plate: its place there is put back after each step."""
@@ -110,7 +107,7 @@ class FaultBox:
         if not (glued or out) and self._taken_from is None:
             self._held = None
             return
-        here = self._plate().T @ self._data.qpos[2:5]
+        here = self._gimbal.drawn().T @ self._gimbal.place()
         if out and self._taken_from is None:
             self._taken_from = here
         elif not out and self._taken_from is not None:

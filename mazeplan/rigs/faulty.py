@@ -46,6 +46,12 @@ class Injectable(Protocol):
         ...
 
 
+def impossible(rig: object) -> set[str]:
+    """Kinds of faults that a machine says it cannot have: `cannot`, of kinds of `settings.Fault`."""
+    cannot = getattr(rig, "cannot", ())
+    return {name for name, (kind, _) in IN_THE_MACHINE.items() if kind in cannot}
+
+
 @dataclass
 class Orders:
     """What the outside does to the program that drives: `aimed_at` is the opening that is next, `close` closes one."""
@@ -67,6 +73,8 @@ class FaultyRig:
         for fault in faults:
             if fault.kind.place == "machine" and not isinstance(rig, Injectable):
                 raise SettingsError(f"{fault.kind.name}: this rig has no `inject`; a simulated rig has")
+            if fault.kind.name in impossible(rig):
+                raise SettingsError(f"{fault.kind.name}: this rig cannot do that; a rig of the program's own can")
         self._chance: dict[int, np.random.Generator] = {}
         self._closed = threading.Event()
         self._clear()

@@ -11,6 +11,7 @@ from __future__ import annotations
 # (MuJoCo's compiled module tells type checkers nothing of its names)
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -21,6 +22,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
 from mazeplan.rigs.faults import FaultBox
 from mazeplan.rigs.forces import PlateForces
+from mazeplan.rigs.gimbal import Gimbal
 from mazeplan.rigs.mjcf import SUBSTEPS, mjcf
 from mazeplan.rigs.settings import Fault, SimulatedSettings
 
@@ -43,27 +45,25 @@ class Snapshot:
 
 class Machine:
     """Plate, servos and ball of a maze. `reset` comes first; chunk_s: s of one `step`; data: MuJoCo's, for who looks
-    deeper."""
+    deeper. build: makes the model that it runs on (None: the one generated from the map)."""
 
-    def __init__(self, maze: Maze, settings: SimulatedSettings) -> None:
-        self.maze, self.settings = maze, settings
+    def __init__(self, maze: Maze, settings: SimulatedSettings, build: Callable[[], Gimbal] | None = None) -> None:
+        self.maze, self.settings, self._build = maze, settings, build or self._from_map
         self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)
-        self._model: mujoco.MjModel | None = None
-        self._data: mujoco.MjData | None = None
+        self._gimbal: Gimbal | None = None
+
+    def _from_map(self) -> Gimbal:
+        return Gimbal(mujoco.MjModel.from_xml_string(mjcf(self.maze, self.settings)), SUBSTEPS // CHUNKS)
 
     # -- life -------------------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float) -> None:
         """The ball at rest in the middle of a ring, the plate level, time 0."""
-        if self._model is None:
-            self._model = mujoco.MjModel.from_xml_string(mjcf(self.maze, self.settings))
-            self._data = mujoco.MjData(self._model)
-        model, data = self._model, self.data
-        mujoco.mj_resetData(model, data)
-        radius = self.maze.track_radius(ring)
-        data.qpos[2:5] = radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius
-        data.qpos[5] = 1.0
-        mujoco.mj_forward(model, data)
+        if self._gimbal is None:
+            self._gimbal = self._build()
+        radius, theta = self.maze.track_radius(ring), self.maze.clear_angle(ring, theta)
+        place = np.array([radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius])
+        self._gimbal.reset(place)
         self._target = self._ctrl = np.zeros(2)
         self._queue: deque[tuple[float, Array]] = deque()
         self._played = np.zeros(2)
@@ -73,27 +73,33 @@ class Machine:
         ]
         self._half_play = 0.5 * np.array(play)
         self._forces = PlateForces(self.settings, self.maze)
-        self._faults = FaultBox(self.settings.faults, model, data, self.maze)
+        self._faults = FaultBox(self.settings.faults, self._gimbal, self.maze)
 
     def close(self) -> None:
         """Give memory back; may be called twice."""
-        self._model = self._data = None
+        self._gimbal = None
 
     @property
     def data(self) -> mujoco.MjData:
         """MuJoCo's. Raises RigError before reset() and after close()."""
+        return self.gimbal.data
+
+    @property
+    def gimbal(self) -> Gimbal:
+        """The model. Raises RigError before reset() and after close()."""
         self.check()
-        return self._data
+        assert self._gimbal is not None
+        return self._gimbal
 
     def check(self) -> None:
         """Raises RigError before reset() and after close()."""
-        if self._data is None:
+        if self._gimbal is None:
             raise RigError("the simulated rig was used before reset() or after close()")
 
     @property
     def ready(self) -> bool:
         """Whether it was reset and is not closed."""
-        return self._data is not None
+        return self._gimbal is not None
 
     @property
     def time(self) -> float:
@@ -104,19 +110,19 @@ class Machine:
 
     def step(self) -> None:
         """Let `chunk_s` pass."""
-        data, now = self.data, self.time
+        gimbal, now = self.gimbal, self.time
         while self._queue and self._queue[0][0] <= now + 1e-9:
             self._target = self._queue.popleft()[1]
         most = math.radians(self.settings.servo_slew_deg_s) * self.chunk_s
         # not np.clip, which takes many times as long for two numbers
         self._ctrl = self._ctrl + np.minimum(np.maximum(self._target - self._ctrl, -most), most)
         self._played = np.minimum(np.maximum(self._played, self._ctrl - self._half_play), self._ctrl + self._half_play)
-        data.ctrl[:] = self._faults.servo(now, self._played)
+        gimbal.drive(self._faults.servo(now, self._played))
         self._faults.before_step(now)
         if self._forces:
-            plate, _ = self._plate()
-            data.body("ball").xfrc_applied[:3] = plate @ self._forces.on(plate.T @ data.qpos[2:5])
-        mujoco.mj_step(self._model, data, nstep=SUBSTEPS // CHUNKS)
+            plate, _ = gimbal.plate()
+            gimbal.pull(plate @ self._forces.on(plate.T @ gimbal.place()))
+        gimbal.advance()
         self._faults.after_step(self.time)
 
     def command(self, u_beta: float, u_gamma: float) -> None:
@@ -147,7 +153,7 @@ class Machine:
     @property
     def tilt(self) -> tuple[float, float]:
         """beta, gamma, rad."""
-        return float(self.data.qpos[0]), float(self.data.qpos[1])
+        return self.gimbal.tilt
 
     @property
     def position(self) -> Array:
@@ -157,12 +163,13 @@ class Machine:
     def scene(self) -> Array:
         """What there is to be seen: x, y (NaN while the ball is taken out), z of the ball in the plate frame, m, beta,
         gamma, rad; (5,)."""
-        data, (plate, _) = self.data, self._plate()
+        gimbal = self.gimbal
+        plate, _ = gimbal.plate()
         out = np.empty(5)
-        out[:3] = plate.T @ data.qpos[2:5]
+        out[:3] = plate.T @ gimbal.place()
         if self._faults.out(self.time):
             out[:2] = math.nan
-        out[3:] = data.qpos[:2]
+        out[3:] = gimbal.tilt
         return out
 
     def blind(self, t: float) -> bool:
@@ -172,42 +179,33 @@ class Machine:
     def truth(self) -> Array:
         """x, y, z (m), x_dot, y_dot (m/s) of the ball in the plate frame, beta, gamma (rad): shape (7,)."""
         position, velocity, _ = self.ball()
-        data = self.data
-        return np.array([*position, velocity[0], velocity[1], float(data.qpos[0]), float(data.qpos[1])])
+        return np.array([*position, velocity[0], velocity[1], *self.tilt])
 
     def ball(self) -> tuple[Array, Array, Array]:
         """Position (m), velocity (m/s) and spin (rad/s) of the ball in the plate frame, (3,) each."""
-        data, (plate, omega) = self.data, self._plate()
-        position = plate.T @ data.qpos[2:5]
-        velocity = plate.T @ data.qvel[2:5] - _cross(omega, position)
-        spin = plate.T @ (_rotation(data.qpos[5:9]) @ data.qvel[5:8]) - omega
-        return position, velocity, spin
+        gimbal = self.gimbal
+        plate, omega = gimbal.plate()
+        position = plate.T @ gimbal.place()
+        velocity = plate.T @ gimbal.velocity() - _cross(omega, position)
+        return position, velocity, plate.T @ gimbal.spin() - omega
 
     def set_ball(self, position: Array, velocity: Array, spin: Array) -> None:
         """Put the ball there, (3,) each in the plate frame; all else goes on as it was."""
-        data, (plate, omega) = self.data, self._plate()
-        data.qpos[2:5] = plate @ position
-        data.qvel[2:5] = plate @ (velocity + _cross(omega, position))
-        data.qvel[5:8] = _rotation(data.qpos[5:9]).T @ (plate @ (spin + omega))
-
-    def _plate(self) -> tuple[Array, Array]:
-        """Rotation (3, 3) from the plate frame to the room, and the plate's angular velocity (3,) in its own frame:
-        gamma_dot about x, beta_dot about the y axis outside."""
-        data = self.data
-        b, c = float(data.qpos[0]), float(data.qpos[1])
-        cb, sb, cc, sc = math.cos(b), math.sin(b), math.cos(c), math.sin(c)
-        plate = np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
-        return plate, np.array([data.qvel[1], cc * data.qvel[0], -sc * data.qvel[0]])
+        gimbal = self.gimbal
+        plate, omega = gimbal.plate()
+        gimbal.put(plate @ position, plate @ (velocity + _cross(omega, position)), plate @ (spin + omega))
 
     def snapshot(self) -> Snapshot:
         """The machine as it is, to come back to; what the camera has seen and will draw is not in it."""
-        state = np.empty(mujoco.mj_stateSize(self._model, _WHOLE))
-        mujoco.mj_getState(self._model, self.data, state, _WHOLE)
+        gimbal = self.gimbal
+        state = np.empty(mujoco.mj_stateSize(gimbal.model, _WHOLE))
+        mujoco.mj_getState(gimbal.model, gimbal.data, state, _WHOLE)
         return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Back to a snapshot of this very rig. Faults that were injected in between stay."""
-        mujoco.mj_setState(self._model, self.data, snapshot.state, _WHOLE)
+        mujoco.mj_setState(self.gimbal.model, self.gimbal.data, snapshot.state, _WHOLE)
+        self.gimbal.settle()
         self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
         self._queue = deque(snapshot.queue)
 
@@ -216,9 +214,3 @@ def _cross(a: Array, b: Array) -> Array:
     """Cross product (3,) of two vectors; NumPy's takes many times as long for one pair."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
-
-
-def _rotation(quaternion: Array) -> Array:
-    out = np.empty(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)

@@ -1,4 +1,5 @@
-"""From what a user writes after `--rig` to a rig: a packaged name, a YAML file, or module:Class.
+"""From what a user writes after `--rig` to a rig: a packaged name, a YAML file, module:Class, or the name by which an
+installed package offers one (entry point `mazeplan.rigs`: its class, or the path of its YAML file).
 
 Behind a name or file whose settings hold a surprise, @N is the seed of what is drawn: surprise@3.
 """
@@ -14,6 +15,7 @@ from mazeplan.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import Tree, shown
+from mazeplan.plugins import RIGS, Plugin, plugin, plugins
 from mazeplan.rigs.interface import Rig
 from mazeplan.usermodule import user_module
 
@@ -29,8 +31,34 @@ def rig_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in PACKAGED.glob("*.yaml")))
 
 
+def unusable(found: Plugin) -> str | None:
+    """Why an installed rig cannot be used by its name, as far as the name tells; None: it can."""
+    if found.name in rig_names():
+        return "the program has a rig of this name, which comes first"
+    if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", found.name) is None:
+        return "expected a name of letters, digits, - and _"
+    return None
+
+
+def installed_rigs() -> dict[str, Plugin]:
+    """Rigs of installed packages that can be used by name; none of their code is imported."""
+    return {found.name: found for found in plugins(RIGS) if unusable(found) is None}
+
+
+def installed_rig(found: Plugin) -> type | Path:
+    """The class, or the YAML file, that a package offers. Raises InputError when it is neither."""
+    rig = found.load()
+    if isinstance(rig, str | Path):
+        if not Path(rig).is_file():
+            raise found.problem(f"got {str(rig)!r}, expected a YAML file that is there, or a class")
+        return Path(rig)
+    _check_class(rig, found.label)
+    return rig
+
+
 def rig_file(spec: str) -> Path | None:
-    """The YAML file that a spec stands for, or None for module:Class. Raises SettingsError when there is none."""
+    """The YAML file that a spec stands for, or None for a class. Raises SettingsError when there is none, InputError
+    for an installed rig that is broken."""
     spec, _ = seeded(spec)
     packaged = PACKAGED / f"{spec}.yaml"
     if spec == HARDWARE and Path(packaged.name).is_file():  # the rig that one has, before the template
@@ -44,10 +72,13 @@ def rig_file(spec: str) -> Path | None:
         return path
     if ":" in spec:
         return None
+    found = plugin(RIGS, spec)
+    if found is not None:
+        rig = installed_rig(found)
+        return rig if isinstance(rig, Path) else None
+    names = ", ".join((*rig_names(), *installed_rigs()))
     what = f", {filekinds.got(path)}" if path.is_dir() else ""
-    raise SettingsError(
-        f"got rig {shown(spec)}{what}, expected one of {', '.join(rig_names())}, a YAML file, or module:Class"
-    )
+    raise SettingsError(f"got rig {shown(spec)}{what}, expected one of {names}, a YAML file, or module:Class")
 
 
 def seeded(spec: str) -> tuple[str, int | None]:
@@ -71,8 +102,11 @@ def with_seed(spec: str, seed: int) -> str:
 
 def rig_label(spec: str) -> str:
     """What reports call it: the name, the file's stem, or the class."""
-    path, (_, seed) = rig_file(spec), seeded(spec)
-    return spec if path is None else path.stem if seed is None else f"{path.stem}@{seed}"
+    path, (name, seed) = rig_file(spec), seeded(spec)
+    if path is None:
+        return spec
+    label = path.stem if Path(name).suffix in (".yaml", ".yml") or Path(name).is_file() else name
+    return label if seed is None else f"{label}@{seed}"
 
 
 def rig_model_hint(spec: str) -> str | None:
@@ -138,19 +172,16 @@ def _from_class(
     spec: str, maze: Maze, settings: dict[str, Any], file: Path | None = None, tree: Tree | None = None
 ) -> Rig:
     where: dict[str, Any] = {} if tree is None else {"file": file, "line": tree.line(("class",))}
-    module_name, _, class_name = spec.partition(":")
-    try:
-        kind = getattr(user_module(module_name, f"rig {spec!r}"), class_name)
-    except InputError as problem:
-        raise SettingsError(problem.problem, **where) from None
-    except AttributeError:
-        raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
+    found = None if ":" in spec else plugin(RIGS, spec)
+    name = f"{spec!r}" if found is None else found.label
+    kind: Any = _class(spec, where) if found is None else installed_rig(found)
+    if found is None:
+        _check_class(kind, name, where)
+    elif isinstance(kind, Path):
+        raise SettingsError(f"{name} is a YAML file, expected a class", **where)
     from mazeplan.rigs.settings import FileSettings, placed
 
     given = settings if file is None or tree is None else FileSettings(settings, file, tree)
-    missing = [name for name in METHODS if not callable(getattr(kind, name, None))]
-    if missing or not isinstance(kind, type):
-        raise SettingsError(f"{spec!r} is no rig: it lacks {', '.join(missing) or 'a class'}", **where)
     try:
         rig = kind(maze, given)
     except SettingsError as problem:  # the class knows the key, not where the key stands
@@ -158,7 +189,24 @@ def _from_class(
     except MazeplanError:
         raise
     except Exception as problem:  # it opens something, perhaps: a port that is not there
-        raise RigError(f"{spec!r} could not be made: {type(problem).__name__}: {problem}") from problem
+        raise RigError(f"{name} could not be made: {type(problem).__name__}: {problem}") from problem
     if not isinstance(getattr(rig, "rate_hz", None), int | float):
-        raise SettingsError(f"{spec!r} is no rig: it lacks rate_hz", **where)
+        raise SettingsError(f"{name} is no rig: it lacks rate_hz", **where)
     return rig
+
+
+def _class(spec: str, where: dict[str, Any]) -> Any:
+    """What module:Class names."""
+    module_name, _, class_name = spec.partition(":")
+    try:
+        return getattr(user_module(module_name, f"rig {spec!r}"), class_name)
+    except InputError as problem:
+        raise SettingsError(problem.problem, **where) from None
+    except AttributeError:
+        raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
+
+
+def _check_class(kind: Any, name: str, where: dict[str, Any] | None = None) -> None:
+    missing = [method for method in METHODS if not callable(getattr(kind, method, None))]
+    if missing or not isinstance(kind, type):
+        raise SettingsError(f"{name} is no rig: it lacks {', '.join(missing) or 'a class'}", **(where or {}))

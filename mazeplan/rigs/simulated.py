@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array, Observation
+from mazeplan.rigs.gimbal import Gimbal
 from mazeplan.rigs.machine import CHUNKS, Machine, Snapshot
 from mazeplan.rigs.settings import Fault, SimulatedSettings, settings_from
 from mazeplan.rigs.surprise import answer, surprised
@@ -26,17 +27,22 @@ TOLERANCE = 1e-9  # rad, of the tilt limit
 
 
 class SimulatedRig:
-    """See `interface.Rig`. settings: a mapping as in rigs/ideal.yaml, or SimulatedSettings."""
+    """See `interface.Rig`. settings: a mapping as in rigs/ideal.yaml, or SimulatedSettings; build: see `Machine`."""
 
     realtime = False  # its time passes in observe() only: no watchdog
 
-    def __init__(self, maze: Maze, settings: Mapping[str, Any] | SimulatedSettings | None = None) -> None:
+    def __init__(
+        self,
+        maze: Maze,
+        settings: Mapping[str, Any] | SimulatedSettings | None = None,
+        build: Callable[[], Gimbal] | None = None,
+    ) -> None:
         self.maze = maze
         given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
         self.surprise = answer(given, maze)  # for who asks afterwards
         self.settings = surprised(given, maze)
         self.rate_hz = self.settings.rate_hz
-        self.machine = Machine(maze, self.settings)
+        self.machine = Machine(maze, self.settings, build)
         self._samples = 0
         self._rng = np.random.default_rng(0)
         self._sense: CameraSense | None = None
