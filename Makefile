@@ -97,6 +97,8 @@ pictures: $(VENV)/installed
 	$(BIN)/mazeplan navigate --rig toy --seed 3 --log build/run.mcap
 	$(BIN)/mazeplan map show --log build/run.mcap -o docs/run.png
 	$(BIN)/mazeplan map show --route --start-angle 20 -o docs/map.png
+	$(BIN)/mazeplan navigate --map detour --start-angle 120 --seed 3 --log build/detour.mcap
+	$(BIN)/mazeplan map show detour --log build/detour.mcap -o docs/detour.png
 	$(BIN)/python tools/draw_reports.py
 
 bench: $(VENV)/installed

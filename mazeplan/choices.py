@@ -6,8 +6,12 @@ from pathlib import Path
 
 from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, load_model, model_names
+from mazeplan.models.transfer import carried_over
 from mazeplan.rigs.registry import rig_model_hint
+
+HOME = "cme"  # the map on which the packaged models were fitted
 
 
 def ring_number(ring: int | str, maze: Maze) -> int:
@@ -19,11 +23,20 @@ def ring_number(ring: int | str, maze: Maze) -> int:
 
 
 def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Maze) -> RigModel:
-    """The model asked for; else the rig's own; else a packaged one of the rig's name; else nominal physics."""
+    """The model asked for; else the rig's own; else a packaged one of the rig's name; else nominal physics.
+
+    Of a packaged one only the physics, where the maze has other rings than the one it was fitted on."""
     if isinstance(model, RigModel):
         return model
     source = model_source(model, rig)
-    return RigModel.nominal(maze) if source is None else load_model(source)
+    return RigModel.nominal(maze) if source is None else model_from(source, maze)
+
+
+def model_from(source: str | Path, maze: Maze) -> RigModel:
+    """The model in a folder, or what of the packaged one of that name is true of a maze. Raises ModelError."""
+    model = load_model(source)
+    packaged = str(source) in model_names() and not Path(source).exists()
+    return carried_over(model, load_map(HOME), maze) if packaged else model
 
 
 def model_source(model: str | Path | None, rig: str | None) -> str | None:

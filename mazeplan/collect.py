@@ -28,6 +28,7 @@ from mazeplan.job import Job, Setup
 from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
+from mazeplan.maze.regions import leading_to
 from mazeplan.records import Array, Command, FailureKind, Observation, State
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.run import Run
@@ -107,7 +108,7 @@ def run_collection(
                 ring = plan.rings[segment % len(plan.rings)]
                 rig.reset(
                     ring=ring,
-                    theta=float(rng.uniform(-math.pi, math.pi)),
+                    theta=maze.clear_angle(ring, float(rng.uniform(-math.pi, math.pi))),
                     rng=np.random.default_rng([plan.seed, segment]),
                 )
                 for u in commands[start : start + stretch]:
@@ -134,7 +135,7 @@ def run_tour(
     check_ready(rig)
     rng = np.random.default_rng(plan.seed)
     commands = plan.commands(rng, rig.rate_hz, setup.maze.tilt_limit)
-    theta = float(rng.uniform(-math.pi, math.pi))
+    theta = setup.maze.clear_angle(plan.rings[0], float(rng.uniform(-math.pi, math.pi)))
     header = _header(setup.maze, plan, setup.rig_name) | {
         "rings": list(plan.rings), "model": setup.model_name or setup.model.kind, "start_ring": plan.rings[0],
         "drives": True,
@@ -154,13 +155,18 @@ def left_alone(maze: Maze, passed: Mapping[str, int], refused: Container[str], s
     """Openings that a drive does not use, so that all are passed about equally often: those that refused the ball,
     and those passed more often than the rarest of their wall by more than `spare`.
 
-    passed: how often, by name; a wall of which all openings refused the ball is left as it is."""
+    passed: how often, by name; a wall of which all openings refused the ball is left as it is, and so are all where
+    radial walls would leave no way without those."""
     names: list[str] = []
     for wall in maze.walls:
         usable = [o.name for o in wall.openings if not o.closed and o.name not in refused]
         if usable:
             most = min(passed[name] for name in usable) + spare
             names += [o.name for o in wall.openings if o.name not in usable or passed[o.name] > most]
+    if maze.radial_walls:
+        last, shut = len(maze.rings), [o.name for o in maze.openings if o.closed]
+        if leading_to(maze, last, [*names, *shut]) != leading_to(maze, last, shut):
+            return ()
     return tuple(names)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.split import block_bootstrap, uniform_downsample
+from mazeplan.models.confidence import ConfidenceOptions, documented
 from mazeplan.models.discrete import fit_discrete, roll_out_discrete
 from mazeplan.models.eccentric import Centre
 from mazeplan.models.fitting import FitOptions, fit_kind
@@ -40,7 +41,7 @@ CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning cur
 class CompareOptions:
     """smoothing of positions where the table brings no derivatives; delay: s that the ball is behind the tilt (None:
     found, see `best_lag`); samples: what else a table does not tell; rates: or "auto", by the noise of the angle; fit;
-    curve: learning curves too; seed: of everything that is drawn."""
+    curve: learning curves too; bands: of confidence around roll-outs; seed: of everything that is drawn."""
 
     smoothing: Smoothing = field(default_factory=lambda: Smoothing(window=9))
     delay: float | None = None
@@ -48,6 +49,7 @@ class CompareOptions:
     rates: str = "auto"
     fit: FitOptions = field(default_factory=lambda: FitOptions(training=THOROUGH))
     curve: bool = False
+    bands: ConfidenceOptions = field(default_factory=ConfidenceOptions)
     kinds: tuple[str, ...] = PREDICTED
     seed: int = 0
 
@@ -77,6 +79,12 @@ class RingData:
         return measured, measured + (predicted - truth) / self.centre.slope(seen.k.theta[rows])
 
     @property
+    def off(self) -> tuple[float, float]:
+        """Where the rings' centre is, m."""
+        r = self.test.k.radius
+        return (0.0, 0.0) if self.centre is None else (self.centre.x * r, self.centre.y * r)
+
+    @property
     def test_rows(self) -> IntArray:
         """Rows scored."""
         return np.flatnonzero(self.test_mask & self.test.good)
@@ -101,6 +109,7 @@ class RingScores:
     curve: dict[str, list[tuple[int, float]]]
     bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)  # of roll-outs, by the sample
     residual: ResidualMap | None = None
+    confidence: dict[str, dict[str, Any]] = field(default_factory=dict)  # as `Confidence.document` has it
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
@@ -121,6 +130,7 @@ class RingScores:
             "rollout": rounded(self.rollout), "interval95": rounded(self.interval),
             **({"curve": rounded(self.curve)} if self.curve else {}),
             **({"bands": rounded(self.bands)} if self.bands else {}),
+            **({"confidence": rounded(self.confidence)} if self.confidence else {}),
             **({"residual": self.residual.document()} if self.residual else {}),
         }  # fmt: skip
 
@@ -171,6 +181,7 @@ def score(
     misfit = MISFIT * float(np.std(data.train.theta_ddot[train_rows]))
     rollout: dict[str, dict[str, float]] = {}
     bands: dict[str, dict[str, list[float]]] = {}
+    sure: dict[str, dict[str, Any]] = {}
     for kind in ROLLED:
         tell(f"rolling out {kind}")
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
@@ -181,27 +192,17 @@ def score(
             for n in CHECKED:
                 blocks = data.block[windows.start]
                 interval[str(n)][kind] = block_bootstrap(rolled.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
+            parts = data.train, data.train_rows, data.test
+            doubts = windows, rates, misfit, options.bands
+            sure |= documented(kind, fitted, parts, *doubts, seed=[options.seed, ring, 1])
         done += COST["roll"]
         advance(done, whole)
-    radius = data.test.k.radius
     curve = _curve(data, train_rows, options, tell, piece(advance, done, whole - done, whole)) if options.curve else {}
+    at = data.test_rows
     return RingScores(
-        ring,
-        len(train_rows),
-        len(data.test_rows),
-        rates,
-        options.samples.delay,
-        signs,
-        windows,
-        (0.0, 0.0) if data.centre is None else (data.centre.x * radius, data.centre.y * radius),
-        nrmse_train,
-        nrmse_test,
-        rollout,
-        interval,
-        curve,
-        bands,
-        residual_map(data.test.k.theta[data.test_rows], data.test.k.theta_dot[data.test_rows], left),
-    )
+        ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
+        rollout, interval, curve, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left), sure,
+    )  # fmt: skip
 
 
 def _roll(

@@ -1,156 +1,96 @@
 """Many navigations: success, times, failures by kind.
 
 Start angles: the first 16 are theta = pi k / 8 + pi / 16 (facts of the published evaluation), further ones are
-drawn by the run's
-seed. Each run has a seed of its own, so that the results are the same for any number of workers.
+drawn by the run's seed. Each run has a seed of its own, so that the results are the same for any number of workers,
+wherever they are (`campaign`).
 """
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from multiprocessing import get_context
-from typing import Any, TypeVar
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from mazeplan.attempt import attempt_job
-from mazeplan.choices import resolve_model, ring_number
-from mazeplan.data.runlog import Take
+from mazeplan.campaign.executor import Executor, Lost, each, open_executor
+from mazeplan.campaign.parcel import Parcel, packed
+from mazeplan.campaign.single import (
+    FIXED_STARTS,
+    Campaign,
+    job_of,
+    rig_failed,
+    run_one,
+    setup_of,
+    start_angle,
+)
+from mazeplan.campaign.store import Store
+from mazeplan.campaign.work import Ran, run_packed
+from mazeplan.display import NullDisplay
 from mazeplan.errors import RigError
-from mazeplan.job import TIME_LIMIT, Job, Setup, log_header
+from mazeplan.job import log_header
 from mazeplan.maths.spread import spread
-from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.records import Failure, FailureKind, NavigationResult
-from mazeplan.rigs.interface import Rig
+from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig, rig_label
-from mazeplan.rigs.watchdog import watched
-from mazeplan.settings import load_settings
+from mazeplan.run import Run
 
-FIXED_STARTS = 16
-Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """What to evaluate; plain names, so that a worker process can build everything itself."""
-
-    runs: int
-    rig: str = "toy"
-    map: str = "cme"
-    model: str | None = None
-    behavior: str = "navigate"
-    start: int | str = 1
-    goal: int | str = 5
-    seed: int = 0
-    time_limit: float = TIME_LIMIT
-    settings: str | None = None
-    behavior_modules: tuple[str, ...] = ()
-    own_process: bool = False  # whether the watchdog may end it
-    sense: str | None = None  # how a simulated rig sees the ball
-
-
-def start_angle(index: int) -> float | None:
-    """Start angle of run `index`, rad; None: drawn by the run's seed."""
-    return math.pi * index / 8.0 + math.pi / 16.0 if index < FIXED_STARTS else None
-
-
-def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
-    """Run number `index` of a campaign."""
-    return Job(
-        ring_number(campaign.start, maze),
-        ring_number(campaign.goal, maze),
-        start_angle(index),
-        campaign.seed + index,
-        campaign.time_limit,
-    )
-
-
-def setup_of(campaign: Campaign, maze: Maze) -> Setup:
-    """With what its runs are done."""
-    model = resolve_model(campaign.model, campaign.rig, maze)
-    how, modules = load_settings(campaign.settings), campaign.behavior_modules
-    return Setup(maze, model, campaign.behavior, rig_label(campaign.rig), settings=how, behavior_modules=modules)
-
-
-def run_one(
-    campaign: Campaign, index: int, model: RigModel | None = None, feed: Take | None = None
-) -> NavigationResult:
-    """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result.
-
-    model: in the place of the campaign's own; feed: gets what a log would get."""
-    maze = load_map(campaign.map)
-    job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
-    setup = setup if model is None else replace(setup, model=model)
-    rig = watched(rig_of_run(campaign, index, maze), own_process=campaign.own_process)
-    try:
-        return attempt_job(rig, setup, job, feed=feed)[0]
-    except RigError as problem:  # it did not even become level
-        return rig_failed(problem, job, setup.rig_name)
-    finally:
-        with suppress(RigError):  # what matters has been said
-            rig.close()
-
-
-def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
-    """The rig, which is told the number of its run where it wants to know."""
-    rig = make_rig(campaign.rig, maze, campaign.sense)
-    begin = getattr(rig, "begin_run", None)
-    if begin is not None:
-        begin(index + 1)
-    return rig
-
-
-def rig_failed(problem: RigError, job: Job, rig_name: str) -> NavigationResult:
-    """The result of a run of which the rig let nothing be known but that it failed."""
-    failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
-    reason, none = str(FailureKind.RIG_FAILED), spread([])
-    return NavigationResult(False, reason, 0.0, job.seed, rig_name, (), (failure,), 0, none, None, none)
-
-
-def results(campaign: Campaign, workers: int = 1) -> Iterator[tuple[int, NavigationResult]]:
-    """(index, result) of all runs as they end, in this process or in `workers` processes."""
-    if workers > 1:
-        campaign = replace(campaign, own_process=True)
-    yield from each(run_one, [(campaign, index) for index in range(campaign.runs)], workers)
-
-
-def each(work: Callable[..., Result], tasks: Sequence[tuple[Any, ...]], workers: int) -> Iterator[tuple[int, Result]]:
-    """(index, work(*task)) of all tasks as they end, in this process or in `workers` processes."""
-    if workers <= 1:
-        for index, task in enumerate(tasks):
-            yield index, work(*task)
-        return
-    # spawn: a forked child would inherit locks of threads that do not exist in it
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(work, *task): index for index, task in enumerate(tasks)}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BrokenProcessPool:
-            raise RigError("a worker process ended in the middle of a run; what it said is above") from None
-        finally:
-            for future in futures:
-                future.cancel()
+__all__ = [
+    "FIXED_STARTS", "Campaign", "evaluate", "job_of", "rig_failed", "run_one", "setup_document", "setup_of",
+    "start_angle", "summary",
+]  # fmt: skip
 
 
 def evaluate(
-    campaign: Campaign, *, workers: int = 1, progress: Callable[[int], None] | None = None
+    campaign: Campaign,
+    *,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+    executor: Executor | None = None,
+    store: Store | None = None,
 ) -> list[NavigationResult]:
-    """All results of a campaign in the order of their runs; `progress(finished)` is called after each."""
-    done: dict[int, NavigationResult] = {}
-    for index, result in results(campaign, workers):
-        done[index] = result
+    """All results of a campaign in the order of their runs; `progress(finished)` is called after each.
+
+    executor: where they are done (`campaign.executor.open_executor`), in the place of `workers`; store: runs that are
+    there are not done again, and others are kept as they end."""
+    if executor is None:
+        with open_executor(workers) as own:
+            return evaluate(campaign, progress=progress, executor=own, store=store)
+    done = {} if store is None else {k: r for k, r in store.results.items() if k < campaign.runs}
+    missing = [index for index in range(campaign.runs) if index not in done]
+    if missing and (executor.apart or store is not None):
+        check(campaign)
+    parcel = store.parcel if store is not None else packed(campaign) if executor.apart else Parcel()
+    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
+    shared = executor.share(parcel) if missing else parcel
+    tasks = [(shared, campaign, index) for index in missing]
+    for k, ran in each(run_packed, tasks, executor, lambda k, lost: _lost(campaign, missing[k], lost)):
+        done[missing[k]] = ran.result
+        if store is not None:
+            store.keep(missing[k], ran)
         if progress is not None:
             progress(len(done))
     return [done[index] for index in range(campaign.runs)]
+
+
+def check(campaign: Campaign) -> None:
+    """Make everything of a run but the run. Raises InputError, with names of files as they are here and not where they
+    are unpacked."""
+    maze = load_map(campaign.map)
+    rig = make_rig(campaign.rig, maze, campaign.sense)
+    Run(rig, setup_of(campaign, maze), job_of(campaign, 0, maze), None, NullDisplay())
+
+
+def process_ended(campaign: Campaign, index: int, lost: Lost) -> NavigationResult:
+    """The result of a run that ended its process, whoever did it."""
+    job = job_of(campaign, index, load_map(campaign.map))
+    problem = RigError(f"the worker process ended in the midst of the run, {lost.deaths} times")
+    return rig_failed(problem, job, rig_label(campaign.rig))
+
+
+def _lost(campaign: Campaign, index: int, lost: Lost) -> Ran:
+    return Ran(process_ended(campaign, index, lost), 0.0, 0.0, "")
 
 
 def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:

@@ -17,8 +17,10 @@ from typing import Any, cast
 import numpy as np
 
 from mazeplan.attempt import attempt_job
+from mazeplan.campaign.executor import Executor, Lost, each, open_executor
+from mazeplan.campaign.parcel import Parcel, packed, unpacked, without_site
 from mazeplan.errors import RigError
-from mazeplan.evaluate import Campaign, each, job_of, rig_failed, setup_of
+from mazeplan.evaluate import Campaign, check, job_of, process_ended, rig_failed, setup_of
 from mazeplan.goals import Goals
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import FailureKind, NavigationResult
@@ -86,6 +88,18 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
             rig.close()
 
 
+def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: Trial, index: int) -> Outcome:
+    """The same of a campaign whose files are in a parcel."""
+    outcome = run_trial(unpacked(parcel, campaign), trial, index)
+    return replace(outcome, result=without_site(outcome.result))
+
+
+def _lost(campaign: Campaign, trial: Trial, index: int, lost: Lost) -> Outcome:
+    """The outcome of a run that ended its process."""
+    result = process_ended(campaign, index, lost)
+    return Outcome(result, (), None, "", (f"{trial.name}: {result.failures[0].detail}",))
+
+
 def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
     wrong = [f"command ({u_beta:.4f}, {u_gamma:.4f}) rad" for u_beta, u_gamma in faulty.beyond[:1]]
     if result.reason not in NAMED:
@@ -119,13 +133,21 @@ def evaluate_faults(
     *,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
+    executor: Executor | None = None,
 ) -> list[list[Outcome]]:
-    """All outcomes of `campaign.runs` runs of each trial, in their order; `progress(finished)` is called after each."""
-    if workers > 1:
-        campaign = replace(campaign, own_process=True)
-    tasks = [(campaign, trial, index) for trial in trials for index in range(campaign.runs)]
+    """All outcomes of `campaign.runs` runs of each trial, in their order; `progress(finished)` is called after each.
+    executor: as of `evaluate.evaluate`."""
+    if executor is None:
+        with open_executor(workers) as own:
+            return evaluate_faults(campaign, trials, progress=progress, executor=own)
+    parcel = Parcel()
+    if executor.apart:
+        parcel, campaign = packed(campaign), replace(campaign, own_process=True)
+        check(campaign)
+    shared = executor.share(parcel)
+    tasks = [(shared, campaign, trial, index) for trial in trials for index in range(campaign.runs)]
     done: dict[int, Outcome] = {}
-    for index, outcome in each(run_trial, tasks, workers):
+    for index, outcome in each(run_packed_trial, tasks, executor, lambda k, lost: _lost(*tasks[k][1:], lost)):
         done[index] = outcome
         if progress is not None:
             progress(len(done))

@@ -27,7 +27,7 @@ from mazeplan.settings import Settings, load_settings
 
 def navigate(
     start: int | str = 1,
-    goal: int | str = 5,
+    goal: int | str | None = None,
     *,
     map: str | Path | Maze = "cme",  # the contract's option names
     rig: str | Rig = "toy",
@@ -51,17 +51,17 @@ def navigate(
 ) -> NavigationResult:
     """Bring the ball from one ring to another and return what happened.
 
-    start, goal: ring numbers (or "ring1"); rig: a packaged name, a YAML file, "module:Class", or a rig; model: packaged
-    name or folder (None: the rig's own, else a packaged one of its name, else nominal physics); behavior: packaged
-    tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged ones; settings:
-    YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of openings not to be
-    used; memory: file that keeps what happened at openings for the next run; seed: of start angle and simulated noise;
-    time_limit: s of rig time for each goal, from when it was given; own_process: whether the watchdog may end the
-    process where nothing else ends a leaf that hangs; goals: by which another thread gives other goals meanwhile,
-    closes and opens openings, and stops; guard: entered with the rig around the run, such as an emergency stop; sense:
-    how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its settings say); feed:
-    called with topic, rig time and document of each message that a log would get, in the thread of the run; around:
-    puts something around the rig that was made, such as the clock on the wall.
+    start, goal: ring numbers (or "ring1"; None: the centre); rig: a packaged name, a YAML file, "module:Class", or a
+    rig; model: packaged name or folder (None: the rig's own, else a packaged one of its name, else nominal physics);
+    behavior: packaged tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged
+    ones; settings: YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of
+    openings not to be used; memory: file that keeps what happened at openings for the next run; seed: of start angle
+    and simulated noise; time_limit: s of rig time for each goal, from when it was given; own_process: whether the
+    watchdog may end the process where nothing else ends a leaf that hangs; goals: by which another thread gives other
+    goals meanwhile, closes and opens openings, and stops; guard: entered with the rig around the run, such as an
+    emergency stop; sense: how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its
+    settings say); feed: called with topic, rig time and document of each message that a log would get, in the thread of
+    the run; around: puts something around the rig that was made, such as the clock on the wall.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -78,12 +78,15 @@ def navigate(
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
     job = Job(
         ring_number(start, maze),
-        ring_number(goal, maze),
+        len(maze.rings) if goal is None else ring_number(goal, maze),
         None if start_angle_deg is None else math.radians(start_angle_deg),
         seed,
         time_limit,
         tuple(closed),
     )
+    if job.theta is not None and maze.clear_angle(job.start, job.theta) != job.theta:
+        problem = f"got {start_angle_deg:g}, where a radial wall leaves the ball no room in ring {job.start}"
+        raise InputError(problem, key="start angle")
     how = settings if isinstance(settings, Settings) else load_settings(settings)
     kept = None if memory is None else load_memory(Path(memory), known)
     called = "" if isinstance(model, RigModel | None) else str(model)

@@ -19,6 +19,7 @@ shape (2,). One step is 1/30 s. Records are frozen: a step makes a new one.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -292,3 +293,17 @@ class NavigationResult:
             "doubts": [{"t": d.t, "what": d.what} for d in self.doubts],
             "start": None if self.start is None else {"ring": self.start.ring, "theta": self.start.theta},
         }
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> NavigationResult:
+        """The result of which `to_json` told, to the last bit."""
+        known, start = dict(document), document["start"]
+        failures = [{**failure, "kind": FailureKind(failure["kind"])} for failure in document["failures"]]
+        known |= {
+            "rings": tuple(RingPassage(**p) for p in document["rings"]),
+            "failures": tuple(Failure(**f) for f in failures),
+            "goals": tuple(GoalGiven(**g) for g in document["goals"]),
+            "doubts": tuple(Doubt(**d) for d in document["doubts"]),
+            "start": None if start is None else Start(**start),
+        }
+        return cls(**known)

@@ -19,6 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from mazeplan import resources
+from mazeplan.choices import model_from
 from mazeplan.control.stopwatch import Recorded
 from mazeplan.data.runlog import RunLogMemory
 from mazeplan.data.runlog_reader import read_messages
@@ -30,7 +31,7 @@ from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
-from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.models.modelfile import RigModel
 from mazeplan.plugins import LEAVES, plugin
 from mazeplan.progress import Advance, no_advance
 from mazeplan.records import FailureKind, Latency, Observation
@@ -194,7 +195,7 @@ def _model_of(kept: dict[str, Any], path: Path, maze: Maze, given: str | Path | 
     if isinstance(source, RigModel):
         found, told = source, "the model given"
     elif source is not None:
-        found, told = load_model(source), str(source)
+        found, told = model_from(source, maze), str(source)
     else:
         found, told = RigModel.nominal(maze), "nominal physics"
     if fingerprint(found) != kept["model_sha256"]:

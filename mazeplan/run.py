@@ -171,6 +171,7 @@ class Run:
         it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
         theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
+        theta = self._setup.maze.clear_angle(job.start, theta)
         self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         while True:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -198,3 +199,11 @@ def test_openings_passed_often_or_that_refused_the_ball_are_left_alone():
     assert left_alone(MAZE, passed, set(names), 1) == ()
     passed["4-5@180"] = 50  # the only one of its wall
     assert left_alone(MAZE, passed, set(), 1) == (names[0],)
+
+
+def test_where_radial_walls_leave_one_way_its_openings_are_never_left_alone():
+    maze = load_map("detour")
+    passed = {opening.name: 0 for opening in maze.openings}
+    assert left_alone(maze, passed | {"1-2@60": 5}, set(), 1) == ()  # the other one leads into a dead end
+    twice = replace(maze, openings=(*maze.openings, replace(maze.opening("1-2@60"), name="more", angle=2.5)))
+    assert left_alone(twice, {**passed, "more": 0, "1-2@60": 5}, set(), 1) == ("1-2@60",)

@@ -19,6 +19,7 @@ from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.table import Table, read_table
 from mazeplan.errors import InputError, TableError
 from mazeplan.maze.mapfile import load_map
+from mazeplan.models.confidence import ConfidenceOptions
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.samples import SampleOptions, ring_samples
@@ -26,7 +27,10 @@ from mazeplan.models.samples import SampleOptions, ring_samples
 MAZE = load_map("cme")
 TRAINING = TrainingOptions(first=100, rows=150, starts=1, iterations=10, refinement=4)
 GUARD = SPLIT["guard"]
-QUICK = CompareOptions(Smoothing("rts", model="snap"), delay=0.0, fit=FitOptions(most=250, training=TRAINING))
+FEW = ConfidenceOptions(200)
+QUICK = CompareOptions(
+    Smoothing("rts", model="snap"), delay=0.0, fit=FitOptions(most=250, training=TRAINING), bands=FEW
+)
 ONE = replace(QUICK, kinds=("p", "pi"))  # where processes are not what is looked at
 
 
@@ -110,11 +114,21 @@ def test_intervals_hold_their_figures(scores):
             assert low < high < 3.0 * figure
 
 
+def test_bands_hold_the_measured_angle_where_the_model_is_right(scores):
+    for s in scores:
+        assert set(s.confidence) == {"pi", "np", "sp"}
+        for kind, told in s.confidence.items():
+            assert (told["rollouts"], told["windows"]) == (200, 4)
+            assert told["below"][40] < 0.0 < told["above"][40], kind
+        assert s.confidence["sp"]["coverage_all"] > 0.6
+        assert s.confidence["sp"]["above"][40] < 0.5 * s.confidence["pi"]["above"][40]
+
+
 def test_the_document_is_plain(scores):
     document = scores[0].document()
     assert set(document) == {
         "n_train", "n_test", "rates", "delay_s", "signs", "windows", "windows_chosen", "centre_m", "nrmse_train",
-        "nrmse_test", "rollout", "interval95", "bands", "residual",
+        "nrmse_test", "rollout", "interval95", "bands", "confidence", "residual",
     }  # fmt: skip
     assert document == json.loads(json.dumps(document))
     assert set(document["nrmse_train"]) == set(document["nrmse_test"]) == {"rf", "p", "pi", "np", "sp"}

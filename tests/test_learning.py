@@ -206,6 +206,8 @@ def test_evaluate_learns_keeps_reports_and_tells(monkeypatch, capsys, tmp_path, 
     [
         (["evaluate", "--learn", "--workers", "2"], "expected 1"),
         (["evaluate", "--learn", "--faults", "all"], "on purpose"),
+        (["evaluate", "--learn", "--dask", "local"], "--dask"),
+        (["evaluate", "--learn", "--store", "runs/kept"], "--store"),
         (["evaluate", "-o", "somewhere"], "--learn"),
         (["navigate", "--learn"], "-o FOLDER"),
         (["navigate", "--learn", "--view", "-o", "x"], "--view"),

@@ -20,12 +20,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench_baselines import baselines_section
+from bench_batch import batch_section
 from bench_camera import camera_section
+from bench_campaign import campaign_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_emps import emps_section
 from bench_faults import faults_section
 from bench_firmware import firmware_section
+from bench_gym import gym_section
 from bench_improve import improve_section
 from bench_learning import learning_section
 from bench_models import collect_toy, measured_section, toy_section, training_section
@@ -196,7 +199,8 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
-    "trees": trees_section, "view": view_section, "replay": replay_section, "rig": rig_section,
+    "campaign": campaign_section, "batch": batch_section,
+    "trees": trees_section, "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
 
@@ -248,7 +252,8 @@ def main() -> None:
         tables = models.result()
     # what is timed runs alone
     sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick)]
-    sections += [view_section(options.quick), firmware_section(options.quick), rig_section(options.quick), *tables]
+    sections += [view_section(options.quick), firmware_section(options.quick), rig_section(options.quick)]
+    sections += [gym_section(options.quick), campaign_section(options.quick), batch_section(options.quick), *tables]
     if options.parallel:
         head.insert(-1, "- models and navigation were measured at the same time, on two cores; what is timed, alone")
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])

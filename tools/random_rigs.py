@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,8 @@ RANGES = {  # key of a simulated rig: lowest, highest; whole numbers where both 
     "floor_friction": (0.15, 0.5), "contact_damping_ratio": (0.22, 1.0), "outlier_probability": (0.0, 0.02),
     "ball_lost_probability": (0.0, 0.01),
 }  # fmt: skip
+
+_packaged: dict[str, RigModel] = {}  # a cached function could not be sent to workers without this file
 
 
 def draw(seed: int) -> dict[str, Any]:
@@ -69,10 +70,11 @@ def model_of(rig: dict[str, Any]) -> RigModel:
     return RigModel(StageModel(axis, axis), balls, camera_delay=max(0.0, delay), kind="pi")
 
 
-@cache
 def packaged_model(rig: str) -> RigModel:
     """That of a packaged rig."""
-    return resolve_model(None, rig, load_map("cme"))
+    if rig not in _packaged:
+        _packaged[rig] = resolve_model(None, rig, load_map("cme"))
+    return _packaged[rig]
 
 
 def drive(rig: str | dict[str, Any], settings: Settings, seed: int, time_limit: float = 20.0) -> NavigationResult:

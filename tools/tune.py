@@ -1,13 +1,19 @@
 """Search the weights of settings.yaml over many simulated rigs at once. Usage:
 
     python tools/tune.py -o found.yaml [--generations 30] [--population 12] [--runs 24] [--workers 2] [--seed 1]
+        [--dask ADDRESS] [--screen MODEL [--spare 3]]
 
 CMA-ES (package `cma`) over the keys of `SEARCHED`, all scaled to [0, 1], from the packaged values. Every generation
 drives the same starts on the same rigs with each candidate: the packaged rigs, and rigs drawn at random from the ranges
 of `random_rigs`, new ones in each generation, so that nothing is tuned to one rig's faults. A rig that is drawn has the
 model that identification would find, with errors as large as its own standard errors (`random_rigs.model_of`). The
 price of a candidate is the mean of time over what a good time on that rig is (`GOOD`), a run that does not arrive
-counting PENALTY s. The seeds decide everything.
+counting PENALTY s. The seeds decide everything, wherever the candidates are driven: in processes here, or on the
+workers of a Dask scheduler.
+
+With --screen a generation draws `spare` times as many candidates and plays their plans in batches on a learned model
+(`screen`): those that are hopeless there are not driven. More it cannot tell: among the others the order by their plans
+is not the order of driving (tools/screen.py measures it), so that the first ones drawn are taken.
 """
 
 from __future__ import annotations
@@ -15,16 +21,19 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import random_rigs
 from random_rigs import draw, drive
+from screen import judged, screen
 
+from mazeplan.campaign.executor import each, open_executor
+from mazeplan.cli.output import say
 from mazeplan.cli.progress import Working
-from mazeplan.errors import SettingsError
+from mazeplan.errors import MazeplanError, SettingsError
+from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.settings import load_settings
 
 PENALTY = 10.0  # s
@@ -32,6 +41,7 @@ MIX = ("ideal", "toy", "rough", "drawn", "ideal", "toy", "ideal", "drawn")
 GOOD = {"ideal": 2.6, "toy": 2.9, "rough": 3.6}  # s
 GOOD_DRAWN = 3.1  # s
 LOST = PENALTY / max(GOOD.values()) - 1e-9  # price from which on a run is lost
+HOPELESS = 2.0  # price on a model, over that of the middle candidate, from which on a candidate is not driven
 SEARCHED = {  # key: lowest, highest, whether its logarithm is searched
     "cost.speed": (0.01, 1.0, True), "cost.arrival": (0.02, 2.0, True), "cost.lean": (0.1, 10.0, True),
     "cost.rate": (0.005, 0.5, True), "cost.control": (0.001, 0.1, True), "cost.control_scale": (0.03, 0.15, True),
@@ -113,30 +123,48 @@ def schedule(seed: int, generation: int, runs: int) -> list[tuple[Any, int]]:
     return out
 
 
+def screened(points: list[np.ndarray], keep: int, model: RigModel, seed: int) -> list[np.ndarray]:
+    """The first `keep` points of the unit cube whose plans are not hopeless on a learned model; where there are fewer,
+    the best of the others too."""
+    prices = screen([judged(from_unit(p)) for p in points], model, seed)
+    hopeless = np.maximum(prices / np.median(prices), HOPELESS)  # all that are not are alike
+    return [points[i] for i in sorted(np.argsort(hopeless, kind="stable")[:keep].tolist())]
+
+
 def main() -> None:
     import cma  # pyright: ignore[reportMissingImports]  (of the extra `tune`)
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
-    for name, default in (("generations", 30), ("population", 12), ("runs", 24), ("workers", 2), ("seed", 1)):
+    for name, default in (("generations", 30), ("population", 12), ("runs", 24), ("seed", 1)):
         parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--workers", type=int, help="default: 2; with --dask local: one a core")
+    parser.add_argument("--dask", help="a scheduler's address, or local")
     parser.add_argument("--settings", type=Path, help="where to begin; default: the packaged ones")
     parser.add_argument("--sigma", type=float, default=0.12)
+    parser.add_argument("--screen", metavar="MODEL", help="folder or packaged name of a model to screen candidates by")
+    parser.add_argument("--spare", type=int, default=3, help="candidates screened for each one that is driven")
     o = parser.parse_args()
+    model = None if o.screen is None else load_model(o.screen)
     start = packaged_values(o.settings)
     search = cma.CMAEvolutionStrategy(
         to_unit(start), o.sigma, {"bounds": [0, 1], "popsize": o.population, "seed": o.seed, "verbose": -9}
     )
-    each = o.population + 2  # candidates: the population, the search's mean, and where it began
-    with ProcessPoolExecutor(o.workers, mp_context=get_context("spawn")) as pool, Working("candidates") as shown:
+    workers = o.workers or (None if o.dask else 2)
+    # workers elsewhere have no tools/: the functions of random_rigs go there with the tasks
+    asked = open_executor(workers, o.dask, carry=(random_rigs,), say=say)
+    with asked as executor, Working("candidates") as shown:
         for generation in range(o.generations):
             runs = schedule(o.seed, generation, o.runs)
-            points = search.ask()
+            points = search.ask() if model is None else search.ask(o.spare * o.population)
+            if model is not None:
+                points = screened(points, o.population, model, 1000 * o.seed + generation)
             candidates = [from_unit(p) for p in points] + [from_unit(np.asarray(search.mean)), start]
-            times = []
-            for one in pool.map(price, [(c, runs) for c in candidates]):
-                times.append(one)
-                shown.advance(generation * each + len(times), o.generations * each)
+            found: dict[int, list[float]] = {}
+            for index, one in each(price, [((c, runs),) for c in candidates], executor):
+                found[index] = one
+                shown.advance(generation * len(candidates) + len(found), o.generations * len(candidates))
+            times = [found[index] for index in range(len(candidates))]
             means = [float(np.mean(t)) for t in times]
             search.tell(points, means[: len(points)])
             mean, first = times[-2], times[-1]
@@ -157,4 +185,7 @@ def write(path: Path, values: dict[str, float], line: str, options: argparse.Nam
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except MazeplanError as problem:
+        sys.exit(f"tune.py: {problem}")

@@ -83,7 +83,7 @@ class RunContext:
     what is followed now; `late_s`: by how much what is seen is older than the moment at which a command acts, s, by the
     model; `rollout`: tries commands before an opening, None where the gate's law alone is trusted; `rerouted`: openings
     were closed or opened since the route was planned, so that it is another now; `since`: the first of `failures` that
-    belongs to this goal."""
+    belongs to this goal; `left_from`: the ring that is to be left by the opening chosen."""
 
     maze: Maze
     graph: RouteGraph
@@ -111,6 +111,7 @@ class RunContext:
     rollout: GateRollout | None = None
     rerouted: bool = False
     since: int = 0
+    left_from: int | None = None
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 
@@ -161,9 +162,14 @@ class RunContext:
             if self._falling is not None:  # it never came
                 self.refused, self.opening, self._falling = self._falling, self._falling, None
                 self.graph.record(self.refused.name, success=False)
-        elif state.ring == source:  # not there yet, or the prediction wavers between the two
+        elif state.ring == source and self._before(target, state):  # not there yet, or the prediction wavers
             return replace(state, ring=target)
         return state
+
+    def _before(self, target: int, state: State) -> bool:
+        """Whether the ball is where it comes into the sector of ring `target` into which it is falling."""
+        falling = self._falling
+        return falling is None or self.maze.turn(target, state.theta, falling.angle) is not None
 
     @property
     def here(self) -> State:
@@ -216,5 +222,6 @@ class RunContext:
         return sum(failure.kind is kind for failure in self.failures[self.since :])
 
     def turn_to(self, opening: Opening) -> float:
-        """Signed angle from the ball to the opening, rad."""
-        return difference(opening.angle, self.here.theta)
+        """Signed angle from the ball to the opening, rad, by the way that radial walls leave."""
+        turn = self.maze.turn(self.here.ring, self.here.theta, opening.angle)
+        return difference(opening.angle, self.here.theta) if turn is None else turn

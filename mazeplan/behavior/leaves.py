@@ -40,6 +40,7 @@ class Align(MazeLeaf):
         wrong_ring."""
         run, here, opening = self.context, self.context.here, self.current_opening()
         elsewhere = self.strayed(self._ring, opening.leads_to(self._ring)) or self.shut(opening)
+        elsewhere = elsewhere or self.walled_off(opening)
         if elsewhere is not None:
             return elsewhere
         if aligned(here, opening, run.options.gate):
@@ -101,18 +102,24 @@ class PassOpening(MazeLeaf):
 
 
 class ConfirmRing(MazeLeaf):
-    """Confirm that the ball is in the ring behind the opening."""
+    """Confirm that the ball is in the ring behind the opening.
+
+    That is the one nearer the goal, but where radial walls may have asked for a detour the one that was not left."""
 
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening it went through", choices="openings")
     }
 
     def step(self) -> Status:
-        """SUCCESS in a ring that the opening joins, on the side nearer the goal; FAILURE wrong_ring otherwise."""
+        """SUCCESS in the ring behind the opening; FAILURE wrong_ring otherwise."""
         run, opening = self.context, self.current_opening()
         target = opening.inner if run.goal >= opening.inner else opening.outer
+        if run.maze.radial_walls and run.opening == opening and run.left_from is not None:
+            target = opening.leads_to(run.left_from)
         if run.here.ring != target:
             return self.fail_as(FailureKind.WRONG_RING, f"in ring {run.here.ring}, expected ring {target}")
+        if (elsewhere := self.walled_off(opening)) is not None:
+            return elsewhere
         run.graph.record(opening.name, success=True)
         run.on_event("passed", {"opening": opening.name, "ring": target})
         return Status.SUCCESS

@@ -38,6 +38,13 @@ class MazeLeaf(Leaf):
             return None
         return self.fail_as(FailureKind.OPENING_CLOSED, f"{opening.name} was closed on the way to it")
 
+    def walled_off(self, opening: Opening) -> Status | None:
+        """FAILURE if radial walls keep the ball away from an opening, None if there is a way."""
+        run = self.context
+        if not run.maze.radial_walls or run.maze.turn(run.here.ring, run.here.theta, opening.angle) is not None:
+            return None
+        return self.fail_as(FailureKind.WRONG_RING, f"a radial wall stands between the ball and {opening.name}")
+
     def rerouted(self) -> Status | None:
         """FAILURE, once, if openings were closed or opened so that another way is the shortest now."""
         run = self.context

@@ -11,6 +11,8 @@ from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf
 from mazeplan.records import LEVEL, FailureKind
 
+BESIDE = 2.5  # diameters of the ball between an opening and a wall that leave no room to roll past it
+
 
 class BallSeen(MazeLeaf):
     """Whether the ball is seen, or was until a moment ago."""
@@ -101,7 +103,8 @@ class Dither(MazeLeaf):
 
 
 class BackOff(MazeLeaf):
-    """Roll a little away from the opening, past it, so that the next attempt comes from the other side."""
+    """Roll a little away from the opening, past it, so that the next attempt comes from the other side; not towards a
+    radial wall that stands beside it."""
 
     ports: ClassVar[dict[str, Port]] = {
         "duration_s": Port(float, 0.35, "how long", least=0.0),
@@ -113,7 +116,18 @@ class BackOff(MazeLeaf):
         run = self.context
         self._began = run.now
         self._turn = 1.0 if run.opening is None or run.turn_to(run.opening) >= 0.0 else -1.0
+        if self._room(self._turn) < BESIDE and self._room(-self._turn) > self._room(self._turn):
+            self._turn = -self._turn
         run.recovering("back_off")
+
+    def _room(self, side: float) -> float:
+        """Way from the middle of the opening to the next radial wall on a side, in diameters of the ball."""
+        run = self.context
+        if run.opening is None:
+            return math.inf
+        walls, ring = run.maze.radial_walls_of(run.here.ring), run.here.ring
+        turn = min((side * (w.angle - run.opening.angle) % math.tau for w in walls), default=math.inf)
+        return turn * run.maze.track_radius(ring) / (2.0 * run.maze.ball.radius)
 
     def step(self) -> Status:
         """SUCCESS when the time is over."""

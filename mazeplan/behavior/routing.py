@@ -55,7 +55,7 @@ class ChooseOpening(MazeLeaf):
         if not choices:
             return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
         choice = self._soonest(choices)
-        run.opening = choice.opening
+        run.opening, run.left_from = choice.opening, here.ring
         self.set("opening", run.opening.name)
         run.on_event("opening", {"opening": run.opening.name, "expected_s": round(choice.expected_s, 3)})
         return Status.SUCCESS

@@ -25,6 +25,9 @@ from mazeplan.maths.angles import difference, nearest
 from mazeplan.maze.geometry import Opening
 from mazeplan.records import Command, FailureKind, Plan
 
+USUAL_S = 4.0  # for a way along a ring before its opening counts as missed; ...
+LONG_WAY = 2.0  # ... so many times what a way is expected to take, where that is more: wide rings, long detours
+
 TRAVEL = {
     "lean_deg": Port(
         float, None, "tilt towards the next ring on the way, deg; default: of the settings", least=0.0, most=90.0
@@ -103,10 +106,13 @@ def arrival_s(run: RunContext, opening: Opening, plan: Plan) -> float:
     radius, gate = run.maze.track_radius(run.here.ring), run.options.gate
     left = np.array([difference(opening.angle, theta) for theta in plan.states[:, 0]])
     there = np.abs(np.sin(left)) * radius <= 1e-3 * gate.window_mm
+    rest = float(left[-1])
+    if run.maze.radial_walls_of(run.here.ring):
+        rest = float(plan.states[0, 0] + run.turn_to(opening) - plan.states[-1, 0])
     there &= (np.cos(left) > 0.0) & (np.abs(plan.states[:, 1]) * radius <= gate.window_speed_m_s)
     if there.any():
         return float(np.argmax(there)) * plan.dt
-    return len(plan.controls) * plan.dt + run.graph.travel_s(run.here.ring, float(left[-1]))
+    return len(plan.controls) * plan.dt + run.graph.travel_s(run.here.ring, rest)
 
 
 class PlanInRing(MazeLeaf):
@@ -126,6 +132,8 @@ class PlanInRing(MazeLeaf):
         if run.maze.ring(here.ring).is_disc:  # a disc has no way along: aligning does it all
             self.set("plan", None)
             return Status.SUCCESS
+        if (off := self.walled_off(opening)) is not None:
+            return off
         plan = self._prepared(opening)
         if plan is None:
             plan = make_plan(run, opening, travel_options(self), warm=None)
@@ -159,12 +167,15 @@ class Track(MazeLeaf):
             choices=("gains", "pd"),
         ),
         **TRAVEL,
-        "timeout_s": Port(float, 4.0, "after that the opening counts as missed", least=0.0),
+        "timeout_s": Port(float, USUAL_S, "after that the opening counts as missed; longer on a long way", least=0.0),
     }
 
     def start(self) -> None:
         """Remember where the leg begins."""
-        self._began, self._ring, self._still, self._ticks = self.context.now, self.context.here.ring, StillWatch(), 0
+        run = self.context
+        self._began, self._ring, self._still, self._ticks = run.now, run.here.ring, StillWatch(), 0
+        expected = run.graph.travel_s(self._ring, run.turn_to(self.current_opening()))
+        self._most = self.get("timeout_s") + max(0.0, LONG_WAY * expected - USUAL_S)
 
     def step(self) -> Status:
         """RUNNING on the way, SUCCESS in front of the opening; FAILURE stuck, missed_opening, opening_closed,
@@ -172,6 +183,7 @@ class Track(MazeLeaf):
         run, here = self.context, self.context.here
         opening, plan = self.current_opening(), self.get("plan")
         elsewhere = self.strayed(self._ring, opening.leads_to(self._ring)) or self.shut(opening)
+        elsewhere = elsewhere or self.walled_off(opening)
         if elsewhere is not None:
             return elsewhere
         if plan is None or aligned(here, opening, run.options.gate):
@@ -179,7 +191,7 @@ class Track(MazeLeaf):
         rerouted = self.rerouted()
         if rerouted is not None:
             return rerouted
-        if run.now - self._began > self.get("timeout_s"):
+        if run.now - self._began > self._most:
             return self.fail_as(FailureKind.MISSED_OPENING, f"not in front of {opening.name} in time")
         if self._still.standing(run.measured):
             return self.fail_as(FailureKind.STUCK, f"standing on the way to {opening.name}")

@@ -11,6 +11,7 @@ from mazeplan.cli.diagnose import diagnose
 from mazeplan.cli.doctor import doctor
 from mazeplan.cli.improve import improve
 from mazeplan.cli.navigate import evaluate, navigate
+from mazeplan.cli.record import record
 from mazeplan.cli.report import report
 from mazeplan.cli.view import view
 
@@ -29,6 +30,7 @@ app.command()(learn.learn)
 app.command()(compare)
 app.command()(diagnose)
 app.command()(improve)
+app.command()(record)
 app.command()(report)
 app.add_typer(map.app, name="map")
 app.add_typer(log.app, name="log")

@@ -55,3 +55,19 @@ def parse_opening(text: str, maze: Maze) -> str:
     if text not in names:
         raise InputError(f"opening: got {text!r}, expected one of {', '.join(names)} (map {maze.name})")
     return text
+
+
+def logged_map(name: str | None, log: Path) -> tuple[Maze, bool]:
+    """The map that is named, else that of a run log, else cme; and whether its openings are those of the data: a table
+    does not tell, a log or a person does. Raises MapError."""
+    from mazeplan.data.runlog import read_log
+    from mazeplan.maze.mapfile import check_text, load_map
+
+    if name is not None:
+        return load_map(name), True
+    if log.suffix == ".mcap" and log.is_file():
+        text = read_log(log).header.get("map")
+        maze = check_text(text, file=log).maze if isinstance(text, str) else None
+        if maze is not None:
+            return maze, True
+    return load_map("cme"), False

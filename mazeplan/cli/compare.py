@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.cli.arguments import logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
 if TYPE_CHECKING:
     from mazeplan.comparison import RingScores
-    from mazeplan.maze.geometry import Maze
 
 RATES = ("auto", "smoothed", "delayed", "filtered")
 KERNELS = ("auto", "rbf", "exponential")
@@ -50,14 +51,20 @@ def compare(
     ] = "savgol",
     kernel: Annotated[str, typer.Option("--kernel", help=f"Of the processes: {', '.join(KERNELS)}.")] = "auto",
     most: Annotated[int, typer.Option("--most", min=50, help="Training rows of a process.")] = 5000,
-    device: Annotated[str, typer.Option("--device", help="cpu or cuda, for training.")] = "cpu",
+    device: Annotated[str, typer.Option("--device", help="cpu or cuda, for training and bands.")] = "cpu",
     curve: Annotated[
         Path | None, typer.Option("--curve", help="Draw learning curves into this PNG, SVG or PDF.")
     ] = None,
     page: Annotated[
         Path | None, typer.Option("--report", help="HTML file with tables and pictures, learning curves among them.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of starts, forests and intervals.")] = 0,
+    bands: Annotated[
+        int,
+        typer.Option(
+            "--bands", min=0, help="Roll-outs of each kind and ring, all doubts drawn, for bands of 90 %; 0: none."
+        ),
+    ] = 2000,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is drawn: starts, forests, bands.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """nRMSE of theta_dd and roll-out errors of rf, p, pi, np, sp (and npd), ring by ring."""
@@ -68,6 +75,7 @@ def compare(
     from mazeplan.comparison import THOROUGH, CompareOptions
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import read_table
+    from mazeplan.models.confidence import ConfidenceOptions
     from mazeplan.models.fitting import FitOptions
     from mazeplan.models.gp_training import require_torch
     from mazeplan.models.samples import SampleOptions
@@ -84,7 +92,7 @@ def compare(
     if page is not None:
         check_page("--report", page)
     require_torch()
-    maze, known = _maze(map_, logs[0])
+    maze, known = logged_map(map_, logs[0])
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
         delay=delay,
@@ -92,6 +100,7 @@ def compare(
         rates=rates,
         fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel, device=device), seed=seed),
         curve=curve is not None or page is not None,
+        bands=ConfidenceOptions(bands, device),
         seed=seed,
     )
     with Working("comparing") as shown:
@@ -111,21 +120,6 @@ def compare(
     report(scores)
 
 
-def _maze(name: str | None, log: Path) -> tuple[Maze, bool]:
-    """The map, and whether its openings are those of the data: a table does not tell, a log or a person does."""
-    from mazeplan.data.runlog import read_log
-    from mazeplan.maze.mapfile import check_text, load_map
-
-    if name is not None:
-        return load_map(name), True
-    if log.suffix == ".mcap" and log.is_file():
-        text = read_log(log).header.get("map")
-        maze = check_text(text, file=log).maze if isinstance(text, str) else None
-        if maze is not None:
-            return maze, True
-    return load_map("cme"), False
-
-
 def report(scores: list[RingScores]) -> None:
     """The tables, as text."""
     kinds = list(scores[0].nrmse_test)
@@ -135,10 +129,19 @@ def report(scores: list[RingScores]) -> None:
         print(f"ring {s.ring} train/test          {cells}")
         low = "".join(f"   [{a:.3f}, {b:.3f}]" for a, b in (s.interval["nrmse_test"][kind] for kind in kinds))
         print(f"   95 % of the test      {low}")
-    print("\nmean absolute error of theta after 20 / 40 samples, rad")
+    print("\nmean absolute error of theta after 20 / 40 samples, rad (± half of the 95 % interval)")
     for s in scores:
-        cells = "".join(f"  {kind} {e['20']:.3f}/{e['40']:.3f}" for kind, e in s.rollout.items())
+        cells = "".join(f"  {kind} {_give(s, kind, '20')}/{_give(s, kind, '40')}" for kind in s.rollout)
         print(f"ring {s.ring}  {len(s.windows)} windows, {s.windows.chosen}: {cells}")
+    if any(s.confidence for s in scores):
+        print("\nhow often the measured angle lies in the band of 90 % of roll-outs after 20 / 40 samples, %")
+    for s in scores:
+        cells = "".join(
+            f"  {k} {100 * c['coverage20']:.0f}/{100 * c['coverage40']:.0f}" for k, c in s.confidence.items()
+        )
+        if cells:
+            some = next(iter(s.confidence.values()))
+            print(f"ring {s.ring}  {some['rollouts']} roll-outs of {some['windows']} windows: {cells}")
     notes = {name for s in scores for name, sign in zip(("beta", "gamma"), s.signs, strict=True) if sign < 0}
     for name in sorted(notes):
         print(f"note: {name} is counted the other way round in these data (gravity pulls uphill); it was turned round")
@@ -148,6 +151,13 @@ def report(scores: list[RingScores]) -> None:
     s = scores[0]
     print(f"rates: {s.rates}; ball {1e3 * s.delay:.0f} ms behind the tilt")
     print(f"training rows: {', '.join(str(x.n_train) for x in scores)}")
+
+
+def _give(s: RingScores, kind: str, steps: str) -> str:
+    """An error with half of its 95 % interval, where there is one."""
+    low, high = s.interval[steps].get(kind, (math.nan, math.nan))
+    give = f" ± {0.5 * (high - low):.3f}" if math.isfinite(high - low) else ""
+    return f"{s.rollout[kind][steps]:.3f}{give}"
 
 
 def _draw(scores: list[RingScores], path: Path) -> None:

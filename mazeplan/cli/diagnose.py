@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.cli.arguments import check_folder
+from mazeplan.cli.arguments import check_folder, logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
@@ -46,7 +46,9 @@ def diagnose(
     test: Annotated[
         Path | None, typer.Option("--test", help="A further record on which before and after are reported.")
     ] = None,
-    map_: Annotated[str | None, typer.Option("--map", help="Packaged map or YAML file; default: cme.")] = None,
+    map_: Annotated[
+        str | None, typer.Option("--map", help="Packaged map or YAML file; default: the log's, else cme.")
+    ] = None,
     system: Annotated[
         str, typer.Option("--system", help="ring: a ball in its ring; emps: a drive axis, benchmark EMPS.")
     ] = "ring",
@@ -71,10 +73,10 @@ def diagnose(
     elif system == "ring":
         if output is not None:
             check_folder("-o", output)
-        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_ or "cme", effects)
+        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_, effects)
         if output is not None:
             known, number = document["declared"], document["ring"]
-            document["model"] = _new_model(done, model, known, number, map_ or "cme", output)
+            document["model"] = _new_model(done, model, known, number, logged_map(map_, log)[0], output)
             document["notes"] += _not_in_it(done)
         number = document["ring"]
         finish(done, document, output, f"ring {number} of {log.name}" if number else log.name, as_json)
@@ -89,7 +91,7 @@ def _of_ball(
     declare: list[str],
     ring: int | None,
     test: Path | None,
-    map_: str,
+    map_: str | None,
     effects: str | None,
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Diagnosis of a ball in its ring, and its document."""
@@ -100,10 +102,9 @@ def _of_ball(
     from mazeplan.diagnosis.diagnose import diagnose as run
     from mazeplan.diagnosis.library import Gates, ring_library, wall_library
     from mazeplan.diagnosis.record import centred, record_of, turned_round
-    from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model
 
-    maze, table = load_map(map_), read_table(log)
+    maze, table = logged_map(map_, log)[0], read_table(log)
     if model is not None:
         table = centred(table, load_model(model).camera)
     known: dict[str, dict[str, float]] = {}
@@ -157,17 +158,16 @@ def _not_in_it(done: Diagnosis) -> list[str]:
 
 
 def _new_model(
-    done: Diagnosis, model: str | None, known: dict[str, dict[str, float]], ring: int | None, map_: str, folder: Path
+    done: Diagnosis, model: str | None, known: dict[str, dict[str, float]], ring: int | None, maze: Maze, folder: Path
 ) -> str | None:
     """The folder of the model with what was found; None where nothing was."""
     from mazeplan.diagnosis.update import base_model, updated
-    from mazeplan.maze.mapfile import load_map
     from mazeplan.models.modelfile import load_model, save_model
     from mazeplan.models.stage import StageModel
 
     if not done.effects:
         return None
-    maze, stage = load_map(map_), None if done.stage is None else StageModel(*done.stage.axes)
+    stage = None if done.stage is None else StageModel(*done.stage.axes)
     old = base_model(maze, ring, known, stage) if model is None else load_model(model)
     return str(save_model(updated(old, maze, {ring or 1: done.effects}), folder / "model").parent)
 

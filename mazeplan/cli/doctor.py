@@ -29,6 +29,8 @@ FEATURES = {
     "hardware": "camera and serial line of a real rig",
     "testing": "generated ball behaviours for tests of trees",
     "docs": "the documentation as a site: make docs",
+    "gym": "the maze as a Gymnasium environment: record, reinforcement learning",
+    "campaign": "evaluate on other machines and resumed: --dask, --store",
     "tune": "searching costs and gains: tools/tune.py",
     "bench": "other solvers and searches beside these: make bench",
     "dev": "make test",

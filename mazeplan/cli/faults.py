@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.cli.output import print_json
 
 if TYPE_CHECKING:
+    from mazeplan.campaign.executor import Executor
     from mazeplan.evaluate import Campaign
 
 
-def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool, page: Path | None = None) -> int:
+def evaluate_faulty(
+    campaign: Campaign, faults: str, executor: Executor, as_json: bool, page: Path | None = None
+) -> int:
     """Do it and print it, and write a report into `page`; the exit status: 0 when every run ended as it should."""
     from mazeplan.cli.progress import campaign_progress
     from mazeplan.cli.report import write_report
@@ -22,7 +25,7 @@ def evaluate_faulty(campaign: Campaign, faults: str, workers: int, as_json: bool
 
     trials = every_kind() if faults == "all" else load_schedule(faults)
     with campaign_progress(campaign.runs * len(trials)) as advance:
-        outcomes = evaluate_faults(campaign, trials, workers=workers, progress=advance)
+        outcomes = evaluate_faults(campaign, trials, executor=executor, progress=advance)
     rows = [report(trial, of_it) for trial, of_it in zip(trials, outcomes, strict=True)]
     document = summary([outcome.result for outcome in chain(*outcomes)])
     document["results"] = [outcome.to_json() for outcome in chain(*outcomes)]

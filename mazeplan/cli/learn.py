@@ -33,17 +33,18 @@ def learn(
     most: Annotated[int, typer.Option("--most", min=300, help="Training rows of a process and ring.")] = 4000,
     smoothing: Annotated[str, typer.Option("--smoothing", help="Of np and sp: rts or savgol.")] = "rts",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the training's starts.")] = 0,
-    map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
+    map_: Annotated[
+        str | None, typer.Option("--map", help="Packaged map or YAML file; default: that of the first log, else cme.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to logs of it."""
     from dataclasses import replace
 
-    from mazeplan.cli.arguments import check_folder
+    from mazeplan.cli.arguments import check_folder, logged_map
     from mazeplan.cli.progress import Working
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import join, read_table
-    from mazeplan.maze.mapfile import load_map
     from mazeplan.models.fitting import FitOptions
     from mazeplan.models.gp_training import TrainingOptions, require_torch
     from mazeplan.models.identification import fit_rig
@@ -58,7 +59,7 @@ def learn(
         require_torch()
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
     options = FitOptions(most=most, training=TrainingOptions(device=device, starts=2), seed=seed)
-    maze = load_map(map_)
+    maze, _ = logged_map(map_, logs[0])
     check_folder("-o", output)
     with Working("learning") as shown:
         shown.tell("reading")

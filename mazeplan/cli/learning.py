@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,17 +24,25 @@ Kept = Annotated[
 ]
 
 
-def check_learning(learn: bool, output: Path | None, workers: int = 1, faults: str | None = None) -> None:
-    """Raises InputError for what does not go together."""
+def check_learning(
+    learn: bool, output: Path | None, workers: int | None = None, others: Mapping[str, object] | None = None
+) -> None:
+    """Raises InputError for what does not go together; others: what was given for further options, None for nothing."""
     if not learn:
         if output is not None:
             raise InputError("-o is for the model that learns: give --learn, too")
         return
-    if workers > 1:
+    if workers is not None and workers > 1:
         problem = f"--workers: got {workers} with --learn, expected 1: each run needs what the one before it taught"
         raise InputError(problem)
-    if faults is not None:
-        raise InputError("--learn with --faults: nothing is learned from runs that are spoilt on purpose; give one")
+    why = {
+        "--faults": "nothing is learned from runs that are spoilt on purpose",
+        "--dask": "each run needs what the one before it taught",
+        "--store": "what is kept is the model that learns, with -o",
+    }
+    for name, given in (others or {}).items():
+        if given is not None:
+            raise InputError(f"--learn with {name}: {why[name]}; give one of them")
 
 
 def learner_for(model: str | None, rig: str, maze: Maze, output: Path | None) -> Learner:
@@ -47,15 +55,15 @@ def learner_for(model: str | None, rig: str, maze: Maze, output: Path | None) ->
     return learner_of(model, rig, maze, output)
 
 
-def evaluate_learning(
-    campaign: Campaign, output: Path | None, advance: Callable[[int], None]
-) -> tuple[list[NavigationResult], dict[str, Any]]:
+def evaluate_learning(campaign: Campaign, output: Path | None) -> tuple[list[NavigationResult], dict[str, Any]]:
     """The results, and what `--json` tells of the learning."""
+    from mazeplan.cli.progress import campaign_progress
     from mazeplan.learning import learn_while, lesson_document
     from mazeplan.maze.mapfile import load_map
 
     learner = learner_for(campaign.model, campaign.rig, load_map(campaign.map), output)
-    outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=tell)
+    with campaign_progress(campaign.runs) as advance:
+        outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=tell)
     kept = None if output is None else str(output)
     return outcomes, {"runs": [lesson_document(lesson) for lesson in lessons], "model": kept}
 

@@ -56,7 +56,9 @@ def check(
             say(str(line))
         if result.maze is not None:
             rings, openings = len(result.maze.rings), len(result.maze.openings)
-            print(f"{file}: ok: {result.maze.name}, {rings} rings, {openings} openings")
+            walls = len(result.maze.radial_walls)
+            across = f", {walls} radial wall{'s' * (walls != 1)}" if walls else ""
+            print(f"{file}: ok: {result.maze.name}, {rings} rings, {openings} openings{across}")
     if any(result.errors for _, result in results):
         raise typer.Exit(2)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.cli.arguments import BehaviorModule
+from mazeplan.cli.campaign import DaskAddress, NoDeadline, StoreFolder, Workers, evaluate_all, faults_executor
 from mazeplan.cli.learning import Kept, Learn, check_learning, evaluate_learning, navigate_learning
 from mazeplan.cli.output import print_json, say
 from mazeplan.cli.viewoptions import HOST, PORT, Host, PagePort
@@ -125,7 +126,10 @@ def evaluate(
     goal: To = "centre",
     seed: Seed = 0,
     time_limit: TimeLimit = 20.0,
-    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes to run in.")] = 1,
+    workers: Workers = None,
+    dask: DaskAddress = None,
+    store: StoreFolder = None,
+    no_deadline: NoDeadline = False,
     faults: Annotated[
         str | None, typer.Option("--faults", help="YAML file of what is to go wrong, or all: each kind in turn.")
     ] = None,
@@ -137,34 +141,34 @@ def evaluate(
 ) -> None:
     """Many navigations: success, times, failures; with --faults what is noticed and got over."""
     from mazeplan.cli.arguments import positive
-    from mazeplan.cli.progress import campaign_progress
     from mazeplan.cli.report import check_page, write_report
     from mazeplan.errors import RigError
     from mazeplan.evaluate import Campaign, setup_document, summary
-    from mazeplan.evaluate import evaluate as run
     from mazeplan.maze.mapfile import load_map
     from mazeplan.records import FailureKind
 
     if report is not None:
         check_page("--report", report)
-    check_learning(learn, output, workers, faults)
+    check_learning(learn, output, workers, {"--faults": faults, "--dask": dask, "--store": store})
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
     to = len(maze.rings) if goal == "centre" else goal
     limit = positive("--time-limit", time_limit)
     modules = tuple(behavior_module or ())
     count = runs or (RUNS if faults is None else FAULT_RUNS)
-    campaign = Campaign(count, rig, map_, model, behavior, start, to, seed, limit, settings, modules, True, sense)
+    campaign = Campaign(
+        count, rig, map_, model, behavior, start, to, seed, limit, settings, modules, True, sense, not no_deadline
+    )
     if faults is not None:
         from mazeplan.cli.faults import evaluate_faulty
 
-        sys.exit(evaluate_faulty(campaign, faults, workers, as_json, report))
+        with faults_executor(workers, dask, store) as executor:
+            sys.exit(evaluate_faulty(campaign, faults, executor, as_json, report))
     taught: dict[str, Any] = {}
-    with campaign_progress(count) as advance:
-        if learn:
-            outcomes, taught["learning"] = evaluate_learning(campaign, output, advance)
-        else:
-            outcomes = run(campaign, workers=workers, progress=advance)
+    if learn:
+        outcomes, taught["learning"] = evaluate_learning(campaign, output)
+    else:
+        outcomes = evaluate_all(campaign, workers, dask, store)
     document = {**summary(outcomes), "setup": setup_document(campaign), **taught}
     if report is not None:
         write_report("evaluation", document, report, document["setup"]["rig"])

@@ -255,11 +255,12 @@ def _clock(seconds: float) -> str:
 
 @contextmanager
 def campaign_progress(
-    total: int, stream: TextIO | None = None, *, label: str = "runs"
+    total: int, stream: TextIO | None = None, *, label: str = "runs", begin: int = 0
 ) -> Iterator[Callable[[int], None]]:
-    """A bar with rate and time left on a terminal, nothing elsewhere; yields `advance(finished)`."""
+    """A bar with rate and time left on a terminal, nothing elsewhere; yields `advance(finished)`. begin: how many were
+    finished before."""
     with Working(label, stream, transient=False) as shown:
-        shown.advance(0, total)
+        shown.advance(begin, total)
         yield lambda finished: shown.advance(finished, total)
 
 

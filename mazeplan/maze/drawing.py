@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mazeplan.errors import InputError
 from mazeplan.maths.angles import difference
-from mazeplan.maze.geometry import Maze, Opening, Wall
+from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,6 +54,16 @@ def wall_outlines(wall: Wall) -> list[Array]:
             arcs.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
         outlines.append(np.vstack([arcs[0], arcs[1][::-1]]))
     return outlines
+
+
+def radial_outline(maze: Maze, wall: RadialWall) -> Array:
+    """Outline of a radial wall, (N, 2) in m: parallel sides, ends along the circles that it joins."""
+    ring, ends = maze.ring(wall.ring), []
+    for radius, side in ((ring.inner_radius, 1.0), (ring.outer_radius, -1.0)):
+        half = wall.half_angle(radius)
+        angles = wall.angle + side * np.linspace(-half, half, max(2, math.ceil(2.0 * half / _ARC_STEP)))
+        ends.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return np.vstack(ends)
 
 
 def draw_maze(
@@ -201,6 +211,8 @@ def _draw_walls(ax: Axes, maze: Maze) -> None:
         if not wall.openings:
             thickness = (wall.outer_radius - wall.inner_radius) * _MM
             ax.add_patch(Wedge((0.0, 0.0), wall.outer_radius * _MM, 0, 360, width=thickness, zorder=2, **style))
+    for wall in maze.radial_walls:
+        ax.add_patch(Polygon(radial_outline(maze, wall) * _MM, closed=True, joinstyle="miter", zorder=2, **style))
 
 
 def _draw_closed(ax: Axes, maze: Maze, opening: Opening) -> None:
@@ -253,6 +265,7 @@ def _clear_rays(maze: Maze, path: Array | None) -> tuple[float, float]:
     """Two angles: on the first, ring numbers stand far from openings and path; on the second, the ball does."""
     radii = [_label_radius(maze, ring.number) for ring in maze.rings]
     taken = [maze.threshold_radius(opening) * _unit(opening.angle) for opening in maze.openings]
+    taken += [maze.track_radius(wall.ring) * _unit(wall.angle) for wall in maze.radial_walls]
     crowd = np.vstack([*taken, np.empty((0, 2)) if path is None else path])
     enough = 3.0 * maze.ball.radius
 
@@ -271,6 +284,7 @@ def _clear_rays(maze: Maze, path: Array | None) -> tuple[float, float]:
     ]  # "ring 1" is wider than high: it fits where walls are level
     first = max(steep, key=lambda ray: (room(ray), preference(ray)))
     gates = [opening.angle for opening in maze.openings if opening.outer == 1] + [first - 0.2, first, first + 0.2]
+    gates += [wall.angle for wall in maze.radial_walls_of(1)]
     second = max(rays, key=lambda ray: (round(min(abs(difference(ray, g)) for g in gates), 6), preference(ray)))
     return first, second
 

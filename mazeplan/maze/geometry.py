@@ -3,12 +3,19 @@
 All lengths in m, angles in rad, in the plate frame (origin in the centre, theta = atan2(y, x)). Ring 1 is the
 outermost; the last ring is a disc around the centre (inner radius 0). The wall between ring i and i+1 reaches from the
 outer radius of ring i+1 to the inner radius of ring i. An opening is a gap with parallel sides, `width` apart, whose
-middle line is the radius at `angle`.
+middle line is the radius at `angle`. A radial wall shuts the channel of a ring at its `angle`: what lies between two of
+them is a sector of that ring, and between two places of a sector there is one way only.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+
+from mazeplan.maths.angles import difference
+
+CLEARANCE = 2e-4  # m that a ball which is placed keeps from a radial wall
+_TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +67,21 @@ class Opening:
 
 
 @dataclass(frozen=True, slots=True)
+class RadialWall:
+    """A wall across the channel of a ring, from its inner to its outer wall, `thickness` between its parallel sides;
+    `angle`: of its middle line; name: unique among them, such as "wall2@100"."""
+
+    name: str
+    ring: int
+    angle: float
+    thickness: float
+
+    def half_angle(self, radius: float, more: float = 0.0) -> float:
+        """Half of the angle that it takes at a radius, with `more` m on either side, rad."""
+        return math.asin(min(1.0, (0.5 * self.thickness + more) / radius))
+
+
+@dataclass(frozen=True, slots=True)
 class Wall:
     """A circular wall: solid from inner to outer radius but for its openings. `outer_ring` is the ring outside it
     (0 for the rim around ring 1)."""
@@ -81,6 +103,7 @@ class Maze:
     tilt_limit: float
     wall_height: float
     rim_thickness: float = 0.005
+    radial_walls: tuple[RadialWall, ...] = ()
     source: str = field(default="", compare=False)
 
     def ring(self, number: int) -> Ring:
@@ -128,3 +151,40 @@ class Maze:
     def threshold_radius(self, opening: Opening) -> float:
         """Middle of the wall that the opening breaks, m: past it the ball is in the other ring."""
         return 0.5 * (self.ring(opening.outer).inner_radius + self.ring(opening.inner).outer_radius)
+
+    def radial_walls_of(self, ring: int) -> tuple[RadialWall, ...]:
+        """The radial walls in a ring by angle, from 0 upwards."""
+        return tuple(sorted((w for w in self.radial_walls if w.ring == ring), key=lambda w: w.angle % _TURN))
+
+    def sector(self, ring: int, theta: float) -> int:
+        """Which sector of a ring an angle is in: n is the one behind the n-th of `radial_walls_of`, 0 in a ring without
+        any."""
+        walls = self.radial_walls_of(ring) if self.radial_walls else ()
+        return min(range(len(walls)), key=lambda n: (theta - walls[n].angle) % _TURN, default=0)
+
+    def turn(self, ring: int, start: float, end: float) -> float | None:
+        """The signed angle by which the ball gets from one angle of a ring to another: the shorter way round, or the
+        only one that no radial wall shuts, which may be more than half a turn; None where there is none."""
+        walls = self.radial_walls_of(ring) if self.radial_walls else ()
+        if not walls:
+            return difference(end, start)
+        n = self.sector(ring, start)
+        begin, span = walls[n].angle, (walls[(n + 1) % len(walls)].angle - walls[n].angle) % _TURN or _TURN
+        there = (end - begin) % _TURN
+        return there - (start - begin) % _TURN if there < span else None
+
+    def clear_angle(self, ring: int, theta: float) -> float:
+        """The angle nearest to theta at which the ball has room in the middle of a ring, beside its radial walls."""
+        walls = self.radial_walls_of(ring) if self.radial_walls else ()
+        if not walls:
+            return theta
+        halves = [w.half_angle(self.track_radius(ring), self.ball.radius + CLEARANCE) for w in walls]
+        places = [theta]
+        for wall, half in zip(walls, halves, strict=True):
+            places += [theta + difference(wall.angle + side * half, theta) for side in (-1.0, 1.0)]
+        free = (
+            place
+            for place in sorted(places, key=lambda place: abs(place - theta))
+            if all(abs(difference(w.angle, place)) > h - 1e-9 for w, h in zip(walls, halves, strict=True))
+        )
+        return next(free, theta)

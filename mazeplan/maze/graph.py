@@ -7,6 +7,9 @@ half braking:
 
     travel = 2 sqrt(s / a) + servo lag,    a = f g sin(tilt limit),   f = 5/9 for a ball that rolls on floor and wall
 
+Where radial walls stand in a ring, |beta - alpha| is the way that they leave, and openings that they keep apart are not
+joined by that ring: a route may have to leave it and come back elsewhere.
+
 Passing an opening takes a fixed time, the extra cost given in the map, and for every attempt that is expected beyond
 the first a fixed loss. With probability of success p ~ Beta(prior + successes, prior + failures) the expected
 number of attempts is E[1/p] = (A + B - 1) / (A - 1). Successes and failures fade with time (`memory`).
@@ -22,7 +25,6 @@ from typing import Any
 
 import networkx as nx
 
-from mazeplan.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.memory import OpeningMemory
 
@@ -60,7 +62,8 @@ class RouteOptions:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One ring of a route: turn by `turn_rad` (signed, in [-pi, pi)) to `opening` and leave by it, in `expected_s`."""
+    """One ring of a route: turn by `turn_rad` (signed; beyond half a turn only where radial walls leave no shorter way)
+    to `opening` and leave by it, in `expected_s`."""
 
     ring: int
     opening: Opening
@@ -158,8 +161,10 @@ class RouteGraph:
         return options.passage_s + retries * options.retry_s + self.maze.opening(name).extra_cost
 
     def cost(self, name: str, ring: int, theta: float) -> float:
-        """Expected time, s, from angle theta in a ring until the ball is through an opening of that ring."""
-        return self.travel_s(ring, difference(self.maze.opening(name).angle, theta)) + self.passage_s(name)
+        """Expected time, s, from angle theta in a ring until the ball is through an opening of that ring; infinite
+        where radial walls keep it away from there."""
+        turn = self.maze.turn(ring, theta, self.maze.opening(name).angle)
+        return math.inf if turn is None else self.travel_s(ring, turn) + self.passage_s(name)
 
     def route(self, start: int, goal: int, theta: float, avoid: Collection[str] = ()) -> Route | None:
         """The fastest route from angle theta in ring `start` to ring `goal`; None if there is none.
@@ -185,7 +190,10 @@ class RouteGraph:
             if travel is None:
                 if edge["ring"] != start:
                     return None
-                travel = self.travel_s(start, difference(opening.angle, theta))
+                turn = self.maze.turn(start, theta, opening.angle)
+                if turn is None:
+                    return None
+                travel = self.travel_s(start, turn)
             return travel + passages[opening.name]
 
         try:
@@ -198,11 +206,12 @@ class RouteGraph:
         """Openings of a ring that lead to the goal, the soonest first. Raises as `route` does."""
         found = []
         for opening in self.maze.openings_of(ring):
-            if opening.name in self._closed:
+            turn = self.maze.turn(ring, theta, opening.angle)
+            if opening.name in self._closed or turn is None:
                 continue
             onward = self.route(opening.leads_to(ring), goal, opening.angle, avoid=(opening.name,))
             if onward is not None:
-                travel = self.travel_s(ring, difference(opening.angle, theta))
+                travel = self.travel_s(ring, turn)
                 found.append(Choice(opening, travel, self.passage_s(opening.name) + onward.expected_s))
         return sorted(found, key=lambda choice: choice.expected_s)
 
@@ -211,7 +220,8 @@ class RouteGraph:
         for name, entered in states:
             opening = self.maze.opening(name)
             ring = opening.leads_to(entered)
-            legs.append(Leg(ring, opening, difference(opening.angle, theta), self.cost(name, ring, theta)))
+            turn = self.maze.turn(ring, theta, opening.angle) or 0.0  # a route has none that is shut
+            legs.append(Leg(ring, opening, turn, self.cost(name, ring, theta)))
             theta = opening.angle
         return Route(tuple(legs), sum(leg.expected_s for leg in legs))
 
@@ -225,6 +235,9 @@ class RouteGraph:
                 states.add_edge(node, _GOAL, ring=entered)
         for a, b in permutations(self.maze.openings, 2):
             for ring in {a.outer, a.inner} & {b.outer, b.inner}:
-                travel = self.travel_s(ring, difference(b.angle, a.angle))
+                turn = self.maze.turn(ring, a.angle, b.angle)
+                if turn is None:
+                    continue
+                travel = self.travel_s(ring, turn)
                 states.add_edge((a.name, ring), (b.name, b.leads_to(ring)), ring=ring, opening=b, travel_s=travel)
         return states

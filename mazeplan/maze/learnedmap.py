@@ -1,7 +1,8 @@
 """A map learned from where the ball was: rings from `bands`, openings from `transitions`, the rest from a prior map.
 
-What a log cannot tell (ball, tilt limit, height of the walls, thickness of the rim) is the prior's, and so is what
-this log happens not to tell (the width of an opening that the ball hardly touched); the learned map says which.
+What a log cannot tell (ball, tilt limit, height of the walls, thickness of the rim, radial walls) is the prior's, and
+so is what this log happens not to tell (the width of an opening that the ball hardly touched); the learned map says
+which.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from mazeplan.maze.bands import MODEL_ERROR, Bands, Edges, fit_bands
 from mazeplan.maze.geometry import Maze, Opening, Ring
-from mazeplan.maze.mapfile import check_text, default_name, dump_map
+from mazeplan.maze.mapfile import MapCheck, check_text, default_name, dump_map
 from mazeplan.maze.transitions import MIN_COUNT, LearnedOpening, Track, find_openings, find_passages
 from mazeplan.maze.yamltree import shown
 from mazeplan.progress import Words, no_words
@@ -93,12 +94,29 @@ def learn_map(
         prior.wall_height,
         prior.rim_thickness,
     )
-    check = check_text(dump_map(maze))
+    maze, check, dropped = _with_radial_walls(maze, prior, prior_name)
     problems = _never_passed(maze, openings) or tuple(error.problem for error in check.errors)
+    warnings = (*_warnings(rings, bands, prior, prior_name, borrow), *dropped)
     return LearnedMap(
         None if problems else maze, rings, openings, widths, borrowed, bands.centre, bands.noise, len(track.t),
-        len(passages.wall), passages.skipped, prior_name, _warnings(rings, bands, prior, prior_name, borrow), problems,
+        len(passages.wall), passages.skipped, prior_name, warnings, problems,
     )  # fmt: skip
+
+
+def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, MapCheck, tuple[str, ...]]:
+    """The maze with the prior's radial walls, where they fit its rings and openings; what `check_text` says of it;
+    warnings."""
+    check = check_text(dump_map(maze))
+    if not prior.radial_walls:
+        return maze, check, ()
+    told = f"radial walls, of which no log tells, are those of {prior_name}"
+    if len(prior.rings) != len(maze.rings):
+        return maze, check, (f"{told}, but left out: it has {len(prior.rings)} rings",)
+    with_them = replace(maze, radial_walls=prior.radial_walls)
+    checked = check_text(dump_map(with_them))
+    if checked.errors and not check.errors:
+        return maze, check, (f"{told}, but left out: {checked.errors[0].problem}",)
+    return with_them, checked, (told,)
 
 
 def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
@@ -287,10 +305,11 @@ def _opening_comment(o: LearnedOpening, source: str) -> str:
 def _preamble(learned: LearnedMap, sources: Sequence[str]) -> list[str]:
     files = ", ".join(name if name.isprintable() else shown(name) for name in sources)
     x, y = (1e3 * value for value in learned.centre)
+    and_walls = ", or radial walls" if learned.maze is not None and learned.maze.radial_walls else ""
     return [
         f"# Learned from where the ball was{': ' * bool(files)}{files}",
         f"# {learned.samples} samples, {learned.passages} changes of ring ({learned.skipped} could not be placed).",
         f"# The circles' centre was at x {x:.2f}, y {y:.2f} mm in the camera's picture; all below is measured from it.",
         f"# Noise of the camera {_mm(learned.noise)} mm per axis. After ±: 1 sigma.",
-        f"# No log tells ball, tilt limit, wall height and rim: they are from {learned.prior}.",
+        f"# No log tells ball, tilt limit, wall height and rim{and_walls}: they are from {learned.prior}.",
     ]

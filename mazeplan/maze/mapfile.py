@@ -17,8 +17,9 @@ from pydantic import ValidationError
 
 from mazeplan import resources
 from mazeplan.errors import MapError
-from mazeplan.maze.geometry import Ball, Maze, Opening, Ring
+from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
 from mazeplan.maze.mapschema import MapFile, OpeningSection, complaints
+from mazeplan.maze.wallrules import cut_off, dead_regions, default_wall_name, wall_name, wall_problems
 from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
 
 MIN_WALL_MM = 1.0  # thinner walls break in print and let a fast ball through in simulation
@@ -97,11 +98,15 @@ def _check_tree(tree: Tree, file: str | Path) -> MapCheck:
         spec = MapFile.model_validate(tree.data)
     except ValidationError as wrong:
         return MapCheck(None, tuple(sorted(map(error, complaints(wrong)), key=_line)[:MAX_REPORTED]))
-    for rule in (_ring_problems, _opening_problems):  # openings are judged only when the rings make sense
+    # openings are judged only when the rings make sense, radial walls when both do
+    for rule in (_ring_problems, _opening_problems, wall_problems):
         if problems := tuple(error(item) for item in rule(spec)):
             return MapCheck(None, problems)
-    warnings = tuple(str(error(item)) for item in _warnings(spec))
-    return MapCheck(_maze(spec, str(file)), (), warnings)
+    maze = _maze(spec, str(file))
+    if maze.radial_walls and (problems := tuple(error(item) for item in cut_off(maze))):
+        return MapCheck(None, problems)
+    found = [*_warnings(spec), *(dead_regions(maze) if maze.radial_walls else ())]
+    return MapCheck(maze, (), tuple(str(error(item)) for item in found))
 
 
 def _line(error: MapError) -> int:
@@ -255,6 +260,10 @@ def _maze(spec: MapFile, source: str) -> Maze:
         tilt_limit=math.radians(spec.tilt_limit_deg),
         wall_height=spec.wall_height_mm / 1000.0,
         rim_thickness=spec.rim_thickness_mm / 1000.0,
+        radial_walls=tuple(
+            RadialWall(wall_name(w), w.ring, math.radians(w.angle_deg), w.thickness_mm / 1000.0)
+            for w in spec.radial_walls
+        ),
         source=source,
     )
 
@@ -278,6 +287,9 @@ def dump_map(maze: Maze) -> str:
     ]
     lines.append("openings:" if maze.openings else "openings: []")
     lines += [f"  - {{{_opening_text(opening)}}}" for opening in maze.openings]
+    if maze.radial_walls:
+        lines.append("radial_walls:")
+        lines += [f"  - {{{_wall_text(wall)}}}" for wall in maze.radial_walls]
     return "\n".join(lines) + "\n"
 
 
@@ -290,6 +302,14 @@ def _opening_text(opening: Opening) -> str:
         parts.append("closed: true")
     if opening.extra_cost:
         parts.append(f"extra_cost_s: {opening.extra_cost!r}")
+    return ", ".join(parts)
+
+
+def _wall_text(wall: RadialWall) -> str:
+    angle = _degrees(wall.angle % (2.0 * math.pi))
+    parts = [f"ring: {wall.ring}", f"angle_deg: {angle}", f"thickness_mm: {_milli(wall.thickness)}"]
+    if wall.name != default_wall_name(wall.ring, float(angle)):
+        parts.append(f"name: {json.dumps(wall.name)}")
     return ", ".join(parts)
 
 

@@ -16,6 +16,7 @@ NAME_PATTERN = r"^[A-Za-z0-9_.@+-][A-Za-z0-9_.@+ -]{0,39}$"
 _NAME_WORDS = "1 to 40 letters, digits, spaces or _ . @ + -"
 MAX_RINGS = 20
 MAX_OPENINGS = 200
+MAX_RADIAL_WALLS = 200
 
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 
@@ -49,6 +50,15 @@ class OpeningSection(_Section):
     extra_cost_s: float = Field(default=0.0, ge=0, le=3600)
 
 
+class RadialWallSection(_Section):
+    """One wall across the channel of a ring."""
+
+    ring: int = Field(ge=1, le=MAX_RINGS)
+    angle_deg: float = Field(ge=0, lt=360)
+    thickness_mm: float = Field(ge=1, le=100)
+    name: Name | None = None
+
+
 class MapFile(_Section):
     """A whole map file."""
 
@@ -59,9 +69,15 @@ class MapFile(_Section):
     rim_thickness_mm: float = Field(default=5.0, ge=1, le=100)
     rings: list[RingSection] = Field(min_length=2, max_length=MAX_RINGS)
     openings: list[OpeningSection] = Field(max_length=MAX_OPENINGS)
+    radial_walls: list[RadialWallSection] = Field(default_factory=list, max_length=MAX_RADIAL_WALLS)
 
 
-_SECTIONS: dict[str, type[BaseModel]] = {"ball": BallSection, "rings": RingSection, "openings": OpeningSection}
+_SECTIONS: dict[str, type[BaseModel]] = {
+    "ball": BallSection,
+    "rings": RingSection,
+    "openings": OpeningSection,
+    "radial_walls": RadialWallSection,
+}
 _TYPES = {
     "float_type": "a number",
     "finite_number": "a finite number",

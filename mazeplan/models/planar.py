@@ -35,6 +35,7 @@ FREE_ROLLING = 5.0 / 7.0  # solid sphere rolling without slip
 SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
 RESTITUTION = 0.15  # of the velocity into a wall; steel on printed plastic, slow
 FLOOR = 5  # where in the numbers of a ring those of its floor begin
+OPENINGS_ONLY = 3  # columns of the walls where no radial ones stand in any ring
 ROUNDED = 1e-5  # of a factor in a file
 STATE_SIZE = 8
 
@@ -48,8 +49,11 @@ class PlanarModel:
     bias:    (2,) tilt of the table, beta and gamma, rad
     rings:   (R, 5) per ring, outermost first: inner radius, outer radius, factor at a wall, viscous 1/s, dry m/s^2;
              (R, 5 + surface.SIZE) where the floor of any adds something
-    walls:   (W, 3) per wall between rings: inner radius, outer radius, index of its first gap
-    gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width
+    walls:   (W, 3) per wall between rings: inner radius, outer radius, index of its first gap;
+             (W, 5) where radial walls stand in any ring: of the ring outside it, the first of their rows and the one
+             behind the last
+    gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width; behind them radial walls, grouped
+             by ring, with half of their thickness
     """
 
     scalars: Array
@@ -84,6 +88,11 @@ class PlanarModel:
         for wall in maze.walls[1:]:
             walls.append([wall.inner_radius, wall.outer_radius, float(len(gaps))])
             gaps.extend([math.cos(o.angle), math.sin(o.angle), 0.5 * o.width] for o in wall.openings)
+        if maze.radial_walls:
+            for row, wall in zip(walls, maze.walls[1:], strict=True):
+                across = maze.radial_walls_of(wall.outer_ring)
+                row += [float(len(gaps)), float(len(gaps) + len(across))]
+                gaps.extend([math.cos(w.angle), math.sin(w.angle), 0.5 * w.thickness] for w in across)
         stage = [
             [axis.gain, axis.natural_frequency, axis.damping, axis.offset]
             for axis in (model.true_stage.beta, model.true_stage.gamma)
@@ -93,7 +102,7 @@ class PlanarModel:
             stage=np.array(stage, dtype=float),
             bias=bias,
             rings=np.array(rings, dtype=float),
-            walls=np.array(walls, dtype=float).reshape(-1, 3),
+            walls=np.array(walls, dtype=float).reshape(len(walls), -1) if walls else np.zeros((0, 3)),
             gaps=np.array(gaps, dtype=float).reshape(-1, 3),
         )
 
@@ -181,16 +190,45 @@ def _meet_gap(z, gap, low, high, radius, restitution):
 
 
 @njit(cache=True)
+def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
+    """Contact with the flat sides of the radial walls in the ring of the ball; not in its openings, where their own
+    sides keep the ball away from them."""
+    r = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    touched = False
+    for w in range(walls.shape[0]):
+        if r <= rings[w, 0] or r >= rings[w, 1]:
+            continue
+        for j in range(int(walls[w, 3]), int(walls[w, 4])):
+            c, s, reach = gaps[j, 0], gaps[j, 1], gaps[j, 2] + radius
+            across = -s * z[0] + c * z[1]
+            if abs(across) >= reach or c * z[0] + s * z[1] <= 0.0:
+                continue
+            side = 1.0 if across > 0.0 else -1.0
+            shift = side * reach - across
+            z[0] -= s * shift
+            z[1] += c * shift
+            vt = -s * z[2] + c * z[3]
+            if vt * side < 0.0:
+                z[2] += s * (1.0 + restitution) * vt
+                z[3] -= c * (1.0 + restitution) * vt
+            touched = True
+    return touched
+
+
+@njit(cache=True)
 def contact(z, radius, rings, walls, gaps, restitution):
     """Resolve the walls for the ball's centre (in place); whether one is touched."""
     touched = _limit_radius(z, rings[0, 1] - radius, False, restitution)
+    radial = walls.shape[1] > OPENINGS_ONLY
+    if radial:
+        touched = _meet_radial_walls(z, radius, rings, walls, gaps, restitution) or touched
     for w in range(walls.shape[0]):
         low, high = walls[w, 0], walls[w, 1]
         r = math.sqrt(z[0] * z[0] + z[1] * z[1])
         if r <= low - radius or r >= high + radius:
             continue
         first = int(walls[w, 2])
-        last = int(walls[w + 1, 2]) if w + 1 < walls.shape[0] else gaps.shape[0]
+        last = int(walls[w + 1, 2]) if w + 1 < walls.shape[0] else int(walls[0, 3]) if radial else gaps.shape[0]
         in_gap = False
         for j in range(first, last):
             c, s, half = gaps[j, 0], gaps[j, 1], gaps[j, 2]

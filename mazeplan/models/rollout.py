@@ -89,19 +89,22 @@ def roll_out(
     start: IntArray,
     theta: Array,
     theta_dot: Array,
+    push: Array | None = None,
 ) -> Rollout:
     """Roll theta_dd = accelerate(state) out from (theta, theta_dot) (W,) at rows `start`, by Heun's method.
 
-    A prediction that leaves all bounds stays where it left them, so that one window cannot make a mean infinite."""
+    push (W, STEPS + 1): rad/s^2 besides, at each sample. A prediction that leaves all bounds stays where it left them,
+    so that one window cannot make a mean infinite."""
     dt, angle = samples.dt, np.empty((len(start), STEPS + 1))
+    push = np.zeros((1, STEPS + 1)) if push is None else push
     angle[:, 0], rate = theta, theta_dot.copy()
-    before = accelerate(_state(samples, start, angle[:, 0], rate))
+    before = accelerate(_state(samples, start, angle[:, 0], rate)) + push[:, 0]
     for i in range(STEPS):
         ahead = angle[:, i] + dt * rate + 0.5 * dt * dt * before
-        after = accelerate(_state(samples, start + i + 1, ahead, rate + dt * before))
+        after = accelerate(_state(samples, start + i + 1, ahead, rate + dt * before)) + push[:, i + 1]
         angle[:, i + 1] = angle[:, i] + dt * rate + dt * dt * (before / 3.0 + after / 6.0)
         rate = np.clip(rate + 0.5 * dt * (before + after), -30.0, 30.0)
-        before = accelerate(_state(samples, start + i + 1, angle[:, i + 1], rate))
+        before = accelerate(_state(samples, start + i + 1, angle[:, i + 1], rate)) + push[:, i + 1]
     rows = start[:, None] + np.arange(STEPS + 1)
     return Rollout(angle, np.abs(angle - samples.k.theta[rows]))
 
@@ -112,17 +115,19 @@ def roll_out_delayed(
     start: IntArray,
     theta: Array,
     theta_dot: Array,
+    push: Array | None = None,
 ) -> Rollout:
     """The same for a model that takes the rate of LAG samples ago: it is given that of the angles rolled out, and at
     first of those measured. Angles go by differences, theta_{k+1} = theta_k + dt v_{k+1/2}."""
     dt, n = samples.dt, len(start)
+    push = np.zeros((1, STEPS + 1)) if push is None else push
     past = samples.measured[start[:, None] + np.arange(-LAG - 1, 0)]
     angle = np.concatenate([past, theta[:, None], np.empty((n, STEPS))], axis=1)
     rate, now = theta_dot.copy(), LAG + 1
     for i in range(STEPS):
         late = (angle[:, now - LAG] - angle[:, now - LAG - 1]) / dt
-        push = accelerate(_state(samples, start + i, angle[:, now], late))
-        rate = np.clip(rate + (0.5 if i == 0 else 1.0) * dt * push, -30.0, 30.0)  # half a step to v_{1/2}
+        felt = accelerate(_state(samples, start + i, angle[:, now], late)) + push[:, i]
+        rate = np.clip(rate + (0.5 if i == 0 else 1.0) * dt * felt, -30.0, 30.0)  # half a step to v_{1/2}
         angle[:, now + 1] = angle[:, now] + dt * rate
         now += 1
     out = angle[:, LAG + 1 :]

@@ -32,6 +32,13 @@ def causal_start(
     accelerate: Callable[[RingKinematics], Array], samples: RingSamples, start: IntArray, noise: float, misfit: float
 ) -> tuple[Array, Array]:
     """Angle and rate (W,) at rows `start`. noise: of a measured angle, rad; misfit: rms error of the model, rad/s^2."""
+    return causal_estimate(accelerate, samples, start, noise, misfit)[:2]
+
+
+def causal_estimate(
+    accelerate: Callable[[RingKinematics], Array], samples: RingSamples, start: IntArray, noise: float, misfit: float
+) -> tuple[Array, Array, Array]:
+    """The same, and how well it is known: covariance (W, 2, 2) of angle and rate."""
     dt, R = samples.dt, max(noise, 1e-5) ** 2
     first = np.maximum(start - PAST, np.searchsorted(samples.segment, samples.segment[start]))
     ahead = np.minimum(first + FIRST, start)
@@ -55,4 +62,4 @@ def causal_start(
         theta = np.where(on, predicted + gain[:, 0] * innovation, theta)
         rate = np.where(on, faster + gain[:, 1] * innovation, rate)
         P = np.where(on[:, None, None], P_ahead - gain[:, :, None] * P_ahead[:, :1, :], P)
-    return theta, rate
+    return theta, rate, P

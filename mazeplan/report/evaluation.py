@@ -71,6 +71,11 @@ def maze_of(evaluations: Sequence[Input]) -> Maze:
     return load_map("cme")
 
 
+def as_published(maze: Maze) -> bool:
+    """Whether a maze is the one of which the published times are."""
+    return maze == load_map("cme")
+
+
 def interval(successes: int, runs: int) -> tuple[float, float]:
     """Of a share, 95 % (Wilson, 1927)."""
     p, zz = successes / runs, Z * Z / runs
@@ -136,7 +141,7 @@ def evaluation_section(given: Sequence[Input]) -> Section:
 
     maze = maze_of(given)
     several = _apart([runs_of(part) for part in given])
-    parts: list[Any] = [_table(several), *evaluation_pictures(several, maze), _kinds_table(several)]
+    parts: list[Any] = [_table(several, as_published(maze)), *evaluation_pictures(several, maze), _kinds_table(several)]
     if all(not len(by_kind(runs)) for runs in several):
         parts.pop()
     parts += [part for runs in several for part in learning_parts(runs)]
@@ -184,7 +189,8 @@ def _lead(several: list[Runs]) -> str:
     return "; ".join(told) + "."
 
 
-def _table(several: list[Runs]) -> Table:
+def _table(several: list[Runs], compared: bool) -> Table:
+    """compared: with the published times."""
     head = ["", *(runs.name for runs in several), "published, on hardware"]
     rows = [["arrived", *(f"{int(r.arrived.sum())} of {len(r.time)}" for r in several)]]
     rows[0].append(f"{published.ARRIVED} of {published.RUNS}")
@@ -202,6 +208,8 @@ def _table(several: list[Runs]) -> Table:
     if len(several) > 1:
         for key, label in (("rig", "rig"), ("model", "model"), ("map_name", "map"), ("version", "mazeplan")):
             rows.append([label, *(str(r.setup.get(key, MISSING)) for r in several), MISSING])
+    if not compared:
+        head, rows = head[:-1], [row[:-1] for row in rows]
     return Table("In figures; times are of the runs that arrived", head, rows)
 
 

@@ -12,7 +12,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.palette import COLOURS, MARKERS
 from mazeplan.report import published
 from mazeplan.report.drawing import FAILURE_MARKERS, INK, line, nothing, plan_view, series
-from mazeplan.report.evaluation import SECTORS, Runs, by_kind, by_ring, by_sector, places
+from mazeplan.report.evaluation import SECTORS, Runs, as_published, by_kind, by_ring, by_sector, places
 from mazeplan.report.page import Picture
 
 if TYPE_CHECKING:
@@ -29,9 +29,9 @@ def evaluation_pictures(several: Sequence[Runs], maze: Maze) -> list[Picture]:
     kinds = list(dict.fromkeys(kind for runs in several for kind in by_kind(runs)))
     found = [
         Picture(
-            "arrivals", "Arrived by then; the published times as marks",
+            "arrivals", "Arrived by then" + ("; the published times as marks" if as_published(maze) else ""),
             "share of the runs that have arrived against time, and the times of each run",
-            lambda figure: _arrivals(figure, several), (9.0, 3.2 + 0.45 * (n + 1)),
+            lambda figure: _arrivals(figure, several, as_published(maze)), (9.0, 3.2 + 0.45 * (n + 1)),
         ),
         Picture(
             "starts", "Success and time by start angle", "polar plots of success and time against the start angle",
@@ -56,8 +56,9 @@ def evaluation_pictures(several: Sequence[Runs], maze: Maze) -> list[Picture]:
     return found
 
 
-def _arrivals(figure: Figure, several: Sequence[Runs]) -> None:
-    rows = len(several) + 1
+def _arrivals(figure: Figure, several: Sequence[Runs], marks: bool = True) -> None:
+    """marks: of the published times, too, which are of one maze alone."""
+    rows = len(several) + marks
     upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2.4, 0.45 * rows)})
     for i, runs in enumerate(several):
         t = np.sort(runs.time[runs.arrived])
@@ -65,7 +66,22 @@ def _arrivals(figure: Figure, several: Sequence[Runs]) -> None:
         steps = np.r_[0.0, t, max(runs.limit, t[-1] if len(t) else 0.0)]
         upper.plot(steps, np.r_[share, share[-1]], drawstyle="steps-post", **line(series(i)), label=runs.name)
         _strip(lower, runs, i)
-    y = len(several)
+    if marks:
+        _published(upper, lower, len(several))
+    upper.set_ylim(0.0, 103.0)
+    upper.set_ylabel("arrived, % of all runs")
+    upper.grid(axis="y")
+    upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    lower.set_yticks(range(rows), [*(_short(runs.name) for runs in several), *([PAPER] * marks)], fontsize=8)
+    lower.set_ylim(rows - 0.4, -0.6)
+    lower.set_xlabel("time until arrival, s    (diamond or line: mean;  X at the limit: did not arrive)")
+    slowest = [published.TIMES["worst"]] * marks
+    slowest += [r.limit if not r.arrived.all() else r.time.max() for r in several]
+    lower.set_xlim(0.0, 1.06 * float(max(slowest)))
+
+
+def _published(upper: Axes, lower: Axes, y: int) -> None:
+    """The published times, in row y below."""
     lower.plot([published.TIMES["best"], published.TIMES["worst"]], [y, y], color=INK, lw=1.2, marker="|", ms=9)
     lower.plot([published.TIMES["mean"]], [y], marker="D", color=INK, ms=6)
     reached = 100.0 * published.ARRIVED / published.RUNS
@@ -78,15 +94,6 @@ def _arrivals(figure: Figure, several: Sequence[Runs]) -> None:
         for axes in (upper, lower):
             axes.axvline(time, color=COLOURS["neutral"], lw=0.8, ls=(0, (1.0, 1.5)), zorder=0)
         upper.text(time, 103.0, f"{name}\n{time:g} s", ha="center", va="bottom", fontsize=7, color=COLOURS["neutral"])
-    upper.set_ylim(0.0, 103.0)
-    upper.set_ylabel("arrived, % of all runs")
-    upper.grid(axis="y")
-    upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    lower.set_yticks(range(rows), [*(_short(runs.name) for runs in several), PAPER], fontsize=8)
-    lower.set_ylim(rows - 0.4, -0.6)
-    lower.set_xlabel("time until arrival, s    (diamond or line: mean;  X at the limit: did not arrive)")
-    slowest = max([published.TIMES["worst"], *(r.limit if not r.arrived.all() else r.time.max() for r in several)])
-    lower.set_xlim(0.0, 1.06 * float(slowest))
 
 
 def _strip(axes: Axes, runs: Runs, row: int) -> None:

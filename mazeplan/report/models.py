@@ -64,11 +64,13 @@ def around(residual: Document, kind: str) -> Array:
 
 def models_section(given: Input) -> Section:
     """Everything about a comparison. Raises InputError."""
+    from mazeplan.report.confidence import confidence_parts
     from mazeplan.report.models_pictures import models_pictures
 
     document = given.document
     maze = _maze(given)
-    parts: list[Any] = [_accelerations(document), _rollouts(document), *models_pictures(document, maze)]
+    parts: list[Any] = [_accelerations(document), _rollouts(document), *confidence_parts(document)]
+    parts += models_pictures(document, maze)
     if not any(scores.get("curve") for scores in document.values()):
         parts.append(Note("Learning curves are in the document of", "mazeplan compare LOG... --curve FILE.png --json"))
     if not any(scores.get("residual") for scores in document.values()):

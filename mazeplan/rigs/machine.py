@@ -61,7 +61,7 @@ class Machine:
         """The ball at rest in the middle of a ring, the plate level, time 0."""
         if self._gimbal is None:
             self._gimbal = self._build()
-        radius = self.maze.track_radius(ring)
+        radius, theta = self.maze.track_radius(ring), self.maze.clear_angle(ring, theta)
         place = np.array([radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius])
         self._gimbal.reset(place)
         self._target = self._ctrl = np.zeros(2)

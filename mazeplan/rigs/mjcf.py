@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from mazeplan.maths.angles import difference
-from mazeplan.maze.geometry import Maze, Opening, Wall
+from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 from mazeplan.rigs.settings import SimulatedSettings
 
 GRAVITY = 9.81  # m/s^2
@@ -45,6 +45,7 @@ def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
     geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>']
     for wall in maze.walls:
         geoms += _wall(wall, maze.wall_height, settings)
+    geoms += [_across(maze, wall, settings) for wall in maze.radial_walls]
     geoms += [_plug(maze, opening) for opening in maze.openings]
     radius, mass = maze.ball.radius, maze.ball.mass
     inertia = ""  # MuJoCo's own, of a solid sphere
@@ -84,7 +85,7 @@ def _box(x: float, y: float, angle: float, along: float, across: float, height: 
 
 def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
     """Boxes of one wall: rows between openings, and the sides of the openings."""
-    friction = f'friction="{settings.wall_grip} {TORSIONAL} {TORSIONAL}" {_bounce(settings.contact_damping_ratio)}'
+    friction = _surface(settings)
     step = math.tau / settings.wall_segments
     openings = sorted(wall.openings, key=lambda o: o.angle % math.tau)
     if not openings:
@@ -95,6 +96,19 @@ def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
         geoms += _row(wall, _edges(wall, opening, following, apart, step), height, friction, (opening, following))
         geoms += _cheeks(wall, opening, height, friction)
     return geoms
+
+
+def _surface(settings: SimulatedSettings) -> str:
+    """Attributes of all walls."""
+    return f'friction="{settings.wall_grip} {TORSIONAL} {TORSIONAL}" {_bounce(settings.contact_damping_ratio)}'
+
+
+def _across(maze: Maze, wall: RadialWall, settings: SimulatedSettings) -> str:
+    """The box of a radial wall, from where its corners are on the ring's inner wall to its outer one."""
+    ring, half = maze.ring(wall.ring), 0.5 * wall.thickness
+    near, far = math.sqrt(ring.inner_radius**2 - half**2), ring.outer_radius
+    x, y = 0.5 * (near + far) * math.cos(wall.angle), 0.5 * (near + far) * math.sin(wall.angle)
+    return _box(x, y, wall.angle, 0.5 * (far - near), half, maze.wall_height, _surface(settings))
 
 
 def _bounce(damping_ratio: float) -> str:

@@ -150,6 +150,11 @@ class SimulatedRig:
         """See `Machine.truth`."""
         return self.machine.truth()
 
+    def pictured(self) -> Array:
+        """What the picture of the last sample shows, with its delay: x, y (NaN without a ball), z of the ball in the
+        plate frame, m, beta, gamma, rad; (5,)."""
+        return self._seen[0].copy()
+
     def ball(self) -> tuple[Array, Array, Array]:
         """See `Machine.ball`."""
         return self.machine.ball()

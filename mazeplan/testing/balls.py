@@ -112,7 +112,8 @@ class _Walk:
         if name not in known:
             raise InputError(f"got {name!r}, expected one of ring {self.ring}: {', '.join(known)}", key="Pass")
         opening = self.maze.opening(name)
-        first, turn = self.maze.track_radius(self.ring), difference(opening.angle, self.theta)
+        first, turn = self.maze.track_radius(self.ring), self.maze.turn(self.ring, self.theta, opening.angle)
+        turn = difference(opening.angle, self.theta) if turn is None else turn
         if first > 0.0:
             self._turn(turn, max(1, round(abs(turn) * first / max(speed, 1e-3) / DT)))
         self.theta, self.ring = opening.angle, opening.leads_to(self.ring)

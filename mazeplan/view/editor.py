@@ -164,8 +164,11 @@ class MapEditor:
         return same[-1] if same else math.ceil(20.0 * ROOM * self._drawn.ball.radius * 1000.0) / 10.0
 
     def free_angle(self, outer: int) -> float:
-        """Degrees: the middle of the longest piece of the wall."""
-        angles = sorted(opening.angle_deg for opening in self.openings if opening.outer == outer)
+        """Degrees: the middle of the longest piece of the wall between openings, and radial walls on either side."""
+        taken = [opening.angle_deg for opening in self.openings if opening.outer == outer]
+        across = self.maze.radial_walls if self.maze else ()
+        taken += [math.degrees(w.angle) % 360.0 for w in across if w.ring in (outer, outer + 1)]
+        angles = sorted(taken)
         if not angles:
             return 0.0
         pieces = zip(angles, [*angles[1:], angles[0] + 360.0], strict=True)

@@ -20,7 +20,7 @@ from mazeplan.palette import rgb
 from mazeplan.records import Array
 from mazeplan.view.camera import Layout, around
 from mazeplan.view.editor import MapEditor
-from mazeplan.view.meshes import gap_box, ring_floor, wall_mesh
+from mazeplan.view.meshes import gap_box, radial_mesh, ring_floor, wall_mesh
 from mazeplan.view.scene import FLOOR, FLOOR_2, TABLE, UNIT, WALL, WALLS_SHOWN
 
 if TYPE_CHECKING:
@@ -89,6 +89,17 @@ class EditScene:
                 self._mesh(
                     f"wall{wall.outer_ring}", wall_mesh(wall, WALLS_SHOWN * maze.wall_height), WALL, flat_shading=False
                 )
+        self._show_radial_walls(maze)
+
+    def _show_radial_walls(self, maze: Maze) -> None:
+        before = self._maze
+        same = before is not None and before.rings == maze.rings and before.wall_height == maze.wall_height
+        if same and before is not None and before.radial_walls == maze.radial_walls:
+            return
+        for i in range(len(maze.radial_walls), len(before.radial_walls) if before else 0):
+            self._server.scene.remove_by_name(f"/map/radial{i}")
+        for i, wall in enumerate(maze.radial_walls):
+            self._mesh(f"radial{i}", radial_mesh(maze, wall, WALLS_SHOWN * maze.wall_height), WALL, flat_shading=False)
 
     def _mesh(self, name: str, mesh: tuple[Any, Any], colour: tuple[int, int, int], **more: Any) -> Any:
         vertices, faces = mesh

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mazeplan.maze.geometry import Maze, Opening, Wall
+from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 from mazeplan.records import Array, IntArray
 
 STEP = math.radians(3.0)  # of arcs
@@ -75,6 +75,16 @@ def wall_mesh(wall: Wall, height: float) -> Mesh:
         )
         pieces.append(sector(inner, outer, 0.0, height, ends=True))
     return joined(pieces)
+
+
+def radial_mesh(maze: Maze, wall: RadialWall, height: float) -> Mesh:
+    """A wall across a ring, whose sides are parallel."""
+    ring = maze.ring(wall.ring)
+    inner, outer = (
+        (radius, wall.angle + wall.half_angle(radius) * np.linspace(-1.0, 1.0, 5))
+        for radius in (ring.inner_radius, ring.outer_radius)
+    )
+    return sector(inner, outer, 0.0, height, ends=True)
 
 
 def _half(opening: Opening, radius: float) -> float:

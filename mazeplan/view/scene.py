@@ -20,7 +20,7 @@ from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.palette import rgb
 from mazeplan.records import Array
 from mazeplan.view.camera import around
-from mazeplan.view.meshes import gap_box, joined, ribbon, ring_floor, strip, wall_mesh
+from mazeplan.view.meshes import gap_box, joined, radial_mesh, ribbon, ring_floor, strip, wall_mesh
 from mazeplan.view.moment import Ahead, Gate, Moment
 
 if TYPE_CHECKING:
@@ -73,6 +73,8 @@ class Scene:
             self._mesh(
                 f"wall{wall.outer_ring}", wall_mesh(wall, WALLS_SHOWN * maze.wall_height), WALL, flat_shading=False
             )
+        for i, wall in enumerate(maze.radial_walls):
+            self._mesh(f"radial{i}", radial_mesh(maze, wall, WALLS_SHOWN * maze.wall_height), WALL, flat_shading=False)
         for ring in maze.rings:
             colour = FLOOR if ring.number % 2 else FLOOR_2
             floor = self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), colour)

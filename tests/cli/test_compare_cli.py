@@ -16,7 +16,7 @@ from standalone_page import alone
 from mazeplan.data.table import Table
 from mazeplan.report.words import HARD
 
-QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed")
+QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed", "--bands", "0")
 KINDS = {"rf", "p", "pi", "np", "sp"}
 
 
@@ -86,6 +86,14 @@ def test_for_people_the_tables(monkeypatch, capsys, folder):
     assert "rates: smoothed" in out
     assert any(line.endswith("60") and "training rows" in line for line in lines)
     assert "note:" not in out
+
+
+def test_bands_are_told_in_a_line_for_each_ring(monkeypatch, capsys, folder):
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK[:-1], "100")
+    assert (code, err) == (0, "")
+    told = out.split("how often the measured angle lies in the band")[1].splitlines()
+    assert re.fullmatch(r"ring 2  100 roll-outs of 2 windows:   pi \d+/\d+  np \d+/\d+  sp \d+/\d+", told[1])
+    assert re.search(r"sp 0\.\d{3} ± 0\.\d{3}/\d\.\d{3} ± 0\.\d{3}", out)
 
 
 def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 import re
 
@@ -15,6 +14,7 @@ from ring_record import write_csv
 
 from mazeplan.data.table import Table
 from mazeplan.models.modelfile import load_model
+from mazeplan.report.words import measured
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
@@ -58,7 +58,9 @@ def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(call, 
     assert model.ball(1).parameter("dry_friction", "coefficient", 0.0) == pytest.approx(found["value"], rel=1e-4)
     assert model.ball(1).parameter("viscous_friction", "coefficient", 0.0) == 0.35
     page = (tmp_path / "report" / "report.html").read_text()
-    assert html.escape(document["sentence"]) in page
+    assert "The model lacks dry friction." in page
+    assert measured(found["value"], found["stderr"], "rad/s^2") in page
+    assert "dry_friction.coefficient" in page
     assert "data:image/svg+xml;base64," in page
     alone = re.sub(r"base64,[^\"]*", "", page).replace("http-equiv", "")
     assert "http" not in alone, "nothing is loaded from elsewhere"

@@ -7,11 +7,19 @@ import numpy as np
 import pytest
 
 from mazeplan.errors import InputError
-from mazeplan.maze.drawing import draw_maze, draw_route, draw_trail, route_points, save_drawing, wall_outlines
+from mazeplan.maze.drawing import (
+    draw_maze,
+    draw_route,
+    draw_trail,
+    radial_outline,
+    route_points,
+    save_drawing,
+    wall_outlines,
+)
 from mazeplan.maze.graph import Route, RouteGraph
 from mazeplan.maze.mapfile import load_map
 
-CME, LOPSIDED = load_map("cme"), load_map("lopsided")
+CME, LOPSIDED, DETOUR = load_map("cme"), load_map("lopsided"), load_map("detour")
 MAZES = pytest.mark.parametrize("maze", [CME, LOPSIDED], ids=lambda maze: maze.name)
 START = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
@@ -130,3 +138,30 @@ def test_refusals(tmp_path):
         save_drawing(CME, tmp_path / "none" / "a.png")
     with pytest.raises(ValueError, match=r"expected \(N, 2\) or \(N, 3\)"):
         save_drawing(CME, tmp_path / "a.png", trail=np.zeros((5, 4)))
+
+
+@pytest.mark.parametrize("wall", DETOUR.radial_walls, ids=lambda wall: wall.name)
+def test_a_radial_wall_has_parallel_sides_from_circle_to_circle(wall):
+    outline, ring = radial_outline(DETOUR, wall), DETOUR.ring(wall.ring)
+    along, across = (
+        outline @ np.array([math.cos(wall.angle + turn), math.sin(wall.angle + turn)]) for turn in (0.0, math.pi / 2)
+    )
+    assert np.abs(across).max() == pytest.approx(0.5 * wall.thickness)
+    r = np.hypot(*outline.T)
+    assert (r.min(), r.max()) == (pytest.approx(ring.inner_radius), pytest.approx(ring.outer_radius))
+    assert along.min() > 0.0
+    assert polygon_area(outline) == pytest.approx(wall.thickness * (ring.outer_radius - ring.inner_radius), rel=0.01)
+
+
+def test_radial_walls_are_drawn_and_the_route_goes_around_them():
+    pieces = [len(draw_maze(maze).patches) for maze in (DETOUR, dataclasses.replace(DETOUR, radial_walls=()))]
+    assert pieces[0] - pieces[1] == len(DETOUR.radial_walls)
+    route = RouteGraph(DETOUR).route(1, 4, math.radians(120.0))
+    assert route is not None
+    points = route_points(DETOUR, route)
+    for wall in DETOUR.radial_walls:
+        ring = DETOUR.ring(wall.ring)
+        inside = points[(np.hypot(*points.T) > ring.inner_radius) & (np.hypot(*points.T) < ring.outer_radius)]
+        aside = inside @ np.array([-math.sin(wall.angle), math.cos(wall.angle)])
+        before = inside @ np.array([math.cos(wall.angle), math.sin(wall.angle)]) > 0.0
+        assert np.abs(aside[before]).min(initial=1.0) > 0.5 * wall.thickness

@@ -209,7 +209,7 @@ def test_thousands_of_keys_openings_or_rings():
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("nope", "not a packaged map, which are: cme, lopsided"),
+        ("nope", "not a packaged map, which are: cme, detour, lopsided, seven"),
         ("nope.yaml", "no such file"),
         ("nope/nope", "no such file"),
         ("/", "folder"),

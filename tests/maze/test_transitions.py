@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mazeplan.errors import TableError
 from mazeplan.maze.bands import Bands, Edges, fit_bands
+from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.learnedmap import _completed, learn_map, map_text
 from mazeplan.maze.mapfile import check_text, load_map
 from mazeplan.maze.transitions import Track, cluster, find_openings, find_passages, rings_of
@@ -376,3 +378,21 @@ def test_tracks_that_show_no_rings():
 def test_the_same_track_gives_the_same_map():
     track = wander(30).track()
     assert learn(track) == learn(track)
+
+
+def test_radial_walls_are_the_priors_where_they_fit_and_it_is_said():
+    track = wander(60).track()
+    wall = RadialWall("bar", 1, math.radians(320.0), 0.004)
+    prior = replace(TRUTH, radial_walls=(wall,))
+    found = learn_map(track, prior, prior_name="map mine")
+    assert found.maze is not None
+    assert found.maze.radial_walls == (wall,)
+    assert found.warnings[-1] == "radial walls, of which no log tells, are those of map mine"
+    assert "rim, or radial walls: they are from map mine" in map_text(found)
+    before = replace(prior, radial_walls=(replace(wall, angle=TRUTH.openings[0].angle),))
+    found = learn_map(track, before, prior_name="map mine")
+    assert found.maze is not None
+    assert found.maze.radial_walls == ()
+    assert "left out: stands in front of openings[0]" in found.warnings[-1]
+    other = replace(PRIOR, radial_walls=(wall,))
+    assert "left out: it has 5 rings" in learn_map(track, other, prior_name="map cme").warnings[-1]

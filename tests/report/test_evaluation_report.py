@@ -11,6 +11,7 @@ from report_documents import evaluation
 from scipy.stats import binomtest
 
 from mazeplan.evaluate import Campaign, evaluate, setup_document, summary
+from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.report.evaluation import (
     SECTORS,
     by_kind,
@@ -114,3 +115,21 @@ def test_a_real_evaluation_tells_starts_and_with_what_it_was_done():
     assert one.document["setup"]["rig"] == "toy"
     assert evaluation_section([one]).facts[:2] == [("rig", "toy"), ("map", "cme")]
     assert figures(runs)["mean"] == pytest.approx(document["time_s"]["mean"], abs=1e-4)
+
+
+def test_published_times_stand_beside_runs_in_that_maze_only():
+    from matplotlib.figure import Figure
+
+    one = given()
+    one.document["setup"]["map"] = dump_map(load_map("seven"))
+    section = evaluation_section([one])
+    table = next(part for part in section.parts if isinstance(part, Table))
+    assert table.head == ["", "toy"]
+    assert all(len(row) == 2 for row in table.rows)
+    arrivals = next(part for part in section.parts if isinstance(part, Picture) and part.name == "arrivals")
+    assert arrivals.title == "Arrived by then"
+    figure = Figure()
+    arrivals.draw(figure)
+    upper, lower = figure.axes
+    assert not upper.texts
+    assert [label.get_text() for label in lower.get_yticklabels()] == ["toy"]

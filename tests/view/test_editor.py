@@ -239,6 +239,26 @@ def test_what_is_no_text_or_yaml_is_refused_in_one_line(tmp_path, content, probl
     assert str(told.value).count("\n") == 0
 
 
+def test_radial_walls_stay_with_their_comments_and_an_opening_is_not_moved_onto_one(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(resources.share("maps").joinpath("detour.yaml").read_text())
+    editor = MapEditor(path)
+    kept = editor.text[editor.text.index("radial_walls:\n") :]
+    editor.move(0, 98)  # 1-2@60 to the wall at 100
+    assert editor.wrong == {0}
+    assert "radial_walls[0].angle_deg: stands in front of openings[0]" in str(editor.check.errors[0])
+    with pytest.raises(MapError, match="stands in front"):
+        editor.save()
+    editor.move(0, 70)
+    assert not editor.wrong
+    added = editor.add(1)
+    assert editor.check.errors == ()  # between openings and walls
+    editor.remove(added)
+    editor.widen(0, 16)
+    assert editor.text.endswith(kept)
+    assert load_map(editor.save()).radial_walls == load_map("detour").radial_walls
+
+
 @pytest.fixture
 def dragged(editor):
     """A scene of a fake page, and what it tells of drags; `pull` drags from a place, m, straight up the picture."""

@@ -133,12 +133,14 @@ def _unlike_tops(image: np.ndarray, camera: CameraModel, maze: Maze) -> np.ndarr
 
 
 def _rims(maze: Maze) -> list[tuple[Array, Array]]:
-    """(points (N, 3) on the upper edges, outward directions (N, 3)) of every wall, away from openings."""
+    """(points (N, 3) on the upper edges, outward directions (N, 3)) of every wall, away from openings
+    and radial walls."""
     rims = []
     for wall in maze.walls:
         for radius in (wall.inner_radius, wall.outer_radius):
             angles = np.arange(0.0, math.tau, EVERY)
-            angles = angles[[_solid(wall, radius, float(angle)) for angle in angles]]
+            ring = wall.outer_ring + (radius == wall.inner_radius)  # the one that it looks into
+            angles = angles[[_solid(wall, radius, a) and not _joined(maze, ring, radius, a) for a in angles.tolist()]]
             out = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
             rims.append((radius * out + np.array([0.0, 0.0, maze.wall_height]), out))
     return rims
@@ -146,6 +148,13 @@ def _rims(maze: Maze) -> list[tuple[Array, Array]]:
 
 def _solid(wall: Wall, radius: float, angle: float) -> bool:
     return all(abs(difference(angle, o.angle)) > (0.5 * o.width + 0.002) / radius for o in wall.openings)
+
+
+def _joined(maze: Maze, ring: int, radius: float, angle: float) -> bool:
+    """Whether a radial wall of a ring joins a wall there: their tops are one."""
+    return any(
+        w.ring == ring and abs(difference(angle, w.angle)) < w.half_angle(radius, 0.002) for w in maze.radial_walls
+    )
 
 
 def _refined(gray: np.ndarray, camera: CameraModel, maze: Maze) -> tuple[float, CameraModel] | None:

@@ -11,7 +11,7 @@ import math
 import cv2
 import numpy as np
 
-from mazeplan.maze.drawing import wall_outlines
+from mazeplan.maze.drawing import radial_outline, wall_outlines
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
 from mazeplan.rigs.camera.pinhole import CameraModel, sampled
@@ -56,6 +56,8 @@ class Floor:
         for wall in self.maze.walls[1:]:
             pieces = wall_outlines(wall) or [wall.inner_radius * circle, wall.outer_radius * circle]
             cv2.fillPoly(picture, [fixed(piece) for piece in pieces], 255)
+        for across in self.maze.radial_walls:
+            cv2.fillPoly(picture, [fixed(radial_outline(self.maze, across))], 255)
         return cv2.resize(picture, (self.side, self.side), interpolation=cv2.INTER_AREA)
 
     def pixels(self, points: Array) -> Array:

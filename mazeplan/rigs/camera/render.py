@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mazeplan.maze.drawing import wall_outlines
+from mazeplan.maze.drawing import radial_outline, wall_outlines
 from mazeplan.maze.geometry import Maze, Wall
 from mazeplan.records import Array
 from mazeplan.rigs.camera.look import SHADE, SPRITE, Look, grain, sprite
@@ -55,6 +55,7 @@ class Overhead:
         self.markers = corner_markers(maze) if markers is None else markers
         self._times = 2 if self.look.sharp else 1
         pieces = [outline for wall in maze.walls for outline in outlines(wall)]
+        pieces += [radial_outline(maze, wall) for wall in maze.radial_walls]
         self._corners = np.concatenate(pieces)  # all at once, as calls for each piece take longer than the drawing
         self._ends = np.cumsum([len(piece) for piece in pieces])[:-1]
         places = [abs(value) + 0.5 * self.markers.size for at in self.markers.places.values() for value in at[:2]]

@@ -25,6 +25,11 @@ def solid(maze, x, y):
                 if c * x + s * y > 0.0 and abs(c * y - s * x) < 0.5 * opening.width:
                     return False
             return True
+    for wall in maze.radial_walls:
+        ring, (c, s) = maze.ring(wall.ring), (math.cos(wall.angle), math.sin(wall.angle))
+        across = abs(c * y - s * x) < 0.5 * wall.thickness
+        if across and ring.inner_radius <= r <= ring.outer_radius and c * x + s * y > 0.0:
+            return True
     return r > maze.walls[0].inner_radius
 
 
@@ -65,3 +70,14 @@ def test_pixels_and_metres_are_each_others_inverse():
     assert FLOOR.metres(FLOOR.pixels(places)) == pytest.approx(places)
     smaller = Floor(load_map("lopsided"))
     assert smaller.side < FLOOR.side
+
+
+def test_radial_walls_are_solid():
+    maze = load_map("detour")
+    floor = Floor(maze)
+    for wall in maze.radial_walls:
+        r = maze.track_radius(wall.ring)
+        for turn in np.radians([-12.0, 0.0, 12.0]):
+            at = r * np.array([[math.cos(wall.angle + turn), math.sin(wall.angle + turn)]])
+            x, y = np.round(floor.pixels(at)[0]).astype(int)
+            assert (floor.solid[y, x] > 200) == solid(maze, *at[0]) == (turn == 0.0)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from scenes import MAZE, STANDARD, R, overlooking, place
 
+from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.look import Look
+from mazeplan.rigs.camera.render import Overhead
 from mazeplan.rigs.camera.sensing import TRUE
 
 PLAIN = Look(ball="orange", noise=0.0, flicker=0.0, slope=0.0, gloss=0.0)
@@ -100,3 +102,13 @@ def test_a_ball_outside_of_the_picture_is_no_trouble():
 def test_a_ball_of_nothing_is_refused():
     with pytest.raises(ValueError, match="steel"):
         Look(ball="cheese")
+
+
+def test_radial_walls_are_in_the_picture():
+    maze = load_map("detour")
+    picture = Overhead(maze, TRUE, PLAIN).render(None, 0.0, 0.0, rng()).astype(int)
+    for wall in maze.radial_walls:
+        r = maze.track_radius(wall.ring)
+        tops = [[r * math.cos(wall.angle), r * math.sin(wall.angle), maze.wall_height]]
+        across, down = np.round(TRUE.project(np.array(tops))[0]).astype(int)
+        assert picture[down, across, 0] > picture[down, across, 2] + 30  # blue, as the rim's top is

@@ -1,0 +1,56 @@
+"""Regions of a maze: the sectors of its rings, and which of them openings join.
+
+A ring without radial walls is one region, and so is one with a single wall, though the ball cannot go round it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+from mazeplan.maze.geometry import Maze
+
+Region = tuple[int, int]  # ring, sector
+
+
+def regions(maze: Maze) -> list[Region]:
+    """All of them, from ring 1 inwards."""
+    return [(ring.number, n) for ring in maze.rings for n in range(max(1, len(maze.radial_walls_of(ring.number))))]
+
+
+def leading_to(maze: Maze, goal: int, closed: Collection[str] = ()) -> set[Region]:
+    """The regions from which a ring can be reached by openings that are not in `closed`."""
+    beside: dict[Region, list[Region]] = {region: [] for region in regions(maze)}
+    for o in maze.openings:
+        if o.name not in closed:
+            a, b = ((ring, maze.sector(ring, o.angle)) for ring in (o.outer, o.inner))
+            beside[a].append(b)
+            beside[b].append(a)
+    found: set[Region] = set()
+    waiting = [region for region in beside if region[0] == goal]
+    while waiting:
+        region = waiting.pop()
+        if region not in found:
+            found.add(region)
+            waiting += beside[region]
+    return found
+
+
+def holds_ball(maze: Maze, region: Region) -> bool:
+    """Whether there is room for the ball between the radial walls of a region."""
+    ring, n = region
+    walls = maze.radial_walls_of(ring)
+    if len(walls) < 2:
+        return True
+    radius, here, following = maze.track_radius(ring), walls[n], walls[(n + 1) % len(walls)]
+    needed = here.half_angle(radius, maze.ball.radius) + following.half_angle(radius, maze.ball.radius)
+    return (following.angle - here.angle) % (2.0 * math.pi) > needed
+
+
+def described(maze: Maze, region: Region) -> str:
+    """A region in words."""
+    ring, n = region
+    walls = maze.radial_walls_of(ring)
+    if len(walls) < 2:
+        return f"ring {ring}"
+    return f"ring {ring} between {walls[n].name} and {walls[(n + 1) % len(walls)].name}"

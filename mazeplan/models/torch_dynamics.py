@@ -1,0 +1,218 @@
+"""The step of `ring_dynamics` and `learned_dynamics` for a whole batch of states, by torch, on any device.
+
+The same scheme on the same packed numbers (`RingParameters.pack`): the stage by its tables, the ball by Runge and
+Kutta, the process asked once a step. Its sum over rows is exact and not culled: a product of matrices, a power of two
+
+    g = a^2 sum_j alpha_j 2^([z, 1, -|z|^2 / 2] [x_j, -|x_j|^2 / 2, 1]'),   x, z centred, in l sqrt(ln 2)
+
+in pieces of at most ELEMENTS numbers, so that memory stays small whatever the batch. Every tensor is made on the device
+asked for; what comes back is NumPy's.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.models.fast_gp import UNIT
+from mazeplan.models.gaussian_process import GaussianProcess
+from mazeplan.models.ring_parameters import (
+    AXES,
+    BETA_0,
+    DAMPING,
+    DRIVE,
+    DRY,
+    GAIN,
+    GAMMA_0,
+    NODE,
+    OFFSET,
+    STEP,
+    STIFFNESS,
+    SUBSTEP_COUNT,
+    TABLE,
+    VISCOUS,
+    WIDTH,
+)
+from mazeplan.records import Array, IntArray
+
+if TYPE_CHECKING:
+    from mazeplan.models.batch import Plans, RingBatch
+
+ELEMENTS = {"cpu": 2**18, "cuda": 2**27}  # of a piece of the kernel: what fits a cache; 1 GiB of a card's memory
+Tensor = Any
+
+
+class Process:
+    """The mean of a trained process of family rbf with one plain term, for batches."""
+
+    def __init__(self, gp: GaussianProcess, **where: Any) -> None:
+        """where: device and dtype of all tensors. Raises ModelError for another kernel."""
+        import torch
+
+        term = gp.hyper.only
+        self._columns = list(term.columns)
+        scales = term.lengthscales * UNIT
+        rows = gp.inputs[:, self._columns] / scales
+        centre = rows.mean(axis=0)
+        rows = rows - centre  # or the squares would lose digits
+        wide = np.column_stack([rows, -0.5 * np.sum(rows**2, axis=1), np.ones(len(rows))])
+        self._rows = torch.tensor(np.ascontiguousarray(wide.T), **where)
+        self._alpha = torch.tensor(term.amplitude**2 * gp.alpha, **where)
+        self._scales, self._centre = torch.tensor(scales, **where), torch.tensor(centre, **where)
+        elements = ELEMENTS.get(torch.device(where["device"]).type, ELEMENTS["cpu"])
+        self._piece = max(1, elements // len(gp))
+
+    def mean(self, s: Tensor) -> Tensor:
+        """(B,) at states (6, B)."""
+        import torch
+
+        angles = (torch.sin(s[0]), torch.cos(s[0]), torch.sin(s[2]), torch.cos(s[2]), torch.sin(s[4]), torch.cos(s[4]))
+        seen = (s[1], s[3], s[5], *angles)
+        z = torch.stack([seen[i] for i in self._columns], dim=1) / self._scales - self._centre
+        wide = torch.cat([z, torch.ones_like(z[:, :1]), -0.5 * (z * z).sum(dim=1, keepdim=True)], dim=1)
+        out = torch.empty_like(s[0])
+        for a in range(0, len(out), self._piece):
+            part = (wide[a : a + self._piece] @ self._rows).clamp_(-1000.0, 0.0).exp2_()
+            out[a : a + self._piece] = part @ self._alpha
+        return out
+
+
+class Ring:
+    """The step of one ring."""
+
+    def __init__(self, packed: Array) -> None:
+        """packed: as `RingParameters.pack` gives it; plain numbers, so that they need no device."""
+        self._p = packed.tolist()
+        size = TABLE + NODE * (2 * int(self._p[SUBSTEP_COUNT]) + 1)
+        self._axes = AXES, AXES + size
+        self._floor = self._p[AXES + 2 * size :]
+
+    def _tilt(self, axis: int, node: int, angle: Tensor, rate: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Angle, rate and acceleration of one axis at a node of its table."""
+        p, at = self._p, axis + TABLE + NODE * node
+        rest = p[axis + GAIN] * u + p[axis + OFFSET]
+        a = rest + p[at] * (angle - rest) + p[at + 1] * rate
+        r = p[at + 2] * (angle - rest) + p[at + 3] * rate
+        return a, r, p[axis + STIFFNESS] * (rest - a) - p[axis + DAMPING] * r
+
+    def _node(self, s: Tensor, u: Tensor, node: int) -> tuple[Tensor, ...]:
+        """The plate as the ball feels it: factors of cos, sin, sin cos and sin^2 of theta, and what is left."""
+        import torch
+
+        p = self._p
+        beta, beta_d, beta_dd = self._tilt(self._axes[0], node, s[2], s[3], u[0])
+        gamma, gamma_d, _ = self._tilt(self._axes[1], node, s[4], s[5], u[1])
+        turn = torch.cos(gamma)
+        beta, tilted = beta + p[BETA_0], torch.sin(gamma + p[GAMMA_0])
+        return (
+            -p[DRIVE] * tilted * torch.cos(beta),
+            -p[DRIVE] * torch.sin(beta),
+            gamma_d * gamma_d - beta_d * beta_d * turn * turn,
+            2.0 * beta_d * gamma_d * turn,
+            beta_dd * torch.sin(gamma),
+        )
+
+    def _acceleration(self, plate: tuple[Tensor, ...], theta: Tensor, theta_d: Tensor, extra: Tensor | float) -> Tensor:
+        """theta_dd with the plate as at a node."""
+        import torch
+
+        p, (by_cos, by_sin, centripetal, coriolis, turning) = self._p, plate
+        sin, cos = torch.sin(theta), torch.cos(theta)
+        total = turning + sin * (by_sin + centripetal * cos + coriolis * sin) + by_cos * cos + extra
+        total = total - p[VISCOUS] * theta_d - p[DRY] * torch.tanh(theta_d / p[WIDTH])
+        return total + self._force(theta) if self._floor[0] else total
+
+    def _force(self, theta: Tensor) -> Tensor:
+        """What the floor adds, see `surface`."""
+        import torch
+
+        constant, waves, (centre, width, height) = self._floor[1], self._floor[2:8], self._floor[8:11]
+        total = torch.full_like(theta, constant)
+        for n in range(3):
+            total += waves[2 * n] * torch.cos((n + 1) * theta) + waves[2 * n + 1] * torch.sin((n + 1) * theta)
+        if height:
+            e = torch.atan2(torch.sin(theta - centre), torch.cos(theta - centre)) / width
+            total += height * e * torch.exp(0.5 - 0.5 * e * e)
+        return total
+
+    def step(self, s: Tensor, u: Tensor, extra: Tensor | float) -> Tensor:
+        """States (6, B) one dt later; u (2, B); extra: theta_dd held over the step, (B,) or a number."""
+        import torch
+
+        h, n = self._p[STEP], int(self._p[SUBSTEP_COUNT])
+        theta, theta_d, last = s[0], s[1], self._node(s, u, 0)
+        for i in range(n):
+            first, middle, last = last, self._node(s, u, 2 * i + 1), self._node(s, u, 2 * i + 2)
+            a1 = self._acceleration(first, theta, theta_d, extra)
+            d2 = theta_d + 0.5 * h * a1
+            a2 = self._acceleration(middle, theta + 0.5 * h * theta_d, d2, extra)
+            d3 = theta_d + 0.5 * h * a2
+            a3 = self._acceleration(middle, theta + 0.5 * h * d2, d3, extra)
+            a4 = self._acceleration(last, theta + h * d3, theta_d + h * a3, extra)
+            theta = theta + h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
+            theta_d = theta_d + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        beta, beta_d, _ = self._tilt(self._axes[0], 2 * n, s[2], s[3], u[0])
+        gamma, gamma_d, _ = self._tilt(self._axes[1], 2 * n, s[4], s[5], u[1])
+        return torch.stack([theta, theta_d, beta, beta_d, gamma, gamma_d])
+
+
+class Servos:
+    """Limits, deadband and play of the two servos along a roll-out."""
+
+    def __init__(self, numbers: Array, **where: Any) -> None:
+        """numbers: as `RingBatch.servos` gives them."""
+        import torch
+
+        self._limit = float(numbers[0])
+        self._half, self._deadband = (torch.tensor(part, **where)[:, None] for part in (numbers[1:3], numbers[3:5]))
+        self._obeyed: Tensor = None
+        self._passed: Tensor = None
+
+    def pass_on(self, u: Tensor) -> Tensor:
+        """What reaches the plate of the next commands (2, B)."""
+        import torch
+
+        u = u.clamp(-self._limit, self._limit)
+        if self._obeyed is None:
+            self._obeyed = self._passed = u
+        self._obeyed = torch.where((u - self._obeyed).abs() >= self._deadband, u, self._obeyed)
+        low, high = self._obeyed - self._half, self._obeyed + self._half
+        self._passed = torch.minimum(torch.maximum(self._passed, low), high)
+        return self._passed
+
+
+def roll_out(batch: RingBatch, starts: Array, plans: Plans, which: IntArray, pushes: Array) -> Array:
+    """As `RingBatch.roll_out`, which has checked the shapes; the whole batch side by side."""
+    import torch
+
+    where: dict[str, Any] = {"device": batch.device, "dtype": getattr(torch, batch.precision)}
+    with torch.inference_mode():
+        return trajectories(batch, starts, plans, which, pushes, where).cpu().numpy().astype(np.float64)
+
+
+def trajectories(
+    batch: RingBatch, starts: Array, plans: Plans, which: IntArray, pushes: Array, where: dict[str, Any]
+) -> Tensor:
+    """The states (B, T+1, 6), still on the device."""
+    import torch
+
+    ring, servos = Ring(batch.parameters.pack()), Servos(batch.servos(), **where)
+    process = None if batch.process is None else Process(batch.process, **where)
+    dt, index = batch.parameters.dt, torch.tensor(which, device=where["device"])
+    commands = torch.tensor(plans.commands, **where)
+    gains, reference = (torch.tensor(part, **where) for part in plans.feedback())
+    push = torch.tensor(pushes, **where)
+    s = torch.tensor(np.ascontiguousarray(starts.T), **where)
+    out = torch.empty((commands.shape[1] + 1, *s.shape), **where)
+    out[0] = s
+    for t in range(commands.shape[1]):
+        u = commands[index, t].T
+        if len(gains):
+            u = u + torch.einsum("bij,bj->ib", gains[index, t], s.T - reference[index, t])
+        s = ring.step(s, servos.pass_on(u), 0.0 if process is None else process.mean(s))
+        if len(push):
+            s[0] += 0.5 * dt * dt * push[:, t]
+            s[1] += dt * push[:, t]
+        out[t + 1] = s
+    return out.permute(2, 0, 1)

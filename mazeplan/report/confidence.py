@@ -1,0 +1,97 @@
+"""How sure models are of roll-outs, by the documents of `compare --json`: bands of 90 %, and how often they hold."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.palette import COLOURS
+from mazeplan.records import Array
+from mazeplan.report.drawing import line, points
+from mazeplan.report.models import Document, best_kind, kinds, known, rings
+from mazeplan.report.models_pictures import STYLES
+from mazeplan.report.page import Picture, Table
+from mazeplan.report.words import DEG, KINDS, MISSING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LAST = 40  # samples
+
+
+def confidence_parts(document: Document) -> list[Any]:
+    """Table and picture; nothing where the document does not tell."""
+    numbers = [ring for ring in rings(document) if document[f"ring{ring}"].get("confidence")]
+    if not numbers:
+        return []
+    size = (min(12.0, 1.4 + 2.7 * len(numbers)), 5.2)
+    return [
+        _table(document, numbers),
+        Picture(
+            "confidence",
+            "What a roll-out may be off by: a window of middle width with its band of 90 %, and how often bands hold",
+            "predicted band and measured angle of one window, and share of windows in the band, by ring",
+            lambda figure: _draw(figure, document, numbers), size,
+        ),
+    ]  # fmt: skip
+
+
+def _table(document: Document, numbers: list[int]) -> Table:
+    columns, rows = kinds(document, "confidence"), []
+    for ring in numbers:
+        scores = document[f"ring{ring}"]
+        row = [f"ring {ring}: {next(iter(scores['confidence'].values()))['rollouts']} roll-outs"]
+        for kind in columns:
+            told = scores["confidence"].get(kind)
+            if told is None:
+                row.append(MISSING)
+                continue
+            low, high = (known(v) for v in scores.get("interval95", {}).get(str(LAST), {}).get(kind) or (None, None))
+            give = f" ± {0.5 * DEG * (high - low):.1f}" if math.isfinite(high - low) else ""
+            width = 0.5 * DEG * (told["above"][LAST] - told["below"][LAST])
+            mean = DEG * known(scores["rollout"][kind][str(LAST)])
+            row.append(f"{mean:.1f}{give}; ± {width:.1f}; {100.0 * told['coverage_all']:.0f} %")
+        rows.append(row)
+    title = (
+        f"After {LAST} samples: mean error and half of its 95 % interval, deg; half the band of 90 %, deg; how often"
+    )
+    return Table(f"{title} the measured angle lay in it, all samples", ("", *(KINDS[k] for k in columns)), rows)
+
+
+def _draw(figure: Figure, document: Document, numbers: list[int]) -> None:
+    panels = figure.subplots(2, len(numbers), sharex=True, squeeze=False, height_ratios=(3, 2))
+    best = best_kind({f"ring{ring}": document[f"ring{ring}"] for ring in numbers})
+    for i, ring in enumerate(numbers):
+        told = document[f"ring{ring}"]["confidence"]
+        kind = best if best in told else list(told)[-1]
+        _window(panels[0, i], told[kind]["window"], kind)
+        panels[0, i].set_title(f"ring {ring}: {KINDS.get(kind, kind)}")
+        for name, one in told.items():
+            k, share = np.arange(len(one["coverage"])), 100.0 * np.array([known(v) for v in one["coverage"]])
+            style = STYLES.get(name, "neutral")
+            panels[1, i].plot(k, share, **line(style), label=KINDS.get(name, name))
+            panels[1, i].plot(k[10::10], share[10::10], **points(style))
+        panels[1, i].axhline(90.0, color=COLOURS["neutral"], lw=0.8)
+        panels[1, i].set_ylim(0.0, 103.0)
+        panels[1, i].set_xlabel("samples rolled out")
+        panels[1, i].grid()
+    panels[0, 0].set_ylabel("angle, deg")
+    panels[1, 0].set_ylabel("windows in the band, %")
+    for row in (0, 1):
+        panels[row, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def _window(axes: Any, window: dict[str, list[float]], kind: str) -> None:
+    """Band, middle, and what was measured."""
+    low, middle, high, measured = (_degrees(window[name]) for name in ("low", "middle", "high", "measured"))
+    k, name = np.arange(len(low)), STYLES.get(kind, "neutral")
+    axes.fill_between(k, low, high, color=COLOURS[name], alpha=0.2, lw=0, label="90 % of roll-outs")
+    axes.plot(k, middle, **line(name), label="their middle")
+    axes.plot(k, measured, **points("real", markersize=3.0), label="measured")
+    axes.grid()
+
+
+def _degrees(values: list[float]) -> Array:
+    return DEG * np.array([known(v) for v in values])

@@ -1,0 +1,209 @@
+"""Many simulated rigs at once, each to the last bit of its physics what `simulated.SimulatedRig` is alone.
+
+What the servos are told in each chunk of a sample (command delay, slew limit, play) does not hang on the physics: it
+is worked out beforehand, for all rigs in one go. Then each rig's physics pass through MuJoCo, in threads, which it lets
+run beside one another. Then pictures, delays and noise, again in one go; only random numbers are drawn rig by rig, from
+each rig's own generator and in the order in which it draws them alone.
+"""
+
+from __future__ import annotations
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module tells type checkers nothing of its names)
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mazeplan.errors import RigError, SettingsError
+from mazeplan.maze.geometry import Maze
+from mazeplan.records import Array, IntArray
+from mazeplan.rigs.forces import PlateForces
+from mazeplan.rigs.machine import AXES, CHUNKS
+from mazeplan.rigs.mjcf import SUBSTEPS
+from mazeplan.rigs.nearwalls import near_walls
+from mazeplan.rigs.settings import SimulatedSettings
+from mazeplan.rigs.simulated import TOLERANCE
+from mazeplan.rigs.surprise import surprised
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What N rigs measured, each (N,): s, m, m (NaN while the ball is not seen), rad, rad."""
+
+    t: Array
+    x: Array
+    y: Array
+    beta: Array
+    gamma: Array
+
+
+def fits(settings: SimulatedSettings, maze: Maze) -> bool:
+    """Whether a fleet can have rigs like this: without faults, forces of their own, and pictures to look for it in."""
+    drawn = surprised(settings, maze)
+    return not drawn.faults and drawn.sense == "ideal" and not PlateForces(drawn, maze)
+
+
+class Fleet:
+    """N rigs. rate_hz: as theirs; threads: None: one a processor core. Raises SettingsError for what does not fit."""
+
+    def __init__(self, maze: Maze, settings: SimulatedSettings, number: int, threads: int | None = None) -> None:
+        if not fits(settings, maze):
+            raise SettingsError("got faults, forces or rendered pictures, expected a rig without them")
+        self.maze, self.settings = maze, surprised(settings, maze)
+        self.number, self.rate_hz = number, self.settings.rate_hz
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self.threads = min(threads or cores, number)
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+        self._walls = near_walls(maze, self.settings)
+        self._data = [mujoco.MjData(self._walls.any) for _ in range(number)]
+        self._ctrl, self._qpos = [d.ctrl for d in self._data], [d.qpos for d in self._data]
+        self._rngs: list[np.random.Generator | None] = [None] * number
+        self._prepare()
+
+    def _prepare(self) -> None:
+        settings, n = self.settings, self.number
+        chunk_s = 1.0 / (self.rate_hz * CHUNKS)
+        self._slew = math.radians(settings.servo_slew_deg_s) * chunk_s
+        self._band = math.radians(settings.deadband_deg)
+        axes = [settings.backlash_axis in ("both", axis) for axis in AXES]
+        self._half_play = 0.5 * math.radians(settings.backlash_deg) * np.array(axes, dtype=float)
+        after = math.ceil((1e-3 * settings.command_delay_ms - 1e-9) / chunk_s)  # chunks
+        self._ages = [max(0, math.ceil((after - c) / CHUNKS)) for c in range(CHUNKS)]  # samples, of what acts in each
+        self._said = np.zeros((self._ages[0] + 1, n, 2))  # commands, the newest first
+        self._set, self._played = np.zeros((n, 2)), np.zeros((n, 2))
+        self._told = np.zeros((n, CHUNKS, 2))
+        self._went = np.zeros((n, CHUNKS, 9))  # MuJoCo's positions at the end of each chunk
+        late = 1e-3 * settings.camera_late_ms * self.rate_hz * CHUNKS
+        self._part = late - math.floor(late)  # of a chunk
+        self._path = np.zeros((math.floor(late) + 2, n, 5))  # scenes, the newest last
+        self._seen = np.zeros((settings.camera_delay_frames + 1, n, 5))  # the oldest first
+        self._lost, self._samples = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+
+    def close(self) -> None:
+        """Give threads back; may be called twice."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+    # -- life -------------------------------------------------------------------------------------------------------
+
+    def reset(
+        self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
+    ) -> Samples:
+        """Balls at rest in the middle of rings, plates level, time 0, for some of the rigs; what they measure."""
+        for row, ring, theta, rng in zip(rows.tolist(), rings, thetas, rngs, strict=True):
+            data, radius = self._data[row], self.maze.track_radius(ring)
+            mujoco.mj_resetData(self._walls.any, data)
+            data.qpos[2:5] = radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius
+            data.qpos[5] = 1.0
+            mujoco.mj_forward(self._walls.at(data.qpos.item(2), data.qpos.item(3)), data)
+            self._rngs[row] = rng
+        for memory in (self._said, self._path, self._seen):
+            memory[:, rows] = 0.0
+        for memory in (self._set, self._played, self._lost, self._samples):
+            memory[rows] = 0
+        scene = _scene(np.array([self._qpos[row] for row in rows.tolist()]))
+        self._path[:, rows] = self._seen[:, rows] = scene
+        return self._observe(rows)
+
+    def step(self, rows: IntArray, commands: Array) -> Samples:
+        """Command tilts (len(rows), 2), rad, and what those rigs measure a sample later. Raises RigError for NaN or
+        beyond the tilt limit."""
+        limit = self.maze.tilt_limit
+        if not np.all(np.abs(commands) <= limit + TOLERANCE):  # also refuses NaN
+            raise RigError(f"command: got {commands.tolist()} rad, expected at most {limit:.4f} rad either way")
+        self._tell(rows, commands)
+        if self._pool is None or len(rows) < 2:
+            self._advance(rows.tolist())
+        else:
+            shares = [rows[k :: self.threads].tolist() for k in range(self.threads)]
+            list(self._pool.map(self._advance, shares))
+        self._samples[rows] += 1
+        self._look(rows)
+        return self._observe(rows)
+
+    def _tell(self, rows: IntArray, commands: Array) -> None:
+        """What reaches the servos in each chunk of the sample that comes."""
+        last = self._said[0, rows]
+        wanted = np.where(np.abs(commands - last) < self._band, last, commands) if self._band > 0.0 else commands
+        self._said[1:, rows] = self._said[:-1, rows]
+        self._said[0, rows] = wanted
+        now, played = self._set[rows], self._played[rows]
+        for chunk, age in enumerate(self._ages):
+            now = now + np.minimum(np.maximum(self._said[age, rows] - now, -self._slew), self._slew)
+            played = np.minimum(np.maximum(played, now - self._half_play), now + self._half_play)
+            self._told[rows, chunk] = played
+        self._set[rows], self._played[rows] = now, played
+
+    def _advance(self, rows: list[int]) -> None:
+        """One sample of physics for some of the rigs, in one thread."""
+        walls, steps = self._walls, SUBSTEPS // CHUNKS
+        for row in rows:
+            data, ctrl, qpos = self._data[row], self._ctrl[row], self._qpos[row]
+            told, went = self._told[row], self._went[row]
+            for chunk in range(CHUNKS):
+                ctrl[:] = told[chunk]
+                walls.step(data, steps)
+                went[chunk] = qpos
+
+    # -- camera -----------------------------------------------------------------------------------------------------
+
+    def _look(self, rows: IntArray) -> None:
+        """Pictures that are old enough to be seen now."""
+        kept = len(self._path)
+        new = min(kept, CHUNKS)
+        scenes = _scene(self._went[rows, CHUNKS - new :]).swapaxes(0, 1)
+        self._path[:, rows] = np.concatenate([self._path[:, rows], scenes])[-kept:]
+        self._seen[:-1, rows] = self._seen[1:, rows]
+        self._seen[-1, rows] = (1.0 - self._part) * self._path[1, rows] + self._part * self._path[0, rows]
+
+    def _observe(self, rows: IntArray) -> Samples:
+        """As `SimulatedRig.observe`, rig by rig."""
+        settings, n = self.settings, len(rows)
+        normal, even = np.empty((n, 6)), np.empty((n, 2))
+        for k, row in enumerate(rows.tolist()):
+            rng = self._rngs[row]
+            if rng is None:
+                raise RigError("a rig of the fleet was used before reset()")
+            normal[k, :4] = rng.standard_normal(4)
+            even[k] = rng.random(2)
+            normal[k, 4:] = rng.standard_normal(2)
+        lost = self._lost[rows]
+        newly = (lost == 0) & (even[:, 0] < settings.ball_lost_probability)
+        lost = np.where(newly, settings.ball_lost_frames, np.maximum(lost - 1, 0))
+        self._lost[rows] = lost
+        turn = math.radians(settings.camera_rotation_deg)
+        there = self._seen[0, rows, :2]
+        c, s = math.cos(turn), math.sin(turn)
+        position = np.column_stack([c * there[:, 0] - s * there[:, 1], s * there[:, 0] + c * there[:, 1]])
+        position = position + 1e-3 * (np.array(settings.camera_offset_mm) + settings.camera_noise_mm * normal[:, :2])
+        wrong = even[:, 1] < settings.outlier_probability
+        position = np.where(wrong[:, None], position + 1e-3 * settings.outlier_mm * normal[:, 2:4], position)
+        position = np.where((lost > 0)[:, None], math.nan, position)
+        tilt = np.array([self._qpos[row][:2] for row in rows.tolist()])
+        tilt = tilt + math.radians(settings.tilt_noise_deg) * normal[:, 4:]
+        t = self._samples[rows] / self.rate_hz
+        return Samples(t, position[:, 0], position[:, 1], tilt[:, 0], tilt[:, 1])
+
+    # -- what only a simulation knows ------------------------------------------------------------------------------
+
+    def pictured(self, row: int) -> Array:
+        """See `SimulatedRig.pictured`."""
+        return self._seen[0, row].copy()
+
+    def state(self, row: int) -> tuple[Array, Array]:
+        """MuJoCo's positions (9,) and velocities (8,) of a rig: hinges, then the ball."""
+        return self._qpos[row].copy(), self._data[row].qvel.copy()
+
+
+def _scene(qpos: Array) -> Array:
+    """x, y, z of the ball in the plate frame, m, beta, gamma, rad, (..., 5), of MuJoCo's positions (..., 9)."""
+    b, g, x, y, z = (qpos[..., k] for k in range(5))
+    cb, sb, cg, sg = np.cos(b), np.sin(b), np.cos(g), np.sin(g)
+    along = sb * x + cb * z
+    return np.stack([cb * x - sb * z, cg * y + sg * along, cg * along - sg * y, b, g], axis=-1)

@@ -1,0 +1,149 @@
+"""The environment as Gymnasium meets it."""
+
+import warnings
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
+
+import mazeplan.environment as room
+from mazeplan.errors import InputError, SettingsError
+from mazeplan.rigs.fleet import Fleet
+
+HERE = Path(__file__).resolve().parent
+
+
+def made(**options):
+    return gymnasium.make(room.ID, **options)
+
+
+@pytest.mark.parametrize(("observation", "reward"), [("state", "dense"), ("state", "sparse"), ("pixels", "dense")])
+def test_gymnasium_has_nothing_to_say_against_it(observation, reward):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = made(observation=observation, reward=reward, size=32)
+        check_env(env.unwrapped)
+
+
+def test_many_are_what_each_is_alone_and_begin_anew_alike():
+    options = {"reward": "dense", "start_ring": "any", "max_episode_steps": 12}
+    many = gymnasium.make_vec(room.ID, num_envs=3, threads=2, **options)
+    alone = SyncVectorEnv([lambda: made(**options)] * 3)
+    assert isinstance(many.unwrapped.episodes.world, Fleet)  # pyright: ignore
+    assert many.observation_space == alone.observation_space
+    drawn, ended, moved = np.random.default_rng(3), 0, np.zeros(3)
+    got, expected = (envs.reset(seed=7) for envs in (many, alone))
+    np.testing.assert_array_equal(got[0], expected[0])
+    for _ in range(30):
+        actions = drawn.uniform(-1.2, 1.2, (3, 2)).astype(np.float32).clip(-1.0, 1.0)
+        got, expected = many.step(actions), alone.step(actions)
+        for one, other in zip(got[:4], expected[:4], strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert got[4].keys() == expected[4].keys()
+        for name, values in expected[4].items():
+            np.testing.assert_array_equal(got[4][name], values, err_msg=name)
+        ended, moved = ended + got[3].sum(), moved + got[1]
+    assert ended == 2 * 3
+    assert np.all(moved != 0.0)
+    assert many.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.NEXT_STEP
+    many.close()
+    alone.close()
+
+
+def test_actions_tilt_the_plate_by_parts_of_its_limit():
+    env = made(rig="ideal").unwrapped
+    env.reset(seed=1)
+    for _ in range(20):
+        env.step(np.array([0.5, -1.0], dtype=np.float32))
+    sample, limit = env.measured(), env.episodes.maze.tilt_limit
+    assert (sample.beta, sample.gamma) == pytest.approx((0.5 * limit, -limit), rel=0.02)
+    assert sample.t == pytest.approx(20 / 30)
+    for _ in range(20):
+        env.step(np.array([7.0, -7.0]))  # beyond counts as that
+    assert (env.measured().beta, env.measured().gamma) == pytest.approx((limit, -limit), rel=0.02)
+    with pytest.raises(ValueError, match="expected numbers from -1 to 1"):
+        env.step(np.array([np.nan, 0.0]))
+
+
+def test_starts_are_drawn_by_seed_or_said():
+    env = made(rig="ideal", start_ring="any")
+    angles = []
+    for _ in range(2):
+        places = []
+        for seed in (0, 1, 2, 3):
+            observed, info = env.reset(seed=seed)
+            places.append((info["ring"], *observed[1:3].tolist()))
+        angles.append(places)
+    assert angles[0] == angles[1]
+    assert len(set(angles[0])) == 4
+    assert len({place[0] for place in angles[0]}) > 1
+    observed, info = env.reset(seed=0, options={"start_ring": 3, "start_angle_deg": 90.0})
+    assert info["ring"] == 3
+    assert observed[1:3].tolist() == pytest.approx([0.0, 1.0], abs=1e-6)
+    for options in ({"start_ring": 5}, {"start_angle_deg": "north"}, {"ring": 1}):
+        with pytest.raises(SettingsError):
+            env.reset(options=options)
+
+
+def test_a_rig_of_one_s_own_arrives_and_has_no_pictures(monkeypatch):
+    monkeypatch.syspath_prepend(HERE)
+    env = made(rig="my_gym_rig:Sinking", start_ring=4, render_mode="ansi")
+    _, info = env.reset(seed=0)
+    assert (info["ring"], info["success"]) == (4, False)
+    rewards, terminated = [], False
+    while not terminated:
+        _, reward, terminated, truncated, info = env.step(np.zeros(2, dtype=np.float32))
+        rewards.append(reward)
+        assert not truncated
+    assert info["success"]
+    assert info["is_success"]
+    assert info["ring"] == 5
+    assert rewards[-1] == 1.0
+    assert sum(rewards) == 1.0
+    assert env.render().startswith(f"t {info['time_s']:6.2f} s")
+    env.close()
+    blind = made(rig="my_gym_rig:Sinking", observation="pixels", disable_env_checker=True)
+    with pytest.raises(SettingsError, match="expected state"):
+        blind.reset(seed=0)
+    several = gymnasium.make_vec(room.ID, num_envs=2, rig="my_gym_rig:Sinking", start_ring=4)
+    several.reset(seed=0)
+    *_, told = several.step(np.zeros((2, 2), dtype=np.float32))
+    assert told["time_s"].tolist() == pytest.approx([1 / 30, 1 / 30])
+
+
+def test_pictures_show_the_ball_where_it_is_late():
+    env = made(rig="toy", observation="pixels", size=96, start_angle_deg=0.0, render_mode="rgb_array").unwrapped
+    one, _ = env.reset(seed=2)
+    other, _ = env.reset(seed=2, options={"start_angle_deg": 180.0})
+    apart = np.abs(one.astype(int) - other.astype(int)).sum(axis=(0, 2))  # by columns
+    assert one.shape == (96, 96, 3)
+    right, left = apart[60:90].sum(), apart[6:36].sum()
+    assert min(right, left) > 3.0 * apart[40:56].sum()
+    assert env.render().shape == (480, 640, 3)
+    lag = env.episodes.world.settings.camera_delay_frames
+    shown = [env.episodes.world.pictured(0)]
+    for _ in range(6):
+        env.step(np.ones(2, dtype=np.float32))
+        shown.append(env.episodes.world.pictured(0))
+    tilts = [abs(scene[3]) for scene in shown]
+    assert tilts[: lag + 1] == [0.0] * (lag + 1)  # the plate has moved, its pictures have not yet arrived
+    assert tilts[lag + 2] > 0.0
+    assert abs(env.measured().beta) > tilts[-1]
+
+
+def test_what_cannot_be_made_says_so_in_one_line():
+    for options, words in (
+        ({"rig": "wooden"}, "got rig 'wooden'"), ({"map": "nowhere.yaml"}, "nowhere.yaml"),
+        ({"start_ring": 7}, "start_ring"),
+        ({"render_mode": "loud"}, "render_mode: got 'loud'"), ({"flavour": 1}, "flavour: unknown option"),
+    ):  # fmt: skip
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Gymnasium's own about render modes
+            with pytest.raises(InputError, match=words) as problem:
+                made(**options)
+        assert "\n" not in str(problem.value)
+    with pytest.raises(SettingsError, match="threads: got 0"):
+        gymnasium.make_vec(room.ID, num_envs=2, threads=0)

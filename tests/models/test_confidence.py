@@ -1,0 +1,121 @@
+"""Bands around roll-outs: on records of a known ball, whose doubts are known, too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ring_record import DT, RADII, Ball, Tilt
+
+from mazeplan.models.confidence import ConfidenceOptions, confidence, documented, leftovers, repeated
+from mazeplan.models.effects import RingKinematics
+from mazeplan.models.features import paper_features
+from mazeplan.models.fitting import Fitted, fit_kind
+from mazeplan.models.learned import LinearBall
+from mazeplan.models.linear import fit_linear
+from mazeplan.models.rollout import STEPS, choose_windows
+from mazeplan.models.samples import RingSamples
+
+BALL, TILT, NOISE = Ball(RADII[3], viscous=0.4), Tilt.drawn(4), 2e-3
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """100 s of a ball that is pushed at random, its angle measured with NOISE rad."""
+    rng, n = np.random.default_rng(1), 3000
+    t = np.arange(n) * DT
+    tilt = TILT.at(t)
+    theta, rate = np.zeros(n), np.zeros(n)
+    push = 2.0 * rng.standard_normal(n)  # rad/s^2
+    total = np.zeros(n)
+    for i in range(n - 1):
+        now = [part[i] for part in tilt]
+        total[i] = float(BALL.acceleration(theta[i], rate[i], now)) + push[i]
+        theta[i + 1] = theta[i] + DT * rate[i] + 0.5 * DT * DT * total[i]
+        rate[i + 1] = rate[i] + DT * total[i]
+    total[-1] = total[-2]
+    k = RingKinematics(RADII[3], theta, rate, *tilt)
+    measured = theta + NOISE * rng.standard_normal(n)
+    return RingSamples(3, DT, k, total, measured, np.zeros(n, dtype=np.int64), np.arange(n), np.ones(n, dtype=bool))
+
+
+@pytest.fixture(scope="module")
+def fitted(rough):
+    return fit_kind("pi", rough, np.arange(1500))
+
+
+def bands(fitted, rough, rollouts=4000, rates="smoothed", **other):
+    mask = np.arange(len(rough)) >= 1500
+    windows = choose_windows(rough, mask)
+    rng = np.random.default_rng(0)
+    test = replace(rough, **other)
+    options = ConfidenceOptions(rollouts)
+    return confidence(fitted, rough, np.arange(1500), test, windows, rates, 1.0, rng, options)
+
+
+@pytest.mark.parametrize("rates", ["smoothed", "delayed"])
+def test_nine_of_ten_measured_angles_lie_in_the_band(rough, fitted, rates):
+    found = bands(fitted, rough, rates=rates)
+    assert found.rollouts == 4000
+    assert found.low.shape == (80, STEPS + 1)
+    assert 0.8 < np.mean(found.coverage[1:]) < 0.97
+    width = np.mean(found.high - found.low, axis=0)
+    assert (np.diff(width) > 0.0)[2:].all()
+    assert width[40] < 1.0
+    assert (found.low < found.middle).all()
+    assert (found.middle < found.high).all()
+
+
+def test_a_model_that_thinks_nothing_is_left_over_is_too_sure(rough, fitted):
+    calm = replace(rough, theta_ddot=fitted.model.mean(rough.k))
+    mask = np.arange(len(rough)) >= 1500
+    windows, rng = choose_windows(rough, mask), np.random.default_rng(0)
+    found = confidence(fitted, calm, np.arange(1500), rough, windows, "smoothed", 1.0, rng, ConfidenceOptions(4000))
+    assert found.coverage[40] < 0.75
+
+
+def test_few_data_make_a_wide_band(rough, fitted):
+    rows = np.arange(12)
+    few = Fitted(LinearBall(fit_linear(paper_features(rough.at(rows)), rough.theta_ddot[rows])))
+    wide, narrow = (bands(model, rough, 1000) for model in (few, fitted))
+    assert np.mean((wide.high - wide.low)[:, 40]) > 1.5 * np.mean((narrow.high - narrow.low)[:, 40])
+
+
+def test_the_band_is_wider_than_the_noise_at_the_start(rough, fitted):
+    found = bands(fitted, rough)
+    width = np.mean((found.high - found.low)[:, 0])
+    assert 3.29 * NOISE < width < 3.0 * 3.29 * NOISE  # of what is measured alone, and of the estimate besides
+
+
+def test_stretches_left_over_are_wholly_among_the_rows(rough, fitted):
+    rng = np.random.default_rng(0)
+    left = leftovers(fitted.model, rough, np.r_[100:160, 200:230], rng)
+    assert left.shape == (20, STEPS + 1)  # none in 30 rows
+    expected = (rough.theta_ddot - fitted.model.mean(rough.k))[100:141]
+    np.testing.assert_allclose(left[np.argmin(np.abs(left[:, 0] - expected[0]))], expected)
+    assert len(leftovers(fitted.model, rough, np.arange(30), rng)) == 0
+
+
+def test_what_is_left_over_is_counted_once_unless_it_repeats(rough):
+    rng = np.random.default_rng(0)
+    each = rng.standard_normal((200, STEPS + 1))
+    assert repeated(each) == 1.0
+    assert repeated(np.zeros((0, STEPS + 1))) == 1.0
+    held = np.repeat(rng.standard_normal((200, 11)), 4, axis=1)[:, : STEPS + 1]
+    assert 3.0 < repeated(held) < 5.0
+
+
+def test_the_document(rough, fitted):
+    mask = np.arange(len(rough)) >= 1500
+    windows = choose_windows(rough, mask)
+    parts, rest = (rough, np.arange(1500), rough), (windows, "smoothed", 1.0, ConfidenceOptions(500))
+    document = documented("pi", fitted, parts, *rest, seed=[0, 3])["pi"]
+    assert document == documented("pi", fitted, parts, *rest, seed=[0, 3])["pi"]
+    assert (document["rollouts"], document["windows"], document["level"]) == (500, 10, pytest.approx(0.9))
+    assert document["coverage20"] == document["coverage"][20]
+    assert document["below"][40] < 0.0 < document["above"][40]
+    assert set(document["window"]) == {"low", "middle", "high", "measured"}
+    assert documented("npd", fitted, parts, *rest, seed=[0]) == {}
+    none = (windows, "smoothed", 1.0, ConfidenceOptions(0))
+    assert documented("pi", fitted, parts, *none, seed=[0]) == {}

@@ -1,0 +1,64 @@
+"""The report's part on how sure roll-outs are: the numbers of the document, in degrees."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from report_documents import comparison
+
+from mazeplan.report.confidence import confidence_parts
+from mazeplan.report.inputs import Input
+from mazeplan.report.models import models_section
+from mazeplan.report.page import Picture, Table
+
+DEG = math.pi / 180.0
+
+
+def told(rings=(1, 2)):
+    """The usual document, with bands of 3 deg on either side and a ball that leaves them in the end."""
+    document = comparison()
+    for ring in rings:
+        band = {name: [value * DEG * (0.5 + 0.5 * k / 40) for k in range(41)] for name, value in (
+            ("low", -3.0), ("middle", 0.0), ("high", 3.0), ("measured", 4.0))}  # fmt: skip
+        document[f"ring{ring}"]["confidence"] = {
+            "sp": {
+                "rollouts": 500, "windows": 10, "level": 0.9, "below": band["low"], "above": band["high"],
+                "coverage": [1.0] * 20 + [0.7] * 21, "coverage20": 0.7, "coverage40": 0.7, "coverage_all": 0.84,
+                "window": band,
+            }
+        }  # fmt: skip
+        document[f"ring{ring}"]["rollout"]["sp"]["40"] = 2.5 * DEG
+        document[f"ring{ring}"].setdefault("interval95", {})["40"] = {"sp": [2.0 * DEG, 3.2 * DEG]}
+    return document
+
+
+def test_the_table_has_the_numbers_of_the_document():
+    table = confidence_parts(told())[0]
+    assert isinstance(table, Table)
+    assert table.rows[1] == ["ring 2: 500 roll-outs", "2.5 ± 0.6; ± 3.0; 84 %"]
+
+
+def test_the_picture_shows_band_measured_angle_and_coverage():
+    from matplotlib.figure import Figure
+
+    picture = confidence_parts(told())[1]
+    assert isinstance(picture, Picture)
+    figure = Figure()
+    picture.draw(figure)
+    above, below = figure.axes[0], figure.axes[2]
+    measured = next(drawn for drawn in above.lines if drawn.get_label() == "measured")
+    assert measured.get_ydata()[-1] == pytest.approx(4.0)
+    assert above.collections[0].get_datalim(above.transData).y1 == pytest.approx(3.0)
+    assert below.lines[0].get_ydata().tolist() == [100.0] * 20 + [70.0] * 21
+
+
+def test_it_is_in_the_section_where_the_document_tells():
+    def pictures(document):
+        parts = models_section(Input("comparison", Path("c.json"), "c", document)).parts
+        return [part.name for part in parts if isinstance(part, Picture)]
+
+    assert "confidence" in pictures(told((2,)))
+    assert "confidence" not in pictures(comparison())
+    assert confidence_parts(comparison()) == []
