@@ -117,9 +117,9 @@ def record_minari(recording: Recording, dataset: str, progress: Advance = no_adv
     """Play and make a data set of Minari's, on this computer. Raises InputError where Minari is missing or does not
     want the name."""
     try:
-        import minari
-        from minari.data_collector import EpisodeBuffer
-        from minari.dataset.minari_dataset import parse_dataset_id
+        import minari  # pyright: ignore[reportMissingImports]  (not among the extras)
+        from minari.data_collector import EpisodeBuffer  # pyright: ignore[reportMissingImports]
+        from minari.dataset.minari_dataset import parse_dataset_id  # pyright: ignore[reportMissingImports]
 
         parse_dataset_id(dataset)  # before the work, not after it
     except ImportError:
