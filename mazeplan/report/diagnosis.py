@@ -197,6 +197,8 @@ def _apart(document: Document) -> list[Note]:
             text += f" {words.sentence(way['why'])}"
         if way.get("first"):
             text += f" What to do: {words.spoken(str(way['first']))}, then"
+        if way.get("note"):
+            text += f" ({words.spoken(str(way['note']))})"
         found.append(Note(text, str(way.get("command") or "")))
     return found
 
