@@ -45,8 +45,8 @@ EXCITE = "Excite"  # in the column `leaf`: the sines command
 @dataclass(frozen=True)
 class Collection:
     """How long (s), in which rings the ball is placed in turn (one: it is placed once), and the seed; tilt: rad, the
-    largest that is commanded (None: the limit of the map); highest_hz: of the sines; rig_given, map_given: what a person
-    called them, for the log alone."""
+    largest that is commanded (None: the limit of the map); highest_hz: of the sines; rig_given, map_given: what
+    they were called, for the log alone."""
 
     seconds: float
     rings: tuple[int, ...]
