@@ -172,7 +172,7 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) ->
         if bar.path not in rows or bar.status not in DRAWN_AS:
             continue
         name, y = DRAWN_AS[bar.status], rows[bar.path]
-        name = "no" if name == "failure" and kinds_of.get(bar.path) in CONDITIONS else name
+        name = "no" if name == "failure" and bar.path in asked else name
         met.add(name)
         height = 0.72 if name == "running" else 0.13
         axes.broken_barh([(bar.start, bar.end - bar.start)], (y - 0.5 * height, height), **_look(name))
