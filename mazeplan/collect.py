@@ -45,13 +45,16 @@ EXCITE = "Excite"  # in the column `leaf`: the sines command
 @dataclass(frozen=True)
 class Collection:
     """How long (s), in which rings the ball is placed in turn (one: it is placed once), and the seed; tilt: rad, the
-    largest that is commanded (None: the limit of the map); highest_hz: of the sines."""
+    largest that is commanded (None: the limit of the map); highest_hz: of the sines; rig_given, map_given: what
+    they were called, for the log alone."""
 
     seconds: float
     rings: tuple[int, ...]
     seed: int = 0
     tilt: float | None = None
     highest_hz: float = BAND_HZ[1]
+    rig_given: str = ""
+    map_given: str = ""
 
     def commands(self, rng: np.random.Generator, rate_hz: float, limit: float) -> Array:
         """Sines (N, 2) in rad, within the limit of the map."""
@@ -171,7 +174,9 @@ def left_alone(maze: Maze, passed: Mapping[str, int], refused: Container[str], s
 
 
 def _header(maze: Maze, plan: Collection, rig_name: str) -> dict[str, object]:
+    given = {"rig_given": plan.rig_given, "map_given": plan.map_given}
     return {
+        **{name: text for name, text in given.items() if text},
         "program": "mazeplan", "rig": rig_name, "map": dump_map(maze), "map_name": maze.name, "seed": plan.seed,
         "excitation": "multisine", "seconds": plan.seconds,
     }  # fmt: skip

@@ -83,7 +83,7 @@ def improve(
         log = here / "record.mcap"
         tell(f"round {number}: {options.seconds:g} s of record")
         rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
-        plan = Collection(options.seconds, rings, 1000 * number + options.seed)
+        plan = Collection(options.seconds, rings, 1000 * number + options.seed, rig_given=rig, map_given=options.map)
         machine = watched(make_rig(rig, maze), own_process=options.own_process)
         collected = of_total(advance, math.ceil(options.seconds))
         run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)

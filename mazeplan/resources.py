@@ -8,6 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
+CHECKOUT = PACKAGE.parent / "pyproject.toml"  # there in a clone, not where a wheel was installed
+
+
+def to_install(extra: str = "") -> str:
+    """The command that installs what an extra needs; without one, what the program itself does."""
+    name = f"[{extra}]" if extra else ""
+    if CHECKOUT.is_file():
+        return f"pip install -c constraints.txt -e '.{name}' in {CHECKOUT.parent}"
+    return f"pip install --upgrade 'mazeplan{name}'"
 
 
 def share(kind: str) -> Path:

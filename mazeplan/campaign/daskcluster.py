@@ -25,6 +25,7 @@ from mazeplan.campaign.executor import LOCAL, MOST_DEATHS, Executor, Lost, Resul
 from mazeplan.campaign.processes import interrupts_held, one_thread
 from mazeplan.campaign.program import program, unlike
 from mazeplan.errors import InputError, RigError
+from mazeplan.resources import to_install
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -46,7 +47,7 @@ def dask_executor(address: str, workers: int | None, carry: Sequence[Any], say: 
     try:
         import distributed
     except ImportError:
-        raise InputError("--dask needs dask and distributed: pip install 'mazeplan[campaign]'") from None
+        raise InputError(f"--dask needs dask and distributed: {to_install('campaign')}") from None
     with ExitStack() as stack:
         stack.enter_context(_silence())
         stack.enter_context(_settings())

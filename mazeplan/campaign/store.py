@@ -24,6 +24,7 @@ from mazeplan.campaign.work import Ran
 from mazeplan.choices import model_source
 from mazeplan.errors import InputError
 from mazeplan.records import NavigationResult
+from mazeplan.resources import to_install
 from mazeplan.rigs.registry import rig_label
 
 TOGETHER = 1000  # runs, each in a file of its own, that are put together on the way
@@ -35,7 +36,7 @@ def columns() -> Any:
     try:
         import pyarrow as pa
     except ImportError:
-        raise InputError("--store needs pyarrow: pip install 'mazeplan[campaign]'") from None
+        raise InputError(f"--store needs pyarrow: {to_install('campaign')}") from None
     text, number, words = pa.string(), pa.float64(), pa.list_(pa.string())
     return pa.schema(
         {

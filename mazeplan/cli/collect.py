@@ -60,7 +60,7 @@ def collect(
     if most is not None and most > maze.tilt_limit:
         raise InputError(f"--tilt: got {tilt:g}, expected at most {math.degrees(maze.tilt_limit):g} degrees")
     highest = positive("--highest-hz", highest_hz)
-    plan = Collection(positive("--seconds", seconds), (first, *others), seed, most, highest)
+    plan = Collection(positive("--seconds", seconds), (first, *others), seed, most, highest, rig, map_)
     if not rings or place:
         machine = watched(make_rig(rig, maze), own_process=True)
         with stop_key(machine, interrupt), campaign_progress(math.ceil(seconds), label="seconds") as advance:

@@ -71,6 +71,9 @@ def diagnose(
                 raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
         diagnose_drive(log, declare or [], test, output, as_json)
     elif system == "ring":
+        from mazeplan.cli.machine import machine_options
+        from mazeplan.diagnosis.ambiguity import on_machine
+
         if output is not None:
             check_folder("-o", output)
         done, document = _of_ball(log, model, radius, declare or [], ring, test, map_, effects)
@@ -78,6 +81,8 @@ def diagnose(
             known, number = document["declared"], document["ring"]
             document["model"] = _new_model(done, model, known, number, logged_map(map_, log)[0], output)
             document["notes"] += _not_in_it(done)
+        if document["separate_by"]:
+            document["separate_by"] = on_machine(document["separate_by"], *machine_options(log, map_))
         number = document["ring"]
         finish(done, document, output, f"ring {number} of {log.name}" if number else log.name, as_json)
     else:

@@ -12,12 +12,12 @@ import tomllib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, metadata, version
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from packaging.requirements import Requirement
 
+from mazeplan import resources
 from mazeplan.cli.added import added, plugin_lines
 from mazeplan.cli.output import print_json
 
@@ -36,7 +36,6 @@ FEATURES = {
     "dev": "make test",
 }
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-CHECKOUT = Path(__file__).resolve().parents[2] / "pyproject.toml"
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,8 @@ def installed(package: str) -> str | None:
 
 def requirements() -> dict[str, list[Requirement]]:
     """{"core" or extra: what it asks for here}."""
-    if CHECKOUT.is_file():
-        project = tomllib.loads(CHECKOUT.read_text(encoding="utf-8"))["project"]
+    if resources.CHECKOUT.is_file():
+        project = tomllib.loads(resources.CHECKOUT.read_text(encoding="utf-8"))["project"]
         groups = {CORE: project["dependencies"], **project["optional-dependencies"]}
         return {extra: _here(map(Requirement, group), "") for extra, group in groups.items()}
     told = metadata("mazeplan")
@@ -98,10 +97,7 @@ def report() -> dict[str, list[Package]]:
 
 def advice(extra: str) -> str:
     """The command that installs what an extra needs."""
-    name = "" if extra == CORE else f"[{extra}]"
-    if CHECKOUT.is_file():
-        return f"pip install -c constraints.txt -e '.{name}' in {CHECKOUT.parent}"
-    return f"pip install --upgrade 'mazeplan{name}'"
+    return resources.to_install("" if extra == CORE else extra)
 
 
 def browser() -> str | None:

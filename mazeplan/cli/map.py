@@ -53,7 +53,7 @@ def check(
         )
     for file, result in () if json else results:
         for line in (*result.errors, *result.warnings):
-            say(str(line))
+            say(f"mazeplan: {line}")
         if result.maze is not None:
             rings, openings = len(result.maze.rings), len(result.maze.openings)
             walls = len(result.maze.radial_walls)

@@ -3,7 +3,8 @@ first."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -61,6 +62,17 @@ EXPERIMENTS = (
     ),
 )
 ANY = Experiment(frozenset(), "more of everything: a longer record, with slow and fast tilts", options="--seconds 900")
+
+
+def on_machine(ways: Sequence[Mapping[str, str]], options: Sequence[str], note: str = "") -> list[dict[str, str]]:
+    """The ways of `experiment_for` with options of `collect` that say with which machine; note: of what a person has to
+    fill in."""
+    told = "".join(f" {shlex.quote(option)}" for option in options)
+    start = "mazeplan collect"
+    return [
+        {**way, "command": way["command"].replace(start, start + told, 1), **({"note": note} if note else {})}
+        for way in ways
+    ]
 
 
 def experiment_for(group: Sequence[str], ring: int | None) -> dict[str, str]:

@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from mazeplan.environment.task import STEPS
 from mazeplan.errors import SettingsError
+from mazeplan.resources import to_install
 
 try:
     import gymnasium
 except ImportError:
-    raise SettingsError("the environment needs Gymnasium: pip install 'mazeplan[gym]'") from None
+    raise SettingsError(f"the environment needs Gymnasium: {to_install('gym')}") from None
 
 ID = "mazeplan/CircularMaze-v1"
 

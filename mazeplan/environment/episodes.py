@@ -16,6 +16,7 @@ from mazeplan.environment.worlds import world_of
 from mazeplan.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import IntArray, Observation
+from mazeplan.resources import to_install
 from mazeplan.rigs.fleet import Samples
 
 OPTIONS = ("start_ring", "start_angle_deg")  # of reset()
@@ -113,7 +114,7 @@ class Episodes:
             try:
                 from mazeplan.rigs.camera.pictures import Pictures
             except ImportError:
-                raise SettingsError("pictures need OpenCV: pip install 'mazeplan[gym]'") from None
+                raise SettingsError(f"pictures need OpenCV: {to_install('gym')}") from None
             self._pictures = Pictures(self.maze)
         return self._pictures
 

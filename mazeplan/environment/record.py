@@ -27,6 +27,7 @@ from mazeplan.environment.single import CircularMazeEnv
 from mazeplan.errors import InputError, SettingsError
 from mazeplan.progress import Advance, no_advance
 from mazeplan.records import Array
+from mazeplan.resources import to_install
 
 KEY = b"mazeplan"
 
@@ -201,7 +202,7 @@ def _pyarrow() -> Any:
     try:
         import pyarrow.parquet
     except ImportError:
-        raise InputError("Parquet files need pyarrow: pip install 'mazeplan[gym]'") from None
+        raise InputError(f"Parquet files need pyarrow: {to_install('gym')}") from None
     return pyarrow.parquet
 
 

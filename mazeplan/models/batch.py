@@ -29,6 +29,7 @@ from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.models.stage import StageModel
 from mazeplan.records import Array, IntArray
+from mazeplan.resources import to_install
 
 if TYPE_CHECKING:
     from mazeplan.models.modelfile import RigModel
@@ -165,7 +166,7 @@ def choose_device(device: str, option: str = "--device") -> str:
     except ImportError as problem:
         if device == "auto":  # a broken installation of what is not asked for
             return "compiled"
-        advice = f"{option} {device} needs torch: pip install 'mazeplan[learn]', or {option} compiled"
+        advice = f"{option} {device} needs torch: {to_install('learn')}, or {option} compiled"
         raise InputError(f"{advice} ({problem})") from None
     if device == "auto":
         return "cuda" if torch.cuda.is_available() else "compiled"

@@ -27,6 +27,7 @@ from mazeplan.models.gaussian_process import FAMILIES, Hyperparameters, Term
 from mazeplan.models.gp_likelihood import log_likelihood
 from mazeplan.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.records import Array
+from mazeplan.resources import to_install
 
 if TYPE_CHECKING:
     import torch
@@ -89,7 +90,7 @@ def require_torch() -> None:
             import gpytorch  # noqa: F401
             import torch  # noqa: F401
     except ImportError as problem:
-        advice = "Gaussian-process models need torch and gpytorch: pip install 'mazeplan[learn]'"
+        advice = f"Gaussian-process models need torch and gpytorch: {to_install('learn')}"
         raise InputError(f"{advice} ({problem})") from None
 
 

@@ -18,6 +18,7 @@ VERDICTS = {
     "unknown_effect": "something is there that has no name",
 }
 Document = dict[str, Any]
+SMALL = 0.05  # of the largest evidence; an effect with less is called small
 
 
 def explained_by(evidence: Document) -> str:
@@ -90,7 +91,7 @@ def drawn(evidence: Document | None) -> str:
 
 def lead(document: Document, evidence: Document | None) -> str:
     """What came out, in words; sizes are in the table below."""
-    found = _listed([words.spoken(effect["name"]) for effect in document.get("effects") or []])
+    found = _listed([_missing(document, effect) for effect in document.get("effects") or []])
     unknown = words.spoken(str((document.get("unknown") or {}).get("description") or "nobody can say what"))
     change = _change(document, evidence)
     verdict = document["verdict"]
@@ -104,6 +105,25 @@ def lead(document: Document, evidence: Document | None) -> str:
         for group in document.get("ambiguous_with") or [] if verdict == "ambiguous"
     )  # fmt: skip
     return f"The model lacks {found or 'nothing that has a name'}.{tail} {change}".strip()
+
+
+def _missing(document: Document, effect: Document) -> str:
+    """The name of an effect, with a word where the model had it already, in another size, or where it is small."""
+    worths = [known(e.get("evidence")) for e in document["effects"]]
+    had, told = (document.get("declared") or {}).get(effect["name"]), []
+    if isinstance(had, dict):
+        told.append("known before, with " + ("the size 0" if not any(had.values()) else "another size"))
+    if known(effect.get("evidence")) < SMALL * max(worths, key=lambda worth: -math.inf if math.isnan(worth) else worth):
+        told.append("small")
+    return words.spoken(effect["name"]) + (f" ({'; '.join(told)})" if told else "")
+
+
+def _known_before(name: str, values: Any) -> str:
+    """An effect that was declared, with its sizes as they are in files: SI units."""
+    sizes = [f"{v:.3g}" for v in values.values() if isinstance(v, int | float)] if isinstance(values, dict) else []
+    if sizes and set(sizes) == {"0"}:
+        sizes = ["0"]
+    return words.spoken(name) + (f" ({', '.join(sizes)})" if sizes else "")
 
 
 def _listed(names: list[str]) -> str:
@@ -133,7 +153,7 @@ def _facts(document: Document, verdict: str) -> list[tuple[str, str]]:
         facts.append(("held out", f"{100.0 * document['held_out']:.0f} % of the samples"))
     declared = document.get("declared")
     if isinstance(declared, dict) and declared:
-        facts.append(("known before", ", ".join(words.spoken(str(name)) for name in declared)))
+        facts.append(("known before (SI units)", ", ".join(_known_before(*pair) for pair in declared.items())))
     if isinstance(document.get("model"), str):
         facts.append(("new model", document["model"]))
     return facts
@@ -167,7 +187,12 @@ def _effects(document: Document) -> Table:
             told = [words.spoken(effect["name"]), _worth(effect)] if i == 0 else ["", ""]
             rows.append([told[0], words.parameter(effect["name"], name), size, told[1], f"{effect['name']}.{name}"])
     head = ("effect", "what of it", "value ± standard error", "evidence", "name")
-    return Table("What was found; evidence: growth of -2 log L (misfit) without it", head, rows, code=frozenset({4}))
+    return Table(
+        "What was found; evidence: growth of -2 log L (misfit) without it",
+        head,
+        rows,
+        code=frozenset({4}),
+    )
 
 
 def _worth(effect: Document) -> str:
@@ -197,6 +222,8 @@ def _apart(document: Document) -> list[Note]:
             text += f" {words.sentence(way['why'])}"
         if way.get("first"):
             text += f" What to do: {words.spoken(str(way['first']))}, then"
+        if way.get("note"):
+            text += f" ({words.spoken(str(way['note']))})"
         found.append(Note(text, str(way.get("command") or "")))
     return found
 

@@ -63,7 +63,7 @@ def _first(figure: Figure, document: Document, evidence: Document) -> None:
     shown = shown_candidates(evidence)[::-1]
     if not shown:
         nothing(ranks, "nothing was tried")
-    found = {effect["name"] for effect in document.get("effects", [])}
+    found = {effect["name"]: known(effect.get("evidence")) for effect in document.get("effects", [])}
     accept = float(evidence.get("accept", 15.0))
     top = max([accept, *(c["gain"] for c in shown)])
     for i, c in enumerate(shown):
@@ -74,7 +74,10 @@ def _first(figure: Figure, document: Document, evidence: Document) -> None:
             ranks.barh(
                 i, gain - LEAST, left=LEAST, color=COLOURS[name], hatch=hatch, edgecolor="white", linewidth=0
             )  # fmt: skip
-        told = f" {gain:.0f}{', found' if name == 'good' else ''}"
+        told = f" {gain:.0f}"
+        if name == "good":
+            beside_others = f" beside the others: {found[c['name']]:.0f}" if gain < accept <= found[c["name"]] else ""
+            told += f", found{beside_others}"
         ranks.text(max(gain, LEAST), i, told, va="center", fontsize=7.5)
     ranks.set_yticks(range(len(shown)), [words.candidate(str(c["name"])) for c in shown], fontsize=8)
     ranks.set_ylim(-0.7, len(shown) - 0.4)
@@ -82,7 +85,8 @@ def _first(figure: Figure, document: Document, evidence: Document) -> None:
     ranks.axvline(accept, **line("bad", linewidth=1.0))
     ranks.text(accept, len(shown) - 0.4, f" {accept:g}: counts from here", fontsize=7.5, va="bottom")
     ranks.set_xlabel(
-        "fall of the misfit (-2 log L), penalty taken off; log scale\nhatched: has no name; dotted: placebo"
+        "fall of the misfit (-2 log L) with it alone, penalty taken off; log scale\n"
+        "hatched: has no name; dotted: placebo"
     )
     _bars(bars, document, evidence)
 

@@ -7,6 +7,7 @@ Samples as `compare` takes them where it is told nothing else: rates and acceler
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,14 @@ def effects_table(model: RigModel) -> Shown:
 def _entry(entry: dict[str, Any], unit: str) -> str:
     """Without the unit, which is at the head of its row."""
     return words.measured(entry["value"], entry.get("stderr"), entry["unit"]).removesuffix(f"{words.HARD}{unit}")
+
+
+def learned_from(model: RigModel, logs: Sequence[Path]) -> list[str]:
+    """Names of the logs that the model was learned from: by what is in them, where its file tells, else by name."""
+    data = [entry for entry in model.data if isinstance(entry, dict)]
+    prints = {str(entry["sha256"]) for entry in data if entry.get("sha256")}
+    names = {Path(str(entry["file"])).name for entry in data if entry.get("file") and not entry.get("sha256")}
+    return [log.name for log in logs if log.name in names or sha256(log.read_bytes()).hexdigest() in prints]
 
 
 def model_facts(model: RigModel, folder: Path) -> list[tuple[str, str]]:

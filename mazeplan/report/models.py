@@ -19,6 +19,11 @@ from mazeplan.report.page import Note, Section, Table
 from mazeplan.report.words import KINDS, MISSING
 
 Document = dict[str, Any]
+INTERVALS = (
+    "Intervals are percentiles over test rows drawn in whole blocks again and again. The error is divided by the "
+    "spread of the rows drawn, which is less where a block is drawn twice: with few blocks an interval may begin at "
+    "its number, or lie above it."
+)
 SLASH = f"{words.HARD}/{words.HARD}"
 
 
@@ -70,6 +75,8 @@ def models_section(given: Input) -> Section:
     document = given.document
     maze = _maze(given)
     parts: list[Any] = [_accelerations(document), _rollouts(document), *confidence_parts(document)]
+    if any("interval95" in scores for scores in document.values()):
+        parts.insert(1, Note(INTERVALS))
     parts += models_pictures(document, maze)
     if not any(scores.get("curve") for scores in document.values()):
         parts.append(Note("Learning curves are in the document of", "mazeplan compare LOG... --curve FILE.png --json"))
@@ -88,7 +95,7 @@ def model_section(folder: Path, logs: Sequence[Path]) -> Section:
     """A model folder, and how it does on logs, where there are any. Raises InputError."""
     from mazeplan.data.table import read_table
     from mazeplan.models.modelfile import load_model
-    from mazeplan.report.learned import effects_table, judged, model_facts
+    from mazeplan.report.learned import effects_table, judged, learned_from, model_facts
     from mazeplan.report.models_pictures import models_pictures
 
     model, maze = load_model(folder), _log_map(logs)
@@ -107,6 +114,9 @@ def model_section(folder: Path, logs: Sequence[Path]) -> Section:
     ]
     told = [f"{known(s['nrmse_test']['model']):.3f} in {ring}" for ring, s in document.items()]
     lead = f"Relative error of the angular acceleration (nRMSE): {', '.join(told)}".replace("in ring", "in ring ")
+    seen = learned_from(model, logs)
+    if seen:
+        lead += f". Beware: the model was learned from {', '.join(seen)} itself, so that it looks better than it is"
     return Section(f"Model {folder.name} on {', '.join(log.name for log in logs)}", f"{lead}.", facts, shown)
 
 
@@ -136,9 +146,21 @@ def _lead(document: Document) -> str:
         f"{known(document[f'ring{ring}']['nrmse_test'].get(best)):.3f} in ring {ring}" for ring in rings(document)
     ]  # fmt: skip
     return (
-        f"Predicts the acceleration best: {KINDS.get(best, best)}. "
-        f"Relative error on test rows (nRMSE): {', '.join(told)}."
+        f"Predicts the acceleration best{'' if len(document) == 1 else ' on average'}: {KINDS.get(best, best)}. "
+        f"Relative error on test rows (nRMSE): {', '.join(told)}.{_others(document, best)}"
     )
+
+
+def _others(document: Document, best: str) -> str:
+    """Rings in which another kind is the best."""
+    told = []
+    for ring in rings(document):
+        scores = {kind: known(value) for kind, value in document[f"ring{ring}"]["nrmse_test"].items()}
+        finite = {kind: value for kind, value in scores.items() if math.isfinite(value)}
+        first = min(finite, key=lambda kind: finite[kind]) if finite else best
+        if first != best and finite[first] < finite.get(best, math.inf):
+            told.append(f"in ring {ring} {KINDS.get(first, first)}, {finite[first]:.3f}")
+    return f" Better there: {'; '.join(told)}." if told else ""
 
 
 def _marked(

@@ -123,7 +123,18 @@ def _rollouts(figure: Figure, document: Document) -> None:
         axes.grid()
     panels[0].set_ylabel("error of the angle, deg")
     panels[0].set_ylim(0.0, 1.05 * top if top > 0.0 else None)
+    _mark_leaving(panels, 1.05 * top)
     panels[-1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def _mark_leaving(panels: Any, top: float) -> None:
+    """An arrow at the upper edge where a line goes beyond it."""
+    for axes in panels:
+        for drawn in list(axes.lines):
+            x, y = (np.asarray(values, dtype=float) for values in drawn.get_data())
+            above = np.flatnonzero(y > top)
+            if drawn.get_linestyle() != "None" and top > 0.0 and len(above):
+                axes.plot(x[above[0]], 0.98 * top, marker="^", color=drawn.get_color(), ms=6, clip_on=False, ls="none")
 
 
 def _over_maze(figure: Figure, document: Document, maze: Maze, told: list[int], shown: list[str]) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.errors import InputError
+from mazeplan.report.words import HARD
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,6 +40,10 @@ STYLE: Any = {
     "svg.hashsalt": "mazeplan",  # the same picture, the same file
 }
 NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
+LETTERS = re.compile(r"[^\W\d_]+")
+AMONG_FIGURES = frozenset(["e", "of", "to", "s", "ms", "mm", "m", "deg", "rad", "Hz"])
+LONGEST = 60  # characters of a cell that stays in one line
+UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 
@@ -154,6 +159,17 @@ def _save(folder: Path, stem: str, svg: bytes, png: bytes) -> None:
         raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=folder) from None
 
 
+def _figures(cell: str) -> bool:
+    """Whether a cell has figures, signs and units alone: no line ends in it."""
+    told = AMONG_FIGURES.issuperset(LETTERS.findall(cell))
+    return told and len(cell) <= LONGEST and any(c.isdigit() for c in cell)
+
+
+def _whole(text: str) -> str:
+    """Text in which no line ends between a number and its unit or its error."""
+    return UNIT.sub(lambda found: found[0].replace(" ", HARD), text)
+
+
 def _template() -> Any:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -161,4 +177,5 @@ def _template() -> Any:
         loader=PackageLoader("mazeplan.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
+    room.tests["figures"], room.filters["whole"] = _figures, _whole
     return room.get_template("page.html")

@@ -23,7 +23,14 @@ if TYPE_CHECKING:
 
 DEG = 180.0 / math.pi
 DRAWN_AS = {STATUSES[name]: name.lower() for name in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED")}
-MEANING = {"running": "running", "success": "succeeded", "failure": "failed", "skipped": "skipped"}
+MEANING = {
+    "running": "running",
+    "success": "succeeded",
+    "failure": "failed",
+    "skipped": "skipped",
+    "no": "no (a condition)",
+}
+CONDITIONS = frozenset({"InRing", "FailureIs", "ScriptCondition"})  # their failure is the answer no
 MOST_LEAVES = 60
 Kinds = dict[str, str]  # kind of failure -> its marker
 
@@ -155,14 +162,20 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) ->
     if not bars:
         return nothing(axes, "the log tells of no leaf")
     named = labels(bars)
+    asked = {
+        p for tree in log.trees for p, kind in zip(tree["paths"], tree["kinds"], strict=True) if kind in CONDITIONS
+    }
+    met: set[str] = set()
     rows = {path: i for i, path in enumerate(list(named)[:MOST_LEAVES])}
     _bands(axes, visits(log), named=True)
     for bar in bars:
         if bar.path not in rows or bar.status not in DRAWN_AS:
             continue
         name, y = DRAWN_AS[bar.status], rows[bar.path]
+        name = "no" if name == "failure" and bar.path in asked else name
+        met.add(name)
         height = 0.72 if name == "running" else 0.13
-        axes.broken_barh([(bar.start, bar.end - bar.start)], (y - 0.5 * height, height), **area(name, hatch=""))
+        axes.broken_barh([(bar.start, bar.end - bar.start)], (y - 0.5 * height, height), **_look(name))
         if name == "failure":
             cross: Any = _mark("X") | {"markersize": 6.0}
             axes.plot([bar.start], [y], **cross)
@@ -173,13 +186,13 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) ->
     axes.set_ylim(len(rows) - 0.4, -1.4 if failures else -0.7)
     axes.set_xlabel("time, s")
     axes.grid(axis="x")
-    patches = [Patch(**area(name, hatch=""), label=MEANING[name]) for name in DRAWN_AS.values() if _met(bars, name)]
+    patches = [Patch(**_look(name), label=meaning) for name, meaning in MEANING.items() if name in met]
     axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.0, 1.0), title="last tick")
     return None
 
 
-def _met(bars: list[Any], name: str) -> bool:
-    return any(DRAWN_AS.get(bar.status) == name for bar in bars)
+def _look(name: str) -> dict[str, Any]:
+    return area("neutral" if name == "no" else name, hatch="")
 
 
 def _tilt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import FailureKind
+from mazeplan.resources import to_install
 from mazeplan.testing.balls import BallBehaviour, Jump, Move, Pass, Rest, Roll
 from mazeplan.testing.mishapfile import (
     AxisDead,
@@ -26,7 +27,7 @@ try:
     from hypothesis import strategies as st
 except ModuleNotFoundError:
     raise ImportError(
-        "the strategies of mazeplan.testing need hypothesis, which is not installed: pip install 'mazeplan[testing]'"
+        f"the strategies of mazeplan.testing need hypothesis, which is not installed: {to_install('testing')}"
     ) from None
 
 

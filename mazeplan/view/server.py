@@ -16,6 +16,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.errors import InputError
+from mazeplan.resources import to_install
 from mazeplan.view.clientfix import mended
 from mazeplan.view.door import Door, Refusal
 
@@ -28,7 +29,7 @@ LOOK_S = 0.02  # s between looks whether the page is ready
 def check_installed() -> None:
     """Whether there can be a page. Raises InputError that tells how to have it."""
     if find_spec("viser") is None:
-        raise InputError("the page needs viser: pip install 'mazeplan[view]'")
+        raise InputError(f"the page needs viser: {to_install('view')}")
 
 
 def open_server(door: Door, listening: socket.socket, ready: Event) -> ViserServer:

@@ -14,6 +14,8 @@ import pytest
 from commands import call
 from soon import soon
 
+from mazeplan.resources import to_install
+
 ROOT = Path(__file__).resolve().parents[2]
 COUNTING = """\
 import os
@@ -124,7 +126,7 @@ def test_a_missing_extra_is_named(package, option, monkeypatch, capsys, tmp_path
     monkeypatch.setitem(sys.modules, package, None)
     code, _, err = call(monkeypatch, capsys, *FAST, option, tmp_path / "x" if option == "--store" else "local")
     assert code == 2
-    assert err.splitlines()[-1].endswith("pip install 'mazeplan[campaign]'")
+    assert err.splitlines()[-1].endswith(to_install("campaign"))
 
 
 def test_a_broken_tree_is_named_as_it_lies_here_before_any_worker_sees_it(tmp_path, monkeypatch, capsys):

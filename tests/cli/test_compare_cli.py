@@ -15,6 +15,7 @@ from standalone_page import alone
 
 from mazeplan.data.table import Table
 from mazeplan.report.words import HARD
+from mazeplan.resources import to_install
 
 QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed", "--bands", "0")
 KINDS = {"rf", "p", "pi", "np", "sp"}
@@ -193,5 +194,5 @@ def test_without_torch_it_says_what_to_install(monkeypatch, capsys, folder):
     monkeypatch.setitem(sys.modules, "torch", None)
     code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv")
     assert (code, out) == (2, "")
-    assert "pip install 'mazeplan[learn]'" in err
+    assert to_install("learn") in err
     assert len(err.strip().splitlines()) == 1

@@ -57,7 +57,7 @@ def test_without_pyserial_there_are_no_ports_to_tell_of(bare, monkeypatch, capsy
 
 @pytest.fixture
 def project():
-    return tomllib.loads(doctor.CHECKOUT.read_text(encoding="utf-8"))["project"]
+    return tomllib.loads(doctor.resources.CHECKOUT.read_text(encoding="utf-8"))["project"]
 
 
 def with_versions(monkeypatch, **versions):
@@ -116,10 +116,21 @@ def test_away_from_a_checkout_the_installed_package_is_asked(monkeypatch, tmp_pa
         for text in texts:
             told["Requires-Dist"] = f'{text}; extra == "{extra}"'
     monkeypatch.setattr(doctor, "metadata", lambda name: told)
-    monkeypatch.setattr(doctor, "CHECKOUT", tmp_path / "pyproject.toml")
+    monkeypatch.setattr(doctor.resources, "CHECKOUT", tmp_path / "pyproject.toml")
     found = {extra: [str(r).split(";")[0] for r in group] for extra, group in doctor.requirements().items()}
     assert found == expected
     assert doctor.advice("view") == "pip install --upgrade 'mazeplan[view]'"
+
+
+def test_a_clone_is_told_what_the_doctor_says(monkeypatch):
+    from mazeplan.errors import InputError
+    from mazeplan.view import server
+
+    monkeypatch.setattr(server, "find_spec", lambda name: None)
+    with pytest.raises(InputError) as problem:
+        server.check_installed()
+    assert str(problem.value) == f"the page needs viser: {doctor.advice('view')}"
+    assert "-e '.[view]' in " in str(problem.value)
 
 
 def test_the_browser_is_told(bare, monkeypatch, capsys):

@@ -43,7 +43,7 @@ def test_each_kind_in_one_page_that_stands_alone(call, tmp_path):
     page = alone(tmp_path / "all.html")
     assert EVIL not in page
     assert page.count("&lt;script&gt;") >= 4
-    titles = re.findall(r"<h2>(.*?)</h2>", page)
+    titles = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
     assert [title.split()[0] for title in titles] == ["Run", "Evaluations:", "Models,", "Diagnosis"]
     for number in ("2.97 s", "7.71 s", "3.33 s", "0.200 / 0.345 [0.31, 0.37]", "16.78", "0.412 ± 0.020 rad/s²"):
         assert number in page.replace("\u00a0", " "), number
@@ -57,7 +57,7 @@ def test_the_rounds_of_improve(call, tmp_path):
     code, _, err = call(written(tmp_path / "i.json", {"rounds": [entry, entry]}), "-o", tmp_path / "i.html")
     assert code == 0, err
     page = alone(tmp_path / "i.html")
-    assert page.count("Diagnosis of i, round") == 2 + 1 * ("<title>Diagnosis" in page) * 2
+    assert len(re.findall("<h2[^>]*>Diagnosis of i, round", page)) == 2
     assert "16 of 16" in page
     assert "3.22 s" in page
 

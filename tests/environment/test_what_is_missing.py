@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from commands import call
 
+from mazeplan.resources import to_install
+
 SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "sac.py"
 
 
@@ -27,8 +29,8 @@ def test_the_example_names_what_it_learns_with(monkeypatch):
 @pytest.mark.parametrize(
     ("package", "words"),
     [
-        ("gymnasium", "mazeplan: the environment needs Gymnasium: pip install 'mazeplan[gym]'\n"),
-        ("pyarrow", "mazeplan: Parquet files need pyarrow: pip install 'mazeplan[gym]'\n"),
+        ("gymnasium", "mazeplan: the environment needs Gymnasium: " + to_install("gym") + "\n"),
+        ("pyarrow", "mazeplan: Parquet files need pyarrow: " + to_install("gym") + "\n"),
     ],
 )
 def test_record_names_what_it_needs(monkeypatch, capsys, tmp_path, package, words):

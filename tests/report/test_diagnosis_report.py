@@ -15,7 +15,7 @@ from mazeplan.diagnosis.evidence import Evidence
 from mazeplan.diagnosis.report import spectrum
 from mazeplan.diagnosis.screening import PEAK
 from mazeplan.report.diagnosis import diagnosis_section, explained_by, lead
-from mazeplan.report.diagnosis_pictures import shown_candidates
+from mazeplan.report.diagnosis_pictures import diagnosis_pictures, shown_candidates
 from mazeplan.report.inputs import Input
 from mazeplan.report.page import Note, Picture, Table
 
@@ -135,3 +135,33 @@ def test_the_scale_of_candidates_has_plain_numbers():
     picture.draw(figure)
     ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
     assert ticks == ["1", "3", "10", "30", "100"]
+
+
+def two_found():
+    """A large effect that was declared with the size 0, and a small one that shows beside it alone."""
+    told = diagnosis() | {"verdict": "effect_found", "declared": {"dry_friction": {"coefficient": 0.0, "asymmetry": 0},
+                                                                  "rolling_inertia": {"factor": 0.7143}}}  # fmt: skip
+    delay = {"name": "sensor_delay", "evidence": 15.9,
+             "parameters": {"delay": {"value": 0.01, "stderr": 0.001, "unit": "s"}}}  # fmt: skip
+    return told | {"effects": [*told["effects"], delay]}
+
+
+def test_what_was_known_before_and_what_is_small_is_told():
+    document = two_found()
+    assert lead(document, None).startswith(
+        "The model lacks dry friction (known before, with the size 0) and sensor delay (small)."
+    )
+    document["declared"]["dry_friction"]["coefficient"] = 0.2
+    assert "dry friction (known before, with another size)" in lead(document, None)
+    facts = dict(diagnosis_section(Input("diagnosis", Path("x"), "x", two_found(), evidence())).facts)
+    assert facts["known before (SI units)"] == "dry friction (0), rolling inertia (0.714)"
+
+
+def test_a_bar_that_is_short_of_the_line_tells_why_its_effect_was_found():
+    shown = evidence()
+    shown["candidates"].append({"name": "sensor_delay", "gain": 2.0, "named": True})
+    figure = Figure()
+    diagnosis_pictures(two_found(), shown)[0].draw(figure)
+    told = [text.get_text() for text in figure.axes[0].texts]
+    assert " 2, found beside the others: 16" in told
+    assert " 100, found" in told

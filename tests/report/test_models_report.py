@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import call
+from matplotlib.figure import Figure
 from report_documents import comparison
 from ring_record import RADII, Ball, columns, ring_table, write_csv
 from standalone_page import alone
 
 from mazeplan.data.table import Table as Record
+from mazeplan.data.table import read_table
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import RollingInertia
@@ -23,9 +26,10 @@ from mazeplan.models.residual_map import ANGLES, FEWEST, residual_map
 from mazeplan.models.rollout import Rollout
 from mazeplan.models.stage import StageModel
 from mazeplan.report.inputs import Input, of_document
-from mazeplan.report.learned import effects_table, judged
-from mazeplan.report.models import around, best_kind, models_section
-from mazeplan.report.page import Picture, Table
+from mazeplan.report.learned import effects_table, judged, learned_from
+from mazeplan.report.models import around, best_kind, model_section, models_section
+from mazeplan.report.models_pictures import models_pictures
+from mazeplan.report.page import Note, Picture, Table
 from mazeplan.report.words import MISSING
 
 
@@ -154,3 +158,46 @@ def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
 
 def test_of_document_knows_it():
     assert [part.kind for part in of_document(comparison(), Path("c.json"))] == ["comparison"]
+
+
+def test_a_model_on_the_log_that_it_was_learned_from_carries_a_warning(tmp_path):
+    """It is known by what is in it, under whatever name; another of the same name is another."""
+    ball = BallModel((RollingInertia(0.5),))
+    write_csv(ring_table((2,), 20.0), tmp_path / "log.csv")
+    write_csv(ring_table((2,), 19.0), tmp_path / "new.csv")
+    source = read_table(tmp_path / "log.csv").source
+    model = RigModel(StageModel(), {2: ball}, data=(source,))
+    folder = save_model(model, tmp_path / "model").parent
+    (tmp_path / "log.csv").rename(tmp_path / "renamed.csv")
+    (tmp_path / "new.csv").rename(tmp_path / "log.csv")
+    assert "Beware: the model was learned from renamed.csv" in model_section(folder, [tmp_path / "renamed.csv"]).lead
+    assert "Beware" not in model_section(folder, [tmp_path / "log.csv"]).lead
+    assert learned_from(replace(model, data=({"file": "log.csv"},)), [tmp_path / "log.csv"]) == ["log.csv"]
+
+
+def test_the_lead_says_where_another_is_better_than_the_best_on_average():
+    document = comparison()
+    lead = models_section(Input("comparison", Path("c"), "c", document)).lead
+    assert "best on average: terms and process" in lead
+    assert "Better there" not in lead
+    ring = next(iter(document))
+    document[ring]["nrmse_test"]["p"] = 0.3
+    lead = models_section(Input("comparison", Path("c"), "c", document)).lead
+    assert f"Better there: in ring {ring.removeprefix('ring')} bare equation, 0.300." in lead
+
+
+def test_intervals_are_explained_where_they_are_shown():
+    parts = models_section(Input("comparison", Path("c"), "c", comparison())).parts
+    notes = [p.text for p in parts if isinstance(p, Note)]
+    assert any("with few blocks an interval may begin at" in text for text in notes)
+
+
+def test_a_roll_out_that_leaves_the_picture_has_a_mark_at_the_edge():
+    document = comparison()
+    for scores in document.values():
+        scores["bands"]["npd"] = {name: [0.1 * k for k in range(41)] for name in ("mean", "p10", "p90")}
+    figure = Figure()
+    next(p for p in models_pictures(document, load_map("cme")) if p.name == "rollouts").draw(figure)
+    for axes in figure.axes:
+        (mark,) = [drawn for drawn in axes.lines if drawn.get_marker() == "^" and len(drawn.get_xdata()) == 1]
+        assert 0.9 < float(mark.get_ydata()[0]) / axes.get_ylim()[1] <= 1.0

@@ -100,3 +100,23 @@ def test_a_log_of_nothing_is_refused(tmp_path):
 
 def test_spread_of_nothing():
     assert all(math.isnan(value) for value in spread_of(np.array([math.nan])))
+
+
+def test_a_condition_that_answers_no_is_no_failure(log):
+    """It has a word of its own, and no cross; another leaf that fails has."""
+    from dataclasses import replace
+
+    from matplotlib.figure import Figure
+
+    from mazeplan.data.runlog import STATUSES
+    from mazeplan.report.run_pictures import run_pictures
+
+    failed = STATUSES["FAILURE"]
+    for kind, words in (("InRing", "no (a condition)"), ("Track", "failed")):
+        tree = {"t": 0.0, "paths": ["a"], "kinds": [kind], "names": ["a"], "parents": [-1], "statuses": [(0.0, failed)]}
+        figure = Figure()
+        shown = replace(log, trees=[tree], events=[])
+        next(p for p in run_pictures(shown, MAZE) if p.name == "tree").draw(figure)
+        (axes,) = figure.axes
+        assert [text.get_text() for text in axes.get_legend().get_texts()] == [words]
+        assert any(drawn.get_marker() == "X" for drawn in axes.lines) == (kind == "Track")

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from mazeplan.errors import InputError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import FailureKind
+from mazeplan.resources import to_install
 from mazeplan.testing import (
     BallBehaviour,
     Jump,
@@ -147,4 +148,4 @@ def test_without_hypothesis_the_kit_works_and_its_strategies_say_what_they_need(
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stderr == ""
     said = "the strategies of mazeplan.testing need hypothesis, which is not installed"
-    assert done.stdout == f"{said}: pip install 'mazeplan[testing]'\n"
+    assert done.stdout == f"{said}: {to_install('testing')}\n"

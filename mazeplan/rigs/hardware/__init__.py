@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from mazeplan.errors import RigError
+from mazeplan.resources import to_install
 
 WHERE = {"HardwareRig": "rig", "EmulatedRig": "emulated"}
 
@@ -20,4 +21,4 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as missing:
         if missing.name not in ("cv2", "serial"):
             raise
-        raise RigError(f"a rig on a table needs {missing.name}: pip install 'mazeplan[hardware]'") from None
+        raise RigError(f"a rig on a table needs {missing.name}: {to_install('hardware')}") from None

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
+from mazeplan.resources import to_install
 from mazeplan.rigs.hardware.clocks import TiltTrack
 from mazeplan.rigs.hardware.settings import HardwareSettings
 from mazeplan.rigs.link.board import Board
@@ -97,7 +98,7 @@ def the_port(name: str) -> str:
     try:
         found = ports_found()
     except ModuleNotFoundError:
-        raise RigError("port: auto: needs pyserial: pip install 'mazeplan[hardware]'") from None
+        raise RigError(f"port: auto: needs pyserial: {to_install('hardware')}") from None
     if len(found) != 1:
         got = f"found {', '.join(found)}; name the board's as `port:`" if found else "none found; plug the board in"
         raise RigError(f"port: auto: {got}")

@@ -6,6 +6,7 @@ import errno
 from typing import TYPE_CHECKING
 
 from mazeplan.errors import RigError
+from mazeplan.resources import to_install
 
 if TYPE_CHECKING:
     import serial
@@ -27,7 +28,7 @@ def open_port(name: str) -> serial.Serial:
     try:
         import serial
     except ImportError as missing:
-        raise RigError(f"{name}: a serial port needs pyserial: pip install 'mazeplan[hardware]'") from missing
+        raise RigError(f"{name}: a serial port needs pyserial: {to_install('hardware')}") from missing
     try:
         return serial.Serial(name, BAUD, timeout=POLL_S, write_timeout=WRITE_S, exclusive=True)
     except (serial.SerialException, OSError, ValueError) as problem:

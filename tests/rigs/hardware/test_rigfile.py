@@ -13,6 +13,7 @@ import pytest
 from mazeplan.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
+from mazeplan.resources import to_install
 from mazeplan.rigs.hardware.files import hardware_file, is_hardware
 from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
 from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
@@ -194,4 +195,4 @@ def test_without_opencv_it_says_what_to_install(name, tmp_path):
     command = [sys.executable, "-c", script, "navigate", "--rig", name]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 3
-    assert done.stderr == "mazeplan: a rig on a table needs cv2: pip install 'mazeplan[hardware]'\n"
+    assert done.stderr == f"mazeplan: a rig on a table needs cv2: {to_install('hardware')}\n"
