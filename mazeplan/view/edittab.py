@@ -248,7 +248,7 @@ def head_html(editor: MapEditor, refused: str, said: str) -> str:
     """The file, whether it is saved, whether it is right."""
     state = "changed, not saved" if editor.changed else "as in the file"
     wrong = len(editor.check.errors)
-    word = "no errors" if not wrong else f"{wrong} error{'' if wrong == 1 else 's'}: see the lines marked ✕"
+    word = "no errors" if not wrong else f"{wrong} error{'' if wrong == 1 else 's'}: see the lines marked ✕ under YAML"
     colour = COLOURS["bad" if wrong else "good"]
     notes = "".join(f'<div style="color:{COLOURS["unsure"]}">{escape(text)}</div>' for text in editor.check.warnings)
     bad = f'<div data-refused style="color:{COLOURS["bad"]};font-weight:600">{escape(refused)}</div>' if refused else ""
