@@ -7,6 +7,8 @@ promise is taken out before the client makes it. (Only scrolling by touch or whe
 Arrow keys turn its camera, wherever else they mean something: a replay steps by them, and a view that was turned is no
 longer fitted. Its keys for commands are listened for at the root of the document, the camera's at the document, which
 comes after it: an arrow is stopped between them. The view is turned by the pointer.
+
+The scrollbar of a panel lies over what is in it, and gets room of its own.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ SCRIPT = """<script>
     if (event.key.startsWith("Arrow")) event.stopPropagation();
   });
 }
-</script>"""
+</script>
+<style>.mantine-ScrollArea-viewport > div {box-sizing: border-box; padding-right: 9px}</style>"""
 PLACE = b"<head>"  # the script is the first thing after it
 
 

@@ -123,6 +123,8 @@ def test_an_opening_is_dragged_and_the_map_saved(chromium, tmp_path):
         assert typed.bounding_box()["width"] > 0.9 * TEXT_WIDTH  # no room is kept for a label
         typed.fill(typed.input_value().replace("width_mm: 14}", "width_mm: 4}"))
         shown.get_by_role("button", name="Save, with errors …").click()
-        shown.get_by_role("button", name="Back to the map").click()
+        shown.get_by_role("button", name="Back to the map").wait_for()
+        shown.keyboard.press("Escape")
+        shown.get_by_role("button", name="Back to the map").wait_for(state="detached")
         assert "width_mm: 4}" not in path.read_text()
     assert complaints == []
