@@ -74,14 +74,15 @@ class Goals:
     """A mailbox: made for a map, handed to `navigate(..., goals=goals)`, called from any thread.
 
     Each method returns whether somebody still reads: False once the run is over. What is said before the run begins is
-    read at its first tick. A mailbox may be handed to one run after another. Rings and openings are checked in the
-    call: it raises SettingsError, and nothing was said."""
+    read at its first tick; of several goals only the last is. A mailbox may be handed to one run after another. Rings
+    and openings are checked in the call: it raises SettingsError, and nothing was said."""
 
     def __init__(self, map: str | Path | Maze = "cme") -> None:
         self._maze = map if isinstance(map, Maze) else load_map(map)
         self._lock = Lock()
         self._waiting: list[Message] = []
         self._running, self._ended = False, False
+        self._read = False  # at the first tick of the run
 
     def aim(self, ring: int | str, closed: Collection[str] = ()) -> bool:
         """Go to another ring from where the ball is, within one tick, whatever the tree does now. Openings that are
@@ -130,14 +131,16 @@ class Goals:
         with self._lock:
             if self._running:
                 raise SettingsError("another run reads them", key="goals")
-            self._running, self._ended = True, False
+            self._running, self._ended, self._read = True, False, False
 
     def take(self, t: float) -> Sequence[Message]:
         """All that waits; after `stop` nobody reads any more."""
         if not self._waiting:  # the usual tick takes no lock
+            self._read = True
             return ()
         with self._lock:
-            taken, self._waiting = self._waiting, []
+            taken, self._waiting = self._waiting if self._read else _last_goal(self._waiting), []
+            self._read = True
             self._ended = self._ended or Stop() in taken
         return taken
 
@@ -156,6 +159,18 @@ class Goals:
 
     def _end(self) -> None:
         self._waiting, self._running, self._ended = [], False, True
+
+
+def _last_goal(said: Sequence[Message]) -> list[Message]:
+    """Without goals that another one follows; openings that were closed with one stay closed."""
+    last = max((i for i, message in enumerate(said) if isinstance(message, Aim)), default=-1)
+    left: list[Message] = []
+    for i, message in enumerate(said):
+        if isinstance(message, Aim) and i < last:
+            left += [Edit(name, True) for name in message.closed]
+        else:
+            left.append(message)
+    return left
 
 
 class Retold:

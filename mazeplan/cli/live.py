@@ -56,7 +56,8 @@ class LiveSession:
         self._faulty: FaultyRig | None = None
         self._opening: str | None = None
         self._count, self._injected, self._waiting = 0, 0, ""
-        self._phase = "idle"
+        self._aimed: int | None = None  # the goal that was pressed before the run's first tick
+        self._phase, self._step = "idle", READING
         self._page: PageLink | None = None
         self.result: NavigationResult | None = None
         self.problem: MazeplanError | None = None
@@ -122,11 +123,14 @@ class LiveSession:
                 raise
             say(f"mazeplan: {problem}")
         finally:
-            self._machine = self._faulty = None
+            self._machine = self._faulty = self._aimed = None
             self._goals = Goals(self._maze)
 
     def _tell(self, phase: str, note: str = "") -> None:
         self._phase = phase
+        if phase == "starting" and note in (READING, LOADING):
+            self._step = note
+            note = note if self._aimed is None else f"it goes to ring {self._aimed}; {note}"
         if self._page is not None:
             self._page.tell(phase, note)
 
@@ -188,7 +192,12 @@ class LiveSession:
             self._goals.stop()
         elif what == "goal":
             self._goals.aim(int(order["ring"]))
-            return f"the next run goes to ring {order['ring']}" if self._resting else ""
+            if self._phase == "running":
+                return ""
+            self._aimed = int(order["ring"])
+            if self._resting:
+                return f"the next run goes to ring {self._aimed}"
+            self._tell("starting", self._step)
         elif what in ("close", "open"):
             (self._goals.close if what == "close" else self._goals.open)(str(order["opening"]))
             is_ = "closed" if what == "close" else "open"
@@ -219,6 +228,7 @@ class LiveSession:
             return "a fault needs a run on a simulated rig"
         self._injected += 1
         seed = self._injected
+        say(f"{faulty.now:7.2f} s  injected: {kind}")
         machine.between_samples(lambda: faulty.add(at_once(kind, faulty.now, seed)))
         return f"injected: {kind}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from contextlib import suppress
 from typing import Any
 
 
@@ -25,5 +26,6 @@ def print_json(document: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Tell a person something on stderr."""
-    print(text, file=sys.stderr)
+    """Tell a person something on stderr; what it does not take is dropped."""
+    with suppress(OSError):
+        print(text, file=sys.stderr)

@@ -11,7 +11,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -86,7 +86,8 @@ class NavigationProgress:
 
     def _say(self, text: str) -> None:
         if self._live is None:
-            print(text, file=self._stream, flush=True)
+            with suppress(OSError):  # a reader who left
+                print(text, file=self._stream, flush=True)
 
     def _table(self) -> Any:
         from rich.table import Table

@@ -3,6 +3,12 @@
 Its scene listens to pointers by listeners that promise never to prevent what a browser does by itself, and then
 prevents it wherever something can be dragged: the browser refuses, with an error in its console at each drag. Here the
 promise is taken out before the client makes it. (Only scrolling by touch or wheel is the faster for such a promise.)
+
+Arrow keys turn its camera, wherever else they mean something: a replay steps by them, and a view that was turned is no
+longer fitted. Its keys for commands are listened for at the root of the document, the camera's at the document, which
+comes after it: an arrow is stopped between them. The view is turned by the pointer.
+
+The scrollbar of a panel lies over what is in it, and gets room of its own.
 """
 
 from __future__ import annotations
@@ -18,8 +24,12 @@ SCRIPT = """<script>
     const promised = options && options.passive && String(kind).startsWith("pointer");
     return add.call(this, kind, listener, promised ? {...options, passive: false} : options);
   };
+  add.call(document.documentElement, "keydown", event => {
+    if (event.key.startsWith("Arrow")) event.stopPropagation();
+  });
 }
-</script>"""
+</script>
+<style>.mantine-ScrollArea-viewport > div {box-sizing: border-box; padding-right: 9px}</style>"""
 PLACE = b"<head>"  # the script is the first thing after it
 
 

@@ -222,13 +222,29 @@ class MapEditor:
             raise MapError(f"got the file name {name!r}, expected letters, digits or _ . @ + - and .yaml at its end")
         return self.path.with_name(name)
 
-    def _check_unchanged(self, path: Path) -> None:
+    def overtaken(self) -> str:
+        """What somebody else did to the file since it was read or saved here; empty where nothing."""
+        if self._on_disk is None:
+            return ""
         try:
-            now = path.read_bytes()
+            now = self.path.read_bytes()
         except FileNotFoundError:
-            now = None
-        if now != self._on_disk:
-            what = "is gone" if now is None else "was changed by another program"
+            return "is gone"
+        except OSError as problem:
+            return f"cannot be read: {problem.strerror or problem}"
+        return "" if now == self._on_disk else "was changed by another program"
+
+    def read_again(self) -> None:
+        """Take what the file has now, as a step that can be undone. Raises MapError where it is no YAML."""
+        read_yaml(self.path, error=MapError, what="a map (YAML)")
+        content = self.path.read_bytes()
+        self._on_disk, self._bom = content, _BOM if content.startswith(_BOM) else b""
+        self._crlf, self._saved = b"\r\n" in content, content.removeprefix(_BOM).decode()
+        self.settle()
+        self._change(lambda _: self._saved)
+
+    def _check_unchanged(self, path: Path) -> None:
+        if what := self.overtaken():
             raise MapError(f"{what} since it was opened here: save under another name", file=path)
 
 

@@ -17,6 +17,7 @@ from mazeplan.view.listing import changed_lines, listing
 from mazeplan.view.page import FONT, Page, pressed
 
 TEXT_WIDTH = 400  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
+LOOK_S = 1.0  # between looks whether the file is as it was
 PAUSE_S = 1.0  # in typing, after which a further step begins that can be undone
 TYPED = (
     ".mantine-Textarea-input{min-height:65vh!important;white-space:pre!important;overflow:auto!important;"
@@ -35,6 +36,8 @@ class EditTab:
         self._refused = ""  # what the last thing that was pressed could not do
         self._said = ""
         self._typed_at = 0.0
+        self._overtaken, self._looked_at = "", 0.0  # what others did to the file, and when that was looked up
+        self._asking: dict[int, Any] = {}  # by browser: the question that is open there
         self._drawn: tuple[Any, ...] = ()
 
     # -- the page ---------------------------------------------------------------------------------------------------
@@ -96,7 +99,11 @@ class EditTab:
                 "Name", self._editor.path.name, hint="another name: a new file in the same folder"
             )
             self._save = gui.add_button("Save", color="green")
+            self._again = gui.add_button("Read it again", color="blue", visible=False, hint="Undo brings yours back")
         self._save.on_click(self._pressed(lambda event: self._write(event)))
+        self._again.on_click(self._pressed(lambda event: self._read_again()))
+        back = gui.add_command("Close the question", hotkey="escape")
+        back.on_trigger(lambda event: self._leave(event.client_id))
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
         """What a person does, with what cannot be done told in the page."""
@@ -162,20 +169,31 @@ class EditTab:
         path = self._editor.save(self._name.value.strip(), with_errors=with_errors)
         self._said = f"saved as {path}"
 
+    def _read_again(self) -> None:
+        self._editor.read_again()
+        self._looked_at = 0.0
+
+    def _leave(self, browser: int | None) -> None:
+        modal = self._asking.pop(browser, None) if browser is not None else None
+        if modal is not None:
+            modal.close()
+
     def _ask(self, event: Any) -> None:
         """Whether to save with errors; of the one who pressed."""
         errors = self._editor.check.errors
         count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
-        modal = event.client.gui.add_modal(f"The map has {count}")
+        browser = event.client.client_id
+        self._leave(browser)
+        self._asking[browser] = modal = event.client.gui.add_modal(f"The map has {count}")
         with modal:
             rows = "".join(f"<li>{escape(str(error))}</li>" for error in errors[:5])
             event.client.gui.add_html(f'<ul style="{FONT}color:{COLOURS["bad"]}">{rows}</ul>')
             back = event.client.gui.add_button("Back to the map")
             anyway = event.client.gui.add_button("Save all the same", color="red", hint="no run will take it as it is")
-        back.on_click(lambda _: modal.close())
+        back.on_click(lambda _: self._leave(browser))
 
         def save(pressed: Any) -> None:
-            modal.close()
+            self._leave(browser)
             self._pressed(lambda _: self._write(event, with_errors=True))(pressed)
 
         anyway.on_click(save)
@@ -189,7 +207,11 @@ class EditTab:
             if self._typed_at and now - self._typed_at > PAUSE_S:
                 self._typed_at = 0.0
                 editor.settle()
-            state = (editor.text, editor.path, editor.changed, self._chosen, self._refused, self._said)
+            if now - self._looked_at > LOOK_S:
+                self._looked_at, self._overtaken = now, editor.overtaken()
+            state = (
+                editor.text, editor.path, editor.changed, self._chosen, self._refused, self._said, self._overtaken
+            )  # fmt: skip
             if state == self._drawn:
                 return
             if self._chosen is not None and editor.opening(self._chosen) is None and editor.openings:
@@ -198,7 +220,7 @@ class EditTab:
             self._scene.show(editor, self._chosen)
             self._draw_text()
             self._draw_buttons()
-            self._head.content = head_html(editor, self._refused, self._said)
+            self._head.content = head_html(editor, self._refused, self._said, self._overtaken)
 
     def _draw_text(self) -> None:
         editor = self._editor
@@ -229,6 +251,7 @@ class EditTab:
         self._undo.disabled, self._redo.disabled = not editor.can_undo, not editor.can_redo
         self._save.color = "red" if editor.check.errors else "green" if editor.changed else "gray"
         self._save.label = "Save, with errors …" if editor.check.errors else "Save"
+        self._again.visible = self._overtaken.startswith("was changed")
         self._add.disabled = editor.maze is None
 
     def _names(self) -> tuple[str, ...]:
@@ -244,11 +267,13 @@ def _plain(text: str) -> str:
     return re.sub("\r\n?", "\n", text)
 
 
-def head_html(editor: MapEditor, refused: str, said: str) -> str:
+def head_html(editor: MapEditor, refused: str, said: str, overtaken: str = "") -> str:
     """The file, whether it is saved, whether it is right."""
     state = "changed, not saved" if editor.changed else "as in the file"
+    if overtaken:
+        state = f"the file {overtaken}" + (", and yours is not saved" if editor.changed else "")
     wrong = len(editor.check.errors)
-    word = "no errors" if not wrong else f"{wrong} error{'' if wrong == 1 else 's'}: see the lines marked ✕"
+    word = "no errors" if not wrong else f"{wrong} error{'' if wrong == 1 else 's'}: see the lines marked ✕ under YAML"
     colour = COLOURS["bad" if wrong else "good"]
     notes = "".join(f'<div style="color:{COLOURS["unsure"]}">{escape(text)}</div>' for text in editor.check.warnings)
     bad = f'<div data-refused style="color:{COLOURS["bad"]};font-weight:600">{escape(refused)}</div>' if refused else ""

@@ -73,7 +73,8 @@ class PageLink:
             except (EOFError, OSError):
                 self.ended.set()
                 if not self._closing:
-                    print("mazeplan: the page has ended; the run goes on without it", file=sys.stderr)
+                    with suppress(OSError):
+                        print("mazeplan: the page has ended; the run goes on without it", file=sys.stderr)
                 return
             if order["do"] == "viewers":
                 self.viewers = order["count"]

@@ -11,6 +11,7 @@ from mazeplan.palette import COLOURS
 
 FONT = "font-family:ui-monospace,Menlo,Consolas,monospace;font-size:11px;line-height:1.5;"
 MOST = 2000  # lines; who has more reads them elsewhere
+WIDE = "min(460px,calc(100cqw - 14px))"  # of what is told below a line: never more than the panel
 COMMENT = "#6a6f76"
 
 
@@ -27,7 +28,8 @@ def listing(text: str, problems: Iterable[MapError], chosen: int | None, changed
     if len(rows) > MOST:
         shown.append(f"<div>… and {len(rows) - MOST} lines more</div>")
     return (
-        f'<div style="{FONT}padding:2px 0;overflow-x:auto"><div style="display:inline-block;min-width:100%">'
+        f'<div style="{FONT}padding:2px 0;overflow-x:auto;container-type:inline-size">'
+        f'<div style="display:inline-block;min-width:100%">'
         f"{''.join(shown)}</div></div>"
     )
 
@@ -38,7 +40,8 @@ def _row(number: int, row: str, chosen: bool, changed: bool, problems: list[MapE
     edge = ink if bad else COLOURS["planned"] if changed else "transparent"
     sign = "✕" if bad else "•" if changed else " "
     below = "".join(
-        f'<div data-problem="{number}" style="color:{ink};white-space:normal;max-width:460px;font-weight:600;'
+        f'<div data-problem="{number}" style="color:{ink};white-space:normal;overflow-wrap:anywhere;'
+        f"max-width:{WIDE};font-weight:600;"
         f'padding-left:{width + 3}ch">{escape(_told(problem))}</div>'
         for problem in problems
     )

@@ -12,7 +12,7 @@ from mazeplan.palette import COLOURS
 from mazeplan.view.camera import Layout
 from mazeplan.view.page import WIDTH, Page
 from mazeplan.view.panel import Facts, TreePanel
-from mazeplan.view.plots import Plots
+from mazeplan.view.plots import NOTE, Plots
 from mazeplan.view.scene import TILT_SHOWN, Scene, outline
 from mazeplan.view.story import Story
 
@@ -85,10 +85,12 @@ class LiveTab:
                 shut.on_click(self._ordering(lambda event: {"do": event.target.value, "opening": which.value}))
         if offer.faults:
             with gui.add_folder("Faults", expand_by_default=False):
-                kinds = [f"{kind}: {what}" for kind, what in offer.faults.items()]
+                kinds = list(offer.faults)
                 fault = gui.add_dropdown("Fault", kinds)
+                what_it_is = gui.add_html(fault_html(offer, kinds[0]))
+                fault.on_update(lambda event: setattr(what_it_is, "content", fault_html(offer, fault.value)))
                 inject = gui.add_button("Inject", color="orange", hint="from now on, as long as docs/faults.md says")
-                inject.on_click(self._ordering(lambda event: {"do": "fault", "kind": fault.value.split(":")[0]}))
+                inject.on_click(self._ordering(lambda event: {"do": "fault", "kind": fault.value}))
         with gui.add_folder("Picture", expand_by_default=False):
             tilt = gui.add_slider("Tilt drawn, times", 1.0, 6.0, 0.5, TILT_SHOWN)
 
@@ -131,6 +133,11 @@ class LiveTab:
         resting = phase in ("idle", "failed")
         self._start.disabled, self._stop.disabled = not resting, resting
         self._head.content = head_html(self._offer, phase, str(state.get("note", "")))
+
+
+def fault_html(offer: Offer, kind: str) -> str:
+    """What a fault is, below its name: as one line it would be cut off."""
+    return f'<div style="{NOTE}" data-fault="{escape(kind, quote=True)}">{escape(offer.faults[kind])}</div>'
 
 
 def head_html(offer: Offer, phase: str, note: str) -> str:

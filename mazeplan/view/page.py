@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from threading import Event
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any, Protocol
@@ -89,7 +89,8 @@ class Page:
             except Exception:
                 if not self._told:
                     self._told = True
-                    print(f"mazeplan: the page could not draw: {traceback.format_exc()}", file=sys.stderr)
+                    with suppress(OSError):
+                        print(f"mazeplan: the page could not draw: {traceback.format_exc()}", file=sys.stderr)
 
     def loop(self, on: Callable[[], bool]) -> None:
         """Draw until `on` says no more."""

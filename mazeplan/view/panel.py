@@ -60,7 +60,8 @@ class TreePanel:
 def facts_html(moment: Moment) -> str:
     """Time, rings, leaf, computing time, outcome, last failure, what happened last."""
     rows = [("time", f"{moment.t:.2f} s" if moment.tick else "–")]
-    rows.append(("ring", f"{moment.ring or '–'}{f' → {moment.goal}' if moment.goal else ''}"))
+    goal = moment.goal if moment.tick else None  # before, another one may wait to be read
+    rows.append(("ring", f"{moment.ring or '–'}{f' → {goal}' if goal else ''}"))
     rows.append(("doing", _doing(moment)))
     if len(moment.rows):
         planner, tick = moment.column("planner_ms")[-1], moment.column("tick_ms")[-1]

@@ -34,6 +34,7 @@ WALLS_SHOWN = 0.5  # of their height: the ball is to be seen behind them
 WALL, FLOOR, FLOOR_2, TABLE = (178, 184, 192), (250, 250, 248), (238, 240, 242), (205, 208, 212)
 SHADE = (222, 225, 229)
 SHADE_BELOW, RAISED = 0.3, 0.15  # of the rim's radius: the shade of the plate, and how high its edge comes as a rule
+LABELS_AT = -60.0  # deg, where rings have their numbers
 Colour = tuple[int, int, int]
 
 
@@ -80,6 +81,12 @@ class Scene:
             floor = self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), colour)
             if on_ring is not None:
                 floor.on_click(_calling(on_ring, ring.number))
+                out = 0.5 * (ring.inner_radius + ring.outer_radius) if ring.inner_radius else 0.0
+                along = math.radians(LABELS_AT)
+                self._server.scene.add_label(
+                    f"{self._name}/plate/ring{ring.number}/number", str(ring.number), font_screen_scale=0.7,
+                    position=(UNIT * out * math.cos(along), UNIT * out * math.sin(along), UNIT * 0.001),
+                )  # fmt: skip
         self._server.scene.add_cylinder(
             f"{self._name}/plate/base", UNIT * maze.walls[0].outer_radius, UNIT * 0.003, TABLE, radial_segments=96,
             position=(0.0, 0.0, -UNIT * 0.002),

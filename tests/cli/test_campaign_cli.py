@@ -142,7 +142,9 @@ def test_no_deadline_lets_plans_take_as_long_as_they_do(monkeypatch, capsys, tmp
     from mazeplan.campaign import single
 
     attempt = single.attempt_job
-    monkeypatch.setattr(single, "attempt_job", lambda rig, setup, job: seen.append(setup) or attempt(rig, setup, job))
+    monkeypatch.setattr(
+        single, "attempt_job", lambda rig, setup, job, **more: seen.append(setup) or attempt(rig, setup, job)
+    )
     call(monkeypatch, capsys, *LIGHT, "--runs", "1")
     call(monkeypatch, capsys, *[word for word in LIGHT if word != "--no-deadline"], "--runs", "1")
     with_none, usual = (setup.settings.leaves.travel.deadline_ms for setup in seen)

@@ -59,7 +59,7 @@ def test_the_rounds_of_improve(call, tmp_path):
     page = alone(tmp_path / "i.html")
     assert len(re.findall("<h2[^>]*>Diagnosis of i, round", page)) == 2
     assert "16 of 16" in page
-    assert "3.22 s" in page
+    assert "3.22\u00a0s" in page
 
 
 def spoilt(document, *path, value):

@@ -19,6 +19,7 @@ from mazeplan.errors import MapError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.view.editor import MapEditor
 from mazeplan.view.editscene import EditScene
+from mazeplan.view.edittab import head_html
 from mazeplan.view.scene import UNIT
 
 LOPSIDED = resources.share("maps") / "lopsided.yaml"
@@ -292,3 +293,24 @@ def test_a_drag_that_begins_beside_an_opening_grabs_it(editor, dragged, name):
 def test_a_drag_far_from_any_opening_moves_nothing(editor, dragged):
     far = editor.free_angle(1)
     assert dragged("ring1", 0.09, far, 20.0) == []
+
+
+def test_a_file_that_others_change_is_told_and_read_again(tmp_path):
+    path = tmp_path / "mine.yaml"
+    text = (resources.share("maps") / "cme.yaml").read_text()
+    path.write_text(text)
+    editor = MapEditor(path)
+    assert editor.overtaken() == ""
+    path.write_text(f"# of another\n{text}")
+    assert editor.overtaken() == "was changed by another program"
+    shown = head_html(editor, "", "", editor.overtaken())
+    assert "the file was changed by another program" in shown
+    assert "as in the file" not in shown
+    editor.read_again()
+    assert editor.text.startswith("# of another")
+    assert not editor.changed
+    assert editor.overtaken() == ""
+    editor.undo()
+    assert editor.text == text
+    path.unlink()
+    assert editor.overtaken() == "is gone"

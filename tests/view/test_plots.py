@@ -2,22 +2,88 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from mazeplan.view.plots import turn_of
+from mazeplan.view.moment import COLUMN, COLUMNS, Moment
+from mazeplan.view.plots import STEP_DEG, Plots, range_of, span_of
 
 NAN = float("nan")
 
 
 @pytest.mark.parametrize(
-    ("theta", "axis"),
-    [([], (0.0, 45.0)), ([NAN, NAN], (0.0, 45.0)), ([NAN, 10.0, 50.0], (0.0, 90.0)), ([-100.0, 44.0], (-135.0, 45.0))],
+    ("curves", "axis"),
+    [
+        ([[], []], (0.0, 45.0)),
+        ([[NAN, NAN], [NAN]], (0.0, 45.0)),
+        ([[NAN, 10.0, 50.0], [20.0]], (0.0, 90.0)),
+        ([[NAN, 100.0], [-100.0, 44.0]], (-135.0, 135.0)),  # the plan as well
+    ],
 )
-def test_the_axis_of_theta_holds_all_that_is_known(theta, axis):
-    assert turn_of(np.array(theta)) == axis
+def test_the_axis_of_theta_holds_all_that_is_known(curves, axis):
+    assert range_of([np.array(curve) for curve in curves], STEP_DEG) == axis
 
 
-def test_it_seldom_changes():
-    axes = {turn_of(np.linspace(0.0, end, 50)) for end in np.linspace(1.0, 89.0, 80)}
-    assert len(axes) == 2
+@pytest.mark.parametrize(
+    ("values", "axis"), [([0.0], (0.0, 0.5)), ([-2.6, 3.1, NAN], (-4.0, 4.0)), ([0.4, 130.0], (0.0, 150.0))]
+)
+def test_other_axes_have_steps_that_suit_them(values, axis):
+    assert range_of([np.array(values)]) == axis
+
+
+def test_axes_seldom_change():
+    ends = np.linspace(1.0, 89.0, 80)
+    assert len({range_of([np.linspace(0.0, end, 50)], STEP_DEG) for end in ends}) == 2
+    assert len({span_of(np.linspace(0.0, end, 50)) for end in np.linspace(0.01, 1.99, 80)}) == 2
+
+
+class FakeGui:
+    """Of viser what plots use; keeps what is set."""
+
+    def __init__(self):
+        self.plots, self.notes = [], []
+
+    def add_html(self, content):
+        self.notes.append(SimpleNamespace(content=content, visible=True))
+        return self.notes[-1]
+
+    def add_uplot(self, data, series, **more):
+        self.plots.append(SimpleNamespace(data=data, series=series, **more))
+        return self.plots[-1]
+
+
+def moment(seconds, tick=1):
+    rows = np.full((round(30 * seconds), len(COLUMNS)), NAN)
+    rows[:, COLUMN["t"]] = np.arange(len(rows)) / 30.0
+    for name in ("beta", "theta", "tick_ms"):
+        rows[:, COLUMN[name]] = 1.0
+    rows[-5:, COLUMN["planned_theta"]] = 2.0  # planned from later on
+    return Moment(run=1, tick=tick, rows=rows)
+
+
+def test_before_the_first_run_there_are_no_empty_axes():
+    gui = FakeGui()
+    shown = Plots(SimpleNamespace(gui=gui))
+    assert not any(plot.visible for plot in gui.plots)
+    assert gui.notes[0].visible
+    assert "no run yet" in gui.notes[0].content
+    shown.show(moment(1.0), 1.0)
+    assert all(plot.visible for plot in gui.plots)
+    assert not gui.notes[0].visible
+
+
+@pytest.mark.parametrize("seconds", [1.43, 2.6, 3.5])
+def test_all_plots_have_one_axis_of_time_that_holds_the_run(seconds):
+    gui = FakeGui()
+    shown = Plots(SimpleNamespace(gui=gui))
+    for tick, part in enumerate((0.3, 0.5 * seconds, seconds)):
+        shown.show(moment(part, tick + 1), float(tick + 1))
+    assert len(gui.plots) == 4
+    for plot in gui.plots:
+        assert plot.scales["x"]["range"] == (0.0, np.floor(plot.data[0][-1]) + 1.0)
+        low, high = plot.scales["y"]["range"]
+        values = np.concatenate(plot.data[1:])
+        values = values[np.isfinite(values)]
+        assert ((values >= low) & (values <= high)).all()

@@ -12,6 +12,7 @@ from soon import soon
 
 from mazeplan.cli import live
 from mazeplan.cli.live import LiveSession, exit_status, navigate_live, numbered
+from mazeplan.cli.progress import NavigationProgress
 from mazeplan.errors import InputError, RigError
 from mazeplan.goals import Aim, Edit, Stop
 from mazeplan.maze.mapfile import load_map
@@ -20,7 +21,9 @@ from mazeplan.rigs.faulty import FaultyRig
 from mazeplan.rigs.paced import PacedRig
 from mazeplan.rigs.registry import make_rig
 from mazeplan.view.door import listen
-from mazeplan.view.livetab import Offer, head_html
+from mazeplan.view.livetab import Offer, fault_html, head_html
+from mazeplan.view.moment import Moment
+from mazeplan.view.panel import facts_html
 
 MAZE = load_map("cme")
 
@@ -112,7 +115,7 @@ def test_a_machine_that_cannot_be_levelled_is_told_and_the_run_stopped_all_the_s
     assert list(session._goals.take(0.0)) == [Stop()]
 
 
-def test_a_fault_begins_between_two_samples(running):
+def test_a_fault_begins_between_two_samples(running, capsys):
     import numpy as np
 
     machine = running._machine
@@ -121,6 +124,7 @@ def test_a_fault_begins_between_two_samples(running):
     machine.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
     assert machine.observe().x is not None
     running._order({"do": "fault", "kind": "frames_lost"})
+    assert capsys.readouterr().err.endswith(" s  injected: frames_lost\n")
     assert machine.observe().x is not None or machine.inside.begun
     assert machine.observe().x is None
     assert [fault.kind.name for fault in machine.inside.begun] == ["frames_lost"]
@@ -242,11 +246,48 @@ def test_from_start_to_the_first_tick_it_is_told_what_one_waits_for(session):
 def test_what_is_pressed_while_it_gets_ready_is_for_that_run(session):
     session._order({"do": "start"})
     session._order({"do": "goal", "ring": 3})
-    assert session._page.told[-1] == ("starting", live.READING)  # not: the next run
+    assert session._page.told[-1] == ("starting", f"it goes to ring 3; {live.READING}")  # not: the next run
     session._order({"do": "level"})
     assert session._page.told[-1] == ("starting", "the run that gets ready ends before it begins")
     session._goals.begin(MAZE)
     assert list(session._goals.take(0.0)) == [Aim(3), Stop()]
+
+
+def test_of_goals_pressed_before_a_run_the_last_counts_and_is_told_until_it_begins(session):
+    for ring in (1, 4, 2):
+        session._order({"do": "goal", "ring": ring})
+    session._order({"do": "start"})
+    assert session._page.told[-1] == ("starting", f"it goes to ring 2; {live.READING}")
+    session._goals.begin(MAZE)
+    assert list(session._goals.take(0.0)) == [Aim(2)]
+    session._run(session._page)
+    session._phase = "idle"
+    session._order({"do": "start"})
+    assert session._page.told[-1] == ("starting", live.READING)  # that was for one run
+
+
+def test_what_stderr_does_not_take_ends_nothing(running, monkeypatch):
+    class Gone:
+        def write(self, text):
+            raise BrokenPipeError
+
+        flush = write
+
+    monkeypatch.setattr(live.sys, "stderr", Gone())
+    running._order({"do": "fault", "kind": "frames_lost"})
+    assert running._page.told[-1] == ("running", "injected: frames_lost")
+    NavigationProgress(Gone(), live=False).event(0.0, "stuck")
+
+
+def test_a_fault_is_told_below_its_name():
+    assert "no picture shows it" in fault_html(
+        Offer(MAZE, "toy", {"frames_lost": "no picture shows it"}), "frames_lost"
+    )
+
+
+def test_no_goal_is_shown_that_another_may_replace():
+    assert "→ 5" not in facts_html(Moment(run=1, goal=5))
+    assert "→ 5" in facts_html(Moment(run=1, tick=1, ring=1, goal=5))
 
 
 def test_why_a_run_could_not_begin_stays_where_start_is(session, monkeypatch):
