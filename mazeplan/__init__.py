@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.goals import Goals
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.navigate import navigate
+    from mazeplan.navigation import navigate
     from mazeplan.records import NavigationResult, Observation
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.interface import Rig
@@ -35,7 +35,7 @@ _HOMES = {
     "Status": "mazeplan.behavior.status",
     "check_rig": "mazeplan.rigs.conformance",
     "load_map": "mazeplan.maze.mapfile",
-    "navigate": "mazeplan.navigate",
+    "navigate": "mazeplan.navigation",
 }
 
 __all__ = [

@@ -15,7 +15,7 @@ from mazeplan.data.runlog_reader import read_messages
 from mazeplan.errors import LogError, TreeError
 from mazeplan.goals import Goals
 from mazeplan.job import Job, Setup
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.replay import replay
 
 # -- told again --------------------------------------------------------------------------------------------------------

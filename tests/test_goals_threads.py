@@ -13,7 +13,7 @@ from mazeplan.data.runlog import read_log
 from mazeplan.errors import SettingsError
 from mazeplan.goals import Goals
 from mazeplan.job import Job
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 
 # -- what cannot be meant, and threads ---------------------------------------------------------------------------------
 

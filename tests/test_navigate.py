@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
@@ -16,7 +18,7 @@ from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.models.modelfile import RigModel
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.records import FailureKind
 
 MAZE = load_map("cme")
@@ -279,3 +281,8 @@ def test_what_happened_at_openings_is_kept_for_the_next_run(tmp_path):
     path.write_text("format: 1\nopenings: {nowhere: {failures: 1}}\n")
     with pytest.raises(InputError, match="nowhere: unknown key"):
         navigate(map=MAZE, rig=PlanarRig(MAZE), memory=path)
+
+
+def test_the_job_can_be_had_by_name_whatever_was_imported_before():
+    code = "import mazeplan.navigation, mazeplan.goals; from mazeplan import navigate; assert callable(navigate)"
+    subprocess.run([sys.executable, "-c", code], check=True)

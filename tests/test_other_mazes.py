@@ -9,7 +9,7 @@ import pytest
 from mazeplan.errors import InputError
 from mazeplan.evaluate import Campaign, job_of, run_one
 from mazeplan.maze.mapfile import load_map
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.replay import replay
 
 

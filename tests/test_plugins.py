@@ -194,7 +194,12 @@ def test_a_broken_rig_is_one_line_when_it_is_used_and_nothing_else_minds(offer, 
 
 def test_a_name_that_nobody_has_is_told_with_those_of_packages(offer, monkeypatch, capsys):
     offer(rigs=["cart = bad_module:Rig"])
-    one_line(call(monkeypatch, capsys, "navigate", "--rig", "wagon"), "got rig 'wagon', expected one of ", "toy, cart,")
+    one_line(
+        call(monkeypatch, capsys, "navigate", "--rig", "wagon"),
+        "got rig 'wagon', expected one of ",
+        ", toy, ",
+        ", cart,",
+    )
 
 
 def test_one_name_in_two_packages_is_told(offer, monkeypatch, capsys):

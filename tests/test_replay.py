@@ -9,7 +9,7 @@ from replayed import MAZE, again, of, other_end, planar, rewritten, tick
 from mazeplan.data.runlog_reader import read_messages
 from mazeplan.errors import LogError, RigError
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.replay import replay
 from mazeplan.settings import settings_from_text
 

@@ -14,7 +14,7 @@ from mazeplan.choices import resolve_model
 from mazeplan.errors import InputError, LogError, SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, save_model
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.replay import replay
 from mazeplan.settings import Settings, load_settings, settings_from_text
 

@@ -12,7 +12,7 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.settings import load_settings
 
 HURRY_MS = 2.0  # deadline of a plan, so that the clock on the wall ends many searches

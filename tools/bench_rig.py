@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.records import Array, NavigationResult
 from mazeplan.rigs.hardware import walk
 from mazeplan.rigs.hardware.emulated import EmulatedRig

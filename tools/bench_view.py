@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.rigs.paced import PacedRig
 from mazeplan.view.door import Door, listen
 from mazeplan.view.link import PageLink

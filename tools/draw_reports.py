@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mazeplan.data.runlog import read_log
 from mazeplan.evaluate import Campaign, evaluate, setup_document, summary
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.report.evaluation import evaluation_section
 from mazeplan.report.inputs import Input
 from mazeplan.report.page import Picture, Section

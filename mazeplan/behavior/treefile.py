@@ -87,6 +87,9 @@ def nodes_named(source: str | Path) -> set[str]:
     return {str(e.get("ID", "")) if e.tag in EXPLICIT else str(e.tag) for e in elements}
 
 
+DAMAGED = ("text that is not UTF-8", "a binary file")  # what a tree may look like with a few bytes spoilt
+
+
 def _read(path: Path) -> bytes:
     """What a file says, as far as it may be read. Raises TreeError."""
     try:
@@ -114,7 +117,8 @@ def _parse(path: Path, data: bytes) -> Element:
     except etree.XMLSyntaxError as problem:
         kind = filekinds.got(path)
         if kind not in ("XML", "HTML", "text", "no such file"):  # of text that was handed in there is no file
-            raise TreeError(f"got {kind}, expected {EXPECTED}", file=path) from None
+            line = problem.lineno if kind in DAMAGED else None  # where a tree was spoilt; a picture has no lines
+            raise TreeError(f"got {kind}, expected {EXPECTED}", file=path, line=line) from None
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
         raise TreeError(f"not XML: {_one_line(message)}", file=path, line=problem.lineno) from None
     if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII

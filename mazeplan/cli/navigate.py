@@ -101,7 +101,7 @@ def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
     from mazeplan.cli.emergency import stop_key
     from mazeplan.cli.progress import NavigationProgress
     from mazeplan.goals import Goals
-    from mazeplan.navigate import navigate as run
+    from mazeplan.navigation import navigate as run
 
     if "goals" not in more:
         goals = Goals(job["map"])

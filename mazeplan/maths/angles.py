@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # commands that need no numbers start without it
+    import numpy as np
+    from numpy.typing import NDArray
 
-Angle = TypeVar("Angle", float, NDArray[np.float64])
+Angle = TypeVar("Angle", float, "NDArray[np.float64]")
 
 
 def wrap(angle: Angle) -> Angle:

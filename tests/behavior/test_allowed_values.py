@@ -136,4 +136,4 @@ def test_a_folder_is_called_one(call, tmp_path):
     (tmp_path / "trees").mkdir()
     code, _, err = call("behavior", "check", "trees")
     assert code == 2
-    assert err.startswith("mazeplan: trees: got a folder; expected an XML file or one of ")
+    assert err.startswith("mazeplan: trees: got a folder, expected an XML file or one of ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import builtins
 import math
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -20,6 +21,7 @@ from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.stage import StageAxis, StageModel, passed_on
+from mazeplan.resources import to_install
 
 MANY, STEPS, LIMIT, RADIUS = 2000, 40, 0.08, 0.0689
 SPREAD = np.array([math.pi, 4.0, 0.08, 0.5, 0.08, 0.5])  # of start states: rad, rad/s
@@ -210,7 +212,7 @@ def test_without_torch(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     assert choose_device("auto") == "compiled"
-    with pytest.raises(InputError, match=r"--device cpu needs torch: pip install 'mazeplan\[learn\]'"):
+    with pytest.raises(InputError, match=re.escape(f"--device cpu needs torch: {to_install('learn')}")):
         choose_device("cpu")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -27,6 +28,7 @@ from mazeplan.models.gp_training import (
     require_torch,
     train,
 )
+from mazeplan.resources import to_install
 
 KERNELS: Any = sklearn_kernels
 PLAIN = (((0, 1), ()),)
@@ -251,7 +253,7 @@ def test_exactly_is_over_when_it_is_over():
 @pytest.mark.parametrize("name", ["torch", "gpytorch"])
 def test_says_what_to_install(monkeypatch, name):
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=r"pip install 'mazeplan\[learn\]'.*" + name):
+    with pytest.raises(InputError, match=re.escape(to_install("learn")) + ".*" + name):
         train(np.zeros((5, 2)), bare(5), np.zeros(5), QUICK)
 
 

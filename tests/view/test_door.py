@@ -12,6 +12,7 @@ import pytest
 from soon import soon
 
 from mazeplan.errors import InputError
+from mazeplan.resources import to_install
 from mazeplan.view import server as server_module
 from mazeplan.view.clientfix import SCRIPT
 from mazeplan.view.door import Door, is_loopback, listen
@@ -102,8 +103,9 @@ def test_a_taken_port_is_an_error():
 
 def test_without_viser_one_line_tells_how_to_have_it(monkeypatch):
     monkeypatch.setattr(server_module, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'mazeplan\[view\]'"):
+    with pytest.raises(InputError, match=r"needs viser: ") as refused:
         check_installed()
+    assert to_install("view") in str(refused.value)
 
 
 @pytest.fixture(scope="module")

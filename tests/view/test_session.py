@@ -220,7 +220,7 @@ def test_a_taken_port_is_told_before_anything_begins():
 
 def test_who_does_not_ask_for_a_page_gets_nothing_of_it():
     code = (
-        "import sys, mazeplan.cli.app, mazeplan.navigate\n"
+        "import sys, mazeplan.cli.app, mazeplan.navigation\n"
         "assert not [name for name in sys.modules if name.startswith(('mazeplan.view', 'mazeplan.cli.live', 'viser'))]"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

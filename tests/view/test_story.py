@@ -11,7 +11,7 @@ from mazeplan.data.runlog_reader import read_messages
 from mazeplan.maze.graph import RouteOptions
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.maze.memory import FADING_S
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.view.moment import COLUMNS
 from mazeplan.view.story import SHOWN_S, Story, moments
 from mazeplan.view.tallies import ENOUGH, PRIOR

@@ -26,7 +26,7 @@ from emulated_chip import NEEDED
 
 from mazeplan.errors import RigError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.navigate import navigate
+from mazeplan.navigation import navigate
 from mazeplan.rigs.hardware import walk
 from mazeplan.rigs.hardware.chip import built
 from mazeplan.rigs.hardware.emulated import EmulatedRig
