@@ -24,7 +24,7 @@ from mazeplan.models.modelfile import load_model
 from mazeplan.records import LEVEL, Command
 from mazeplan.rigs.fleet import Fleet
 from mazeplan.rigs.mjcf import mjcf
-from mazeplan.rigs.nearwalls import NearWalls
+from mazeplan.rigs.nearwalls import near_walls
 from mazeplan.rigs.settings import SimulatedSettings
 from mazeplan.rigs.simulated import SimulatedRig
 from mazeplan.run import Run
@@ -67,8 +67,7 @@ def cost_of_walls(settings: SimulatedSettings, samples: int) -> tuple[int, float
     """Boxes and us a step of MuJoCo with all walls, the same with those near the ball, and whether the ball went the
     same way to the last bit, in all of these samples."""
     maze = load_map("cme")
-    text = mjcf(maze, settings)
-    whole, near = mujoco.MjModel.from_xml_string(text), NearWalls(text, maze)
+    whole, near = mujoco.MjModel.from_xml_string(mjcf(maze, settings)), near_walls(maze, settings)
     same, took = True, np.zeros(2)
 
     def passed(step: Callable[[], object]) -> float:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from mazeplan.attempt import attempt_job
-from mazeplan.choices import resolve_model, ring_number
+from mazeplan.choices import model_from, model_source, ring_number
 from mazeplan.data.runlog import Take
 from mazeplan.errors import RigError
 from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maths.spread import spread
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
+from mazeplan.models.modelfile import RigModel, model_stamp
 from mazeplan.records import Failure, FailureKind, NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
@@ -63,11 +64,18 @@ def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
 
 def setup_of(campaign: Campaign, maze: Maze) -> Setup:
     """With what its runs are done."""
-    model = resolve_model(campaign.model, campaign.rig, maze)
+    source = model_source(campaign.model, campaign.rig)
+    model = RigModel.nominal(maze) if source is None else _model(source, maze, model_stamp(source))
     how, modules = load_settings(campaign.settings), campaign.behavior_modules
     if not campaign.deadline:
         how = how.with_values(NO_DEADLINE)
     return Setup(maze, model, campaign.behavior, rig_label(campaign.rig), settings=how, behavior_modules=modules)
+
+
+@lru_cache(maxsize=4)
+def _model(source: str, maze: Maze, stamp: object) -> RigModel:
+    """Read once for all runs of a process; stamp: of its files."""
+    return model_from(source, maze)
 
 
 def run_one(

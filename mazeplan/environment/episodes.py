@@ -62,7 +62,7 @@ class Episodes:
         for rng in rngs:  # both are drawn each time, so that what is given shifts nothing else
             ring, angle = int(rng.integers(len(starts))), float(rng.uniform(-math.pi, math.pi))
             rings.append(starts[ring])
-            thetas.append(angle if degrees is None else math.radians(degrees))
+            thetas.append(self.maze.clear_angle(rings[-1], angle if degrees is None else math.radians(degrees)))
         samples = self.world.reset(rows, rings, thetas, rngs)
         self._senses.reset(rows, samples, rings, thetas)
         self._judge.reset(rows)

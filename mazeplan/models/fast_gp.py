@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numba import njit
@@ -39,11 +40,19 @@ COLUMNS = D + 2  # of a row: inputs, alpha, -|x|^2 / 2
 SCRATCH = 2 * D
 LN2 = math.log(2.0)
 UNIT = math.sqrt(LN2)  # of the inputs, in length scales
+_packed: WeakKeyDictionary[GaussianProcess, Array] = WeakKeyDictionary()  # it takes .05 s, and each run needs it
 
 
 def pack(gp: GaussianProcess) -> Array:
-    """The vector that the compiled functions read: head, rows by column, and scratch space. Raises ModelError for
-    another kernel than rbf."""
+    """The vector that the compiled functions read: head, rows by column, and scratch space, which is why each caller
+    gets one of its own. Raises ModelError for another kernel than rbf."""
+    packed = _packed.get(gp)
+    if packed is None:
+        packed = _packed[gp] = _pack(gp)
+    return packed.copy()
+
+
+def _pack(gp: GaussianProcess) -> Array:
     h = gp.hyper
     if h.family != "rbf":
         raise ModelError(f"got a kernel {h.family}, expected rbf: planning needs derivatives", key="family")

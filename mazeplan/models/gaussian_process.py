@@ -122,10 +122,10 @@ def prior_variance(inputs: Array, h: Hyperparameters) -> Array:
     return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """A conditioned process. inputs (N, D), features (N, M) of the training rows; alpha (N,); weights (M,) with
-    covariance (M, M)."""
+    """A conditioned process, equal to itself only. inputs (N, D), features (N, M) of the training rows; alpha (N,);
+    weights (M,) with covariance (M, M)."""
 
     hyper: Hyperparameters
     inputs: Array

@@ -163,6 +163,14 @@ def load_model(source: str | Path) -> RigModel:
     return _Reader(read_yaml(path, error=ModelError, what="a model (model.yaml)"), path).model()
 
 
+def model_stamp(source: str | Path) -> tuple[tuple[str, int, int], ...]:
+    """Name, ns of the last change and size of each file beside a model, by which one sees whether it was edited; of a
+    packaged one nothing."""
+    folder = Path(source).parent if Path(source).suffix == ".yaml" else Path(source)
+    files = sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+    return tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files)
+
+
 class _Reader:
     """Turns the tree of a model.yaml into a RigModel, or raises with line and key."""
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's compiled module tells type checkers nothing of its names)
 import math
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 
 from mazeplan.errors import SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
 from mazeplan.rigs.gimbal import Gimbal
-from mazeplan.rigs.mjcf import PLUG_OFF, PLUG_ON, plug_name
 from mazeplan.rigs.settings import Fault
 
 ASIDE = 0.1  # m beside and above the plate's rim: where the hand is that took the ball out
@@ -83,10 +79,7 @@ class FaultBox:
         blocked = {fault.opening for fault in self.active("blocked", t)}
         for fault in self._faults:
             if fault.kind == "blocked" and fault.opening is not None:
-                model = self._gimbal.model
-                geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, plug_name(fault.opening))
-                on = PLUG_ON if fault.opening in blocked else PLUG_OFF
-                model.geom_contype[geom] = model.geom_conaffinity[geom] = on
+                self._gimbal.plug(fault.opening, fault.opening in blocked)
         for i, fault in enumerate(self._faults):
             if fault.kind in ("push", "teleport") and i not in self._done and t >= fault.at_s:
                 self._done.add(i)

@@ -1,9 +1,9 @@
 """Many simulated rigs at once, each to the last bit of its physics what `simulated.SimulatedRig` is alone.
 
 What the servos are told in each chunk of a sample (command delay, slew limit, play) does not hang on the physics: it
-is worked out beforehand, for all rigs in one go. Then each rig's physics pass through MuJoCo, in threads, which it lets
-run beside one another. Then pictures, delays and noise, again in one go; only random numbers are drawn rig by rig, from
-each rig's own generator and in the order in which it draws them alone.
+is worked out beforehand, for all rigs in one go. Then MuJoCo lets the physics of all pass, in threads of its own that
+the interpreter has no part in. Then pictures, delays and noise, again in one go; only random numbers are drawn rig by
+rig, from each rig's own generator and in the order in which it draws them alone.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch, SimulationError
 
 from mazeplan.errors import RigError, SettingsError
 from mazeplan.maze.geometry import Maze
@@ -58,10 +59,10 @@ class Fleet:
         self.number, self.rate_hz = number, self.settings.rate_hz
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.threads = min(threads or cores, number)
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
         self._walls = near_walls(maze, self.settings)
-        self._data = [mujoco.MjData(self._walls.any) for _ in range(number)]
-        self._ctrl, self._qpos = [d.ctrl for d in self._data], [d.qpos for d in self._data]
+        self._batch: Any = Batch(self._walls.any, number, self.threads)
+        self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
+        self._near = [self._walls.any] * number  # the models that they are on
         self._rngs: list[np.random.Generator | None] = [None] * number
         self._prepare()
 
@@ -85,10 +86,8 @@ class Fleet:
         self._lost, self._samples = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
 
     def close(self) -> None:
-        """Give threads back; may be called twice."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        """Give threads and memory back; may be called twice."""
+        self._batch = None
 
     # -- life -------------------------------------------------------------------------------------------------------
 
@@ -96,18 +95,19 @@ class Fleet:
         self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
     ) -> Samples:
         """Balls at rest in the middle of rings, plates level, time 0, for some of the rigs; what they measure."""
+        numbers = rows.astype(np.int32)
+        self._batch.reset(numbers, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         for row, ring, theta, rng in zip(rows.tolist(), rings, thetas, rngs, strict=True):
-            data, radius = self._data[row], self.maze.track_radius(ring)
-            mujoco.mj_resetData(self._walls.any, data)
-            data.qpos[2:5] = radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius
-            data.qpos[5] = 1.0
-            mujoco.mj_forward(self._walls.at(data.qpos.item(2), data.qpos.item(3)), data)
+            radius, theta = self.maze.track_radius(ring), self.maze.clear_angle(ring, theta)
+            self._qpos[row, 2:6] = radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius, 1.0
             self._rngs[row] = rng
+        self._show_walls(rows)
+        self._batch.forward(numbers)
         for memory in (self._said, self._path, self._seen):
             memory[:, rows] = 0.0
         for memory in (self._set, self._played, self._lost, self._samples):
             memory[rows] = 0
-        scene = _scene(np.array([self._qpos[row] for row in rows.tolist()]))
+        scene = _scene(self._qpos[rows])
         self._path[:, rows] = self._seen[:, rows] = scene
         return self._observe(rows)
 
@@ -118,11 +118,7 @@ class Fleet:
         if not np.all(np.abs(commands) <= limit + TOLERANCE):  # also refuses NaN
             raise RigError(f"command: got {commands.tolist()} rad, expected at most {limit:.4f} rad either way")
         self._tell(rows, commands)
-        if self._pool is None or len(rows) < 2:
-            self._advance(rows.tolist())
-        else:
-            shares = [rows[k :: self.threads].tolist() for k in range(self.threads)]
-            list(self._pool.map(self._advance, shares))
+        self._advance(rows)
         self._samples[rows] += 1
         self._look(rows)
         return self._observe(rows)
@@ -140,16 +136,30 @@ class Fleet:
             self._told[rows, chunk] = played
         self._set[rows], self._played[rows] = now, played
 
-    def _advance(self, rows: list[int]) -> None:
-        """One sample of physics for some of the rigs, in one thread."""
-        walls, steps = self._walls, SUBSTEPS // CHUNKS
-        for row in rows:
-            data, ctrl, qpos = self._data[row], self._ctrl[row], self._qpos[row]
-            told, went = self._told[row], self._went[row]
-            for chunk in range(CHUNKS):
-                ctrl[:] = told[chunk]
-                walls.step(data, steps)
-                went[chunk] = qpos
+    def _advance(self, rows: IntArray) -> None:
+        """One sample of physics for some of the rigs."""
+        steps = SUBSTEPS // CHUNKS
+        for chunk in range(CHUNKS):
+            self._ctrl[rows] = self._told[rows, chunk]
+            slow = self._walls.slow(self._qvel[rows, 2:4], steps)
+            self._pass(rows[slow], steps)
+            for _ in range(steps if not np.all(slow) else 0):
+                self._pass(rows[~slow], 1)
+            self._went[rows, chunk] = self._qpos[rows]
+
+    def _pass(self, rows: IntArray, steps: int) -> None:
+        """So many of MuJoCo's steps. Raises RigError for what it cannot compute."""
+        self._show_walls(rows)
+        try:
+            self._batch.step(rows.astype(np.int32), steps)
+        except SimulationError as problem:
+            raise RigError(f"the simulation broke down: {' '.join(str(problem).split())}") from None
+
+    def _show_walls(self, rows: IntArray) -> None:
+        """The models with the walls where the balls are."""
+        for row, model in zip(rows.tolist(), self._walls.at_all(self._qpos[rows, 2:4]), strict=True):
+            self._near[row] = model
+        self._batch.set_models(self._near)
 
     # -- camera -----------------------------------------------------------------------------------------------------
 
@@ -185,8 +195,7 @@ class Fleet:
         wrong = even[:, 1] < settings.outlier_probability
         position = np.where(wrong[:, None], position + 1e-3 * settings.outlier_mm * normal[:, 2:4], position)
         position = np.where((lost > 0)[:, None], math.nan, position)
-        tilt = np.array([self._qpos[row][:2] for row in rows.tolist()])
-        tilt = tilt + math.radians(settings.tilt_noise_deg) * normal[:, 4:]
+        tilt = self._qpos[rows, :2] + math.radians(settings.tilt_noise_deg) * normal[:, 4:]
         t = self._samples[rows] / self.rate_hz
         return Samples(t, position[:, 0], position[:, 1], tilt[:, 0], tilt[:, 1])
 
@@ -198,7 +207,7 @@ class Fleet:
 
     def state(self, row: int) -> tuple[Array, Array]:
         """MuJoCo's positions (9,) and velocities (8,) of a rig: hinges, then the ball."""
-        return self._qpos[row].copy(), self._data[row].qvel.copy()
+        return self._qpos[row].copy(), self._qvel[row].copy()
 
 
 def _scene(qpos: Array) -> Array:

@@ -22,8 +22,9 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
 from mazeplan.rigs.faults import FaultBox
 from mazeplan.rigs.forces import PlateForces
-from mazeplan.rigs.gimbal import Gimbal
-from mazeplan.rigs.mjcf import SUBSTEPS, mjcf
+from mazeplan.rigs.gimbal import Gimbal, MazeGimbal
+from mazeplan.rigs.mjcf import SUBSTEPS
+from mazeplan.rigs.nearwalls import near_walls
 from mazeplan.rigs.settings import Fault, SimulatedSettings
 
 CHUNKS = 5  # per sample; 1/150 s at 30 Hz
@@ -53,7 +54,7 @@ class Machine:
         self._gimbal: Gimbal | None = None
 
     def _from_map(self) -> Gimbal:
-        return Gimbal(mujoco.MjModel.from_xml_string(mjcf(self.maze, self.settings)), SUBSTEPS // CHUNKS)
+        return MazeGimbal(near_walls(self.maze, self.settings), SUBSTEPS // CHUNKS)
 
     # -- life -------------------------------------------------------------------------------------------------------
 

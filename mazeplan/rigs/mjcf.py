@@ -35,6 +35,21 @@ TIME_CONSTANT = 0.004  # s, of contacts
 def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
     """MJCF text. Bodies: plate, ball; joints: beta, gamma; actuators in that order; a plug geom `plug:NAME` per
     opening."""
+    geoms: list[str] = []
+    for wall in maze.walls:
+        geoms += _wall(wall, maze.wall_height, settings)
+    geoms += [_across(maze, wall, settings) for wall in maze.radial_walls]
+    geoms += [_plug(maze, opening) for opening in maze.openings]
+    return _document(maze, settings, geoms)
+
+
+def bare_mjcf(maze: Maze, settings: SimulatedSettings) -> str:
+    """The same with nothing on the floor but the ball."""
+    return _document(maze, settings, [])
+
+
+def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
+    """MJCF text: boxes stand on the plate's floor."""
     wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
     kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
     x, y = math.radians(settings.table_x_deg), math.radians(settings.table_y_deg)
@@ -42,11 +57,7 @@ def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
     timestep = 1.0 / (settings.rate_hz * SUBSTEPS)
     half = maze.walls[0].outer_radius + 0.01
     floor = f'friction="{settings.floor_friction} {TORSIONAL} {settings.rolling_friction_m}"'
-    geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>']
-    for wall in maze.walls:
-        geoms += _wall(wall, maze.wall_height, settings)
-    geoms += [_across(maze, wall, settings) for wall in maze.radial_walls]
-    geoms += [_plug(maze, opening) for opening in maze.openings]
+    geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>', *boxes]
     radius, mass = maze.ball.radius, maze.ball.mass
     inertia = ""  # MuJoCo's own, of a solid sphere
     if settings.ball_inertia != SOLID:
