@@ -2,8 +2,9 @@
 
     python tools/bench_campaign.py [--quick] [--runs 1000]
 
-One worker (in this process), two processes and two workers of Dask do the same runs in turn, a block each, so that
-whatever else the machine is doing slows all of them. All are warm before the first block; what that takes stands apart.
+One worker (in this process), two processes and two workers of Dask do the same runs in turn, a block each, another one of
+them first each time, so that whatever else the machine is doing slows all of them. All are warm before the first block;
+what that takes stands apart.
 """
 
 from __future__ import annotations
@@ -59,7 +60,8 @@ def campaign_section(quick: bool, runs: int | None = None) -> list[str]:
             ways[name] = _warm(stack, *asked)
             print(f"{name}: warm after {ways[name].warm:.1f} s", file=sys.stderr, flush=True)
         for first in range(0, count, size):
-            for name, way in ways.items():
+            turn = first // size % len(ways)
+            for name, way in [*ways.items()][turn:] + [*ways.items()][:turn]:
                 _block(way, range(first, min(first + size, count)), folder / name)
                 print(f"{name}: {first + size} runs, {way.blocks[-1]:.1f} s", file=sys.stderr, flush=True)
         empty = {name: _empty(ways[name].executor) for name in (TWO, DASK)}

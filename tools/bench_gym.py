@@ -136,7 +136,7 @@ def toy(maze: object, segments: int | None = None) -> SimulatedSettings:
 
 def gym_section(quick: bool) -> list[str]:
     """Steps a second, cost of walls, and what cheaper walls change."""
-    seconds, maze = (0.5 if quick else 4.0), load_map("cme")
+    seconds, maze = (0.5 if quick else 8.0), load_map("cme")
     rows = [
         "## Gymnasium environment",
         "",
@@ -148,7 +148,7 @@ def gym_section(quick: bool) -> list[str]:
     ]
     best = 0.0
     for number in SIZES[:3] if quick else SIZES:
-        one, two = rate(number, 1, seconds), rate(number, 2, seconds)
+        one, two = (rate(number, threads, seconds) for threads in (1, 2))
         best = max(best, two)
         rows.append(f"| {number} | {one:,.0f} | {two:,.0f} | {two / one:.2f} |")
     pixels = rate(4, 2, seconds, observation="pixels")

@@ -1,8 +1,9 @@
 """Work on the workers of a Dask scheduler. The only file that imports dask and distributed.
 
-Two tasks for each worker are with the scheduler at any time: workers never wait, and little has to be called back when
-it ends. Dask does the tasks of a dead worker again elsewhere, until too many workers died of one;
-since others that waited at the same workers come under suspicion, too, each of these is then tried once more alone.
+Short tasks travel some at a time. Two such lots for each worker are with the scheduler at any time: workers never wait,
+and little has to be called back when it ends. Dask does the tasks of a dead worker again elsewhere, until too many
+workers died of one; since others that waited at the same workers come under suspicion, too, each of these is then tried
+once more alone.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from time import monotonic
+from time import monotonic, perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.campaign.executor import LOCAL, MOST_DEATHS, Executor, Lost, Result, Value, Words
@@ -36,7 +37,8 @@ WORKERS_S = 10.0  # s until the first worker must have come
 ALONE_S = 60.0  # s without any worker after which nobody waits any more
 POLL_S = 1.0  # s after which waiting looks whether there is still anybody
 COUNT_S = 2.0  # s after which workers are counted again
-AT_EACH = 2  # tasks at a worker: one that is done, and the next
+AT_EACH = 2  # at a worker: what is done, and what comes next
+TOGETHER_S = 1.0  # s of work that are sent as one; what is kept as it ends is at most so much later there
 LARGE = 1 << 30  # bytes; files of a user may be larger than what Dask warns of
 _one_at_a_time = threading.Lock()  # a run takes its process for itself
 
@@ -87,6 +89,7 @@ def _settings() -> Any:
             # of workers of one's own: to look at them a hundred times a second takes a tenth of their time
             "distributed.worker.profile.enabled": False,
             "distributed.admin.tick.interval": "1s",
+            "distributed.worker.memory.monitor-interval": "1s",
         }
     )
 
@@ -183,6 +186,7 @@ class Dask:
     def __init__(self, client: Client, address: str) -> None:
         self._client, self._address = client, address
         self._workers, self._counted, self._alone_since = 1, -math.inf, math.inf
+        self._typical_s = TOGETHER_S  # of a task
 
     def share(self, value: Value) -> Value:
         """As a task that returns it: where it dies with its worker, the scheduler has it returned once more."""
@@ -207,16 +211,17 @@ class Dask:
     ) -> Iterator[tuple[int, Result | Lost]]:
         arrived: queue.SimpleQueue[Future] = queue.SimpleQueue()
         waiting, name = deque(which), uuid.uuid4().hex[:8]
-        running: dict[Any, tuple[int, Future]] = {}
+        running: dict[Any, tuple[list[int], Future]] = {}
         try:
             while waiting or running:
                 self._count()
                 while waiting and len(running) < AT_EACH * max(self._workers, 1):
-                    index = waiting.popleft()
-                    key = f"run-{name}-{index}"
-                    future = self._client.submit(_do, work, dict(program()), *tasks[index], key=key, pure=False)
+                    some = [waiting.popleft() for _ in range(self._together(len(waiting)))]
+                    key = f"run-{name}-{some[0]}"
+                    given = [tasks[index] for index in some]
+                    future = self._client.submit(_do, work, dict(program()), given, key=key, pure=False)
                     future.add_done_callback(arrived.put)
-                    running[key] = (index, future)
+                    running[key] = (some, future)
                 try:
                     future = arrived.get(timeout=POLL_S)
                 except queue.Empty:
@@ -224,27 +229,35 @@ class Dask:
                 if future.status in ("pending", "lost"):  # its result died with its worker before it was fetched
                     future.add_done_callback(arrived.put)
                     continue
-                index, _ = running.pop(future.key)
-                yield index, self._outcome(future)
+                some, _ = running.pop(future.key)
+                yield from zip(some, self._outcomes(future, len(some)), strict=True)
         finally:
             if running and self._client.status == "running":
                 with suppress(Exception):  # whatever is the matter with the scheduler, something else is being told
                     self._client.cancel([future for _, future in running.values()], force=True)
 
-    def _outcome(self, future: Future) -> Any:
-        """What a task returned. Raises what it raised, and RigError where the scheduler does not know it any more."""
+    def _together(self, waiting: int) -> int:
+        """How many that wait are to be sent as one: a scheduler has some ms to do with each. So many that they take
+        TOGETHER_S, as far as is known, and at the end so few that all workers end at about the same time."""
+        fair = waiting // (2 * AT_EACH * max(self._workers, 1))
+        return max(1, min(int(TOGETHER_S / self._typical_s), fair))
+
+    def _outcomes(self, future: Future, number: int) -> list[Any]:
+        """What tasks returned. Raises what one raised, and RigError where the scheduler does not know them any more."""
         from distributed import KilledWorker
 
         try:
-            return future.result()
+            seconds, results = future.result()
         except KilledWorker as killed:
-            return Lost(killed.allowed_failures + 1)
+            return [Lost(killed.allowed_failures + 1)] * number
         except CancelledError:
             raise self._lost() from None
         except OSError:  # of the way there, or of the work
             if future.status == "error":
                 raise
             raise self._lost() from None
+        self._typical_s = max(seconds / number, 1e-3)
+        return results
 
     def _count(self) -> None:
         """How many workers there are, now and then. Raises RigError when there were none for too long."""
@@ -270,9 +283,13 @@ def _itself(value: Any) -> Any:
     return value
 
 
-def _do(work: Callable[..., Any], expected: Mapping[str, str], *task: Any) -> Any:
-    """A task, on a worker; workers that came later are asked here what they are."""
+def _do(
+    work: Callable[..., Any], expected: Mapping[str, str], tasks: Sequence[tuple[Any, ...]]
+) -> tuple[float, list[Any]]:
+    """Some tasks, on a worker, and how long they took, s; workers that came later are asked here what they are."""
     if other := unlike(expected, program()):
         raise InputError(f"--dask: worker {platform.node()}:{os.getpid()} would not compute the same: it has {other}")
     with _one_at_a_time, one_thread():
-        return work(*task)
+        began = perf_counter()
+        results = [work(*task) for task in tasks]
+        return perf_counter() - began, results

@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -25,14 +26,23 @@ from mazeplan.campaign.executor import MOST_DEATHS, Executor, InProcess, Lost, R
 WAKE_S = 1.0  # s after which waiting looks up, for systems whose waits no signal ends
 GRACE_S = 3.0  # s that a worker has to level its plate when it is told to stop
 INTERRUPT = {signal.SIGINT}
+_found: list[tuple[int, ThreadpoolController]] = []  # number of modules, and what was found then
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Linear algebra in one thread: so many workers' threads would fight over the cores, and sums that are split among
     threads differ in their last bits."""
-    with ThreadpoolController().limit(limits=1):
+    with _thread_pools().limit(limits=1):
         yield
+
+
+def _thread_pools() -> ThreadpoolController:
+    """Those of the libraries that are loaded by now; to look for them takes a while."""
+    modules = len(sys.modules)
+    if not _found or _found[0][0] != modules:
+        _found[:] = [(modules, ThreadpoolController())]
+    return _found[0][1]
 
 
 @contextmanager
