@@ -2,9 +2,9 @@
 
     python tools/bench_campaign.py [--quick] [--runs 1000]
 
-One worker (in this process), two processes and two workers of Dask do the same runs in turn, a block each, another one of
-them first each time, so that whatever else the machine is doing slows all of them. All are warm before the first block;
-what that takes stands apart.
+One worker (in this process), two processes and two workers of Dask do the same runs in turn, a block each, another one
+of them first each time, so that whatever else the machine is doing slows all of them. All are warm before the first
+block; what that takes stands apart.
 """
 
 from __future__ import annotations
