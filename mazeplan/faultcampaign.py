@@ -8,7 +8,7 @@ or beyond the tilt limit, an end without a reason, and a plate that is not level
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import monotonic
@@ -19,6 +19,8 @@ import numpy as np
 from mazeplan.attempt import attempt_job
 from mazeplan.campaign.executor import Executor, Lost, each, open_executor
 from mazeplan.campaign.parcel import Parcel, packed, unpacked, without_site
+from mazeplan.campaign.store import Store
+from mazeplan.campaign.work import Ran, here, measured
 from mazeplan.errors import RigError
 from mazeplan.evaluate import Campaign, check, job_of, process_ended, rig_failed, setup_of
 from mazeplan.goals import Goals
@@ -59,6 +61,23 @@ class Outcome:
             "wrong": list(self.wrong),
         }
 
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any], trial: Trial) -> Outcome:
+        """What `to_json` made of a run of a trial."""
+        plain = dict(document)
+        told, noticed_s, noticed_as, wrong = (plain.pop(key) for key in ("faults", "noticed_s", "noticed_as", "wrong"))
+        result = NavigationResult.from_json(plain)
+        faults = tuple(drawn for drawn in trial.draw(result.seed) if drawn.to_json() in told)
+        return cls(result, faults, noticed_s, noticed_as, tuple(wrong))
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An outcome, and what a run took, as `campaign.work.Ran` has it."""
+
+    outcome: Outcome
+    ran: Ran
+
 
 def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
     """Run number `index` of a trial, from nothing: the same wherever it is done."""
@@ -88,16 +107,18 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
             rig.close()
 
 
-def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: Trial, index: int) -> Outcome:
+def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: Trial, index: int) -> Tried:
     """The same of a campaign whose files are in a parcel."""
-    outcome = run_trial(unpacked(parcel, campaign), trial, index)
-    return replace(outcome, result=without_site(outcome.result))
+    outcome, wall_s, cpu_s = measured(lambda: run_trial(unpacked(parcel, campaign), trial, index))
+    outcome = replace(outcome, result=without_site(outcome.result))
+    return Tried(outcome, Ran(outcome.result, wall_s, cpu_s, here()))
 
 
-def _lost(campaign: Campaign, trial: Trial, index: int, lost: Lost) -> Outcome:
+def _lost(campaign: Campaign, trial: Trial, index: int, lost: Lost) -> Tried:
     """The outcome of a run that ended its process."""
     result = process_ended(campaign, index, lost)
-    return Outcome(result, (), None, "", (f"{trial.name}: {result.failures[0].detail}",))
+    outcome = Outcome(result, (), None, "", (f"{trial.name}: {result.failures[0].detail}",))
+    return Tried(outcome, Ran(result, 0.0, 0.0, ""))
 
 
 def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
@@ -134,24 +155,35 @@ def evaluate_faults(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
     executor: Executor | None = None,
+    stores: Sequence[Store] = (),
 ) -> list[list[Outcome]]:
     """All outcomes of `campaign.runs` runs of each trial, in their order; `progress(finished)` is called after each.
-    executor: as of `evaluate.evaluate`."""
+    executor, stores (one a trial, or none): as of `evaluate.evaluate`."""
     if executor is None:
         with open_executor(workers) as own:
-            return evaluate_faults(campaign, trials, progress=progress, executor=own)
-    parcel = Parcel()
-    if executor.apart:
-        parcel, campaign = packed(campaign), replace(campaign, own_process=True)
+            return evaluate_faults(campaign, trials, progress=progress, executor=own, stores=stores)
+    every = [(t, k) for t in range(len(trials)) for k in range(campaign.runs)]
+    done = {
+        (t, k): Outcome.from_json(store.documents[k], trials[t])
+        for t, store in enumerate(stores)
+        for k in range(campaign.runs)
+        if k in store.documents
+    }
+    missing = [place for place in every if place not in done]
+    parcel = stores[0].parcel if stores else packed(campaign) if executor.apart else Parcel()
+    if missing and executor.apart:
+        campaign = replace(campaign, own_process=True)
         check(campaign)
-    shared = executor.share(parcel)
-    tasks = [(shared, campaign, trial, index) for trial in trials for index in range(campaign.runs)]
-    done: dict[int, Outcome] = {}
-    for index, outcome in each(run_packed_trial, tasks, executor, lambda k, lost: _lost(*tasks[k][1:], lost)):
-        done[index] = outcome
+    shared = executor.share(parcel) if missing else parcel
+    tasks = [(shared, campaign, trials[t], k) for t, k in missing]
+    for number, tried in each(run_packed_trial, tasks, executor, lambda n, lost: _lost(*tasks[n][1:], lost)):
+        t, k = missing[number]
+        done[t, k] = tried.outcome
+        if stores:
+            stores[t].keep(k, tried.ran, tried.outcome.to_json())
         if progress is not None:
             progress(len(done))
-    return [[done[t * campaign.runs + k] for k in range(campaign.runs)] for t in range(len(trials))]
+    return [[done[t, k] for k in range(campaign.runs)] for t in range(len(trials))]
 
 
 def report(trial: Trial, outcomes: Sequence[Outcome]) -> dict[str, Any]:

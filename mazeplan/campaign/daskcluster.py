@@ -19,12 +19,13 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from time import monotonic, perf_counter
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.campaign.executor import LOCAL, MOST_DEATHS, Executor, Lost, Result, Value, Words
 from mazeplan.campaign.processes import interrupts_held, one_thread
 from mazeplan.campaign.program import program, unlike
+from mazeplan.campaign.work import measured
 from mazeplan.errors import InputError, RigError
 from mazeplan.resources import to_install
 
@@ -290,6 +291,5 @@ def _do(
     if other := unlike(expected, program()):
         raise InputError(f"--dask: worker {platform.node()}:{os.getpid()} would not compute the same: it has {other}")
     with _one_at_a_time, one_thread():
-        began = perf_counter()
-        results = [work(*task) for task in tasks]
-        return perf_counter() - began, results
+        results, wall_s, _ = measured(lambda: [work(*task) for task in tasks])
+        return wall_s, results

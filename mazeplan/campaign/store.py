@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -42,9 +42,9 @@ def columns() -> Any:
         {
             "campaign": text, "index": pa.int32(), "seed": pa.int64(), "rig": text, "map": text, "model": text,
             "behavior": text, "start_ring": pa.int16(), "start_theta": number, "goal_ring": pa.int16(),
-            "time_limit_s": number, "success": pa.bool_(), "reason": text, "time_s": number, "replans": pa.int32(),
-            "failures": words, "recoveries": words, "rings": pa.list_(pa.int16()), "ring_s": pa.list_(number),
-            "openings": words, **{f"planner_ms_{key}": number for key in SPREADS},
+            "time_limit_s": number, "fault": text, "success": pa.bool_(), "reason": text, "time_s": number,
+            "replans": pa.int32(), "failures": words, "recoveries": words, "rings": pa.list_(pa.int16()),
+            "ring_s": pa.list_(number), "openings": words, **{f"planner_ms_{key}": number for key in SPREADS},
             **{f"tick_ms_{key}": number for key in SPREADS}, "wall_s": number, "cpu_s": number, "host": text,
             "ended": pa.timestamp("ms", tz="UTC"), "version": text, "settings": text, "setup": text, "result": text,
         }
@@ -52,7 +52,8 @@ def columns() -> Any:
 
 
 class Store:
-    """The runs of one campaign in a folder. results: {number of the run: its result} of those that are there."""
+    """The runs of one campaign in a folder. documents: {number of the run: its result as JSON has it} of those that are
+    there; results: the same as results."""
 
     def __init__(self, folder: Path, campaign: Campaign, parcel: Parcel, setup: Mapping[str, Any]) -> None:
         self._columns = columns()
@@ -65,11 +66,16 @@ class Store:
             "campaign": self.name, "rig": rig_label(campaign.rig), "map": Path(campaign.map).stem,
             "model": "nominal" if model is None else Path(model).name, "behavior": Path(campaign.behavior).stem,
             "start_ring": setup["start_ring"], "goal_ring": setup["goal_ring"],
-            "time_limit_s": campaign.time_limit, "version": setup["program"]["mazeplan"],
-            "settings": json.dumps(setup["settings"]), "setup": self._text,
+            "time_limit_s": campaign.time_limit, "fault": (setup["fault"] or {}).get("name"),
+            "version": setup["program"]["mazeplan"], "settings": json.dumps(setup["settings"]), "setup": self._text,
         }  # fmt: skip
-        self.results: dict[int, NavigationResult] = {}
+        self.documents: dict[int, dict[str, Any]] = {}
         self._read()
+
+    @property
+    def results(self) -> dict[int, NavigationResult]:
+        """Of the runs that are there."""
+        return {index: NavigationResult.from_json(document) for index, document in self.documents.items()}
 
     @property
     def whole(self) -> Path:
@@ -85,24 +91,25 @@ class Store:
             table = _table(path)
             if table.schema != self._columns:
                 raise InputError("got other columns than this program writes, expected another folder", file=path)
-            fresh = [number not in self.results for number in table["index"].to_pylist()]
+            fresh = [number not in self.documents for number in table["index"].to_pylist()]
             table = table.filter(pa.array(fresh, pa.bool_()))  # twice where the last command was killed at its very end
             for number, text in zip(table["index"].to_pylist(), table["result"].to_pylist(), strict=True):
-                self.results[number] = NavigationResult.from_json(json.loads(text))
+                self.documents[number] = json.loads(text)
             self._rows.append(table)
             self._single += [path] if path != self.whole else []
 
-    def keep(self, index: int, ran: Ran) -> None:
-        """Keep a run, now."""
+    def keep(self, index: int, ran: Ran, document: dict[str, Any] | None = None) -> None:
+        """Keep a run, now. document: in the place of its result's own, with more in it."""
         import pyarrow as pa
 
-        row = {**self._same, **row_of(index, ran)}
+        document = ran.result.to_json() if document is None else document
+        row = {**self._same, **row_of(index, ran), "result": json.dumps(document)}
         table = pa.Table.from_pylist([row], schema=self._columns)
         path = self.folder / f"campaign-{self.name}.run-{index:08d}.parquet"
         self._write(table, path)
         self._rows.append(table)
         self._single.append(path)
-        self.results[index] = ran.result
+        self.documents[index] = document
         if len(self._single) >= TOGETHER:
             self.put_together()
 
@@ -131,12 +138,12 @@ class Store:
         finally:
             beside.unlink(missing_ok=True)
 
-    def others(self) -> list[str]:
-        """A line for each other campaign in the folder, and in what it differs."""
+    def others(self, known: Iterable[str] = ()) -> list[str]:
+        """A line for each other campaign in the folder but those of known names, and in what it differs."""
         found: dict[str, Path] = {}
         for path in sorted(self.folder.glob("campaign-*.parquet")):
             name = path.name.split(".")[0].removeprefix("campaign-")
-            if name != self.name:
+            if name not in {self.name, *known}:
                 found.setdefault(name, path)
         return [f"{name} (other {difference(self._setup, _setup_in(path))})" for name, path in found.items()]
 
@@ -163,7 +170,6 @@ def row_of(index: int, ran: Ran) -> dict[str, Any]:
         "cpu_s": ran.cpu_s,
         "host": ran.host,
         "ended": datetime.now(UTC),
-        "result": json.dumps(result.to_json()),
     }
 
 
@@ -190,19 +196,30 @@ def _setup_in(path: Path) -> Mapping[str, Any]:
 def open_store(folder: Path, campaign: Campaign) -> Iterator[Store]:
     """The runs of a campaign in a folder, which is made; for one process at a time. Whatever happens, the runs are one
     file afterwards. Raises InputError for a folder that cannot be used, or a campaign that is under way."""
+    with open_stores(folder, campaign, [None]) as (store,):
+        yield store
+
+
+@contextmanager
+def open_stores(
+    folder: Path, campaign: Campaign, faults: Sequence[Mapping[str, Any] | None]
+) -> Iterator[tuple[Store, ...]]:
+    """The same for runs with faults, each a campaign of its own; faults: documents with the `name` of what goes
+    wrong, None: nothing."""
     columns()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise InputError(f"--store: got {folder}: {problem.strerror}; expected a folder that can be made") from None
     parcel = packed(campaign)
-    setup = identity(campaign, parcel)
-    with _alone(folder / f".campaign-{digest_of(setup)}.lock"):
-        store = Store(folder, campaign, parcel, setup)
-        try:
-            yield store
-        finally:
-            store.put_together()
+    setups = [{**identity(campaign, parcel), "fault": fault} for fault in faults]
+    with ExitStack() as stack:
+        stores = []
+        for setup in setups:
+            stack.enter_context(_alone(folder / f".campaign-{digest_of(setup)}.lock"))
+            stores.append(Store(folder, campaign, parcel, setup))
+            stack.callback(stores[-1].put_together)
+        yield tuple(stores)
 
 
 @contextmanager

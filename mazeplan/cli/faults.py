@@ -9,23 +9,22 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.cli.output import print_json
 
 if TYPE_CHECKING:
-    from mazeplan.campaign.executor import Executor
     from mazeplan.evaluate import Campaign
 
 
 def evaluate_faulty(
-    campaign: Campaign, faults: str, executor: Executor, as_json: bool, page: Path | None = None
-) -> int:
+    campaign: Campaign, faults: str, workers: int | None, dask: str | None, folder: Path | None,
+    as_json: bool, page: Path | None = None,
+) -> int:  # fmt: skip
     """Do it and print it, and write a report into `page`; the exit status: 0 when every run ended as it should."""
-    from mazeplan.cli.progress import campaign_progress
+    from mazeplan.cli.campaign import evaluate_all_faults
     from mazeplan.cli.report import write_report
     from mazeplan.evaluate import setup_document, summary
-    from mazeplan.faultcampaign import evaluate_faults, good, report
+    from mazeplan.faultcampaign import good, report
     from mazeplan.rigs.faultschedule import every_kind, load_schedule
 
     trials = every_kind() if faults == "all" else load_schedule(faults)
-    with campaign_progress(campaign.runs * len(trials)) as advance:
-        outcomes = evaluate_faults(campaign, trials, executor=executor, progress=advance)
+    outcomes = evaluate_all_faults(campaign, trials, workers, dask, folder)
     rows = [report(trial, of_it) for trial, of_it in zip(trials, outcomes, strict=True)]
     document = summary([outcome.result for outcome in chain(*outcomes)])
     document["results"] = [outcome.to_json() for outcome in chain(*outcomes)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.cli.arguments import BehaviorModule
-from mazeplan.cli.campaign import DaskAddress, NoDeadline, StoreFolder, Workers, evaluate_all, faults_executor
+from mazeplan.cli.campaign import DaskAddress, NoDeadline, StoreFolder, Workers, evaluate_all
 from mazeplan.cli.learning import Kept, Learn, check_learning, evaluate_learning, navigate_learning
 from mazeplan.cli.output import print_json, say
 from mazeplan.cli.viewoptions import HOST, PORT, Host, PagePort
@@ -162,8 +162,7 @@ def evaluate(
     if faults is not None:
         from mazeplan.cli.faults import evaluate_faulty
 
-        with faults_executor(workers, dask, store) as executor:
-            sys.exit(evaluate_faulty(campaign, faults, executor, as_json, report))
+        sys.exit(evaluate_faulty(campaign, faults, workers, dask, store, as_json, report))
     taught: dict[str, Any] = {}
     if learn:
         outcomes, taught["learning"] = evaluate_learning(campaign, output)

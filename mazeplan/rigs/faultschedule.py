@@ -97,6 +97,10 @@ class Trial:
         """Of its faults."""
         return tuple(KINDS[entry.kind] for entry in self.entries)
 
+    def to_json(self) -> dict[str, Any]:
+        """All that determines it."""
+        return {"name": self.name, "entries": [entry.model_dump() for entry in self.entries]}
+
     def draw(self, seed: int) -> tuple[Drawn, ...]:
         """The faults of the run with this seed: other seeds, other moments, lengths and sizes."""
         return tuple(_drawn(entry, seed, number) for number, entry in enumerate(self.entries))

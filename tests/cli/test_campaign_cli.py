@@ -109,7 +109,6 @@ def test_another_campaign_in_the_folder_is_said_in_one_line(tmp_path, monkeypatc
     [
         (("--dask", "nowhere"), "--dask: got 'nowhere', expected local or an address such as tcp://scheduler:8786"),
         (("--dask", "tcp://h:1", "--workers", "2"), "--workers: got 2 with --dask tcp://h:1"),
-        (("--store", "folder", "--faults", "all"), "--store: got folder with --faults, whose runs are not kept"),
         (("--store", "file"), "--store: got file: File exists; expected a folder that can be made"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import pandas as pd
 import pytest
 from commands import call
 
@@ -91,3 +92,44 @@ def test_a_rig_in_which_nothing_can_be_broken(monkeypatch, capsys, tmp_path):
     code, _, err = call(monkeypatch, capsys, "evaluate", "--rig", "planar_rig:PlanarRig", "--faults", path)
     assert code == 2
     assert "mazeplan: ball_stuck: this rig has no `inject`; a simulated rig has" in err.splitlines()
+
+
+def test_runs_with_faults_are_kept_and_not_done_again(monkeypatch, capsys, few, tmp_path):
+    arguments = ("evaluate", "--rig", "ideal", "--from", "ring3", "--faults", few, "--json", "--no-deadline")
+    kept = ("--store", tmp_path / "kept")
+    code, out, err = call(monkeypatch, capsys, *arguments, "--runs", "1", *kept)
+    assert (code, "already" in err) == (0, False)
+    first = json.loads(out)
+    monkeypatch.setattr("mazeplan.faultcampaign.run_trial", lambda *task: pytest.fail("was there already"))
+    code, out, err = call(monkeypatch, capsys, *arguments, "--runs", "1", *kept)
+    assert code == 0
+    assert f"2 of 2 runs are in {tmp_path / 'kept'} already" in err
+    assert json.loads(out) == first  # times of the processor, too: they are those of then
+    monkeypatch.undo()
+    few.write_text(FEW + "  - {kind: ball_pushed, at_s: 0.3}\n")  # one more, and one run more of each
+    code, out, err = call(monkeypatch, capsys, *arguments, "--runs", "2", *kept)
+    assert code == 0
+    assert "2 of 6 runs are in" in err
+    more = json.loads(out)
+    assert [more["results"][k] for k in (0, 2)] == first["results"]
+    assert {row["fault"]: row["runs"] for row in more["faults"]} == {
+        "opening_closed": 2,
+        "cable out": 2,
+        "ball_pushed": 2,
+    }
+
+
+def test_each_fault_is_a_campaign_of_its_own_in_the_folder(monkeypatch, capsys, few, tmp_path):
+    folder = tmp_path / "kept"
+    plain = ("evaluate", "--rig", "ideal", "--from", "ring3", "--runs", "1", "--store", folder)
+    assert call(monkeypatch, capsys, *plain)[0] == 0
+    code, _, err = call(monkeypatch, capsys, *plain, "--faults", few)
+    assert code == 0
+    assert err.count("another campaign") == 1
+    assert "(other fault)" in err
+    table = pd.read_parquet(folder)
+    assert sorted(table["fault"].fillna("-")) == ["-", "cable out", "opening_closed"]
+    assert table["campaign"].nunique() == 3
+    by = table.set_index("fault")
+    assert by.loc["cable out", "reason"] == "rig_failed"
+    assert json.loads(by.loc["opening_closed", "result"])["noticed_as"] == "opening_closed"
