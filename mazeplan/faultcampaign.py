@@ -19,6 +19,7 @@ import numpy as np
 from mazeplan.attempt import attempt_job
 from mazeplan.campaign.executor import Executor, Lost, each, open_executor
 from mazeplan.campaign.parcel import Parcel, packed, unpacked, without_site
+from mazeplan.campaign.single import collect
 from mazeplan.campaign.store import Store
 from mazeplan.campaign.work import Ran, here, measured
 from mazeplan.errors import RigError
@@ -105,6 +106,7 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
     finally:
         with suppress(RigError):
             rig.close()
+        collect()
 
 
 def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: Trial, index: int) -> Tried:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import count
 
 from mazeplan.attempt import attempt_job
 from mazeplan.choices import model_from, model_source, ring_number
@@ -23,7 +25,9 @@ from mazeplan.rigs.watchdog import watched
 from mazeplan.settings import load_settings
 
 FIXED_STARTS = 16
+COLLECT = 16  # runs
 NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
+_runs = count(1)
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,14 @@ def run_one(
     finally:
         with suppress(RigError):  # what matters has been said
             rig.close()
+        collect()
+
+
+def collect() -> None:
+    """Have the collector look at everything, after every so many runs of this process: the parts of a run know one
+    another, and by itself it would come when there are a GB of them."""
+    if next(_runs) % COLLECT == 0:
+        gc.collect()
 
 
 def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:

@@ -44,7 +44,7 @@ class World(Protocol):
 
 
 class RigRow:
-    """Any rigs, one after another. Raises SettingsError where their rates differ."""
+    """Any rigs of one kind, one after another."""
 
     def __init__(self, rigs: Sequence[Rig]) -> None:
         self._rigs, self.rate_hz = list(rigs), rigs[0].rate_hz

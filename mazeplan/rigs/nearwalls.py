@@ -147,7 +147,7 @@ def near_walls(maze: Maze, settings: SimulatedSettings) -> NearWalls:
     return _of_settings(maze, settings)  # pyright: ignore[reportArgumentType] frozen, so pydantic gives them a hash
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def _of_settings(maze: Maze, settings: SimulatedSettings) -> NearWalls:
     """The text takes 10 ms to write."""
     return _shared(mjcf(maze, settings), bare_mjcf(maze, settings), maze)

@@ -1,15 +1,20 @@
 """What runs of one process share, and what they must not."""
 
+import gc
 import shutil
+import weakref
+from dataclasses import replace
 
 import numpy as np
 
-from mazeplan.campaign.single import Campaign, job_of, setup_of
+from mazeplan.campaign.single import COLLECT, Campaign, job_of, run_one, setup_of
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models import fast_gp
 from mazeplan.models.modelfile import PACKAGED
+from mazeplan.run import Run
 
 MAZE = load_map("cme")
+SHORT = Campaign(1, "ideal", start=5, goal=5, time_limit=0.1, deadline=False)
 
 
 def test_a_model_is_read_once_and_again_when_it_was_edited(tmp_path):
@@ -30,6 +35,23 @@ def test_what_a_planner_writes_into_its_packed_process_is_its_own():
     mine, before = fast_gp.pack(process), fast_gp.pack(process)
     mine[:] = np.nan
     np.testing.assert_array_equal(fast_gp.pack(process), before)
+
+
+def test_a_long_campaign_keeps_nothing_of_its_runs(monkeypatch):
+    """The collector by itself would not come: it is switched off here."""
+    kept = []
+    monkeypatch.setattr(
+        "mazeplan.attempt.Run", lambda *given, **more: kept.append(weakref.ref(run := Run(*given, **more))) or run
+    )
+    campaign = replace(SHORT, runs=2 * COLLECT)
+    gc.disable()
+    try:
+        for index in range(campaign.runs):
+            run_one(campaign, index)
+    finally:
+        gc.enable()
+    assert len(kept) == 2 * COLLECT
+    assert sum(ref() is not None for ref in kept) < COLLECT
 
 
 def test_runs_differ_in_seed_and_start_only():
