@@ -1,11 +1,15 @@
 """Soft actor-critic (Stable-Baselines3) learns to bring the ball to the centre, from nothing.
 
     pip install stable-baselines3
-    python examples/sac.py --from 4 --steps 200000
+    python examples/sac.py --from 4 --steps 60000
 
-Before and after, the policy plays the same episodes without exploring. It is an example of how a learner is connected,
-not a tuned one: in a trial from ring 4 on the rig `toy`, 10,000 steps raised the mean return from -8.7 to -7.9, and the
-ball did not arrive yet.
+Before and after, the policy plays the same episodes without exploring. From ring 4 on the rig `toy` 60,000 steps (9
+minutes on two busy cores) took it from 0 of 10 arrived to 10 of 10, in 1.7 s of the rig's time (seed 0); the planner of
+`navigate` takes 1.1 s. From ring 1 it takes far more: nothing here is tuned.
+
+The reward is shaped with discount 1, so that what a step is worth is the time to the goal that it saves, and it is
+scaled. With the learner's own discount standing still costs a little everywhere, most beside the goal: so shaped, and
+not scaled, 60,000 steps did not bring the ball in once.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ try:
     from stable_baselines3 import SAC
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.env_util import make_vec_env
-    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
     import mazeplan.environment as room
 except ImportError as missing:
@@ -50,16 +54,17 @@ def trial(model: BaseAlgorithm, env: VecEnv) -> str:
 def main() -> None:
     """Train and try."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--steps", type=int, default=100_000, help="samples of experience; 30 are a second of the rig")
+    parser.add_argument("--steps", type=int, default=60_000, help="samples of experience; 30 are a second of the rig")
     parser.add_argument("--from", dest="start", default="any", help="ring to start in, or any")
     parser.add_argument("--rig", default="toy")
-    parser.add_argument("--discount", type=float, default=0.98, help="of the learner, and of the shaped reward")
+    parser.add_argument("--discount", type=float, default=0.98, help="of the learner")
     parser.add_argument("--environments", type=int, default=4, help="that gather experience side by side")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, help="file for the policy, .zip")
     given = parser.parse_args()
-    options = {"rig": given.rig, "reward": "dense", "start_ring": given.start, "discount": given.discount}
+    options = {"rig": given.rig, "reward": "dense", "start_ring": given.start, "discount": 1.0}
     env = make_vec_env(room.ID, given.environments, seed=given.seed, env_kwargs=options)
+    env = VecNormalize(env, norm_obs=False, norm_reward=True, gamma=given.discount)  # all of an episode's is below 1
     alone = make_vec_env(room.ID, 1, env_kwargs=options)
     model = SAC(
         "MlpPolicy", env, gamma=given.discount, seed=given.seed, learning_starts=1000, batch_size=128,
