@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tempfile
 import time
 from pathlib import Path
 
@@ -19,6 +20,11 @@ def deadly(times: int, notes: str, x: int) -> int:
     if Path(notes).read_text(encoding="utf-8").count(f"{x} ") <= times:
         os.kill(os.getpid(), signal.SIGKILL)
     return x
+
+
+def leave_something() -> str:
+    """A temporary folder that nobody clears away."""
+    return tempfile.mkdtemp()
 
 
 def refuse(x: int) -> int:

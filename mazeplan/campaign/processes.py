@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +19,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from multiprocessing import connection, resource_tracker
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -80,6 +83,7 @@ class Processes:
 
     def __init__(self, workers: int) -> None:
         self._pools: list[ProcessPoolExecutor | None] = [None] * workers
+        self._folder: TemporaryDirectory[str] | None = None  # for what workers unpack: they are ended too fast to tidy
         self._last: dict[int, Future[Any]] = {}
 
     def share(self, value: Value) -> Value:
@@ -130,7 +134,10 @@ class Processes:
             else:
                 self._last[number] = future
                 return future
-        pool = self._pools[number] = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
+        if self._folder is None:
+            self._folder = TemporaryDirectory(prefix="mazeplan-", ignore_cleanup_errors=True)
+        context, given = multiprocessing.get_context("spawn"), (self._folder.name,)
+        pool = self._pools[number] = ProcessPoolExecutor(1, context, _begin, given)
         with interrupts_held():
             future = self._last[number] = pool.submit(work, *task)
         return future
@@ -156,13 +163,17 @@ class Processes:
             process.kill()
         for process in processes:
             connection.wait([process.sentinel], GRACE_S)
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
 
 
-def _begin() -> None:
+def _begin(folder: str) -> None:
     """What a worker does first."""
+    tempfile.tempdir = folder
     ThreadpoolController().limit(limits=1)
     signal.signal(signal.SIGTERM, _end)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
 
 
 def _end(number: int, frame: Any) -> None:
@@ -170,10 +181,11 @@ def _end(number: int, frame: Any) -> None:
     raise SystemExit(128 + number)
 
 
-def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever."""
+def _end_with_parent(folder: str) -> None:
+    """A worker whose parent was killed would wait for work for ever, and nobody would clear the folder away."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         with suppress(OSError):
             parent.join()
+        shutil.rmtree(folder, ignore_errors=True)
         os._exit(1)

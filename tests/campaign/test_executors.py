@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaign_work import deadly, refuse, square, wait_long
+from campaign_work import deadly, leave_something, refuse, square, wait_long
 from soon import soon
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -118,3 +118,13 @@ def test_what_is_no_address_is_refused_at_once():
             open_executor(None, wrong),
         ):
             pass
+
+
+def test_what_workers_left_in_their_folder_goes_with_them():
+    with open_executor(2) as executor:
+        folders = {str(Path(made).parent) for _, made in executor.each(leave_something, [(), ()])}
+        assert all(Path(folder).is_dir() for folder in folders)
+        assert dict(executor.each(square, [(2.0,)])) == {0: 4.0}
+    (folder,) = folders
+    assert Path(folder).name.startswith("mazeplan-")
+    assert not Path(folder).exists()
