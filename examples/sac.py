@@ -27,7 +27,7 @@ try:
 
     import mazeplan.environment as room
 except ImportError as missing:
-    sys.exit(f"examples/sac.py needs {missing.name}: pip install stable-baselines3 'mazeplan[gym]'")
+    sys.exit(f"examples/sac.py needs {missing.name}: pip install stable-baselines3, and mazeplan with its extra gym")
 
 EPISODES = 10  # of a trial
 TRIAL_SEED = 10_000  # far from those of training

@@ -84,7 +84,7 @@ def show(
     found = _find(maze, start, goal, start_angle, close or [])[2] if with_route else None
     if with_route and found is None:
         _no_route(maze, start, goal)
-    save_drawing(maze, output, route=found, trail=None if log is None else _trail(log))
+    save_drawing(maze, output, route=found, trail=None if log is None else _trail(log, maze))
     say(f"wrote {output}")
 
 
@@ -116,13 +116,18 @@ def route(
     print(f"ring {last}: there, {found.expected_s:.2f} s expected")
 
 
-def _trail(log: Path) -> Array:
-    """Where the estimator saw the ball, (N, 3) of x, y in m and time in s; what the camera saw where there was none."""
+def _trail(log: Path, maze: Maze) -> Array:
+    """Where the estimator saw the ball, (N, 3) of x, y in m and time in s; what the camera saw where there was none.
+    A log of another map is told of."""
     import numpy as np
 
     from mazeplan.cli.progress import log_read
+    from mazeplan.maze.mapfile import dump_map
 
-    ticks = log_read(log).ticks
+    read = log_read(log)
+    ticks = read.ticks
+    if read.header.get("map", dump_map(maze)) != dump_map(maze):
+        say(f"{log} is of another map ({read.header.get('map_name')}); its trail is drawn on {maze.name} all the same")
     names = ("estimate_x", "estimate_y", "estimate_t") if "estimate_x" in ticks else ("x", "y", "t")
     return np.stack([ticks[name] for name in names], axis=1)
 

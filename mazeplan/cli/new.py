@@ -48,7 +48,9 @@ def rig(
         with target.open("x", encoding="utf-8") as stream:
             stream.write(filled(template, name))
     say(f"wrote {', '.join(map(str, targets.values()))}")
-    print(f"cd {folder} && pytest && mazeplan navigate --rig {name}.yaml")
+    if importlib.util.find_spec("pytest") is None:
+        say("its test needs pytest: pip install pytest")
+    print(f"cd {folder} && python -m pytest && mazeplan navigate --rig {name}.yaml")
 
 
 def filled(template: str, name: str) -> str:

@@ -37,6 +37,8 @@ def record(
     if output is not None:
         from mazeplan.cli.arguments import check_folder
 
+        if output.suffix != ".parquet":
+            raise InputError(f"-o: got {output}, expected a name that ends in .parquet")
         check_folder("-o", output.parent)
     from mazeplan.environment.record import Recording
     from mazeplan.environment.record import record as to_parquet

@@ -77,9 +77,14 @@ class Episodes:
     def step(self, rows: IntArray, actions: np.ndarray) -> tuple[np.ndarray, Verdict, dict[str, np.ndarray]]:
         """Observations, verdicts and info. actions: (len(rows), 2), -1 to 1; what is beyond counts as that. Raises
         ValueError for what is no number."""
-        if not np.all(np.isfinite(actions)):
-            raise ValueError(f"action: got {np.asarray(actions).tolist()}, expected numbers from -1 to 1")
-        commands = np.clip(np.asarray(actions, dtype=float), -1.0, 1.0) * self.maze.tilt_limit
+        try:
+            given = np.asarray(actions, dtype=float)
+        except (TypeError, ValueError):
+            given = np.array(math.nan)
+        if given.shape != (len(rows), 2) or not np.all(np.isfinite(given)):
+            what = actions.tolist() if isinstance(actions, np.ndarray) else actions
+            raise ValueError(f"action: got {what!r}, expected two numbers from -1 to 1 for each rig")
+        commands = np.clip(given, -1.0, 1.0) * self.maze.tilt_limit
         samples = self.world.step(rows, commands)
         self._senses.take(rows, samples, commands)
         verdict = self._judge.judge(rows)

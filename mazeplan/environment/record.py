@@ -234,6 +234,8 @@ def _table(number: int, episode: Episode, header: dict[str, Any]) -> Any:
 def load_episodes(path: str | Path) -> tuple[dict[str, Any], list[Episode]]:
     """The document and the episodes of a file that `record` wrote. Raises SettingsError for any other."""
     pq = _pyarrow()
+    if not Path(path).exists():
+        raise SettingsError("no such file", file=path)
     try:
         table = pq.read_table(path)
         header = json.loads((table.schema.metadata or {})[KEY])

@@ -34,6 +34,13 @@ class Task:
     size: int = 96
 
     def __post_init__(self) -> None:
+        for key in ("map", "rig"):
+            if not isinstance(getattr(self, key), str):
+                raise SettingsError(f"got {getattr(self, key)!r}, expected a name or a file", key=key)
+        for key, kinds in (("discount", int | float), ("size", int), ("start_angle_deg", int | float | None)):
+            if isinstance(value := getattr(self, key), bool) or not isinstance(value, kinds):
+                whole = "a whole number" if kinds is int else "a number"
+                raise SettingsError(f"got {value!r}, expected {whole}", key=key)
         for key, known in (("observation", OBSERVATIONS), ("reward", REWARDS)):
             if getattr(self, key) not in known:
                 raise SettingsError(f"got {getattr(self, key)!r}, expected {' or '.join(known)}", key=key)

@@ -32,8 +32,8 @@ class CircularMazeVectorEnv(VectorEnv):
         **options: Any,
     ) -> None:
         for key, value in (("num_envs", num_envs), ("threads", threads)):
-            if value is not None and not value >= 1:
-                raise SettingsError(f"got {value!r}, expected at least 1", key=key)
+            if value is not None and not (isinstance(value, int) and value >= 1):
+                raise SettingsError(f"got {value!r}, expected a whole number >= 1", key=key)
         if render_mode not in (None, "rgb_array"):
             raise SettingsError(f"got {render_mode!r}, expected rgb_array", key="render_mode")
         self.num_envs, self.render_mode, self._most = num_envs, render_mode, max_episode_steps

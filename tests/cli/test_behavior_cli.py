@@ -57,6 +57,9 @@ def test_map_show_draws_the_trail_of_a_run(call, tmp_path):
     log, plain, trail = tmp_path / "run.mcap", tmp_path / "plain.svg", tmp_path / "trail.svg"
     assert call("navigate", "--rig", "ideal", "--from", "ring3", "--log", str(log))[0] == 0
     assert call("map", "show", "-o", str(plain))[0] == 0
-    assert call("map", "show", "--log", str(log), "-o", str(trail))[0] == 0
+    told = call("map", "show", "--log", str(log), "-o", str(trail))
+    assert (told[0], "another map" in str(told)) == (0, False)
+    told = call("map", "show", "lopsided", "--log", str(log), "-o", str(tmp_path / "other.svg"))
+    assert (told[0], "is of another map (cme)" in str(told)) == (0, True)
     assert trail.stat().st_size > plain.stat().st_size + 3000
     assert call("map", "show", "--log", str(tmp_path / "no.mcap"), "-o", str(trail))[0] == 2

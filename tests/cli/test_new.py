@@ -21,7 +21,7 @@ def new(tmp_path, monkeypatch, capsys):
 def test_what_it_writes_is_a_rig_with_a_test_that_passes_and_arrives(new, tmp_path, monkeypatch, capsys):
     code, out, _ = new("my_table")
     assert code == 0
-    assert out == "cd my_table && pytest && mazeplan navigate --rig my_table.yaml\n"
+    assert out == "cd my_table && python -m pytest && mazeplan navigate --rig my_table.yaml\n"
     home = tmp_path / "my_table"
     files = {str(path.relative_to(home)) for path in home.rglob("*") if path.is_file()}
     assert files == {"my_table.py", "my_table.yaml", "tests/test_my_table.py", "pyproject.toml", "README.md"}

@@ -64,7 +64,7 @@ def test_actions_tilt_the_plate_by_parts_of_its_limit():
     for _ in range(20):
         env.step(np.array([7.0, -7.0]))  # beyond counts as that
     assert (env.measured().beta, env.measured().gamma) == pytest.approx((limit, -limit), rel=0.02)
-    with pytest.raises(ValueError, match="expected numbers from -1 to 1"):
+    with pytest.raises(ValueError, match="expected two numbers from -1 to 1"):
         env.step(np.array([np.nan, 0.0]))
 
 
@@ -147,3 +147,28 @@ def test_what_cannot_be_made_says_so_in_one_line():
         assert "\n" not in str(problem.value)
     with pytest.raises(SettingsError, match="threads: got 0"):
         gymnasium.make_vec(room.ID, num_envs=2, threads=0)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"discount": "a"}, "discount: got 'a', expected a number"),
+        ({"size": 96.5}, "size: got 96.5, expected a whole number"),
+        ({"size": True}, "size: got True, expected a whole number"),
+        ({"start_angle_deg": "x"}, "start_angle_deg: got 'x', expected a number"),
+        ({"rig": 3}, "rig: got 3, expected a name or a file"),
+        ({"threads": "x"}, "threads: got 'x', expected a whole number"),
+    ],
+)
+def test_what_is_of_the_wrong_type_is_told(options, told):
+    with pytest.raises(SettingsError, match=told):
+        gymnasium.make_vec(room.ID, num_envs=2, **options)
+
+
+@pytest.mark.parametrize("action", [np.zeros(3), "x", None, [[0.0, 0.0]] * 3])
+def test_an_action_of_another_shape_is_told(action):
+    env = gymnasium.make(room.ID, rig="ideal").unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action: got .* expected two numbers from -1 to 1"):
+        env.step(action)
+    env.close()

@@ -83,6 +83,7 @@ def test_from_the_command_line(monkeypatch, capsys, tmp_path):
         ([], "expected one"),
         (["-o", "a.parquet", "--minari", "a-v0"], "expected one"),
         (["-o", "{here}/file/a.parquet"], "is a file"),
+        (["-o", "a.csv"], "-o: got a.csv, expected a name that ends in .parquet"),
         (["-o", "a.parquet", "--from", "ring9"], "start_ring: got 'ring9'"),
         (["-o", "a.parquet", "--reward", "great"], "reward: got 'great', expected sparse or dense"),
         (["-o", "a.parquet", "--model", "no-such-model"], "no-such-model"),
@@ -95,11 +96,11 @@ def test_what_cannot_be_recorded_is_one_line(monkeypatch, capsys, tmp_path, argu
     assert (code, out) == (2, "")
     assert words in err
     assert err.count("\n") == 1
-    assert not list(tmp_path.glob("*.parquet*"))
+    assert not [*tmp_path.glob("*.parquet*"), *tmp_path.glob("*.csv*")]
 
 
 def test_a_file_that_is_none_of_ours_is_refused(tmp_path):
     (tmp_path / "a.parquet").write_text("no")
-    for name in ("a.parquet", "b.parquet"):
-        with pytest.raises(SettingsError, match=name):
+    for name, words in (("a.parquet", "is no recording of mazeplan"), ("b.parquet", "no such file")):
+        with pytest.raises(SettingsError, match=f"{name}: {words}"):
             load_episodes(tmp_path / name)

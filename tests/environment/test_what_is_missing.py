@@ -23,7 +23,8 @@ def test_the_example_names_what_it_learns_with(monkeypatch):
     without(monkeypatch, "stable_baselines3")
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(SCRIPT), run_name="__main__")
-    assert ended.value.code == "examples/sac.py needs stable_baselines3: pip install stable-baselines3 'mazeplan[gym]'"
+    how = "pip install stable-baselines3, and mazeplan with its extra gym"
+    assert ended.value.code == f"examples/sac.py needs stable_baselines3: {how}"
 
 
 @pytest.mark.parametrize(
