@@ -30,7 +30,7 @@ from mazeplan.rigs.simulated import SimulatedRig
 from mazeplan.run import Run
 
 ASKED = 3000.0  # samples a second on two cores; at 30 Hz 100 s of rig time
-SIZES = (1, 4, 16, 64, 256)
+SIZES = (1, 4, 16, 64, 256, 512)
 HOLD = 5  # samples for which a drawn action stays
 SEGMENTS = (192, 360, 720)
 
