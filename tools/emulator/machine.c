@@ -18,6 +18,7 @@
 #define SUPPLY_MV 5000
 #define LOST_AFTER (50000 * CYCLES_PER_US) /* a servo sees two pulses missing */
 #define JUMP_TO_ITSELF 0xCFFF              /* rjmp .-2 */
+#define OCR1AL 0x88                        /* low bytes of the pulses' widths: B follows A, high follows low */
 
 struct ring {
     uint8_t bytes[LINE];
@@ -36,6 +37,8 @@ static void (*chip_reset)(avr_t *);
 static bool stalled;
 static avr_flashaddr_t stalled_at;
 static uint8_t stalled_code[2];
+static avr_io_write_t write_width[2]; /* simavr's own */
+static uint16_t width[2];
 
 static double uniform(void)
 {
@@ -120,6 +123,19 @@ static void pin_changed(avr_irq_t *irq, uint32_t value, void *which)
     }
 }
 
+/* simavr looks for a change when the low byte comes, with the high byte there already: where only that is another one
+   it sees none, and goes on with the old width. So it is shown another low byte first. */
+static void width_written(avr_t *chip, avr_io_addr_t address, uint8_t low, void *param)
+{
+    int axis = (address - OCR1AL) / 2;
+    uint16_t now = (uint16_t)(chip->data[address + 1] << 8 | low);
+
+    if (now != width[axis] && (uint8_t)width[axis] == low)
+        write_width[axis](chip, address, low ^ 1, param);
+    write_width[axis](chip, address, low, param);
+    width[axis] = now;
+}
+
 static void after_reset(avr_t *chip)
 {
     if (stalled) {
@@ -129,6 +145,7 @@ static void after_reset(avr_t *chip)
     if (chip_reset)
         chip_reset(chip);
     rose[0] = rose[1] = 0;
+    width[0] = width[1] = 0; /* its memory is cleared */
     room_in_uart = true;
     avr_cycle_timer_register(avr, BYTE_CYCLES, feed_one, NULL); /* a reset takes all timers away */
     on_reset(avr->cycle);
@@ -161,6 +178,8 @@ static void wire(void)
         adc_input[i] = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0 + i);
         avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), 5 + i), pin_changed,
                                 (void *)(intptr_t)i);
+        write_width[i] = avr->io[AVR_DATA_TO_IO(OCR1AL + 2 * i)].w.c;
+        avr->io[AVR_DATA_TO_IO(OCR1AL + 2 * i)].w.c = width_written;
     }
 }
 

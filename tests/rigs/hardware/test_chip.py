@@ -101,6 +101,18 @@ def test_the_slew_rate_is_kept_and_levelling_does_not_wait_for_it(chip):
         assert len([pulse for pulse in chip.history[before:] if pulse.axis == 0]) <= 3
 
 
+@pytest.mark.parametrize("away_us", [(128, 0), (0, 128), (-128, 256)])
+def test_a_step_of_whole_high_bytes_of_the_timer_is_a_step(chip, away_us):
+    """Its registers count half microseconds: 128 us change the high byte alone."""
+    with Board(chip.port, LIMITS, QUICK) as board:
+        assert chip.wait_for(*LEVEL, 2.0) is not None
+        away = [level + more for level, more in zip(LEVEL, away_us, strict=True)]
+        reach(chip, board, *away)
+        board.level()
+        assert chip.wait_for(*LEVEL, 1.0) is not None
+        reach(chip, board, *away)  # the slew rate takes it there at once
+
+
 def test_volts_become_counts_with_a_stamp(chip):
     chip.set_volts(2.0, 3.0)
     with Board(chip.port, LIMITS, QUICK) as board:
