@@ -71,9 +71,14 @@ def show(
     ),
     with_route: Annotated[bool, typer.Option("--route", help="Draw the route as well.")] = False,
     log: Annotated[Path | None, typer.Option("--log", help="Run log: draw where the ball went, too.")] = None,
-    start: FromOption = "ring1",
+    start: Annotated[
+        str | None, typer.Option("--from", help="Ring where the ball is; where the log begins, or ring1.")
+    ] = None,
     goal: ToOption = None,
-    start_angle: AngleOption = 0.0,
+    start_angle: Annotated[
+        float | None,
+        typer.Option(help="Angle of the ball in its ring, degrees; where the log begins, or 0."),
+    ] = None,
     close: CloseOption = None,
 ) -> None:
     """Draw a map to scale; with `--route` also the route that `map route` finds, with `--log` the trail of a run."""
@@ -81,10 +86,15 @@ def show(
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
-    found = _find(maze, start, goal, start_angle, close or [])[2] if with_route else None
-    if with_route and found is None:
-        _no_route(maze, start, goal)
-    save_drawing(maze, output, route=found, trail=None if log is None else _trail(log, maze))
+    trail = None if log is None else _trail(log, maze)
+    found = None
+    if with_route:
+        ring, angle = _beginning(trail, maze)
+        start = start or ring
+        found = _find(maze, start, goal, angle if start_angle is None else start_angle, close or [])[2]
+        if found is None:
+            _no_route(maze, start, goal)
+    save_drawing(maze, output, route=found, trail=trail)
     say(f"wrote {output}")
 
 
@@ -130,6 +140,17 @@ def _trail(log: Path, maze: Maze) -> Array:
         say(f"{log} is of another map ({read.header.get('map_name')}); its trail is drawn on {maze.name} all the same")
     names = ("estimate_x", "estimate_y", "estimate_t") if "estimate_x" in ticks else ("x", "y", "t")
     return np.stack([ticks[name] for name in names], axis=1)
+
+
+def _beginning(trail: Array | None, maze: Maze) -> tuple[str, float]:
+    """Ring and angle (degrees) where a trail begins."""
+    import numpy as np
+
+    seen = np.empty((0, 3)) if trail is None else trail[np.isfinite(trail).all(axis=1)]
+    if not len(seen):
+        return "ring1", 0.0
+    x, y = seen[0, :2]
+    return f"ring{maze.ring_at(math.hypot(x, y))}", math.degrees(math.atan2(y, x))
 
 
 def _find(

@@ -30,6 +30,7 @@ _INK, _CLOSED = "#22262b", "#c0392b"
 _ROUTE = "#d55e00"  # vermilion of the Okabe-Ito palette, which colour-blind people tell from grey and from the trail
 _TRAIL_MAP = "viridis"
 _FONT = 8.0
+_NEAR = 1.6  # radii of the ball that a ring's number keeps from a path
 
 Array = NDArray[np.float64]
 
@@ -90,11 +91,13 @@ def draw_maze(
     for opening in maze.openings:
         if opening.closed:
             _draw_closed(ax, maze, opening)
-    rays = _clear_rays(maze, path)
+    places = number_places(maze, path)
     if ball:
-        _draw_ball(ax, maze, maze.track_radius(1) * _unit(rays[1]) if path is None else path[0])
+        _draw_ball(ax, maze, _ball_place(maze, places[0]) if path is None else path[0])
     if labels:
-        _draw_ring_numbers(ax, maze, rays[0])
+        for ring, place in zip(maze.rings, places, strict=True):
+            text = f"ring {ring.number}" if ring.number == 1 else f"{ring.number}"
+            _text(ax, place[0] * _MM, place[1] * _MM, text, size=_FONT, weight="bold")
         _draw_tilt_axes(ax, rim)
         _draw_scale(ax, maze, rim)
     if labels and path is None:
@@ -250,43 +253,50 @@ def _draw_ball(ax: Axes, maze: Maze, place: Array) -> None:
     ax.add_patch(Circle((x - 0.35 * radius, y + 0.35 * radius), 0.22 * radius, facecolor="#e8ebee", lw=0, zorder=3))
 
 
-def _draw_ring_numbers(ax: Axes, maze: Maze, ray: float) -> None:
-    for ring in maze.rings:
-        x, y = _label_radius(maze, ring.number) * _MM * _unit(ray)
-        _text(ax, x, y, f"ring {ring.number}" if ring.number == 1 else f"{ring.number}", size=_FONT, weight="bold")
-
-
 def _label_radius(maze: Maze, ring: int) -> float:
     """Where on its ray a ring's number stands, m: on the track, in the disc beside the centre."""
     return maze.track_radius(ring) or 0.55 * maze.ring(ring).outer_radius
 
 
-def _clear_rays(maze: Maze, path: Array | None) -> tuple[float, float]:
-    """Two angles: on the first, ring numbers stand far from openings and path; on the second, the ball does."""
+def number_places(maze: Maze, path: Array | None = None) -> list[Array]:
+    """Where the rings' numbers stand, (2,) in m each: on one ray, far from openings, walls and path; where no ray is
+    free in a ring, in a place of its own."""
     radii = [_label_radius(maze, ring.number) for ring in maze.rings]
     taken = [maze.threshold_radius(opening) * _unit(opening.angle) for opening in maze.openings]
     taken += [maze.track_radius(wall.ring) * _unit(wall.angle) for wall in maze.radial_walls]
     crowd = np.vstack([*taken, np.empty((0, 2)) if path is None else path])
     enough = 3.0 * maze.ball.radius
 
-    def room(angle: float) -> float:
-        """Sum over rings of the distance, up to `enough`, from the ring's number to what it must not touch."""
-        gaps = np.linalg.norm(np.outer(radii, _unit(angle))[:, None] - crowd[None], axis=2).min(axis=1)
-        return round(float(np.minimum(gaps, enough).sum()), 6)
+    def room(radius: float, angle: float) -> float:
+        """The distance, up to `enough`, to what a number there must not touch."""
+        gap = float(np.linalg.norm(radius * _unit(angle) - crowd, axis=1).min())
+        return round(min(gap, enough), 6)
 
     def preference(angle: float) -> float:
         """Symmetric mazes have many ties: they go to the upper left."""
         return math.cos(angle - 2.0)
 
     rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
-    steep = [
-        ray for ray in rays if abs(math.sin(ray)) > 0.6
-    ]  # "ring 1" is wider than high: it fits where walls are level
-    first = max(steep, key=lambda ray: (room(ray), preference(ray)))
+    steep = [ray for ray in rays if abs(math.sin(ray)) > 0.6]  # "ring 1" fits where walls are level
+    common = max(steep, key=lambda ray: (round(sum(room(r, ray) for r in radii), 6), preference(ray)))
+
+    def angle_of(ring: int, radius: float) -> float:
+        if room(radius, common) >= min(enough, _NEAR * maze.ball.radius):
+            return common
+        free = steep if ring == 1 else rays
+        return max(free, key=lambda ray: (room(radius, ray), -abs(difference(ray, common))))
+
+    return [r * _unit(angle_of(ring.number, r)) for ring, r in zip(maze.rings, radii, strict=True)]
+
+
+def _ball_place(maze: Maze, number: Array) -> Array:
+    """Where the ball lies in ring 1 of a map without a path, (2,) in m: far from its openings, walls and number."""
+    first = math.atan2(number[1], number[0])
     gates = [opening.angle for opening in maze.openings if opening.outer == 1] + [first - 0.2, first, first + 0.2]
     gates += [wall.angle for wall in maze.radial_walls_of(1)]
-    second = max(rays, key=lambda ray: (round(min(abs(difference(ray, g)) for g in gates), 6), preference(ray)))
-    return first, second
+    rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
+    ray = max(rays, key=lambda ray: (round(min(abs(difference(ray, g)) for g in gates), 6), math.cos(ray - 2.0)))
+    return maze.track_radius(1) * _unit(ray)
 
 
 def _draw_tilt_axes(ax: Axes, rim: float) -> None:

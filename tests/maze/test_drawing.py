@@ -11,6 +11,7 @@ from mazeplan.maze.drawing import (
     draw_maze,
     draw_route,
     draw_trail,
+    number_places,
     radial_outline,
     route_points,
     save_drawing,
@@ -87,6 +88,21 @@ def test_labels_name_rings_angles_axes_and_scale():
     assert any("beta > 0$ lowers" in text for text in texts)
     assert any("gamma > 0$ lifts" in text for text in texts)
     assert len(draw_maze(CME, labels=False).texts) == 0
+
+
+@pytest.mark.parametrize("name", ["cme", "lopsided", "detour", "seven"])
+def test_ring_numbers_stand_in_their_rings_beside_route_and_walls(name):
+    maze = load_map(name)
+    for start in range(0, 360, 30):
+        route = RouteGraph(maze).route(1, len(maze.rings), math.radians(start))
+        assert route is not None
+        path = route_points(maze, route)
+        for ring, place in zip(maze.rings, number_places(maze, path), strict=True):
+            assert maze.ring_at(float(np.hypot(*place))) == ring.number
+            assert np.linalg.norm(path - place, axis=1).min() > 1.2 * maze.ball.radius
+            angle = math.atan2(place[1], place[0])
+            for wall in maze.radial_walls_of(ring.number):
+                assert abs(math.remainder(wall.angle - angle, math.tau)) * np.hypot(*place) > 0.006
 
 
 def test_ball_is_to_scale_and_lies_where_the_path_starts():

@@ -3,12 +3,14 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from mazeplan.cli.arguments import parse_opening, parse_ring, positive
 from mazeplan.cli.map import app
 from mazeplan.errors import InputError
+from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map, load_map
 
 CME = load_map("cme")
@@ -109,6 +111,25 @@ def test_show(tmp_path):
     assert run("show", "lopsided", "-o", str(routed), "--route", "--start-angle", "200").exit_code == 0
     assert plain.read_bytes()[:4] == routed.read_bytes()[:4] == b"\x89PNG"
     assert plain.read_bytes() != routed.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "ring", "angle"),
+    [
+        ([], 2, 0.0),
+        (["--from", "ring1"], 1, 0.0),
+        (["--start-angle", "77"], 2, math.radians(77.0)),
+    ],
+)
+def test_the_route_in_a_picture_of_a_run_begins_where_the_run_did(monkeypatch, tmp_path, words, ring, angle):
+    trail = np.array([[math.nan, 0.0, 0.0], [CME.track_radius(2), 0.0, 0.1], [0.0, 0.0, 9.0]])
+    monkeypatch.setattr("mazeplan.cli.map._trail", lambda log, maze: trail)
+    drawn = {}
+    monkeypatch.setattr("mazeplan.maze.drawing.save_drawing", lambda maze, path, **what: drawn.update(what))
+    assert run("show", "--route", "--log", "x.mcap", "-o", str(tmp_path / "x.png"), *words).exit_code == 0
+    expected = RouteGraph(CME).route(ring, 5, angle)
+    assert expected is not None
+    assert drawn["route"].legs == expected.legs
 
 
 @pytest.mark.parametrize(
