@@ -57,7 +57,7 @@ class Task:
         known = [field.name for field in fields(cls)]
         for name in options:
             if name not in known:
-                raise SettingsError(f"unknown option, expected one of {', '.join(known)}", key=name)
+                raise SettingsError(f"unknown option, expected one of {', '.join([*known, 'render_mode'])}", key=name)
         return cls(**options)
 
     def goal(self, maze: Maze) -> int:
