@@ -12,7 +12,8 @@ from mazeplan.data.runlog import Feed, RunDocuments, RunLogWriter, Take, told_to
 from mazeplan.display import Display, NullDisplay
 from mazeplan.errors import RigError
 from mazeplan.goals import Goals
-from mazeplan.job import Job, Setup, log_header
+from mazeplan.job import Job, Setup, log_header, model_to_keep
+from mazeplan.models.packedmodel import ATTACHED, MEDIA_TYPE
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.run import Run
@@ -93,4 +94,6 @@ def _told_to(
         return None
     header = log_header(setup, job, rig.rate_hz)
     writer = None if log is None else stack.enter_context(RunLogWriter(log, header))
+    if writer is not None and (model := model_to_keep(setup)) is not None:
+        writer.attach(ATTACHED, MEDIA_TYPE, model)
     return told_to(writer, None if feed is None else Feed(feed, header))

@@ -14,12 +14,13 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.ownleaves import installed_in
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import nodes_named
-from mazeplan.errors import TreeError
+from mazeplan.errors import ModelError, TreeError
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
-from mazeplan.models.modelfile import RigModel
+from mazeplan.models.modelfile import RigModel, model_names
+from mazeplan.models.packedmodel import packed_model, unpacked_model
 from mazeplan.plugins import Plugin
 from mazeplan.records import Latency
 from mazeplan.settings import Settings, load_settings
@@ -93,6 +94,21 @@ def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "time_limit_s": job.time_limit,
         "replay": _to_replay(setup, job, rate_hz),
     }
+
+
+def model_to_keep(setup: Setup) -> bytes | None:
+    """The model, packed, for a log: None where it can be had by name or from the map, or files cannot hold it to the
+    last bit (one made in a program has more digits than they have)."""
+    source, sha256 = setup.model_source, fingerprint(setup.model)
+    if source is not None and source in model_names() and not Path(source).exists():
+        return None
+    if source is None and sha256 == fingerprint(RigModel.nominal(setup.maze)):
+        return None
+    try:
+        packed = packed_model(setup.model)
+        return packed if fingerprint(unpacked_model(packed)) == sha256 else None
+    except ModelError:
+        return None
 
 
 def _to_replay(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """A recorded run once more, without its rig: the observations of the log go through estimator and tree, and each tick
 must decide as it did.
 
-What decides is all in the log's header: map, settings, memory of openings, goal and seed as such, model, tree and
-modules by name and SHA-256. The planner's deadlines, the only thing that wall time has a say in, end each search where
+What decides is all in the log's header: map, settings, memory of openings, goal and seed as such, tree, modules and
+packaged models by name and SHA-256; another model is in the log itself. The planner's deadlines, the only thing that wall time has a say in, end each search where
 they ended it then (`control.stopwatch`). What was said from outside meanwhile, the events say again (`goals`).
 """
 
@@ -22,9 +22,9 @@ from mazeplan import resources
 from mazeplan.choices import model_from
 from mazeplan.control.stopwatch import Recorded
 from mazeplan.data.runlog import RunLogMemory
-from mazeplan.data.runlog_reader import read_messages
+from mazeplan.data.runlog_reader import read_attachment, read_messages
 from mazeplan.display import NullDisplay
-from mazeplan.errors import LogError, SettingsError
+from mazeplan.errors import LogError, ModelError, SettingsError
 from mazeplan.goals import Retold
 from mazeplan.job import REPLAY_FORMAT, Job, Setup, file_sha256
 from mazeplan.maths.fingerprint import fingerprint
@@ -32,6 +32,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
 from mazeplan.models.modelfile import RigModel
+from mazeplan.models.packedmodel import ATTACHED, unpacked_model
 from mazeplan.plugins import LEAVES, plugin
 from mazeplan.progress import Advance, no_advance
 from mazeplan.records import FailureKind, Latency, Observation
@@ -191,16 +192,24 @@ def _tree_of(header: dict[str, Any], path: Path, behavior: str | None) -> str:
 
 
 def _model_of(kept: dict[str, Any], path: Path, maze: Maze, given: str | Path | RigModel | None) -> RigModel:
-    source = given or kept.get("model")
-    if isinstance(source, RigModel):
-        found, told = source, "the model given"
-    elif source is not None:
+    if isinstance(given, RigModel):
+        found, told = given, "the model given"
+    elif given is None and (attached := read_attachment(path, ATTACHED)) is not None:
+        found, told = _unpacked(attached, path), "in the log"
+    elif (source := given or kept.get("model")) is not None:
         found, told = model_from(source, maze), str(source)
     else:
-        found, told = RigModel.nominal(maze), "nominal physics"
+        found, told = RigModel.nominal(maze), "nominal physics (the run had one that no file holds)"
     if fingerprint(found) != kept["model_sha256"]:
         raise _changed("model", told, path, "; --model PATH: where it is now")
     return found
+
+
+def _unpacked(attached: bytes, path: Path) -> RigModel:
+    try:
+        return unpacked_model(attached)
+    except ModelError as problem:
+        raise LogError(f"the model in it {problem}", file=path) from None
 
 
 def _changed(what: str, name: str, path: Path, advice: str) -> LogError:

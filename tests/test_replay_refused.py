@@ -8,12 +8,11 @@ import textwrap
 
 import pytest
 from commands import call, plain
-from replayed import MAZE, other_end, planar, rewritten, tick
+from replayed import other_end, rewritten, tick
 
-from mazeplan.choices import resolve_model
 from mazeplan.errors import InputError, LogError, SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, save_model
+from mazeplan.models.modelfile import RigModel
 from mazeplan.navigation import navigate
 from mazeplan.replay import replay
 from mazeplan.settings import Settings, load_settings, settings_from_text
@@ -59,28 +58,6 @@ def test_leaves_of_ones_own_and_trees_are_told_by_their_content(tmp_path, monkey
         file.write("# changed\n")
     with pytest.raises(LogError, match=r"the module push_leaf \(.*push_leaf\.py\) is not that of the run"):
         replay("../run.mcap", behavior=str(moved))
-
-
-def test_a_model_is_told_by_its_content(tmp_path):
-    folder, path = tmp_path / "model", tmp_path / "run.mcap"
-    save_model(resolve_model("ideal", None, MAZE), folder)
-    navigate(4, 5, rig="ideal", model=folder, log=path)
-    assert replay(path).identical
-    folder.rename(tmp_path / "moved")
-    with pytest.raises(InputError, match="no such model"):
-        replay(path)
-    assert replay(path, model=tmp_path / "moved").identical
-    text = (tmp_path / "moved" / "model.yaml").read_text()
-    (tmp_path / "moved" / "model.yaml").write_text(text.replace("rate_hz: 30", "rate_hz: 31"))
-    with pytest.raises(LogError, match=r"the model .*moved is not that of the run, by its SHA-256; --model PATH"):
-        replay(path, model=tmp_path / "moved")
-    planar(path)  # a model that no file holds
-    with pytest.raises(LogError, match="the model nominal physics is not that of the run"):
-        replay(path)
-    own = tmp_path / "own.yaml"
-    own.write_text("camera_noise_mm: 0.1\n")
-    navigate(4, 5, rig=str(own), log=path)
-    assert replay(path).identical  # nominal physics
 
 
 def old(header, messages):

@@ -82,12 +82,15 @@ def navigate_learning(
 ) -> NavigationResult:
     """One run by `drive(job, feed=...)`, of which the model in `output` then learns."""
     from mazeplan.learning import Ticks
+    from mazeplan.models.modelfile import load_model
 
     if output is None:
         raise InputError("--learn needs -o FOLDER: where the model that learned is kept for the next run")
     learner = learner_for(job["model"], job["rig"], job["map"], output)
     ticks = Ticks()
-    result = drive({**job, "model": learner.model}, feed=ticks)
+    # to the last digit what is kept: a log can hold that
+    model = load_model(output) if (output / "model.yaml").exists() else learner.model
+    result = drive({**job, "model": model}, feed=ticks)
     lesson = learner.learn(result, ticks)
     tell(lesson)
     if not lesson.why:

@@ -13,6 +13,8 @@ Topics (JSON with a JSON schema each, so that general MCAP viewers read them); t
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 
+and as an attachment the model of the run, where it is neither a packaged one nor nominal physics (models.packedmodel).
+
 The file is not chunked and is handed to the operating system after each message: a chunk that was not finished would
 be lost with everything in it. A value that is not known is left out rather than null, and arrays have one dimension:
 viewers that plot refuse schemas with unions of types and nested arrays. `read_log` in runlog_reader.py reads it back.
@@ -283,6 +285,18 @@ class RunLogWriter(RunDocuments):
         self._whole = False
         try:
             self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds, self._sequence)
+            self._flush()
+        except OSError as problem:
+            raise self._failed(problem) from None
+        self._whole = True
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Put a file into the log. Raises LogError as the others."""
+        if self._closed or not self._whole:
+            return
+        self._whole = False
+        try:
+            self._writer.add_attachment(0, 0, name, media_type, data)
             self._flush()
         except OSError as problem:
             raise self._failed(problem) from None

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Channel, Chunk, Message
+from mcap.records import Attachment, Channel, Chunk, Message
 from mcap.stream_reader import StreamReader
 
 from mazeplan import filekinds
@@ -24,7 +24,7 @@ from mazeplan.errors import LogError
 PROGRAM = "mazeplan"
 FORMAT = 1  # version of the topics and their fields; a reader refuses what is newer
 MAGIC = b"\x89MCAP0\r\n"
-RECORD_LIMIT = 64 * 2**20  # bytes; the longest of ours is a header with a map, some kB
+RECORD_LIMIT = 64 * 2**20  # bytes; the longest of ours is a model that is attached
 MEASURED = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns that every log has
 PLAN_STATES = ("theta", "theta_dot", "beta", "beta_dot", "gamma", "gamma_dot")
 PLAN_CONTROLS = ("u_beta", "u_gamma")
@@ -104,6 +104,20 @@ def read_messages(path: Path) -> tuple[dict[str, Any], list[tuple[str, dict[str,
     if header.get("format") != FORMAT:
         raise LogError(f"got format {header.get('format')!r}, expected {FORMAT}: written by another version", file=path)
     return header, messages, complete
+
+
+def read_attachment(path: Path, name: str) -> bytes | None:
+    """A file that a log holds, or None. Raises LogError where the log cannot be read up to there."""
+    try:
+        with path.open("rb") as stream:
+            whole: Any = _Whole(stream, os.fstat(stream.fileno()).st_size)
+            reader = StreamReader(whole, emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_LIMIT)
+            found = (r.data for r in reader.records if isinstance(r, Attachment) and r.name == name)
+            return next(found, None)
+    except EndOfFile:
+        return None
+    except (OSError, McapError, ValueError, KeyError) as problem:
+        raise LogError(f"damaged: {_one_line(problem)}", file=path) from None
 
 
 def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, Any]]], bool]:
