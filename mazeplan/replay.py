@@ -2,8 +2,9 @@
 must decide as it did.
 
 What decides is all in the log's header: map, settings, memory of openings, goal and seed as such, tree, modules and
-packaged models by name and SHA-256; another model is in the log itself. The planner's deadlines, the only thing that wall time has a say in, end each search where
-they ended it then (`control.stopwatch`). What was said from outside meanwhile, the events say again (`goals`).
+packaged models by name and SHA-256; another model is in the log itself. The planner's deadlines, the only thing that
+wall time has a say in, end each search where they ended it then (`control.stopwatch`). What was said from outside
+meanwhile, the events say again (`goals`).
 """
 
 from __future__ import annotations

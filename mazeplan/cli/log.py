@@ -75,7 +75,9 @@ def export(
 @app.command("replay")
 def replay(
     log: LogFile,
-    model: Annotated[str | None, typer.Option("--model", help="Where the run's model is, if the log does not hold it.")] = None,
+    model: Annotated[
+        str | None, typer.Option("--model", help="Where the run's model is, if the log does not hold it.")
+    ] = None,
     behavior: Annotated[
         str | None, typer.Option("--behavior", help="Where the run's behaviour tree is now, if it was moved.")
     ] = None,
