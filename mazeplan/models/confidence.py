@@ -22,7 +22,7 @@ from mazeplan.models.start import angle_noise, causal_estimate
 from mazeplan.records import Array, IntArray
 
 LOW, HIGH = 0.05, 0.95
-DRAWS = 50  # roll-outs of a window: at the least what 5 % needs
+DRAWS = 50  # roll-outs of a window: well above the 19 that 5 % needs
 STRETCHES = 200  # of what is left over in training
 LAGS, SHORT = 30, 0.1  # samples, and share of the power below which neighbours have nothing in common
 
@@ -126,9 +126,15 @@ def confidence(
     way = roll_out_delayed if rates == "delayed" else roll_out
     done = way(drawn, test, start, (theta + off[:, :, 0]).ravel(), (rate + off[:, :, 1]).ravel(), push)
     angle = (done.angle + noise * rng.standard_normal(done.angle.shape)).reshape(DRAWS, len(some), -1)
-    low, middle, high = np.quantile(angle, [LOW, 0.5, HIGH], axis=0)
+    low, middle, high = band(angle)
     measured = test.measured[some[:, None] + np.arange(STEPS + 1)]
     return Confidence(low, middle, high, measured, len(start))
+
+
+def band(drawn: Array) -> Array:
+    """Quantiles LOW, 0.5 and HIGH (3, ...) of draws (DRAWS, ...), so that one more lies between the outer two with
+    probability HIGH - LOW: below the k-th of n it lies with k / (n + 1)."""
+    return np.quantile(drawn, [LOW, 0.5, HIGH], axis=0, method="weibull")
 
 
 def documented(

@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from ring_record import DT, RADII, Ball, Tilt
 
-from mazeplan.models.confidence import ConfidenceOptions, confidence, documented, leftovers, repeated
+from mazeplan.models.confidence import (
+    DRAWS,
+    HIGH,
+    LOW,
+    ConfidenceOptions,
+    band,
+    confidence,
+    documented,
+    leftovers,
+    repeated,
+)
 from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import paper_features
 from mazeplan.models.fitting import Fitted, fit_kind
@@ -65,6 +75,14 @@ def test_nine_of_ten_measured_angles_lie_in_the_band(rough, fitted, rates):
     assert width[40] < 1.0
     assert (found.low < found.middle).all()
     assert (found.middle < found.high).all()
+
+
+def test_one_more_draw_lies_in_the_band_nine_times_of_ten():
+    rng = np.random.default_rng(0)
+    drawn, more = rng.standard_normal((DRAWS, 40_000)), rng.standard_normal(40_000)
+    low, middle, high = band(drawn)
+    assert np.mean((low <= more) & (more <= high)) == pytest.approx(HIGH - LOW, abs=0.005)
+    assert np.mean(more <= middle) == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_model_that_thinks_nothing_is_left_over_is_too_sure(rough, fitted):
