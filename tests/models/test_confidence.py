@@ -72,7 +72,8 @@ def test_nine_of_ten_measured_angles_lie_in_the_band(rough, fitted, rates):
     assert 0.8 < np.mean(found.coverage[1:]) < 0.97
     width = np.mean(found.high - found.low, axis=0)
     assert (np.diff(width) > 0.0)[2:].all()
-    assert width[40] < 1.0
+    off = np.quantile(found.measured - found.middle, [LOW, HIGH], axis=0)
+    assert width[40] == pytest.approx((off[1] - off[0])[40], rel=0.25)  # no wider than it must be
     assert (found.low < found.middle).all()
     assert (found.middle < found.high).all()
 
@@ -81,7 +82,7 @@ def test_one_more_draw_lies_in_the_band_nine_times_of_ten():
     rng = np.random.default_rng(0)
     drawn, more = rng.standard_normal((DRAWS, 40_000)), rng.standard_normal(40_000)
     low, middle, high = band(drawn)
-    assert np.mean((low <= more) & (more <= high)) == pytest.approx(HIGH - LOW, abs=0.005)
+    assert np.mean((low <= more) & (more <= high)) == pytest.approx(HIGH - LOW, abs=0.01)
     assert np.mean(more <= middle) == pytest.approx(0.5, abs=0.01)
 
 
