@@ -55,6 +55,9 @@ def test_the_log_holds_each_tree_and_how_its_nodes_ended(tmp_path):
         assert told["paths"] == [path for path, _ in tree.snapshot()]
         assert told["kinds"] == [type(node).__name__ for node in tree.nodes()]
         assert told["parents"][0] == -1
+        asking = {"BallSeen", "FailureIs", "InRing"}
+        assert {told["kinds"][i] for i in told["conditions"]} == asking & set(told["kinds"])
+        assert len(told["conditions"]) == sum(kind in asking for kind in told["kinds"]) > 2
         for i, parent in enumerate(told["parents"][1:], 1):
             assert told["paths"][i].rsplit("/", 1)[0] == told["paths"][parent] or "/" in told["names"][i]
     assert not read.trees[0]["statuses"]  # never ticked

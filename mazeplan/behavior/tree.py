@@ -38,8 +38,9 @@ class BehaviorTree:
         """(path, how its last tick ended) of every node; INVALID: it was halted since, or never ticked."""
         return [(path, node.result.name) for path, node in self._paths]
 
-    def outline(self) -> tuple[list[str], list[str], list[str], list[int]]:
-        """Paths, kinds (class names), names and parents (numbers, -1 of the root) of all nodes, parents first."""
+    def outline(self) -> tuple[list[str], list[str], list[str], list[int], list[int]]:
+        """Paths, kinds (class names), names and parents (numbers, -1 of the root) of all nodes, parents first; and the
+        numbers of those that only ask, whose failure is the answer no."""
         number = {id(node): i for i, (_, node) in enumerate(self._paths)}
         parents = [-1] * len(self._paths)
         for _, node in self._paths:
@@ -49,6 +50,7 @@ class BehaviorTree:
         return (
             [path for path, _ in self._paths], [type(node).__name__ for node in nodes],
             [node.name for node in nodes], parents,
+            [i for i, node in enumerate(nodes) if getattr(node, "category", "") == "Condition"],
         )  # fmt: skip
 
     def results(self) -> list[str]:

@@ -7,7 +7,7 @@ Topics (JSON with a JSON schema each, so that general MCAP viewers read them); t
              iterations the planner's deadline ended each search of the tick (`control.stopwatch`)
     /plan    each plan: states and controls by component, cost, why the solver stopped
     /tree    at each tree's beginning: path, kind (class), name of every node, parents first; parent: number of the
-             node above, -1 of the root
+             node above, -1 of the root; conditions: numbers of those that only ask, where no is no failure
     /status  each tick after which they are others: how every node's last tick ended, a letter each (`STATUSES`)
     /openings successes and failures at openings as they count at t, each time one was tried; they fade (`maze.memory`)
     /event   ring changes, openings chosen and passed, failures, recoveries
@@ -40,7 +40,7 @@ from mazeplan.records import Command, Observation, Plan, State
 __all__ = ["RunLog", "RunLogWriter", "read_log"]
 
 NUMBER, INTEGER, TEXT, FLAG = ({"type": name} for name in ("number", "integer", "string", "boolean"))
-NUMBERS, TEXTS = ({"type": "array", "items": kind} for kind in (NUMBER, TEXT))
+NUMBERS, TEXTS, INTEGERS = ({"type": "array", "items": kind} for kind in (NUMBER, TEXT, INTEGER))
 STATUSES = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F", "SKIPPED": "K"}
 Take = Callable[[str, float, dict[str, Any]], None]  # topic, rig time in s, document
 
@@ -75,7 +75,9 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         **dict.fromkeys((*PLAN_STATES, *PLAN_CONTROLS), NUMBERS),
     ),
     "/tree": _object(
-        t=NUMBER, **dict.fromkeys(("paths", "kinds", "names"), TEXTS), parents={"type": "array", "items": INTEGER}
+        t=NUMBER,
+        **dict.fromkeys(("paths", "kinds", "names"), TEXTS),
+        **dict.fromkeys(("parents", "conditions"), INTEGERS),
     ),
     "/status": _object(t=NUMBER, nodes=TEXT),
     "/openings": _object(**dict.fromkeys(("t", "fading_s"), NUMBER), names=TEXTS, successes=NUMBERS, failures=NUMBERS),
@@ -179,10 +181,13 @@ class RunDocuments:
             document |= zip(PLAN_CONTROLS, np.round(plan.controls, 6).T.tolist(), strict=True)
         self._add("/plan", plan.t0, document)
 
-    def tree(self, t: float, paths: Sequence[str], kinds: Sequence[str], names: Sequence[str], parents: Sequence[int]):
+    def tree(
+        self, t: float, paths: Sequence[str], kinds: Sequence[str], names: Sequence[str], parents: Sequence[int],
+        conditions: Sequence[int] = (),
+    ) -> None:  # fmt: skip
         """A tree that begins; see the module."""
         document = {"t": t, "paths": paths, "kinds": kinds, "names": names, "parents": parents}
-        self._add("/tree", t, document)
+        self._add("/tree", t, {**document, "conditions": list(conditions)})
 
     def statuses(self, t: float, nodes: str) -> None:
         """How the last tick of each of its nodes ended, letters of `STATUSES`."""

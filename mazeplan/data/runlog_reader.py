@@ -191,6 +191,9 @@ def _trees(messages: list[tuple[str, dict[str, Any]]]) -> tuple[dict[str, Any], 
         if topic == "/tree":
             if len({len(document[name]) for name in ("paths", "kinds", "names", "parents")}) != 1:
                 raise ValueError("a tree whose nodes are not all told")
+            asks = document.get("conditions")  # logs of older versions do not tell
+            if asks is not None and not all(isinstance(i, int) and 0 <= i < len(document["paths"]) for i in asks):
+                raise ValueError("a condition that is no node")
             trees.append({**document, "t": float(document["t"]), "statuses": []})
         elif topic == "/status" and trees:
             nodes = str(document["nodes"])

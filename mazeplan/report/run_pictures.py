@@ -30,7 +30,7 @@ MEANING = {
     "skipped": "skipped",
     "no": "no (a condition)",
 }
-CONDITIONS = frozenset({"InRing", "FailureIs", "ScriptCondition"})  # their failure is the answer no
+CONDITIONS = frozenset({"BallSeen", "InRing", "FailureIs"})  # in older logs: their failure is the answer no
 MOST_LEAVES = 60
 Kinds = dict[str, str]  # kind of failure -> its marker
 
@@ -154,6 +154,14 @@ def _theta(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], kind
     return None
 
 
+def _conditions(tree: dict[str, Any]) -> list[str]:
+    """Paths of the nodes of a tree that only ask; logs of older versions tell their kinds alone."""
+    paths, numbers = tree["paths"], tree.get("conditions")
+    if numbers is None:
+        return [path for path, kind in zip(paths, tree["kinds"], strict=True) if kind in CONDITIONS]
+    return [paths[i] for i in numbers]
+
+
 def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) -> None:
     from matplotlib.patches import Patch
 
@@ -162,9 +170,7 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], kinds: Kinds) ->
     if not bars:
         return nothing(axes, "the log tells of no leaf")
     named = labels(bars)
-    asked = {
-        p for tree in log.trees for p, kind in zip(tree["paths"], tree["kinds"], strict=True) if kind in CONDITIONS
-    }
+    asked = {path for tree in log.trees for path in _conditions(tree)}
     met: set[str] = set()
     rows = {path: i for i, path in enumerate(list(named)[:MOST_LEAVES])}
     _bands(axes, visits(log), named=True)

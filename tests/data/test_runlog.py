@@ -223,11 +223,11 @@ def test_a_changed_byte_is_never_read_as_a_measurement(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-def foreign(path, *, header: object = None, chunked: bool = False, tick: object = None) -> None:
+def foreign(path, *, header: object = None, chunked: bool = False, tick: object = None, tree: object = None) -> None:
     with path.open("wb") as stream:
         writer = Writer(stream, use_chunking=chunked)
         writer.start()
-        for topic, document in (("/header", header), ("/tick", tick)):
+        for topic, document in (("/header", header), ("/tick", tick), ("/tree", tree)):
             if document is not None:
                 channel = writer.register_channel(topic, "json", 0)
                 writer.add_message(channel, 0, json.dumps(document).encode(), 0)
@@ -235,6 +235,7 @@ def foreign(path, *, header: object = None, chunked: bool = False, tick: object 
 
 
 OURS = {"program": "mazeplan", "format": 1}
+TREE = {"t": 0.0, "paths": ["a"], "kinds": ["InRing"], "names": ["a"], "parents": [-1]}
 
 
 @pytest.mark.parametrize(
@@ -248,6 +249,9 @@ OURS = {"program": "mazeplan", "format": 1}
         ({"header": OURS, "tick": {"x": 1.0}}, "a tick without t"),
         ({"header": OURS, "tick": {"t": [1.0]}}, "of the wrong kind"),
         ({"header": OURS, "tick": {"t": 10**400}}, "of the wrong kind"),
+        ({"header": OURS, "tree": {**TREE, "conditions": [1]}}, "a condition that is no node"),
+        ({"header": OURS, "tree": {**TREE, "conditions": ["a"]}}, "a condition that is no node"),
+        ({"header": OURS, "tree": {**TREE, "conditions": 7}}, "of the wrong kind"),
     ],
 )
 def test_a_foreign_file_is_one_line_that_names_what_was_expected(tmp_path, content, told):

@@ -112,11 +112,25 @@ def test_a_condition_that_answers_no_is_no_failure(log):
     from mazeplan.report.run_pictures import run_pictures
 
     failed = STATUSES["FAILURE"]
-    for kind, words in (("InRing", "no (a condition)"), ("Track", "failed")):
-        tree = {"t": 0.0, "paths": ["a"], "kinds": [kind], "names": ["a"], "parents": [-1], "statuses": [(0.0, failed)]}
+    no, old, own = "no (a condition)", {}, {"conditions": [0]}
+    for kind, told, words in (
+        ("InRing", old, no),
+        ("Track", old, "failed"),
+        ("Mine", own, no),
+        ("InRing", {"conditions": []}, "failed"),
+    ):
+        tree = {
+            "t": 0.0,
+            "paths": ["a"],
+            "kinds": [kind],
+            "names": ["a"],
+            "parents": [-1],
+            "statuses": [(0.0, failed)],
+            **told,
+        }
         figure = Figure()
         shown = replace(log, trees=[tree], events=[])
         next(p for p in run_pictures(shown, MAZE) if p.name == "tree").draw(figure)
         (axes,) = figure.axes
         assert [text.get_text() for text in axes.get_legend().get_texts()] == [words]
-        assert any(drawn.get_marker() == "X" for drawn in axes.lines) == (kind == "Track")
+        assert any(drawn.get_marker() == "X" for drawn in axes.lines) == (words == "failed")
