@@ -26,6 +26,7 @@ try:
     from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
     import mazeplan.environment as room
+    from mazeplan.errors import MazeplanError
 except ImportError as missing:
     sys.exit(f"examples/sac.py needs {missing.name}: pip install stable-baselines3, and mazeplan with its extra gym")
 
@@ -62,6 +63,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, help="file for the policy, .zip")
     given = parser.parse_args()
+    if given.steps < 1 or given.environments < 1:
+        parser.error("--steps, --environments: expected a number above 0")
     options = {"rig": given.rig, "reward": "dense", "start_ring": given.start, "discount": 1.0}
     env = make_vec_env(room.ID, given.environments, seed=given.seed, env_kwargs=options)
     env = VecNormalize(env, norm_obs=False, norm_reward=True, gamma=given.discount)  # all of an episode's is below 1
@@ -81,4 +84,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except MazeplanError as problem:
+        sys.exit(f"examples/sac.py: {problem}")

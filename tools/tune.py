@@ -34,6 +34,7 @@ from mazeplan.cli.output import say
 from mazeplan.cli.progress import Working
 from mazeplan.errors import MazeplanError, SettingsError
 from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.resources import to_install
 from mazeplan.settings import load_settings
 
 PENALTY = 10.0  # s
@@ -132,19 +133,27 @@ def screened(points: list[np.ndarray], keep: int, model: RigModel, seed: int) ->
 
 
 def main() -> None:
-    import cma  # pyright: ignore[reportMissingImports]  (of the extra `tune`)
-
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    for name, default in (("generations", 30), ("population", 12), ("runs", 24), ("seed", 1)):
-        parser.add_argument(f"--{name}", type=int, default=default)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0].removesuffix(" Usage:"))
+    parser.add_argument("-o", "--output", type=Path, required=True, help="settings file, written after each generation")
+    for name, default, what in (
+        ("generations", 30, "of the search"), ("population", 12, "candidates of a generation"),
+        ("runs", 24, "that each candidate drives"), ("seed", 1, "of rigs, starts and candidates"),
+    ):  # fmt: skip
+        parser.add_argument(f"--{name}", type=int, default=default, help=f"{what}; default {default}")
     parser.add_argument("--workers", type=int, help="default: 2; with --dask local: one a core")
     parser.add_argument("--dask", help="a scheduler's address, or local")
     parser.add_argument("--settings", type=Path, help="where to begin; default: the packaged ones")
-    parser.add_argument("--sigma", type=float, default=0.12)
+    parser.add_argument("--sigma", type=float, default=0.12, help="first step, of the range of each key; default 0.12")
     parser.add_argument("--screen", metavar="MODEL", help="folder or packaged name of a model to screen candidates by")
     parser.add_argument("--spare", type=int, default=3, help="candidates screened for each one that is driven")
     o = parser.parse_args()
+    for name, least in (("generations", 1), ("population", 2), ("runs", 1), ("seed", 0), ("workers", 1), ("spare", 1)):
+        if getattr(o, name) is not None and getattr(o, name) < least:
+            parser.error(f"--{name}: got {getattr(o, name)}, expected {least} or more")
+    try:
+        import cma  # pyright: ignore[reportMissingImports]  (of the extra `tune`)
+    except ImportError:
+        sys.exit(f"tune.py needs cma: {to_install('tune')}")
     model = None if o.screen is None else load_model(o.screen)
     start = packaged_values(o.settings)
     search = cma.CMAEvolutionStrategy(

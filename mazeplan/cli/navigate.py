@@ -26,6 +26,10 @@ HowFile = Annotated[str | None, typer.Option("--settings", help="YAML file of co
 From = Annotated[str, typer.Option("--from", help="Ring to start in, such as ring1.")]
 To = Annotated[str, typer.Option("--to", help="Ring to reach, such as ring5; default: the centre.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of start angle and simulated noise.")]
+FirstSeed = Annotated[
+    int,
+    typer.Option("--seed", min=0, help="Seed of the first run's noise; start angles: 16 evenly spread, then drawn."),
+]
 Sense = Annotated[
     str | None,
     typer.Option("--sense", help="How a simulated rig sees the ball: ideal, or camera: in rendered pictures."),
@@ -124,7 +128,7 @@ def evaluate(
     settings: HowFile = None,
     start: From = "ring1",
     goal: To = "centre",
-    seed: Seed = 0,
+    seed: FirstSeed = 0,
     time_limit: TimeLimit = 20.0,
     workers: Workers = None,
     dask: DaskAddress = None,

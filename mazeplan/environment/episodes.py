@@ -32,6 +32,7 @@ class Episodes:
         self.rate_hz = self.world.rate_hz
         self._senses = Senses(self.maze, self.rate_hz, number)
         self._judge = Judge(task, self._senses, number)
+        self._closed = False
         self._samples: list[Observation | None] = [None] * number
         self._light: list[np.random.Generator | None] = [None] * number
         self._pictures: Any = None
@@ -44,12 +45,16 @@ class Episodes:
 
     def close(self) -> None:
         """Give the rigs back; may be called twice."""
+        self._closed = True
         self.world.close()
 
     def reset(
         self, rows: IntArray, rngs: Sequence[np.random.Generator], options: Mapping[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Observations and info. options: see OPTIONS, in the place of the task's. Raises SettingsError."""
+        self._check_open()
+        if not isinstance(options, Mapping | None):
+            raise SettingsError(f"got {options!r}, expected a dictionary or None", key="options")
         asked = dict(options or {})
         for name in asked:
             if name not in OPTIONS:
@@ -77,6 +82,7 @@ class Episodes:
     def step(self, rows: IntArray, actions: np.ndarray) -> tuple[np.ndarray, Verdict, dict[str, np.ndarray]]:
         """Observations, verdicts and info. actions: (len(rows), 2), -1 to 1; what is beyond counts as that. Raises
         ValueError for what is no number."""
+        self._check_open()
         try:
             given = np.asarray(actions, dtype=float)
         except (TypeError, ValueError):
@@ -90,6 +96,10 @@ class Episodes:
         verdict = self._judge.judge(rows)
         self._keep(rows, samples)
         return self._observed(rows), verdict, self._info(rows, verdict.ring, verdict.arrived)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RuntimeError("the environment is closed: its rig was given back")
 
     def observation(self, row: int) -> Observation:
         """What the rig of that row measured last, as rigs tell it."""

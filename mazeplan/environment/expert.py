@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import cast
 
+import gymnasium
 import numpy as np
 
 from mazeplan.choices import resolve_model
 from mazeplan.display import NullDisplay
 from mazeplan.environment.single import CircularMazeEnv
+from mazeplan.errors import InputError
 from mazeplan.job import Job, Setup
 from mazeplan.records import LEVEL, Command
 from mazeplan.rigs.interface import Rig
@@ -29,11 +31,15 @@ class _Ears:
 
 class Expert:
     """Plays episodes of one environment: `begin` after its reset, then `act` before each of its steps. model, behavior:
-    as `navigate` takes them. Raises what `navigate` raises for a model or a tree that cannot be used."""
+    as `navigate` takes them. Raises InputError for another environment, and what `navigate` raises for a model or a
+    tree that cannot be used."""
 
-    def __init__(self, env: CircularMazeEnv, model: str | None = None, behavior: str = "navigate") -> None:
-        task, maze = env.episodes.task, env.episodes.maze
-        self._env, self._goal = env, task.goal(maze)
+    def __init__(self, env: gymnasium.Env, model: str | None = None, behavior: str = "navigate") -> None:
+        inner = env.unwrapped  # what `gymnasium.make` gives has wrappers around it
+        if not isinstance(inner, CircularMazeEnv):
+            raise InputError(f"the expert plays mazeplan/CircularMaze-v1, got {type(inner).__name__}")
+        task, maze = inner.episodes.task, inner.episodes.maze
+        self._env, self._goal = inner, task.goal(maze)
         chosen = resolve_model(model, task.rig, maze)
         self._setup = Setup(maze, chosen, behavior, rig_label(task.rig), model or "")
 

@@ -10,6 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
 import mazeplan.environment as room
+from mazeplan.environment.expert import Expert
 from mazeplan.errors import InputError, SettingsError
 from mazeplan.rigs.fleet import Fleet
 
@@ -51,6 +52,38 @@ def test_many_are_what_each_is_alone_and_begin_anew_alike():
     assert many.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.NEXT_STEP
     many.close()
     alone.close()
+
+
+def test_a_closed_one_says_so():
+    env = made(rig="ideal").unwrapped
+    env.reset(seed=1)
+    env.close()
+    env.close()
+    for use in (lambda: env.step(np.zeros(2)), lambda: env.reset(seed=1)):
+        with pytest.raises(RuntimeError, match="the environment is closed: its rig was given back"):
+            use()
+
+
+def test_options_of_a_reset_are_a_dictionary():
+    env = made(rig="ideal").unwrapped
+    with pytest.raises(SettingsError, match="options: got 3, expected a dictionary or None"):
+        env.reset(options=3)  # pyright: ignore[reportArgumentType]
+    env.close()
+
+
+def test_the_expert_plays_behind_wrappers_and_no_other_game():
+    env = made(rig="ideal", start_ring=4)
+    expert = Expert(env)
+    env.reset(seed=3)
+    expert.begin()
+    ended, info = False, {}
+    while not ended:
+        _, _, ended, truncated, info = env.step(expert.act())
+        assert not truncated
+    assert info["success"]
+    env.close()
+    with pytest.raises(InputError, match=r"the expert plays mazeplan/CircularMaze-v1, got CartPoleEnv"):
+        Expert(gymnasium.make("CartPole-v1"))
 
 
 def test_actions_tilt_the_plate_by_parts_of_its_limit():
