@@ -101,6 +101,8 @@ def report(fit: Fit, model: RigModel) -> None:
             f"{e['natural_frequency']:.1f} rad/s, damping {axis.damping:.2f} ± {e['damping']:.2f}, dead time "
             f"{1e3 * axis.dead_time:.1f} ± {1e3 * e['dead_time']:.1f} ms, poles {poles} rad/s, rms {found.rms:.2g} rad"
         )
+        if e["natural_frequency"] > axis.natural_frequency:
+            print(f"stage {name:5s}  its faster pole is faster than the record can tell: only the slower one is known")
     for line in fit.arx.lines() if fit.arx is not None else ("ARX          the log is too short for it",):
         print(line)
     print(

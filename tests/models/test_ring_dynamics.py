@@ -15,7 +15,7 @@ from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import RollingInertia, TiltOffset, ViscousFriction, make_effect
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.ring_dynamics import linearise, step
-from mazeplan.models.ring_parameters import AxisParameters, RingParameters, stage_transition
+from mazeplan.models.ring_parameters import FASTEST, AxisParameters, RingParameters, resolved, stage_transition
 from mazeplan.models.stage import StageAxis, StageModel
 
 PLAIN = RingParameters(0.0689)
@@ -210,6 +210,40 @@ def test_parameters_come_from_a_fitted_model():
         beta=AxisParameters(0.9, 20.0, stage.beta.damping, stage.beta.offset),
         gamma=AxisParameters(stage.gamma.gain, stage.gamma.natural_frequency, 1.2, 0.003),
     )
+
+
+@pytest.mark.parametrize(("natural_frequency", "damping"), [(240.0, 4.76), (500.0, 10.0), (180.0, 3.6)])
+def test_a_plate_that_answers_like_a_lag_of_first_order(natural_frequency, damping):
+    """What `learn` finds then has a pole faster than any sample shows; it must not push the ball."""
+    axis = StageAxis(natural_frequency=natural_frequency, damping=damping)
+    model = RigModel(StageModel(axis, axis), {1: BallModel((RollingInertia(0.6),))})
+    p = RingParameters.from_model(model, 1, 0.0689)
+    as_found = replace(p, beta=AxisParameters(1.0, natural_frequency, damping))
+    as_found = replace(as_found, gamma=as_found.beta)
+    rng = np.random.default_rng(2)
+    true, kept, stiff = (np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0]) for _ in range(3))
+    off = []
+    for _ in range(20):
+        u = rng.uniform(-0.087, 0.087, 2)
+        with_all = solve_ivp(right_hand_side, (0, p.dt), true, "Radau", args=(u, as_found), rtol=1e-8, atol=1e-10)
+        true = with_all.y[:, -1]
+        for s, numbers in ((kept, p.pack()), (stiff, as_found.pack())):
+            out = np.empty(6)
+            step(s, u, numbers, out)
+            s[:] = out
+        off.append([abs(s[0] - true[0]) for s in (kept, stiff)])
+    worst = np.max(off, axis=0)
+    assert worst[0] < 0.05
+    assert worst[1] > 4.0 * worst[0]
+
+
+def test_a_stage_that_can_be_resolved_is_as_it_is():
+    for numbers in ((26.0, 0.9), (26.0, 1.2), (61.0, 1.43), (150.0, 0.5)):
+        assert resolved(*numbers) == numbers
+    w, z = resolved(240.0, 4.76)
+    poles = sorted(-np.roots([1.0, 2.0 * z * w, w * w]).real)
+    assert poles == pytest.approx([240.0 * (4.76 - math.sqrt(4.76**2 - 1.0)), FASTEST])
+    assert resolved(300.0, 0.7) == (FASTEST, 0.7)
 
 
 def test_without_a_rolling_effect_the_ball_slides():
