@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.cli.arguments import logged_map
+from mazeplan.cli.arguments import check_channel, logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
@@ -32,7 +32,8 @@ def compare(
         str | None, typer.Option("--map", help="Packaged map or YAML file; default: that of the first log, else cme.")
     ] = None,
     ring: Annotated[
-        int | None, typer.Option("--ring", min=1, help="Ring of all rows, where the table does not tell.")
+        int | None,
+        typer.Option("--ring", min=1, help="Only this ring; where a table does not tell rings, that of all its rows."),
     ] = None,
     radius: Annotated[
         float | None, typer.Option("--radius", help="Its track radius in m, instead of the map's.")
@@ -93,6 +94,8 @@ def compare(
         check_page("--report", page)
     require_torch()
     maze, known = logged_map(map_, logs[0])
+    if ring is not None and radius is None:  # with a radius the map need not have it
+        check_channel(ring, maze)
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
         delay=delay,

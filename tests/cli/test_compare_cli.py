@@ -105,6 +105,23 @@ def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):
     assert json.loads(out)["ring2"]["signs"] == {"beta": -1, "gamma": 1}
 
 
+def test_a_ring_of_a_table_that_tells_rings_is_compared_as_if_alone(monkeypatch, capsys, folder):
+    """A log without rows of it is left out, and that is said."""
+    found = []
+    for given in (["one.csv"], ["both.csv", "--ring", "2"], ["both.csv", "one.csv", "--ring", "3"]):
+        monkeypatch.chdir(folder)
+        code, out, err = call(monkeypatch, capsys, "compare", *given, *QUICK, "--json")
+        assert code == 0
+        found.append((json.loads(out), err))
+    (alone_, _), (filtered, silent), (third, told) = found
+    assert list(filtered) == ["ring2"]
+    assert filtered["ring2"]["n_test"] == alone_["ring2"]["n_test"]
+    assert filtered["ring2"]["nrmse_test"]["p"] == pytest.approx(alone_["ring2"]["nrmse_test"]["p"], abs=1e-3)
+    assert "left out" not in silent
+    assert list(third) == ["ring3"]
+    assert "left out: one.csv has no row of ring 3, but of 2" in told
+
+
 def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
     found = []
     for test in ("one", "rubbish"):
@@ -145,7 +162,7 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
     assert "bare.csv: cannot tell the ring of a row: expected a column ring, or r (or x, y), or --ring N" in err
     code, _, err = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, "--ring", "8")
     assert code == 2
-    assert "ring 8 is not in the map: its radius is needed" in err
+    assert "--ring: got 8, expected 1 to 5" in err
     found = []
     for more in (("--ring", "2"), ("--ring", "8", "--radius", "0.068915")):
         code, out, _ = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, *more, "--json")
@@ -167,7 +184,11 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
         (["one.csv", "--delay", "1000"], "got 0 rows to train"),
         (["one.csv", "--radius", "0"], "--radius: got 0, expected"),
         (["one.csv", "--ring", "0"], "--ring"),
-        (["one.csv", "--ring", "5"], "ring 5 is a disc"),
+        (["one.csv", "--ring", "5"], "--ring: got 5, a disc"),
+        (["one.csv", "--ring", "99"], "--ring: got 99, expected 1 to 5 (map cme)"),
+        (["both.csv", "--ring", "1"], "both.csv has no row of ring 1, but of 2, 3"),
+        (["both.csv", "--ring", "7", "--radius", "0.07"], "both.csv has no row of ring 7, but of 2, 3"),
+        (["both.csv", "--ring", "3", "--test", "one.csv"], "one.csv has no row of ring 3, but of 2"),
         (["one.csv", "--most", "3"], "--most"),
         (["one.csv", "--seed=-1"], "--seed"),
         (["one.csv", "--map", "none.yaml"], "none.yaml"),
