@@ -52,7 +52,7 @@ def _table(document: Document, numbers: list[int]) -> Table:
             give = f" ± {0.5 * DEG * (high - low):.1f}" if math.isfinite(high - low) else ""
             width = 0.5 * DEG * (told["above"][LAST] - told["below"][LAST])
             mean = DEG * known(scores["rollout"][kind][str(LAST)])
-            row.append(f"{mean:.1f}{give}; ± {width:.1f}; {100.0 * told['coverage_all']:.0f} %")
+            row.append(f"{mean:.1f}{give}\n± {width:.1f}; {100.0 * told['coverage_all']:.0f} %")
         rows.append(row)
     title = (
         f"After {LAST} samples: mean error and half of its 95 % interval, deg; half the band of 90 %, deg; how often"

@@ -186,7 +186,7 @@ def _accelerations(document: Document) -> Table:
     def text(row: str, kind: str) -> str:
         train = known(document[row]["nrmse_train"].get(kind))
         low, high = (document[row].get("interval95", {}).get("nrmse_test", {}).get(kind) or (None, None))[:2]
-        band = "" if low is None or high is None else f" [{low:.2f},{words.HARD}{high:.2f}]"
+        band = "" if low is None or high is None else f"\n[{low:.2f},{words.HARD}{high:.2f}]"
         before = f"{words.number(train, 3)}{SLASH}" if math.isfinite(train) else ""
         return f"{before}{words.number(test(row, kind), 3)}{band}"
 
@@ -196,7 +196,7 @@ def _accelerations(document: Document) -> Table:
         row[0] = f"ring {ring}: {_rows(document[f'ring{ring}'])}"
     title = "Relative error of the angular acceleration (nRMSE)"
     if any(scores["nrmse_train"] for scores in document.values()):
-        title += ", train / test" + (" [95 % interval]" if any("interval95" in s for s in document.values()) else "")
+        title += ", train / test" + (", [95 % interval]" if any("interval95" in s for s in document.values()) else "")
     paper = _paper(columns, rings(document), published.NRMSE, lambda value: f"{value:.2f}")
     return _beside(paper, title, [words.kind(kind) for kind in columns], rows, strong)
 

@@ -37,7 +37,7 @@ def told(rings=(1, 2)):
 def test_the_table_has_the_numbers_of_the_document():
     table = confidence_parts(told())[0]
     assert isinstance(table, Table)
-    assert table.rows[1] == ["ring 2: 500 roll-outs", "2.5 ± 0.6; ± 3.0; 84 %"]
+    assert table.rows[1] == ["ring 2: 500 roll-outs", "2.5 ± 0.6\n± 3.0; 84 %"]
 
 
 def test_the_picture_shows_band_measured_angle_and_coverage():

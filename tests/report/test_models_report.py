@@ -87,7 +87,7 @@ def test_tables_have_the_numbers_of_the_document_and_the_published_ones():
     first, second = tables
     assert list(first.head) == ["", "bare equation (p)", "terms and process (sp)"]
     plain = [[cell.replace("\u00a0", " ") for cell in row] for row in first.rows]
-    assert plain[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345 [0.31, 0.37]"]
+    assert plain[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345\n[0.31, 0.37]"]
     assert first.strong == {(0, 2), (1, 2)}
     assert plain[2] == ["published, ring 1", MISSING, "0.35"]
     degrees = [[cell.replace("\u00a0", " ") for cell in row] for row in second.rows]
