@@ -124,18 +124,22 @@ def compare(
 
 
 def report(scores: list[RingScores]) -> None:
-    """The tables, as text."""
+    """The tables, as text. Where windows or blocks of time are too few to say how sure a number is, that is said."""
+    from mazeplan.models.enough import TOO_FEW, enough
+
     kinds = list(scores[0].nrmse_test)
     print(f"{'nRMSE of theta_dd':24s}" + "".join(f"{kind:>16s}" for kind in kinds))
     for s in scores:
         cells = "".join(f"{s.nrmse_train[kind]:8.3f}/{s.nrmse_test[kind]:.3f}  " for kind in kinds)
         print(f"ring {s.ring} train/test          {cells}")
         low = "".join(f"   [{a:.3f}, {b:.3f}]" for a, b in (s.interval["nrmse_test"][kind] for kind in kinds))
-        print(f"   95 % of the test      {low}")
+        few = f"   {TOO_FEW}: {_count(s.blocks['test'], 'block')} of time"
+        print(f"   95 % of the test      {low if enough(blocks=s.blocks['test']) else few}")
     print("\nmean absolute error of theta after 20 / 40 samples, rad (± half of the 95 % interval)")
     for s in scores:
         cells = "".join(f"  {kind} {_give(s, kind, '20')}/{_give(s, kind, '40')}" for kind in s.rollout)
-        print(f"ring {s.ring}  {len(s.windows)} windows, {s.windows.chosen}: {cells}")
+        few = "" if _sure(s) else f" in {_count(s.blocks['windows'], 'block')} of time ({TOO_FEW} for ±)"
+        print(f"ring {s.ring}  {_count(len(s.windows), 'window')}{few}, {s.windows.chosen}: {cells}")
     if any(s.confidence for s in scores):
         print("\nhow often the measured angle lies in the band of 90 % of roll-outs after 20 / 40 samples, %")
     for s in scores:
@@ -144,7 +148,8 @@ def report(scores: list[RingScores]) -> None:
         )
         if cells:
             some = next(iter(s.confidence.values()))
-            print(f"ring {s.ring}  {some['rollouts']} roll-outs of {some['windows']} windows: {cells}")
+            told = cells if enough(some["windows"]) else f" {TOO_FEW} for a share"
+            print(f"ring {s.ring}  {some['rollouts']} roll-outs of {_count(some['windows'], 'window')}:{told}")
     notes = {name for s in scores for name, sign in zip(("beta", "gamma"), s.signs, strict=True) if sign < 0}
     for name in sorted(notes):
         print(f"note: {name} is counted the other way round in these data (gravity pulls uphill); it was turned round")
@@ -159,8 +164,19 @@ def report(scores: list[RingScores]) -> None:
 def _give(s: RingScores, kind: str, steps: str) -> str:
     """An error with half of its 95 % interval, where there is one."""
     low, high = s.interval[steps].get(kind, (math.nan, math.nan))
-    give = f" ± {0.5 * (high - low):.3f}" if math.isfinite(high - low) else ""
+    give = f" ± {0.5 * (high - low):.3f}" if math.isfinite(high - low) and _sure(s) else ""
     return f"{s.rollout[kind][steps]:.3f}{give}"
+
+
+def _sure(s: RingScores) -> bool:
+    """Whether a ring has windows enough, in blocks of time enough, for an interval."""
+    from mazeplan.models.enough import enough
+
+    return enough(len(s.windows), s.blocks["windows"])
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
 
 
 def _draw(scores: list[RingScores], path: Path) -> None:

@@ -37,8 +37,8 @@ def quick(monkeypatch):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Tables: both.csv of two rings; one.csv of ring 2; flipped.csv the same with beta the other way round; bare.csv
-    without a ring; rubbish.csv with a theta that has nothing to do with the tilt."""
+    """Tables: both.csv of two rings; one.csv of ring 2; long.csv, 105 s of it; flipped.csv: one.csv with beta the other
+    way round; bare.csv without a ring; rubbish.csv with a theta that has nothing to do with the tilt."""
     home = tmp_path_factory.mktemp("tables")
     both = ring_table((2, 3), 30.0)
     one = Table({name: column[:900] for name, column in both.columns.items()})
@@ -46,6 +46,7 @@ def folder(tmp_path_factory):
     for name, table in (
         ("both", both),
         ("one", one),
+        ("long", ring_table((2,), 105.0)),
         ("flipped", Table({**one.columns, "beta": -one["beta"]})),
         ("bare", Table({name: one[name] for name in ("t", "theta", "beta", "gamma")})),
         ("rubbish", Table({**one.columns, "theta": 0.5 * np.cumsum(steps)})),
@@ -82,7 +83,7 @@ def test_for_people_the_tables(monkeypatch, capsys, folder):
     assert lines[0].split() == ["nRMSE", "of", "theta_dd", "rf", "p", "pi", "np", "sp"]
     assert lines[1].startswith("ring 2 train/test")
     assert lines[1].count("/") == 1 + len(KINDS)
-    assert "95 % of the test" in lines[2]
+    assert re.fullmatch(r" +95 % of the test +too few: [1-4] blocks? of time", lines[2])
     assert any(line.startswith("ring 2  ") and "windows" in line and "npd" in line for line in lines)
     assert "rates: smoothed" in out
     assert any(line.endswith("60") and "training rows" in line for line in lines)
@@ -90,11 +91,30 @@ def test_for_people_the_tables(monkeypatch, capsys, folder):
 
 
 def test_bands_are_told_in_a_line_for_each_ring(monkeypatch, capsys, folder):
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK[:-1], "100")
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "long.csv", *QUICK[:-1], "500")
     assert (code, err) == (0, "")
     told = out.split("how often the measured angle lies in the band")[1].splitlines()
-    assert re.fullmatch(r"ring 2  100 roll-outs of 2 windows:   pi \d+/\d+  np \d+/\d+  sp \d+/\d+", told[1])
+    assert re.fullmatch(r"ring 2  500 roll-outs of 10 windows:  pi \d+/\d+  np \d+/\d+  sp \d+/\d+", told[1])
     assert re.search(r"sp 0\.\d{3} ± 0\.\d{3}/\d\.\d{3} ± 0\.\d{3}", out)
+    assert re.search(r"95 % of the test( +\[\d\.\d{3}, \d\.\d{3}\]){5}\n", out)
+    assert "too few" not in out
+
+
+def test_too_few_windows_say_so_instead_of_a_share_or_an_interval(monkeypatch, capsys, folder):
+    """The document keeps its numbers, and tells how many blocks there are."""
+    given = ("compare", folder / "one.csv", *QUICK[:-1], "100")
+    code, out, _ = call(monkeypatch, capsys, *given)
+    assert code == 0
+    told = out.split("how often the measured angle lies in the band")[1].splitlines()
+    assert told[1] == "ring 2  100 roll-outs of 2 windows: too few for a share"
+    rolled = out.split("mean absolute error")[1].splitlines()[1]
+    assert re.match(r"ring 2  \d+ windows in 2 blocks of time \(too few for ±\), evenly spaced:   pi \d", rolled)
+    assert rolled.count("±") == 1
+    code, out, _ = call(monkeypatch, capsys, *given, "--json")
+    ring = json.loads(out)["ring2"]
+    assert ring["blocks"] == {"test": 2, "windows": 2}
+    assert 0.0 <= ring["confidence"]["sp"]["coverage40"] <= 1.0
+    assert set(ring["interval95"]) == {"nrmse_test", "20", "40"}
 
 
 def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):

@@ -186,6 +186,17 @@ def test_the_lead_says_where_another_is_better_than_the_best_on_average():
     assert f"Better there: in ring {ring.removeprefix('ring')} bare equation, 0.300." in lead
 
 
+def test_too_few_blocks_are_said_instead_of_an_interval():
+    document = comparison()
+    document["ring1"]["blocks"] = {"test": 4, "windows": 4}
+    document["ring2"]["blocks"] = {"test": 5, "windows": 5}
+    table = next(part for part in section(document).parts if isinstance(part, Table))
+    rows = [[cell.replace("\u00a0", " ") for cell in row] for row in table.rows]
+    assert rows[0] == ["ring 1: 400 rows, 100 to test in 4 blocks", "0.910 / 0.910", "0.200 / 0.345\ntoo few"]
+    assert rows[1][0] == "ring 2: 400 rows, 100 to test"
+    assert rows[1][2].endswith("[0.31, 0.37]")
+
+
 def test_intervals_are_explained_where_they_are_shown():
     parts = models_section(Input("comparison", Path("c"), "c", comparison())).parts
     notes = [p.text for p in parts if isinstance(p, Note)]

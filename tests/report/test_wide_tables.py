@@ -28,8 +28,8 @@ def full():
         scores["nrmse_test"] = dict.fromkeys(predicted, 10.123)
         rolled = ("pi", "np", "npd", "sp")
         scores["rollout"] = {kind: {"20": 1.2345, "40": 2.3456} for kind in rolled}
-        scores["interval95"] = {"nrmse_test": dict.fromkeys(predicted, [10.01, 11.23])}
-        scores["interval95"] |= {n: dict.fromkeys(rolled, [1.1, 2.9]) for n in ("20", "40")}
+        scores["interval95"] = {"nrmse_test": dict.fromkeys(predicted, (10.01, 11.23))}
+        scores["interval95"] |= {n: dict.fromkeys(rolled, (1.1, 2.9)) for n in ("20", "40")}
         band = [0.05 * k for k in range(41)]
         told = {
             "rollouts": 2000, "windows": 40, "level": 0.9, "below": [-x for x in band], "above": band,
