@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.cli.arguments import check_channel, logged_map
+from mazeplan.cli.arguments import check_channel, check_folder, logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
@@ -62,7 +62,10 @@ def compare(
     bands: Annotated[
         int,
         typer.Option(
-            "--bands", min=0, help="Roll-outs of each kind and ring, all doubts drawn, for bands of 90 %; 0: none."
+            "--bands",
+            min=0,
+            help="Roll-outs of each kind and ring, all doubts drawn, for bands of 90 %: 50 a window, so N / 50 windows "
+            "at most; 0: none.",
         ),
     ] = 2000,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is drawn: starts, forests, bands.")] = 0,
@@ -76,7 +79,7 @@ def compare(
     from mazeplan.comparison import THOROUGH, CompareOptions
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import read_table
-    from mazeplan.models.confidence import ConfidenceOptions
+    from mazeplan.models.confidence import DRAWS, ConfidenceOptions
     from mazeplan.models.fitting import FitOptions
     from mazeplan.models.gp_training import require_torch
     from mazeplan.models.samples import SampleOptions
@@ -88,8 +91,10 @@ def compare(
     ):
         if value not in allowed:
             raise InputError(f"{option}: got {value!r}, expected one of {', '.join(allowed)}")
-    if curve is not None and not (curve.suffix in PICTURES and curve.absolute().parent.is_dir()):  # not minutes later
-        raise InputError(f"--curve: got {str(curve)!r}, expected {', '.join(PICTURES)} in a folder that exists")
+    if 0 < bands < DRAWS:
+        raise InputError(f"--bands: got {bands}, expected 0 (none), or {DRAWS} (those of one window) or more")
+    if curve is not None:
+        _check_picture(curve)  # not minutes later
     if page is not None:
         check_page("--report", page)
     require_torch()
@@ -179,6 +184,14 @@ def _count(n: int, what: str) -> str:
     return f"{n} {what}{'' if n == 1 else 's'}"
 
 
+def _check_picture(path: Path) -> None:
+    """Whether a picture could be written there. Raises InputError."""
+    if path.suffix not in PICTURES or path.is_dir():
+        folder = ", a folder" if path.is_dir() else ""
+        raise InputError(f"--curve: got {str(path)!r}{folder}, expected a file that ends in {', '.join(PICTURES)}")
+    check_folder("--curve", path.absolute().parent)
+
+
 def _draw(scores: list[RingScores], path: Path) -> None:
     """Learning curves: test nRMSE over training rows, a panel a ring."""
     from matplotlib.figure import Figure
@@ -208,6 +221,7 @@ def _draw(scores: list[RingScores], path: Path) -> None:
             axes.set_ylabel("test nRMSE of theta_dd")
             axes.legend(frameon=False)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=150)
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be drawn: {problem}", file=path) from None

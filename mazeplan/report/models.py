@@ -207,14 +207,20 @@ def _accelerations(document: Document) -> Table:
     if any(scores["nrmse_train"] for scores in document.values()):
         title += ", train / test" + (", [95 % interval]" if any("interval95" in s for s in document.values()) else "")
     paper = _paper(columns, rings(document), published.NRMSE, lambda value: f"{value:.2f}")
-    return _beside(paper, title, [words.kind(kind) for kind in columns], rows, strong)
+    return _beside(paper, title, [words.kind(kind) for kind in columns], rows, strong, "on test rows")
 
 
 def _beside(
-    paper: list[list[str]], title: str, head: Sequence[str], rows: list[list[str]], strong: frozenset[tuple[int, int]]
+    paper: list[list[str]],
+    title: str,
+    head: Sequence[str],
+    rows: list[list[str]],
+    strong: frozenset[tuple[int, int]],
+    bold: str,
 ) -> Table:
-    """A table with what was published below, where there is any."""
+    """A table with what was published below, where there is any; bold: by what the least of a row is told."""
     told = "; published: test, on the paper's rig" if paper else ""
+    told += f"; bold: least {bold}" if strong else ""
     return Table(title + told, ("", *head), [*rows, *paper], strong)
 
 
@@ -260,7 +266,7 @@ def _rollouts(document: Document) -> Table:
         )
     paper = _paper(columns, rings(document), published.ROLLOUT, lambda pair: _degrees(*pair))
     title = "Mean absolute error of the angle after 20 / 40 samples, deg"
-    return _beside(paper, title, [KINDS.get(kind, kind) for kind in columns], rows, strong)
+    return _beside(paper, title, [KINDS.get(kind, kind) for kind in columns], rows, strong, "after 40")
 
 
 def _degrees(early: float, late: float) -> str:

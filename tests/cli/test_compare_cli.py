@@ -158,7 +158,7 @@ def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
 
 
 def test_learning_curves_are_drawn(monkeypatch, capsys, folder, tmp_path):
-    picture = tmp_path / "curve.png"
+    picture = tmp_path / "new" / "one" / "curve.png"
     pages = ("--curve", picture, "--report", tmp_path / "page.html")
     code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK, *pages, "--json")
     assert code == 0
@@ -213,8 +213,10 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
         (["one.csv", "--seed=-1"], "--seed"),
         (["one.csv", "--map", "none.yaml"], "none.yaml"),
         (["one.csv", "--report", "a.txt"], "--report: got 'a.txt', expected a file that ends in .html"),
-        (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected .png, .svg, .pdf"),
-        (["one.csv", "--curve", "nowhere/a.png"], "--curve: got 'nowhere/a.png'"),
+        (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected a file that ends in .png, .svg, .pdf"),
+        (["one.csv", "--curve", "one.csv/a.png"], "one.csv is a file; expected a folder that can be made"),
+        (["one.csv", "--bands", "1"], "--bands: got 1, expected 0 (none), or 50"),
+        (["one.csv", "--bands", "49"], "--bands: got 49, expected 0 (none), or 50"),
         (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
         (["none.csv"], "none.csv: no such file"),
         (["none.mcap"], "none.mcap: no such file"),

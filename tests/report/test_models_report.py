@@ -94,6 +94,12 @@ def test_tables_have_the_numbers_of_the_document_and_the_published_ones():
     assert degrees[0] == ["ring 1: 7 windows, evenly spaced", "7.1 / 14.1"]
     assert degrees[-1] == ["published, ring 2", "8.6 / 18.9"]
     assert "deg" in second.caption
+    assert first.caption.endswith("; bold: least on test rows")
+    assert second.caption.endswith("; bold: least after 40")
+    late = comparison()
+    late["ring1"]["rollout"] |= {"p": {"20": 0.1, "40": 0.3}, "np": {"20": 0.3, "40": 0.2}}
+    table = [part for part in section(late).parts if isinstance(part, Table)][1]
+    assert [table.head[column] for row, column in table.strong if row == 0] == ["Gaussian process"]
 
 
 def test_pictures_are_those_that_there_are_numbers_for():
