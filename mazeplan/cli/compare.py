@@ -142,6 +142,9 @@ def report(scores: list[RingScores]) -> None:
         print(f"   95 % of the test      {low if enough(blocks=s.blocks['test']) else few}")
     print("\nmean absolute error of theta after 20 / 40 samples, rad (± half of the 95 % interval)")
     for s in scores:
+        if not len(s.windows):
+            print(f"ring {s.ring}  0 windows: no stretch of test rows is long enough")
+            continue
         cells = "".join(f"  {kind} {_give(s, kind, '20')}/{_give(s, kind, '40')}" for kind in s.rollout)
         few = "" if _sure(s) else f" in {_count(s.blocks['windows'], 'block')} of time ({TOO_FEW} for ±)"
         print(f"ring {s.ring}  {_count(len(s.windows), 'window')}{few}, {s.windows.chosen}: {cells}")

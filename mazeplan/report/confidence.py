@@ -52,9 +52,10 @@ def _table(document: Document, numbers: list[int]) -> Table:
             if told is None:
                 row.append(MISSING)
                 continue
-            low, high = (known(v) for v in scores.get("interval95", {}).get(str(LAST), {}).get(kind) or (None, None))
+            interval = scores.get("interval95", {}).get(str(LAST), {}).get(kind)
+            low, high = (known(v) for v in interval or (None, None))
             give = f" ± {0.5 * DEG * (high - low):.1f}" if math.isfinite(high - low) else ""
-            if give and not enough(scores.get("windows"), blocks_of(scores, "windows")):
+            if interval is not None and not enough(scores.get("windows"), blocks_of(scores, "windows")):
                 give = f" ({TOO_FEW})"
             width = 0.5 * DEG * (told["above"][LAST] - told["below"][LAST])
             mean = DEG * known(scores["rollout"][kind][str(LAST)])

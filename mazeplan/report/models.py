@@ -192,9 +192,10 @@ def _accelerations(document: Document) -> Table:
 
     def text(row: str, kind: str) -> str:
         train = known(document[row]["nrmse_train"].get(kind))
-        low, high = (document[row].get("interval95", {}).get("nrmse_test", {}).get(kind) or (None, None))[:2]
+        interval = document[row].get("interval95", {}).get("nrmse_test", {}).get(kind)
+        low, high = (interval or (None, None))[:2]
         band = "" if low is None or high is None else f"\n[{low:.2f},{words.HARD}{high:.2f}]"
-        if band and not enough(blocks=blocks_of(document[row], "test")):
+        if interval is not None and not enough(blocks=blocks_of(document[row], "test")):
             band = f"\n{TOO_FEW}"
         before = f"{words.number(train, 3)}{SLASH}" if math.isfinite(train) else ""
         return f"{before}{words.number(test(row, kind), 3)}{band}"

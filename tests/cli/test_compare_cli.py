@@ -117,6 +117,14 @@ def test_too_few_windows_say_so_instead_of_a_share_or_an_interval(monkeypatch, c
     assert set(ring["interval95"]) == {"nrmse_test", "20", "40"}
 
 
+def test_a_ring_without_windows_says_so(monkeypatch, capsys, folder, tmp_path):
+    rows = (folder / "one.csv").read_text().splitlines()
+    (tmp_path / "short.csv").write_text("\n".join(rows[:250]) + "\n")  # test blocks are of 31 rows
+    code, out, _ = call(monkeypatch, capsys, "compare", tmp_path / "short.csv", *QUICK)
+    assert code == 0
+    assert "\nring 2  0 windows: no stretch of test rows is long enough\n" in out
+
+
 def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):
     _, out, _ = call(monkeypatch, capsys, "compare", folder / "flipped.csv", *QUICK)
     assert out.count("note: beta is counted the other way round") == 1

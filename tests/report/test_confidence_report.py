@@ -45,6 +45,7 @@ def test_the_table_has_the_numbers_of_the_document():
 @pytest.mark.parametrize(
     ("all_windows", "blocks", "windows", "cell"),
     [
+        (10, 1, 10, "2.5 (too few)\n± 3.0; 80 / 70 %"),
         (9, 5, 9, "2.5 (too few)\n± 3.0; too few"),
         (10, 4, 10, "2.5 (too few)\n± 3.0; 80 / 70 %"),
         (100, None, 9, "2.5 ± 0.6\n± 3.0; too few"),
@@ -55,6 +56,8 @@ def test_too_few_windows_or_blocks_say_so(all_windows, blocks, windows, cell):
     ring = document["ring2"]
     ring |= {"windows": all_windows, "blocks": {} if blocks is None else {"test": 5, "windows": blocks}}
     ring["confidence"]["sp"]["windows"] = windows
+    if blocks == 1:  # which has no interval
+        ring["interval95"]["40"] = {"sp": [None, None]}
     table, picture = confidence_parts(document)
     assert table.rows[1] == [f"ring 2: 500 roll-outs of {windows} windows", cell]
     from matplotlib.figure import Figure

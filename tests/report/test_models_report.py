@@ -200,6 +200,10 @@ def test_too_few_blocks_are_said_instead_of_an_interval():
     rows = [[cell.replace("\u00a0", " ") for cell in row] for row in table.rows]
     assert rows[0] == ["ring 1: 400 rows, 100 to test in 4 blocks", "0.910 / 0.910", "0.200 / 0.345\ntoo few"]
     assert rows[1][0] == "ring 2: 400 rows, 100 to test"
+    document["ring1"] |= {"blocks": {"test": 1, "windows": 0}, "interval95": {"nrmse_test": {"sp": [None, None]}}}
+    table = next(part for part in section(document).parts if isinstance(part, Table))
+    assert table.rows[0][0].endswith("100 to test in 1 block")
+    assert table.rows[0][2].endswith("\ntoo few")
     assert rows[1][2].endswith("[0.31, 0.37]")
 
 
