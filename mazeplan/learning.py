@@ -10,22 +10,27 @@ that it began with, `start/`, and the rows that it has learned since, `learning.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mazeplan.campaign.lock import alone
 from mazeplan.choices import resolve_model
 from mazeplan.data.table import table_of
 from mazeplan.errors import InputError, ModelError
 from mazeplan.evaluate import Campaign, run_one
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, save_model
+from mazeplan.models.learnerfolder import keep_learner, open_learner
+from mazeplan.models.modelfile import RigModel
 from mazeplan.models.online_rig import Lesson, OnlineModel, OnlineOptions
-from mazeplan.models.onlinefile import ROWS, START, read_online, write_online
+from mazeplan.models.onlinefile import ROWS
 from mazeplan.records import FailureKind, NavigationResult
+from mazeplan.rigs.registry import rig_label
 
+LOCK = ".learning.lock"
 SEEN = 0.8  # of the ticks, at least, in which the ball must have been seen
 BAD = (FailureKind.RIG_FAILED, FailureKind.BALL_LOST, FailureKind.LEAF_FAILED)
 
@@ -52,23 +57,28 @@ class Learner:
 
     online: OnlineModel
     folder: Path | None = None
+    rig: str = ""
 
     @classmethod
     def begin(
-        cls, start: RigModel, maze: Maze, folder: str | Path | None = None, options: OnlineOptions | None = None
-    ) -> Learner:
-        """Begin with a model. Raises InputError for one that cannot learn, ModelError for a folder that holds another
-        model."""
+        cls, start: RigModel, maze: Maze, folder: str | Path | None = None, options: OnlineOptions | None = None,
+        rig: str = "",
+    ) -> Learner:  # fmt: skip
+        """Begin with a model, on a rig of that name. Raises InputError for one that cannot learn, ModelError for a
+        folder that holds another model, or anything else."""
         folder = None if folder is None else Path(folder)
         if folder is not None and (folder / "model.yaml").exists():
             advice = "give another folder, and this one with --model to begin with it"
             raise ModelError(f"holds a model that was not made by --learn: {advice}", file=folder)
-        return cls(OnlineModel(start, maze, options), folder)
+        if folder is not None and folder.is_dir() and (other := [p.name for p in folder.iterdir() if p.name != LOCK]):
+            advice = "expected a new or an empty folder, or one of --learn"
+            raise ModelError(f"holds other things ({min(other)}), {advice}", file=folder)
+        return cls(OnlineModel(start, maze, options), folder, rig)
 
     @classmethod
-    def opened(cls, folder: str | Path, maze: Maze, options: OnlineOptions | None = None) -> Learner:
-        """Go on with one that was kept. Raises ModelError."""
-        return cls(read_online(Path(folder), maze, options), Path(folder))
+    def opened(cls, folder: str | Path, maze: Maze, options: OnlineOptions | None = None, rig: str = "") -> Learner:
+        """Go on with one that was kept. Raises InputError where it learned on another rig or map, ModelError."""
+        return cls(open_learner(Path(folder), maze, rig, options), Path(folder), rig)
 
     @property
     def model(self) -> RigModel:
@@ -84,17 +94,14 @@ class Learner:
             try:
                 lesson = self.online.learn(table_of(ticks.rows, f"run {self.online.now + 1}"), ticks.camera_delay)
             except InputError as problem:
-                lesson = self.online.skipped(str(problem))
+                lesson = self.online.skipped(problem.problem)
         self.keep()
         return lesson
 
     def keep(self) -> None:
         """Write it where it is kept."""
         if self.folder is not None:
-            if not (self.folder / START).exists():
-                save_model(self.online.start, self.folder / START)
-            save_model(self.model, self.folder)
-            write_online(self.online, self.folder)
+            keep_learner(self.online, self.folder, self.rig)
 
 
 def learner_of(
@@ -105,8 +112,31 @@ def learner_of(
     if folder is not None and (folder / ROWS).exists():
         if model is not None and Path(model).resolve() != folder.resolve():
             raise InputError(f"--model: got {model}, but what {folder} has learned so far goes on: leave --model out")
-        return Learner.opened(folder, maze, options)
-    return Learner.begin(resolve_model(model, rig, maze), maze, folder, options)
+        return Learner.opened(folder, maze, options, rig_label(rig))
+    return Learner.begin(resolve_model(model, rig, maze), maze, folder, options, rig_label(rig))
+
+
+@contextmanager
+def learning_alone(folder: Path | None) -> Iterator[None]:
+    """Nobody else learns in the folder, which is made, meanwhile. Raises InputError where somebody does. A folder into
+    which nothing was written is not left behind."""
+    if folder is None:
+        yield
+        return
+    made = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise InputError(f"-o: got {folder}: {problem.strerror}; expected a folder that can be made") from None
+    try:
+        with alone(folder / LOCK, "-o", "learning"):
+            yield
+    finally:
+        if not (folder / ROWS).exists():
+            with suppress(OSError):
+                (folder / LOCK).unlink(missing_ok=True)
+                if made:
+                    folder.rmdir()
 
 
 def unfit(result: NavigationResult, ticks: Ticks) -> str:
@@ -131,11 +161,13 @@ def learn_while(
     tell: Callable[[Lesson], None] | None = None,
 ) -> tuple[list[NavigationResult], list[Lesson]]:
     """The results of a campaign in the order of its runs, and what each run taught; `progress(finished)` and `tell` are
-    called after each."""
+    called after each. The runs are counted on from those that the learner has seen: what was interrupted goes on as if
+    it had not been."""
     outcomes, lessons = [], []
+    first = learner.online.now
     for index in range(campaign.runs):
         ticks = Ticks()
-        outcomes.append(run_one(campaign, index, learner.model, ticks))
+        outcomes.append(run_one(campaign, first + index, learner.model, ticks))
         lessons.append(learner.learn(outcomes[-1], ticks))
         if tell is not None:
             tell(lessons[-1])
@@ -150,7 +182,8 @@ def evaluate_learning(
     """`evaluate --learn` for Python: the campaign's model learns from each run; folder: where it is kept."""
     maze = load_map(campaign.map)
     kept = None if folder is None else Path(folder)
-    return learn_while(campaign, learner_of(campaign.model, campaign.rig, maze, kept, options))
+    with learning_alone(kept):
+        return learn_while(campaign, learner_of(campaign.model, campaign.rig, maze, kept, options))
 
 
 def lesson_document(lesson: Lesson) -> dict[str, Any]:

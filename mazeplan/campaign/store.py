@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.campaign.identity import difference, digest_of, identity, text_of
+from mazeplan.campaign.lock import alone
 from mazeplan.campaign.parcel import Parcel, packed
 from mazeplan.campaign.single import Campaign
 from mazeplan.campaign.work import Ran
@@ -216,27 +217,8 @@ def open_stores(
     with ExitStack() as stack:
         stores = []
         for setup in setups:
-            stack.enter_context(_alone(folder / f".campaign-{digest_of(setup)}.lock"))
+            lock = folder / f".campaign-{digest_of(setup)}.lock"
+            stack.enter_context(alone(lock, "--store", "this campaign"))
             stores.append(Store(folder, campaign, parcel, setup))
             stack.callback(stores[-1].put_together)
         yield tuple(stores)
-
-
-@contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Hold a lock that goes with the process, however that ends."""
-    try:
-        import fcntl
-    except ImportError:  # not on this system: nobody is kept out
-        yield
-        return
-    try:
-        file = path.open("a")
-    except OSError as problem:
-        raise InputError(f"--store: {path.parent} cannot be written to: {problem.strerror}") from None
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"--store: this campaign is under way in {path.parent} already") from None
-        yield

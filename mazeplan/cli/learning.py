@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,14 +46,16 @@ def check_learning(
             raise InputError(f"--learn with {name}: {why[name]}; give one of them")
 
 
-def learner_for(model: str | None, rig: str, maze: Maze, output: Path | None) -> Learner:
-    """The learner that is meant; checked before anything runs."""
+@contextmanager
+def open_learner(model: str | None, rig: str, maze: Maze, output: Path | None) -> Iterator[Learner]:
+    """The learner that is meant; checked before anything runs, and nobody else's meanwhile."""
     from mazeplan.cli.arguments import check_folder
-    from mazeplan.learning import learner_of
+    from mazeplan.learning import learner_of, learning_alone
 
     if output is not None:
         check_folder("-o", output)
-    return learner_of(model, rig, maze, output)
+    with learning_alone(output):
+        yield learner_of(model, rig, maze, output)
 
 
 def evaluate_learning(campaign: Campaign, output: Path | None) -> tuple[list[NavigationResult], dict[str, Any]]:
@@ -61,11 +64,32 @@ def evaluate_learning(campaign: Campaign, output: Path | None) -> tuple[list[Nav
     from mazeplan.learning import learn_while, lesson_document
     from mazeplan.maze.mapfile import load_map
 
-    learner = learner_for(campaign.model, campaign.rig, load_map(campaign.map), output)
-    with campaign_progress(campaign.runs) as advance:
-        outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=tell)
+    taught: list[Lesson] = []
+
+    def told(lesson: Lesson) -> None:
+        taught.append(lesson)
+        tell(lesson)
+
+    with open_learner(campaign.model, campaign.rig, load_map(campaign.map), output) as learner:
+        try:
+            with campaign_progress(campaign.runs) as advance:
+                outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=told)
+        except KeyboardInterrupt:
+            if output is not None:
+                left = campaign.runs - len(taught)
+                say(
+                    f"{len(taught)} of {campaign.runs} runs are kept in {output}; --runs {left} goes on with the others"
+                )
+            raise
+        say(_summary(taught, learner, output))
     kept = None if output is None else str(output)
     return outcomes, {"runs": [lesson_document(lesson) for lesson in lessons], "model": kept}
+
+
+def _summary(lessons: Sequence[Lesson], learner: Learner, output: Path | None) -> str:
+    rows, used = sum(sum(lesson.rows.values()) for lesson in lessons), sum(not lesson.why for lesson in lessons)
+    where = "kept nowhere (-o FOLDER)" if output is None else f"{output}, {learner.online.now} runs so far"
+    return f"learned from {rows} samples of {used} of {len(lessons)} runs: {where}"
 
 
 def tell(lesson: Lesson) -> None:
@@ -86,12 +110,12 @@ def navigate_learning(
 
     if output is None:
         raise InputError("--learn needs -o FOLDER: where the model that learned is kept for the next run")
-    learner = learner_for(job["model"], job["rig"], job["map"], output)
     ticks = Ticks()
-    # to the last digit what is kept: a log can hold that
-    model = load_model(output) if (output / "model.yaml").exists() else learner.model
-    result = drive({**job, "model": model}, feed=ticks)
-    lesson = learner.learn(result, ticks)
+    with open_learner(job["model"], job["rig"], job["map"], output) as learner:
+        # to the last digit what is kept: a log can hold that
+        model = load_model(output) if (output / "model.yaml").exists() else learner.model
+        result = drive({**job, "model": model}, feed=ticks)
+        lesson = learner.learn(result, ticks)
     tell(lesson)
     if not lesson.why:
         say(f"learned from {sum(lesson.rows.values())} samples: {output}, {lesson.run} runs so far")

@@ -7,8 +7,11 @@ counted from are its. Nothing is executed on loading; a file that does not fit i
 from __future__ import annotations
 
 import io
+import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,14 +29,16 @@ FORMAT = 1
 NAMES = ("inputs", "features", "y", "age")
 
 
-def write_online(online: OnlineModel, folder: Path) -> Path:
-    """Write learning.npz into a folder; its path. Raises ModelError."""
+def write_online(online: OnlineModel, folder: Path, about: Mapping[str, Any] | None = None) -> Path:
+    """Write learning.npz into a folder; its path. about: what `read_about` is to tell. Raises ModelError."""
     arrays: dict[str, Array | np.ndarray] = {
         "format": np.array(FORMAT),
         "now": np.array(online.now),
         "clock": np.array(online.clock),
         "watched": np.array(online.watched, dtype=np.float64).reshape(-1, 2),
     }
+    if about is not None:
+        arrays["about"] = np.array(json.dumps(about))
     for ring, rows in online.rings.items():
         arrays |= {f"ring{ring}_{name}": getattr(rows, name) for name in NAMES}
     stream, path = io.BytesIO(), folder / ROWS
@@ -50,6 +55,35 @@ def write_online(online: OnlineModel, folder: Path) -> Path:
 def read_online(folder: Path, maze: Maze, options: OnlineOptions | None = None) -> OnlineModel:
     """The learner that was kept in a folder. Raises ModelError."""
     path = folder / ROWS
+    arrays = _arrays(path)
+    online = OnlineModel(load_model(folder / START), maze, options)
+    try:
+        _fill(online, arrays)
+    except (KeyError, TypeError, ValueError) as problem:
+        raise ModelError(f"does not fit the model beside it: {problem}", file=path) from None
+    return online
+
+
+def read_about(folder: Path) -> dict[str, Any]:
+    """What else was written of the learner in a folder: rig, map, map_name and files; {} by older versions. Raises
+    ModelError."""
+    path = folder / ROWS
+    arrays = _arrays(path)
+    if "about" not in arrays:
+        return {}
+    try:
+        about = json.loads(str(arrays["about"]))
+        texts = [about[name] for name in ("rig", "map", "map_name")]
+        files = about["files"]
+        whole = isinstance(files, dict) and all(isinstance(prints, list) for prints in files.values())
+        if not whole or not all(isinstance(text, str) for text in texts):
+            raise ValueError("a field is of the wrong kind")
+    except (KeyError, TypeError, ValueError, RecursionError) as problem:
+        raise ModelError(f"cannot be read: about: {problem}", file=path) from None
+    return about
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise ValueError(f"it is larger than {MOST_BYTES} bytes")
@@ -57,16 +91,10 @@ def read_online(folder: Path, maze: Maze, options: OnlineOptions | None = None) 
             if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
                 raise ValueError(f"it unpacks to more than {MOST_BYTES} bytes")
         with np.load(path, allow_pickle=False) as held:
-            arrays = {name: held[name] for name in held.files}
+            return {name: held[name] for name in held.files}
     except Exception as problem:  # zipfile, zlib and numpy raise a dozen kinds for a damaged or malicious file
         reason = " ".join(str(problem).split())
         raise ModelError(f"cannot be read: {reason}", file=path) from None
-    online = OnlineModel(load_model(folder / START), maze, options)
-    try:
-        _fill(online, arrays)
-    except (KeyError, TypeError, ValueError) as problem:
-        raise ModelError(f"does not fit the model beside it: {problem}", file=path) from None
-    return online
 
 
 def _fill(online: OnlineModel, arrays: dict[str, np.ndarray]) -> None:

@@ -33,7 +33,7 @@ def test_the_example_refuses_in_one_line():
     if importlib.util.find_spec("stable_baselines3") is None:
         pytest.skip("stable-baselines3 is not installed")
     for words, said in (
-        (["--from", "9"], "examples/sac.py: start_ring: got 9"), (["--steps", "-5"], "expected a number above 0"),
+        (["--from", "9"], "examples/sac.py: start_ring: got '9'"), (["--steps", "-5"], "expected a number above 0"),
     ):  # fmt: skip
         done = subprocess.run([sys.executable, str(SCRIPT), *words], capture_output=True, text=True, check=False)
         assert done.returncode != 0
