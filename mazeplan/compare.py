@@ -25,7 +25,16 @@ from mazeplan.models.eccentric import find_centre, smoothing_of, straightened
 from mazeplan.models.features import paper_features
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.linear import fit_linear
-from mazeplan.models.samples import RingSamples, SampleOptions, joined, orientation, oriented, ring_samples
+from mazeplan.models.samples import (
+    RingSamples,
+    SampleOptions,
+    joined,
+    orientation,
+    oriented,
+    ring_samples,
+    rings_of,
+    rings_wanted,
+)
 from mazeplan.models.start import angle_noise
 from mazeplan.progress import Advance, Words, led_by, no_advance, no_words, piece
 
@@ -52,6 +61,7 @@ def compare(
     progress is told in words what is being done, advance how far it is, left_out which ring is left out, and why.
     Raises InputError when there is no such ring."""
     options, tell, advance = options or CompareOptions(), progress or no_words, advance or no_advance
+    logs, tests = (_with_ring(tables, maze, options.samples, left_out) for tables in (logs, tests))
     delay = options.delay if options.delay is not None else best_lag(logs, maze, options)
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
@@ -78,6 +88,26 @@ def compare(
     if not scores:
         raise InputError(f"no ring has samples both to train and to test on{short}")
     return scores
+
+
+def _with_ring(tables: Sequence[Table], maze: Maze, options: SampleOptions, left_out: Words) -> Sequence[Table]:
+    """The tables that have rows of the ring that is wanted. Raises InputError where none of them has."""
+    if options.ring is None:
+        return tables
+    kept, without = [], []
+    for table in tables:
+        seen = np.isfinite(table["theta"])
+        if (seen & (rings_wanted(table, maze, options) > 0)).any():
+            kept.append(table)
+            continue
+        there = np.unique(rings_of(table, maze)[seen])
+        told = ", ".join(f"{ring:.0f}" for ring in there[there > 0]) or "none"
+        without.append(f"{table.source.get('file', 'a table')} has no row of ring {options.ring}, but of {told}")
+    if tables and not kept:
+        raise InputError("; ".join(without))
+    for told in without:
+        left_out(f"left out: {told}")
+    return kept
 
 
 def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> float:

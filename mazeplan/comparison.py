@@ -89,6 +89,12 @@ class RingData:
         """Rows scored."""
         return np.flatnonzero(self.test_mask & self.test.good)
 
+    def blocks(self, windows: Windows) -> dict[str, int]:
+        """How many blocks of time have rows scored, and windows."""
+        return {
+            "test": len(np.unique(self.block[self.test_rows])), "windows": len(np.unique(self.block[windows.start]))
+        }  # fmt: skip
+
 
 @dataclass(frozen=True)
 class RingScores:
@@ -110,6 +116,7 @@ class RingScores:
     bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)  # of roll-outs, by the sample
     residual: ResidualMap | None = None
     confidence: dict[str, dict[str, Any]] = field(default_factory=dict)  # as `Confidence.document` has it
+    blocks: dict[str, int] = field(default_factory=dict)  # of time: with test rows, and with windows
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""
@@ -125,7 +132,7 @@ class RingScores:
             "n_train": self.n_train, "n_test": self.n_test, "rates": self.rates, "delay_s": round(self.delay, 4),
             "signs": {"beta": self.signs[0], "gamma": self.signs[1]},
             "windows": len(self.windows), "windows_chosen": self.windows.chosen,
-            "centre_m": rounded(list(self.centre)),
+            "blocks": self.blocks, "centre_m": rounded(list(self.centre)),
             "nrmse_train": rounded(self.nrmse_train), "nrmse_test": rounded(self.nrmse_test),
             "rollout": rounded(self.rollout), "interval95": rounded(self.interval),
             **({"curve": rounded(self.curve)} if self.curve else {}),
@@ -202,6 +209,7 @@ def score(
     return RingScores(
         ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
         rollout, interval, curve, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left), sure,
+        data.blocks(windows),
     )  # fmt: skip
 
 

@@ -133,7 +133,7 @@ def ring_records(table: Table, maze: Maze, model: RigModel) -> dict[int, Record]
     """A record of each ring in which the ball was for long enough, positions as the model's camera has them. Raises
     TableError when there is none."""
     table = centred(table, model.camera)
-    numbers, out = rings_of(table, maze, None), {}
+    numbers, out = rings_of(table, maze), {}
     for ring in maze.rings:
         rows = numbers == ring.number
         if not ring.is_disc and int(rows.sum()) >= FEWEST:

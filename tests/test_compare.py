@@ -128,7 +128,7 @@ def test_the_document_is_plain(scores):
     document = scores[0].document()
     assert set(document) == {
         "n_train", "n_test", "rates", "delay_s", "signs", "windows", "windows_chosen", "centre_m", "nrmse_train",
-        "nrmse_test", "rollout", "interval95", "bands", "confidence", "residual",
+        "nrmse_test", "rollout", "interval95", "bands", "confidence", "residual", "blocks",
     }  # fmt: skip
     assert document == json.loads(json.dumps(document))
     assert set(document["nrmse_train"]) == set(document["nrmse_test"]) == {"rf", "p", "pi", "np", "sp"}
@@ -137,6 +137,13 @@ def test_the_document_is_plain(scores):
         assert set(errors) == {"20", "40"}
     assert document["nrmse_test"]["sp"] == round(scores[0].nrmse_test["sp"], 4)
     assert document["signs"] == {"beta": 1, "gamma": 1}
+
+
+def test_blocks_are_those_with_rows_and_windows(scores, table):
+    samples = ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(rates=scores[0].rates))[2]
+    data = module.prepare(samples, None, QUICK)
+    assert scores[0].blocks["test"] == len({int(b) for b in data.block[data.test_rows]})
+    assert scores[0].blocks["windows"] == len({int(data.block[row]) for row in scores[0].windows.start})
 
 
 def test_the_same_comes_out_again(table):

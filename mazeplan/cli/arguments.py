@@ -49,6 +49,14 @@ def parse_ring(text: str, maze: Maze) -> int:
     return int(number[1])
 
 
+def check_channel(ring: int, maze: Maze) -> None:
+    """Whether the maze has such a ring, and it is no disc. Raises InputError."""
+    if ring > len(maze.rings):
+        raise InputError(f"--ring: got {ring}, expected 1 to {len(maze.rings)} (map {maze.name})")
+    if maze.ring(ring).is_disc:
+        raise InputError(f"--ring: got {ring}, a disc, expected a ring with a channel (map {maze.name})")
+
+
 def parse_opening(text: str, maze: Maze) -> str:
     """Name of an opening. Raises InputError, which lists them, if the maze has none of that name."""
     names = [opening.name for opening in maze.openings]

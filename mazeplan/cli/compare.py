@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.cli.arguments import logged_map
+from mazeplan.cli.arguments import check_channel, check_folder, logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
@@ -32,7 +32,8 @@ def compare(
         str | None, typer.Option("--map", help="Packaged map or YAML file; default: that of the first log, else cme.")
     ] = None,
     ring: Annotated[
-        int | None, typer.Option("--ring", min=1, help="Ring of all rows, where the table does not tell.")
+        int | None,
+        typer.Option("--ring", min=1, help="Only this ring; where a table does not tell rings, that of all its rows."),
     ] = None,
     radius: Annotated[
         float | None, typer.Option("--radius", help="Its track radius in m, instead of the map's.")
@@ -61,7 +62,10 @@ def compare(
     bands: Annotated[
         int,
         typer.Option(
-            "--bands", min=0, help="Roll-outs of each kind and ring, all doubts drawn, for bands of 90 %; 0: none."
+            "--bands",
+            min=0,
+            help="Roll-outs of each kind and ring, all doubts drawn, for bands of 90 %: 50 a window, so N / 50 windows "
+            "at most; 0: none.",
         ),
     ] = 2000,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is drawn: starts, forests, bands.")] = 0,
@@ -75,7 +79,7 @@ def compare(
     from mazeplan.comparison import THOROUGH, CompareOptions
     from mazeplan.data.smoothing import Smoothing
     from mazeplan.data.table import read_table
-    from mazeplan.models.confidence import ConfidenceOptions
+    from mazeplan.models.confidence import DRAWS, ConfidenceOptions
     from mazeplan.models.fitting import FitOptions
     from mazeplan.models.gp_training import require_torch
     from mazeplan.models.samples import SampleOptions
@@ -87,12 +91,16 @@ def compare(
     ):
         if value not in allowed:
             raise InputError(f"{option}: got {value!r}, expected one of {', '.join(allowed)}")
-    if curve is not None and not (curve.suffix in PICTURES and curve.absolute().parent.is_dir()):  # not minutes later
-        raise InputError(f"--curve: got {str(curve)!r}, expected {', '.join(PICTURES)} in a folder that exists")
+    if 0 < bands < DRAWS:
+        raise InputError(f"--bands: got {bands}, expected 0 (none), or {DRAWS} (those of one window) or more")
+    if curve is not None:
+        _check_picture(curve)  # not minutes later
     if page is not None:
         check_page("--report", page)
     require_torch()
     maze, known = logged_map(map_, logs[0])
+    if ring is not None and radius is None:  # with a radius the map need not have it
+        check_channel(ring, maze)
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
         delay=delay,
@@ -121,18 +129,25 @@ def compare(
 
 
 def report(scores: list[RingScores]) -> None:
-    """The tables, as text."""
+    """The tables, as text. Where windows or blocks of time are too few to say how sure a number is, that is said."""
+    from mazeplan.models.enough import TOO_FEW, enough
+
     kinds = list(scores[0].nrmse_test)
     print(f"{'nRMSE of theta_dd':24s}" + "".join(f"{kind:>16s}" for kind in kinds))
     for s in scores:
         cells = "".join(f"{s.nrmse_train[kind]:8.3f}/{s.nrmse_test[kind]:.3f}  " for kind in kinds)
         print(f"ring {s.ring} train/test          {cells}")
         low = "".join(f"   [{a:.3f}, {b:.3f}]" for a, b in (s.interval["nrmse_test"][kind] for kind in kinds))
-        print(f"   95 % of the test      {low}")
+        few = f"   {TOO_FEW}: {_count(s.blocks['test'], 'block')} of time"
+        print(f"   95 % of the test      {low if enough(blocks=s.blocks['test']) else few}")
     print("\nmean absolute error of theta after 20 / 40 samples, rad (± half of the 95 % interval)")
     for s in scores:
+        if not len(s.windows):
+            print(f"ring {s.ring}  0 windows: no stretch of test rows is long enough")
+            continue
         cells = "".join(f"  {kind} {_give(s, kind, '20')}/{_give(s, kind, '40')}" for kind in s.rollout)
-        print(f"ring {s.ring}  {len(s.windows)} windows, {s.windows.chosen}: {cells}")
+        few = "" if _sure(s) else f" in {_count(s.blocks['windows'], 'block')} of time ({TOO_FEW} for ±)"
+        print(f"ring {s.ring}  {_count(len(s.windows), 'window')}{few}, {s.windows.chosen}: {cells}")
     if any(s.confidence for s in scores):
         print("\nhow often the measured angle lies in the band of 90 % of roll-outs after 20 / 40 samples, %")
     for s in scores:
@@ -141,7 +156,8 @@ def report(scores: list[RingScores]) -> None:
         )
         if cells:
             some = next(iter(s.confidence.values()))
-            print(f"ring {s.ring}  {some['rollouts']} roll-outs of {some['windows']} windows: {cells}")
+            told = cells if enough(some["windows"]) else f" {TOO_FEW} for a share"
+            print(f"ring {s.ring}  {some['rollouts']} roll-outs of {_count(some['windows'], 'window')}:{told}")
     notes = {name for s in scores for name, sign in zip(("beta", "gamma"), s.signs, strict=True) if sign < 0}
     for name in sorted(notes):
         print(f"note: {name} is counted the other way round in these data (gravity pulls uphill); it was turned round")
@@ -156,8 +172,27 @@ def report(scores: list[RingScores]) -> None:
 def _give(s: RingScores, kind: str, steps: str) -> str:
     """An error with half of its 95 % interval, where there is one."""
     low, high = s.interval[steps].get(kind, (math.nan, math.nan))
-    give = f" ± {0.5 * (high - low):.3f}" if math.isfinite(high - low) else ""
+    give = f" ± {0.5 * (high - low):.3f}" if math.isfinite(high - low) and _sure(s) else ""
     return f"{s.rollout[kind][steps]:.3f}{give}"
+
+
+def _sure(s: RingScores) -> bool:
+    """Whether a ring has windows enough, in blocks of time enough, for an interval."""
+    from mazeplan.models.enough import enough
+
+    return enough(len(s.windows), s.blocks["windows"])
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
+
+
+def _check_picture(path: Path) -> None:
+    """Whether a picture could be written there. Raises InputError."""
+    if path.suffix not in PICTURES or path.is_dir():
+        folder = ", a folder" if path.is_dir() else ""
+        raise InputError(f"--curve: got {str(path)!r}{folder}, expected a file that ends in {', '.join(PICTURES)}")
+    check_folder("--curve", path.absolute().parent)
 
 
 def _draw(scores: list[RingScores], path: Path) -> None:
@@ -189,6 +224,7 @@ def _draw(scores: list[RingScores], path: Path) -> None:
             axes.set_ylabel("test nRMSE of theta_dd")
             axes.legend(frameon=False)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=150)
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be drawn: {problem}", file=path) from None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.cli.arguments import check_folder, logged_map
+from mazeplan.cli.arguments import check_channel, check_folder, logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
@@ -222,7 +222,7 @@ def _in_ring(table: Table, maze: Maze, number: int) -> np.ndarray:
     """Rows in which the ball is in the channel of a ring."""
     from mazeplan.models.samples import rings_of
 
-    return rings_of(table, maze, None) == number
+    return rings_of(table, maze) == number
 
 
 def _check_rings(table: Table, maze: Maze) -> None:
@@ -235,7 +235,7 @@ def _check_rings(table: Table, maze: Maze) -> None:
     if "ring" in table or "r" not in table:
         return
     seen = np.isfinite(table["r"])
-    outside = float(np.mean(rings_of(table, maze, None)[seen] == 0)) if seen.any() else 1.0
+    outside = float(np.mean(rings_of(table, maze)[seen] == 0)) if seen.any() else 1.0
     if outside > 1.0 - FEWEST_IN_RINGS:
         problem = f"the ball is in no ring of the map in {outside:.0%} of the samples that show it"
         raise InputError(f"{problem}; expected --radius M, or another --map")
@@ -247,16 +247,15 @@ def _ring(table: Table, maze: Maze, ring: int | None) -> int:
 
     from mazeplan.models.samples import rings_of
 
-    if ring is not None and ring > len(maze.rings):
-        raise InputError(f"--ring: got {ring}, expected 1 to {len(maze.rings)}")
-    numbers = rings_of(table, maze, None)
+    if ring is not None:
+        check_channel(ring, maze)
+    numbers = rings_of(table, maze)
     found, counts = np.unique(numbers[numbers > 0], return_counts=True)
     if ring is None:
         if not len(found):
             raise InputError("the ball is in no ring of the map; expected --radius M, or another --map")
         ring = int(found[np.argmax(counts)])
-    if maze.ring(ring).is_disc:
-        raise InputError(f"--ring: got {ring}, a disc, expected a ring with a channel")
+        check_channel(ring, maze)
     return ring
 
 

@@ -43,7 +43,8 @@ class Record:
 def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
     """The table with beta and gamma counted as in the ball's equation, in which gravity pulls the ball downhill, and
     what was turned round, in words."""
-    samples = ring_samples(table, None, None, SampleOptions(ring=1, radius=radius))
+    one = Table({name: column for name, column in table.columns.items() if name != "ring"})  # as if of one ring
+    samples = ring_samples(one, None, None, SampleOptions(ring=1, radius=radius))
     columns, notes = dict(table.columns), []
     for axis, sign in zip(("beta", "gamma"), orientation(samples), strict=True):
         if sign < 0:

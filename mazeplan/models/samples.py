@@ -85,9 +85,9 @@ def pick(k: RingKinematics, rows: Array | IntArray | np.ndarray) -> RingKinemati
 
 @dataclass(frozen=True)
 class SampleOptions:
-    """What a table does not tell. delay: s that the ball is behind the tilt; ring: number of all rows' ring; radius: m,
-    instead of the map's; recompute: derivatives anew even where the table brings them; rates: smoothed, delayed or
-    filtered. Raises SettingsError."""
+    """What a table does not tell. delay: s that the ball is behind the tilt; ring: the only one that is wanted, or that
+    of all rows of a table that does not tell (`tells_rings`); radius: m, instead of the map's; recompute: derivatives
+    anew even where the table brings them; rates: smoothed, delayed or filtered. Raises SettingsError."""
 
     delay: float = 0.0
     ring: int | None = None
@@ -110,7 +110,7 @@ def ring_samples(
 ) -> dict[int, RingSamples]:
     """Samples by ring, of rings in which there are any. Raises TableError when rows cannot be given to a ring."""
     smoothing, options = smoothing or Smoothing(), options or SampleOptions()
-    numbers = rings_of(table, maze, options.ring)
+    numbers = rings_wanted(table, maze, options)
     signals = _signals(table, smoothing, options)
     theta, found = table["theta"], {}
     here = np.isfinite(theta) & (numbers > 0)
@@ -137,13 +137,29 @@ def _radius(table: Table, maze: Maze | None, ring: int, rows: IntArray) -> float
     raise TableError(f"ring {ring} is not in the map: its radius is needed", file=table.source.get("file"))
 
 
-def rings_of(table: Table, maze: Maze | None, ring: int | None) -> IntArray:
-    """Ring of each row, 0 where it is in none: the column, the one given, or by radius and map.
+def tells_rings(table: Table, maze: Maze | None, options: SampleOptions) -> bool:
+    """Whether a table tells the ring of a row: by a column, or by r and the map, unless a radius that is given says
+    that the map is another."""
+    return "ring" in table or ("r" in table and maze is not None and options.radius is None)
+
+
+def rings_wanted(table: Table, maze: Maze | None, options: SampleOptions) -> IntArray:
+    """Ring of each row, 0 where it is in none, or in another than the one that is wanted."""
+    if options.ring is None:
+        return rings_of(table, maze)
+    if not tells_rings(table, maze, options):
+        return np.full(len(table), options.ring)
+    if options.radius is not None:  # a disc, or a ring that the map has not: only the column knows
+        return np.where(table["ring"] == options.ring, options.ring, 0)
+    numbers = rings_of(table, maze)
+    return np.where(numbers == options.ring, numbers, 0)
+
+
+def rings_of(table: Table, maze: Maze | None) -> IntArray:
+    """Ring of each row, 0 where it is in none: the column, or by radius and map.
 
     Where radius and map are known, rows count only with the ball in the channel: what it does half in an opening is
     not what it does in the ring. A disc has no channel."""
-    if ring is not None:
-        return np.full(len(table), ring)
     if "r" not in table or maze is None:
         if "ring" in table:
             discs = [] if maze is None else [place.number for place in maze.rings if place.is_disc]

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mazeplan.models.enough import TOO_FEW, enough
+from mazeplan.models.rollout import CHECKED
 from mazeplan.palette import COLOURS
 from mazeplan.records import Array
 from mazeplan.report.drawing import line, points
-from mazeplan.report.models import Document, best_kind, kinds, known, rings
+from mazeplan.report.models import Document, best_kind, blocks_of, kinds, known, rings
 from mazeplan.report.models_pictures import STYLES
 from mazeplan.report.page import Picture, Table
 from mazeplan.report.words import DEG, KINDS, MISSING
@@ -42,22 +44,35 @@ def _table(document: Document, numbers: list[int]) -> Table:
     columns, rows = kinds(document, "confidence"), []
     for ring in numbers:
         scores = document[f"ring{ring}"]
-        row = [f"ring {ring}: {next(iter(scores['confidence'].values()))['rollouts']} roll-outs"]
+        some = next(iter(scores["confidence"].values()))
+        of = f"{some['windows']} window{'' if some['windows'] == 1 else 's'}"
+        row = [f"ring {ring}: {some['rollouts']} roll-outs of {of}"]
         for kind in columns:
             told = scores["confidence"].get(kind)
             if told is None:
                 row.append(MISSING)
                 continue
-            low, high = (known(v) for v in scores.get("interval95", {}).get(str(LAST), {}).get(kind) or (None, None))
+            interval = scores.get("interval95", {}).get(str(LAST), {}).get(kind)
+            low, high = (known(v) for v in interval or (None, None))
             give = f" ± {0.5 * DEG * (high - low):.1f}" if math.isfinite(high - low) else ""
+            if interval is not None and not enough(scores.get("windows"), blocks_of(scores, "windows")):
+                give = f" ({TOO_FEW})"
             width = 0.5 * DEG * (told["above"][LAST] - told["below"][LAST])
             mean = DEG * known(scores["rollout"][kind][str(LAST)])
-            row.append(f"{mean:.1f}{give}; ± {width:.1f}; {100.0 * told['coverage_all']:.0f} %")
+            row.append(f"{mean:.1f}{give}\n± {width:.1f}; {_share(told)}")
         rows.append(row)
     title = (
-        f"After {LAST} samples: mean error and half of its 95 % interval, deg; half the band of 90 %, deg; how often"
+        f"After {LAST} samples: mean error and half of its 95 % interval, deg; below, half the band of 90 %, deg, and "
+        f"how often the measured angle lay in it after {' / '.join(map(str, CHECKED))} samples"
     )
-    return Table(f"{title} the measured angle lay in it, all samples", ("", *(KINDS[k] for k in columns)), rows)
+    return Table(title, ("", *(KINDS[k] for k in columns)), rows)
+
+
+def _share(told: Document) -> str:
+    """How often the measured angle lay in the band, as `compare` prints it, where windows are enough."""
+    if not enough(told["windows"]):
+        return TOO_FEW
+    return " / ".join(f"{100.0 * told[f'coverage{n}']:.0f}" for n in CHECKED) + " %"
 
 
 def _draw(figure: Figure, document: Document, numbers: list[int]) -> None:
@@ -69,6 +84,11 @@ def _draw(figure: Figure, document: Document, numbers: list[int]) -> None:
         _window(panels[0, i], told[kind]["window"], kind)
         panels[0, i].set_title(f"ring {ring}: {KINDS.get(kind, kind)}")
         for name, one in told.items():
+            if not enough(one["windows"]):
+                panels[1, i].text(
+                    0.5, 0.5, f"{TOO_FEW} windows ({one['windows']})", ha="center", transform=panels[1, i].transAxes
+                )
+                break
             k, share = np.arange(len(one["coverage"])), 100.0 * np.array([known(v) for v in one["coverage"]])
             style = STYLES.get(name, "neutral")
             panels[1, i].plot(k, share, **line(style), label=KINDS.get(name, name))
@@ -79,8 +99,10 @@ def _draw(figure: Figure, document: Document, numbers: list[int]) -> None:
         panels[1, i].grid()
     panels[0, 0].set_ylabel("angle, deg")
     panels[1, 0].set_ylabel("windows in the band, %")
-    for row in (0, 1):
-        panels[row, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    for row in panels:
+        labelled = [told for told in (panel.get_legend_handles_labels() for panel in row) if told[0]]
+        if labelled:  # the last panel may have too few windows
+            row[-1].legend(*labelled[-1], loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def _window(axes: Any, window: dict[str, list[float]], kind: str) -> None:

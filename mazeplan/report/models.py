@@ -12,6 +12,7 @@ import numpy as np
 from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
+from mazeplan.models.enough import BLOCKS, TOO_FEW, WINDOWS, enough
 from mazeplan.records import Array
 from mazeplan.report import published, words
 from mazeplan.report.inputs import Input
@@ -22,7 +23,8 @@ Document = dict[str, Any]
 INTERVALS = (
     "Intervals are percentiles over test rows drawn in whole blocks again and again. The error is divided by the "
     "spread of the rows drawn, which is less where a block is drawn twice: with few blocks an interval may begin at "
-    "its number, or lie above it."
+    f"its number, or lie above it. Fewer than {BLOCKS} blocks, or {WINDOWS} windows of roll-outs, are too few to say "
+    "how sure a number is."
 )
 SLASH = f"{words.HARD}/{words.HARD}"
 
@@ -51,6 +53,11 @@ def best_kind(document: Document) -> str:
 def known(value: float | None) -> float:
     """A number of a document, NaN where it is null."""
     return math.nan if value is None else float(value)
+
+
+def blocks_of(scores: Document, which: str) -> int | None:
+    """How many blocks of time a ring has with test rows ("test"), or with windows; None: an older document."""
+    return scores.get("blocks", {}).get(which)
 
 
 def cells(rows: Sequence[Sequence[float | None]]) -> Array:
@@ -185,8 +192,11 @@ def _accelerations(document: Document) -> Table:
 
     def text(row: str, kind: str) -> str:
         train = known(document[row]["nrmse_train"].get(kind))
-        low, high = (document[row].get("interval95", {}).get("nrmse_test", {}).get(kind) or (None, None))[:2]
-        band = "" if low is None or high is None else f" [{low:.2f},{words.HARD}{high:.2f}]"
+        interval = document[row].get("interval95", {}).get("nrmse_test", {}).get(kind)
+        low, high = (interval or (None, None))[:2]
+        band = "" if low is None or high is None else f"\n[{low:.2f},{words.HARD}{high:.2f}]"
+        if interval is not None and not enough(blocks=blocks_of(document[row], "test")):
+            band = f"\n{TOO_FEW}"
         before = f"{words.number(train, 3)}{SLASH}" if math.isfinite(train) else ""
         return f"{before}{words.number(test(row, kind), 3)}{band}"
 
@@ -196,21 +206,29 @@ def _accelerations(document: Document) -> Table:
         row[0] = f"ring {ring}: {_rows(document[f'ring{ring}'])}"
     title = "Relative error of the angular acceleration (nRMSE)"
     if any(scores["nrmse_train"] for scores in document.values()):
-        title += ", train / test" + (" [95 % interval]" if any("interval95" in s for s in document.values()) else "")
+        title += ", train / test" + (", [95 % interval]" if any("interval95" in s for s in document.values()) else "")
     paper = _paper(columns, rings(document), published.NRMSE, lambda value: f"{value:.2f}")
-    return _beside(paper, title, [words.kind(kind) for kind in columns], rows, strong)
+    return _beside(paper, title, [words.kind(kind) for kind in columns], rows, strong, "on test rows")
 
 
 def _beside(
-    paper: list[list[str]], title: str, head: Sequence[str], rows: list[list[str]], strong: frozenset[tuple[int, int]]
+    paper: list[list[str]],
+    title: str,
+    head: Sequence[str],
+    rows: list[list[str]],
+    strong: frozenset[tuple[int, int]],
+    bold: str,
 ) -> Table:
-    """A table with what was published below, where there is any."""
+    """A table with what was published below, where there is any; bold: by what the least of a row is told."""
     told = "; published: test, on the paper's rig" if paper else ""
+    told += f"; bold: least {bold}" if strong else ""
     return Table(title + told, ("", *head), [*rows, *paper], strong)
 
 
 def _rows(scores: Document) -> str:
-    train, test = scores.get("n_train", "?"), f"{scores.get('n_test', '?')} to test"
+    train, test, blocks = scores.get("n_train", "?"), f"{scores.get('n_test', '?')} to test", blocks_of(scores, "test")
+    if blocks is not None and not enough(blocks=blocks):
+        test += f" in {blocks} block{'' if blocks == 1 else 's'}"
     return f"{train} rows, {test}" if train != 0 else test
 
 
@@ -249,7 +267,7 @@ def _rollouts(document: Document) -> Table:
         )
     paper = _paper(columns, rings(document), published.ROLLOUT, lambda pair: _degrees(*pair))
     title = "Mean absolute error of the angle after 20 / 40 samples, deg"
-    return _beside(paper, title, [KINDS.get(kind, kind) for kind in columns], rows, strong)
+    return _beside(paper, title, [KINDS.get(kind, kind) for kind in columns], rows, strong, "after 40")
 
 
 def _degrees(early: float, late: float) -> str:

@@ -76,8 +76,8 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """head: of its columns; rows: of text; strong: (row, column) of cells that stand out; code: columns of names
-    as they are typed."""
+    """head: of its columns; rows: of text, smaller from the second line of a cell on; strong: (row, column) of cells
+    that stand out; code: columns of names as they are typed."""
 
     caption: str
     head: Sequence[str]

@@ -37,8 +37,8 @@ def quick(monkeypatch):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Tables: both.csv of two rings; one.csv of ring 2; flipped.csv the same with beta the other way round; bare.csv
-    without a ring; rubbish.csv with a theta that has nothing to do with the tilt."""
+    """Tables: both.csv of two rings; one.csv of ring 2; long.csv, 105 s of it; flipped.csv: one.csv with beta the other
+    way round; bare.csv without a ring; rubbish.csv with a theta that has nothing to do with the tilt."""
     home = tmp_path_factory.mktemp("tables")
     both = ring_table((2, 3), 30.0)
     one = Table({name: column[:900] for name, column in both.columns.items()})
@@ -46,6 +46,7 @@ def folder(tmp_path_factory):
     for name, table in (
         ("both", both),
         ("one", one),
+        ("long", ring_table((2,), 105.0)),
         ("flipped", Table({**one.columns, "beta": -one["beta"]})),
         ("bare", Table({name: one[name] for name in ("t", "theta", "beta", "gamma")})),
         ("rubbish", Table({**one.columns, "theta": 0.5 * np.cumsum(steps)})),
@@ -82,7 +83,7 @@ def test_for_people_the_tables(monkeypatch, capsys, folder):
     assert lines[0].split() == ["nRMSE", "of", "theta_dd", "rf", "p", "pi", "np", "sp"]
     assert lines[1].startswith("ring 2 train/test")
     assert lines[1].count("/") == 1 + len(KINDS)
-    assert "95 % of the test" in lines[2]
+    assert re.fullmatch(r" +95 % of the test +too few: [1-4] blocks? of time", lines[2])
     assert any(line.startswith("ring 2  ") and "windows" in line and "npd" in line for line in lines)
     assert "rates: smoothed" in out
     assert any(line.endswith("60") and "training rows" in line for line in lines)
@@ -90,11 +91,38 @@ def test_for_people_the_tables(monkeypatch, capsys, folder):
 
 
 def test_bands_are_told_in_a_line_for_each_ring(monkeypatch, capsys, folder):
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK[:-1], "100")
+    code, out, err = call(monkeypatch, capsys, "compare", folder / "long.csv", *QUICK[:-1], "500")
     assert (code, err) == (0, "")
     told = out.split("how often the measured angle lies in the band")[1].splitlines()
-    assert re.fullmatch(r"ring 2  100 roll-outs of 2 windows:   pi \d+/\d+  np \d+/\d+  sp \d+/\d+", told[1])
+    assert re.fullmatch(r"ring 2  500 roll-outs of 10 windows:  pi \d+/\d+  np \d+/\d+  sp \d+/\d+", told[1])
     assert re.search(r"sp 0\.\d{3} ± 0\.\d{3}/\d\.\d{3} ± 0\.\d{3}", out)
+    assert re.search(r"95 % of the test( +\[\d\.\d{3}, \d\.\d{3}\]){5}\n", out)
+    assert "too few" not in out
+
+
+def test_too_few_windows_say_so_instead_of_a_share_or_an_interval(monkeypatch, capsys, folder):
+    """The document keeps its numbers, and tells how many blocks there are."""
+    given = ("compare", folder / "one.csv", *QUICK[:-1], "100")
+    code, out, _ = call(monkeypatch, capsys, *given)
+    assert code == 0
+    told = out.split("how often the measured angle lies in the band")[1].splitlines()
+    assert told[1] == "ring 2  100 roll-outs of 2 windows: too few for a share"
+    rolled = out.split("mean absolute error")[1].splitlines()[1]
+    assert re.match(r"ring 2  \d+ windows in 2 blocks of time \(too few for ±\), evenly spaced:   pi \d", rolled)
+    assert rolled.count("±") == 1
+    code, out, _ = call(monkeypatch, capsys, *given, "--json")
+    ring = json.loads(out)["ring2"]
+    assert ring["blocks"] == {"test": 2, "windows": 2}
+    assert 0.0 <= ring["confidence"]["sp"]["coverage40"] <= 1.0
+    assert set(ring["interval95"]) == {"nrmse_test", "20", "40"}
+
+
+def test_a_ring_without_windows_says_so(monkeypatch, capsys, folder, tmp_path):
+    rows = (folder / "one.csv").read_text().splitlines()
+    (tmp_path / "short.csv").write_text("\n".join(rows[:250]) + "\n")  # test blocks are of 31 rows
+    code, out, _ = call(monkeypatch, capsys, "compare", tmp_path / "short.csv", *QUICK)
+    assert code == 0
+    assert "\nring 2  0 windows: no stretch of test rows is long enough\n" in out
 
 
 def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):
@@ -103,6 +131,23 @@ def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):
     assert "note: gamma" not in out
     _, out, _ = call(monkeypatch, capsys, "compare", folder / "flipped.csv", *QUICK, "--json")
     assert json.loads(out)["ring2"]["signs"] == {"beta": -1, "gamma": 1}
+
+
+def test_a_ring_of_a_table_that_tells_rings_is_compared_as_if_alone(monkeypatch, capsys, folder):
+    """A log without rows of it is left out, and that is said."""
+    found = []
+    for given in (["one.csv"], ["both.csv", "--ring", "2"], ["both.csv", "one.csv", "--ring", "3"]):
+        monkeypatch.chdir(folder)
+        code, out, err = call(monkeypatch, capsys, "compare", *given, *QUICK, "--json")
+        assert code == 0
+        found.append((json.loads(out), err))
+    (alone_, _), (filtered, silent), (third, told) = found
+    assert list(filtered) == ["ring2"]
+    assert filtered["ring2"]["n_test"] == alone_["ring2"]["n_test"]
+    assert filtered["ring2"]["nrmse_test"]["p"] == pytest.approx(alone_["ring2"]["nrmse_test"]["p"], abs=1e-3)
+    assert "left out" not in silent
+    assert list(third) == ["ring3"]
+    assert "left out: one.csv has no row of ring 3, but of 2" in told
 
 
 def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
@@ -121,7 +166,7 @@ def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
 
 
 def test_learning_curves_are_drawn(monkeypatch, capsys, folder, tmp_path):
-    picture = tmp_path / "curve.png"
+    picture = tmp_path / "new" / "one" / "curve.png"
     pages = ("--curve", picture, "--report", tmp_path / "page.html")
     code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK, *pages, "--json")
     assert code == 0
@@ -145,7 +190,7 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
     assert "bare.csv: cannot tell the ring of a row: expected a column ring, or r (or x, y), or --ring N" in err
     code, _, err = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, "--ring", "8")
     assert code == 2
-    assert "ring 8 is not in the map: its radius is needed" in err
+    assert "--ring: got 8, expected 1 to 5" in err
     found = []
     for more in (("--ring", "2"), ("--ring", "8", "--radius", "0.068915")):
         code, out, _ = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, *more, "--json")
@@ -167,13 +212,19 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
         (["one.csv", "--delay", "1000"], "got 0 rows to train"),
         (["one.csv", "--radius", "0"], "--radius: got 0, expected"),
         (["one.csv", "--ring", "0"], "--ring"),
-        (["one.csv", "--ring", "5"], "ring 5 is a disc"),
+        (["one.csv", "--ring", "5"], "--ring: got 5, a disc"),
+        (["one.csv", "--ring", "99"], "--ring: got 99, expected 1 to 5 (map cme)"),
+        (["both.csv", "--ring", "1"], "both.csv has no row of ring 1, but of 2, 3"),
+        (["both.csv", "--ring", "7", "--radius", "0.07"], "both.csv has no row of ring 7, but of 2, 3"),
+        (["both.csv", "--ring", "3", "--test", "one.csv"], "one.csv has no row of ring 3, but of 2"),
         (["one.csv", "--most", "3"], "--most"),
         (["one.csv", "--seed=-1"], "--seed"),
         (["one.csv", "--map", "none.yaml"], "none.yaml"),
         (["one.csv", "--report", "a.txt"], "--report: got 'a.txt', expected a file that ends in .html"),
-        (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected .png, .svg, .pdf"),
-        (["one.csv", "--curve", "nowhere/a.png"], "--curve: got 'nowhere/a.png'"),
+        (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected a file that ends in .png, .svg, .pdf"),
+        (["one.csv", "--curve", "one.csv/a.png"], "one.csv is a file; expected a folder that can be made"),
+        (["one.csv", "--bands", "1"], "--bands: got 1, expected 0 (none), or 50"),
+        (["one.csv", "--bands", "49"], "--bands: got 49, expected 0 (none), or 50"),
         (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
         (["none.csv"], "none.csv: no such file"),
         (["none.mcap"], "none.mcap: no such file"),

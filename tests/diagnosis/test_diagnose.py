@@ -164,3 +164,5 @@ def test_an_axis_that_is_counted_the_other_way_round_is_turned_and_told():
     assert len(notes) == 1
     assert notes[0].startswith("beta is counted the other way round")
     assert notes[0] in record_of(back, np.ones(3600, dtype=bool), notes).notes
+    rings = np.full(len(columns["t"]), 2.0)  # of a log: all rows count, whatever their ring
+    assert turned_round(Table({**other.columns, "ring": rings}), 0.0925)[1] == notes

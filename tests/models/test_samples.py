@@ -118,12 +118,26 @@ def test_a_ball_half_in_an_opening_is_not_in_the_ring():
     assert found.row.tolist() == [*range(20), *range(40, 60)]
 
 
-def test_the_ring_given_is_that_of_all_rows():
-    table = Table(columns(ring=np.repeat([1.0, 4.0], 30), r=np.full(N, 0.005)))
-    found = ring_samples(table, MAZE, options=SampleOptions(ring=3))
+def test_the_ring_given_is_that_of_all_rows_where_the_table_does_not_tell():
+    found = ring_samples(Table(columns(ring=None)), MAZE, options=SampleOptions(ring=3))
     assert list(found) == [3]
     assert len(found[3]) == N
     assert found[3].k.radius == pytest.approx(RADII[3])
+    other = Table(columns(ring=None, r=np.full(N, 0.2)))  # a radius that is given says that the map is another
+    assert len(ring_samples(other, MAZE, options=SampleOptions(ring=3, radius=0.2))[3]) == N
+
+
+@pytest.mark.parametrize("radius", [None, 0.03])
+def test_the_ring_given_is_the_only_one_where_the_table_tells(radius):
+    ring = np.repeat([1.0, 4.0], 30)
+    options = SampleOptions(ring=4, radius=radius)
+    for more in ({"ring": ring}, {"ring": ring, "r": np.repeat([RADII[1], RADII[4]], 30)}):
+        found = ring_samples(Table(columns(**more)), MAZE, options=options)
+        assert list(found) == [4]
+        assert found[4].row.tolist() == list(range(30, 60))
+    by_radius = Table(columns(ring=None, r=np.repeat([RADII[1], RADII[4]], 30)))
+    if radius is None:
+        assert ring_samples(by_radius, MAZE, options=options)[4].row.tolist() == list(range(30, 60))
 
 
 def test_the_radius_is_the_maps_the_one_given_or_the_median():
@@ -132,15 +146,19 @@ def test_the_radius_is_the_maps_the_one_given_or_the_median():
     r = np.concatenate([np.full(40, 0.07), np.full(20, np.nan)])
     assert samples_of(None, r=r).k.radius == pytest.approx(0.07)
     assert samples_of(None, r=r, options=SampleOptions(radius=0.061)).k.radius == 0.061
-    assert ring_samples(Table(columns(r=r)), MAZE, options=SampleOptions(ring=8))[8].k.radius == pytest.approx(0.07)
+    assert ring_samples(Table(columns(ring=np.full(N, 8.0), r=r)), None, options=SampleOptions(ring=8))[
+        8
+    ].k.radius == pytest.approx(0.07)
 
 
 def test_a_disc_has_no_track_to_be_on():
     found = ring_samples(Table(columns(ring=np.repeat([2.0, 5.0], 30))), MAZE)
     assert list(found) == [2]
     with pytest.raises(TableError, match="ring 5 is a disc"):
-        ring_samples(Table(columns()), MAZE, options=SampleOptions(ring=5))
-    assert ring_samples(Table(columns()), MAZE, options=SampleOptions(ring=5, radius=0.01))[5].k.radius == 0.01
+        ring_samples(Table(columns(ring=None)), MAZE, options=SampleOptions(ring=5))
+    for ring in (None, np.full(N, 5.0)):
+        table = Table(columns(ring=ring))
+        assert ring_samples(table, MAZE, options=SampleOptions(ring=5, radius=0.01))[5].k.radius == 0.01
 
 
 @pytest.mark.parametrize(

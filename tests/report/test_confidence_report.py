@@ -25,10 +25,11 @@ def told(rings=(1, 2)):
         document[f"ring{ring}"]["confidence"] = {
             "sp": {
                 "rollouts": 500, "windows": 10, "level": 0.9, "below": band["low"], "above": band["high"],
-                "coverage": [1.0] * 20 + [0.7] * 21, "coverage20": 0.7, "coverage40": 0.7, "coverage_all": 0.84,
+                "coverage": [1.0] * 20 + [0.8] + [0.7] * 20, "coverage20": 0.8, "coverage40": 0.7, "coverage_all": 0.84,
                 "window": band,
             }
         }  # fmt: skip
+        document[f"ring{ring}"] |= {"windows": 10, "blocks": {"test": 5, "windows": 5}}
         document[f"ring{ring}"]["rollout"]["sp"]["40"] = 2.5 * DEG
         document[f"ring{ring}"].setdefault("interval95", {})["40"] = {"sp": [2.0 * DEG, 3.2 * DEG]}
     return document
@@ -37,7 +38,37 @@ def told(rings=(1, 2)):
 def test_the_table_has_the_numbers_of_the_document():
     table = confidence_parts(told())[0]
     assert isinstance(table, Table)
-    assert table.rows[1] == ["ring 2: 500 roll-outs", "2.5 ± 0.6; ± 3.0; 84 %"]
+    assert table.rows[1] == ["ring 2: 500 roll-outs of 10 windows", "2.5 ± 0.6\n± 3.0; 80 / 70 %"]
+    assert "after 20 / 40 samples" in table.caption
+
+
+@pytest.mark.parametrize(
+    ("all_windows", "blocks", "windows", "cell"),
+    [
+        (10, 1, 10, "2.5 (too few)\n± 3.0; 80 / 70 %"),
+        (9, 5, 9, "2.5 (too few)\n± 3.0; too few"),
+        (10, 4, 10, "2.5 (too few)\n± 3.0; 80 / 70 %"),
+        (100, None, 9, "2.5 ± 0.6\n± 3.0; too few"),
+    ],
+)
+def test_too_few_windows_or_blocks_say_so(all_windows, blocks, windows, cell):
+    document = told()
+    ring = document["ring2"]
+    ring |= {"windows": all_windows, "blocks": {} if blocks is None else {"test": 5, "windows": blocks}}
+    ring["confidence"]["sp"]["windows"] = windows
+    if blocks == 1:  # which has no interval
+        ring["interval95"]["40"] = {"sp": [None, None]}
+    table, picture = confidence_parts(document)
+    assert table.rows[1] == [f"ring 2: 500 roll-outs of {windows} windows", cell]
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    picture.draw(figure)
+    shares = figure.axes[3]
+    said = [text.get_text() for text in shares.texts]
+    assert said == ([f"too few windows ({windows})"] if windows < 10 else [])
+    assert len(shares.lines) == (1 if windows < 10 else 3)  # that of 90 %, and of the kind with its marks
+    assert shares.get_legend() is not None  # the other ring has some
 
 
 def test_the_picture_shows_band_measured_angle_and_coverage():
@@ -51,7 +82,7 @@ def test_the_picture_shows_band_measured_angle_and_coverage():
     measured = next(drawn for drawn in above.lines if drawn.get_label() == "measured")
     assert measured.get_ydata()[-1] == pytest.approx(4.0)
     assert above.collections[0].get_datalim(above.transData).y1 == pytest.approx(3.0)
-    assert below.lines[0].get_ydata().tolist() == [100.0] * 20 + [70.0] * 21
+    assert below.lines[0].get_ydata().tolist() == [100.0] * 20 + [80.0] + [70.0] * 20
 
 
 def test_it_is_in_the_section_where_the_document_tells():

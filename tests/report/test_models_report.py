@@ -87,13 +87,19 @@ def test_tables_have_the_numbers_of_the_document_and_the_published_ones():
     first, second = tables
     assert list(first.head) == ["", "bare equation (p)", "terms and process (sp)"]
     plain = [[cell.replace("\u00a0", " ") for cell in row] for row in first.rows]
-    assert plain[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345 [0.31, 0.37]"]
+    assert plain[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345\n[0.31, 0.37]"]
     assert first.strong == {(0, 2), (1, 2)}
     assert plain[2] == ["published, ring 1", MISSING, "0.35"]
     degrees = [[cell.replace("\u00a0", " ") for cell in row] for row in second.rows]
     assert degrees[0] == ["ring 1: 7 windows, evenly spaced", "7.1 / 14.1"]
     assert degrees[-1] == ["published, ring 2", "8.6 / 18.9"]
     assert "deg" in second.caption
+    assert first.caption.endswith("; bold: least on test rows")
+    assert second.caption.endswith("; bold: least after 40")
+    late = comparison()
+    late["ring1"]["rollout"] |= {"p": {"20": 0.1, "40": 0.3}, "np": {"20": 0.3, "40": 0.2}}
+    table = [part for part in section(late).parts if isinstance(part, Table)][1]
+    assert [table.head[column] for row, column in table.strong if row == 0] == ["Gaussian process"]
 
 
 def test_pictures_are_those_that_there_are_numbers_for():
@@ -184,6 +190,21 @@ def test_the_lead_says_where_another_is_better_than_the_best_on_average():
     document[ring]["nrmse_test"]["p"] = 0.3
     lead = models_section(Input("comparison", Path("c"), "c", document)).lead
     assert f"Better there: in ring {ring.removeprefix('ring')} bare equation, 0.300." in lead
+
+
+def test_too_few_blocks_are_said_instead_of_an_interval():
+    document = comparison()
+    document["ring1"]["blocks"] = {"test": 4, "windows": 4}
+    document["ring2"]["blocks"] = {"test": 5, "windows": 5}
+    table = next(part for part in section(document).parts if isinstance(part, Table))
+    rows = [[cell.replace("\u00a0", " ") for cell in row] for row in table.rows]
+    assert rows[0] == ["ring 1: 400 rows, 100 to test in 4 blocks", "0.910 / 0.910", "0.200 / 0.345\ntoo few"]
+    assert rows[1][0] == "ring 2: 400 rows, 100 to test"
+    document["ring1"] |= {"blocks": {"test": 1, "windows": 0}, "interval95": {"nrmse_test": {"sp": [None, None]}}}
+    table = next(part for part in section(document).parts if isinstance(part, Table))
+    assert table.rows[0][0].endswith("100 to test in 1 block")
+    assert table.rows[0][2].endswith("\ntoo few")
+    assert rows[1][2].endswith("[0.31, 0.37]")
 
 
 def test_intervals_are_explained_where_they_are_shown():
