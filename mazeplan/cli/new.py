@@ -44,9 +44,12 @@ def rig(
             raise InputError(f"{target} is there already, and nothing is written over; expected another NAME or -o")
     _check_module(name)
     for template, target in targets.items():
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with target.open("x", encoding="utf-8") as stream:
-            stream.write(filled(template, name))
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with target.open("x", encoding="utf-8") as stream:
+                stream.write(filled(template, name))
+        except OSError as problem:
+            raise InputError(f"cannot be written: {problem.strerror}", file=target) from None
     say(f"wrote {', '.join(map(str, targets.values()))}")
     if importlib.util.find_spec("pytest") is None:
         say("its test needs pytest: pip install pytest")
