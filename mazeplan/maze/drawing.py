@@ -195,6 +195,7 @@ def save_drawing(
     if route is not None:
         draw_route(ax, maze, route)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=300)
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None

@@ -39,11 +39,15 @@ WAKE = getattr(signal, "SIGUSR2", None)  # not on every system
 
 
 def watched(rig: Rig, *, own_process: bool = False) -> Rig:
-    """The rig, watched unless it says `realtime = False`, as simulations do that wait for nobody.
+    """The rig, watched unless it says `realtime = False`, as simulations do that wait for nobody; what such a one of
+    somebody else's raises is a RigError all the same.
 
     own_process: see `WatchedRig`."""
-    if isinstance(rig, WatchedRig) or not getattr(rig, "realtime", True):
+    if isinstance(rig, WatchedRig | ToldRig):
         return rig
+    if not getattr(rig, "realtime", True):
+        ours = type(rig).__module__.partition(".")[0] == __name__.partition(".")[0]
+        return rig if ours else cast(Rig, ToldRig(rig))
     return cast(Rig, WatchedRig(rig, own_process=own_process))  # a rig but for how it is made
 
 
@@ -73,6 +77,45 @@ class _Call:
         frame = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())
         raise RigError(f"{self.name}() of the rig raised {what} ({frame.filename}:{frame.lineno})") from error
+
+
+class ToldRig:
+    """A rig that waits for nobody: its calls as they are, but whatever they raise is a RigError with the place."""
+
+    realtime = False
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # while being copied there is no _rig yet
+            raise AttributeError(name)
+        return getattr(self._rig, name)
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """As the rig's."""
+        self._ask("reset", ring=ring, theta=theta, rng=rng)
+
+    def observe(self) -> Observation:
+        """As the rig's."""
+        return self._ask("observe")
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """As the rig's."""
+        self._ask("command", u_beta, u_gamma)
+
+    def level(self) -> None:
+        """As the rig's."""
+        self._ask("level")
+
+    def close(self) -> None:
+        """As the rig's."""
+        self._ask("close")
+
+    def _ask(self, name: str, *args: Any, **more: Any) -> Any:
+        call = _Call(self._rig, name, *args, **more)
+        call.run()
+        return call.outcome()
 
 
 class WatchedRig:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import threading
 import time
 
 import numpy as np
 import pytest
+from commands import call
 from planar_rig import PlanarRig
 
 from mazeplan.errors import RigError, SettingsError
@@ -275,3 +277,46 @@ def test_simulations_are_not_watched_and_other_rigs_are():
     assert isinstance(own, WatchedRig)
     assert own.timeout_s == 0.2
     assert watched(own) is own
+
+
+SIMULATED = """
+from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.settings import settings_from
+
+class Base(SimulatedRig):
+    realtime = False
+    def __init__(self, maze, settings):
+        super().__init__(maze, settings_from({}))
+
+class Sees(Base):
+    def observe(self):
+        if super().observe().t > 0.5:
+            raise OSError("no such picture")
+        return super().observe()
+
+class Levels(Base):
+    def level(self):
+        raise ZeroDivisionError("level")
+
+class Resets(Base):
+    def reset(self, ring, theta):
+        pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Sees", r"observe\(\) of the rig raised OSError: no such picture \(.*simulated_ones\.py:13\)"),
+        ("Levels", r"level\(\) of the rig raised ZeroDivisionError: level \(.*simulated_ones\.py:18\)"),
+        ("Resets", r"reset\(\) of the rig raised TypeError: .*reset\(\) got an unexpected keyword argument 'rng'"),
+    ],
+)
+def test_what_a_simulation_of_ones_own_raises_is_a_failure_of_the_rig(monkeypatch, capsys, tmp_path, name, said):
+    (tmp_path / "simulated_ones.py").write_text(SIMULATED)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", f"simulated_ones:{name}", "--from", "ring4")
+    assert code == 3
+    assert re.search(said, err), err
+    assert "Traceback" not in err
