@@ -252,7 +252,7 @@ def test_a_module_of_ones_own_comes_before_an_installed_leaf(offer, monkeypatch,
     ("code", "said"),
     [
         ("\n1 / 0", "bad_module.py:2: ZeroDivisionError"),
-        ("gust = 3", "gives no effects: TypeError: 'int' object is not iterable"),
+        ("gust = 3", "gives no effects: got 3, expected a Candidate, several, or a function"),
         ("def gust():\n    return [3]", "got 3, expected a Candidate with a term compiled by numba.njit"),
         (
             "from mazeplan.diagnosis.library import ring_library\n"
@@ -260,9 +260,9 @@ def test_a_module_of_ones_own_comes_before_an_installed_leaf(offer, monkeypatch,
             "got the name 'quadratic_drag', which the library has; expected another",
         ),
         (
-            "from numba import njit\nfrom mazeplan.diagnosis.library import Candidate\n\n\n@njit\ndef f(x, v):\n"
-            "    return x\n\n\ngust = Candidate('gust', {}, term=f)",
-            "gives no effects: TypeError",
+            "from numba import njit\nfrom mazeplan.diagnosis.library import Candidate, Spec\n\n\n@njit\ndef f(x, v):\n"
+            "    return x\n\n\ngust = Candidate('gust', {'c': Spec('', 0.0, -1.0, 1.0, 1e-3)}, term=f)",
+            "the term of gust gives ",
         ),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from commands import call
 from plant import play
 from ring_record import write_csv
 
+from mazeplan.cli.owneffects import own_effects
 from mazeplan.data.table import Table
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
@@ -49,3 +51,52 @@ def test_what_gives_none_is_one_line_and_two(folder, monkeypatch, capsys, spec, 
     assert code == 2
     assert words in err
     assert len(err.strip().splitlines()) == 1
+
+
+HEAD = """
+import math
+from numba import njit
+from mazeplan.diagnosis.library import Candidate, Spec
+
+def one(f, name="mine", **specs):
+    return Candidate(name, specs or {"c": Spec("1/s", 0.0, -5.0, 5.0, 1e-3, 0.05)}, term=f)
+
+@njit
+def fine(x, v, t, w, p):
+    return p[0] * v
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("@njit\ndef f(x, v, t, w, p):\n    return p[0] * math.sqrt(v)\neffects = one(f)",
+         "the term of mine gives .*ValueError: math domain error at x -2.5"),
+        ("@njit\ndef f(x, v, t, w, p):\n    return p[0] / (x - x)\neffects = one(f)", "mine gives nan at"),
+        ("@njit\ndef f(x, v, t, w, p):\n    return p[0] * math.inf\neffects = one(f)", "mine gives (nan|inf) at"),
+        ("@njit\ndef f(x, v, t, w, p):\n    return p[7] * v\neffects = one(f)", "IndexError"),
+        ("@njit\ndef f(x, v, t, w, p):\n    return w[9] * v\neffects = one(f)", "IndexError"),
+        ("@njit\ndef f(x, v, t, w, p):\n    return (v, v)\neffects = one(f)", "the term of mine gives .*TypeError"),
+        ("@njit\ndef f(x, v, t, w):\n    return v\neffects = one(f)", "the term of mine gives .*TypeError"),
+        ("@njit\ndef f(x, v, t, w, p):\n    return p[0] * float(f'{v:.3f}')\neffects = one(f)", "cannot be compiled"),
+        ("effects = Candidate('mine', {}, term=fine)", "got no parameters of mine"),
+        ("effects = one(fine, c=Spec('', 0.0, 5.0, -5.0, 1e-3))", r"mine\.c: got 5 to -5, default 0"),
+        ("def effects():\n    raise RuntimeError('no fan')", r"effects: .*strange\.py:\d+: RuntimeError: no fan"),
+        ("def effects():\n    return [one(fine), one(fine)]", "got the name 'mine' twice"),
+        ("effects = one(fine, 'quadratic_drag')", "which the library has"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_an_effect_is_one_line_before_it_is_tried(folder, monkeypatch, capsys, code, said):
+    (folder / "strange.py").write_text(HEAD + code)
+    monkeypatch.delitem(sys.modules, "strange", raising=False)
+    monkeypatch.syspath_prepend(str(folder))
+    status, out, err = call(monkeypatch, capsys, "diagnose", "log.csv", *KNOWN, "--effects", "strange:effects")
+    assert (status, out) == (2, "")
+    assert re.search(said, err), err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_a_candidate_alone_is_an_effect(folder, monkeypatch):
+    (folder / "single.py").write_text(HEAD + "effects = one(fine)")
+    monkeypatch.syspath_prepend(str(folder))
+    assert [c.name for c in own_effects("single:effects", ())] == ["mine"]
