@@ -26,7 +26,7 @@ RUN = {
 }
 FIRST = [page for page, of in RUN.items() if of and any("after" not in b.marks for b in of)]
 NOT_RUN = [b for of in BLOCKS.values() for b in of if "not run" in b.marks]
-PROGRAMS = {"mazeplan", "cp", "sed", "pytest"}  # that are run
+PROGRAMS = {"mazeplan", "cp", "mkdir", "sed", "pytest"}  # that are run
 USAGE: type[Exception] = typer.BadParameter.__base__  # of typer's own
 
 

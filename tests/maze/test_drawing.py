@@ -150,8 +150,11 @@ def test_drawing_leaves_global_state_of_matplotlib_alone(tmp_path):
 def test_refusals(tmp_path):
     with pytest.raises(InputError, match=r"got the suffix '.gif', expected one of .png, .svg, .pdf"):
         save_drawing(CME, tmp_path / "a.gif")
+    (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="cannot be written"):
-        save_drawing(CME, tmp_path / "none" / "a.png")
+        save_drawing(CME, tmp_path / "file" / "a.png")
+    save_drawing(CME, tmp_path / "new" / "folder" / "a.png")
+    assert (tmp_path / "new" / "folder" / "a.png").is_file()
     with pytest.raises(ValueError, match=r"expected \(N, 2\) or \(N, 3\)"):
         save_drawing(CME, tmp_path / "a.png", trail=np.zeros((5, 4)))
 
