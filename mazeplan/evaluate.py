@@ -33,7 +33,7 @@ from mazeplan.job import log_header
 from mazeplan.maths.spread import spread
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import NavigationResult
-from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.registry import make_rig, rig_label, runs_of_change
 from mazeplan.run import Run
 
 __all__ = [
@@ -115,12 +115,14 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
 
 
 def setup_document(campaign: Campaign) -> dict[str, Any]:
-    """With what a campaign is done, for who reads its document: program, rig, map (its text) and the rest by name."""
+    """With what a campaign is done, for who reads its document: program, rig, map (its text) and the rest by name;
+    changes: from which runs on the rig is otherwise, left out where it stays as it is."""
     maze = load_map(campaign.map)
     job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
     header = log_header(setup, job, 0.0)
     names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")
-    return {name: header[name] for name in (*names, "time_limit_s")}
+    changes = runs_of_change(campaign.rig)
+    return {**{name: header[name] for name in (*names, "time_limit_s")}, **({"changes": changes} if changes else {})}
 
 
 def worst(outcomes: list[NavigationResult], which: str) -> dict[str, float]:

@@ -145,7 +145,7 @@ def test_a_folder_with_other_things_is_left_alone(monkeypatch, capsys, tmp_path)
     full.mkdir()
     (full / "notes.txt").write_text("mine")
     monkeypatch.chdir(full)
-    for folder in (full, ""):
+    for folder in (full, "."):
         code, err = evaluated(monkeypatch, capsys, folder)
         assert code == 2
         assert "holds other things (notes.txt), expected a new or an empty folder, or one of --learn" in err
@@ -153,6 +153,21 @@ def test_a_folder_with_other_things_is_left_alone(monkeypatch, capsys, tmp_path)
     code, err = evaluated(monkeypatch, capsys, tmp_path / "new", "--model", "nosuch")
     assert code == 2
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("command", ["evaluate", "navigate"])
+def test_no_name_is_no_folder_not_the_current_one(monkeypatch, capsys, tmp_path, command):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = call(monkeypatch, capsys, command, "--learn", "--from", "ring4", "-o", "")
+    assert (code, err) == (2, "mazeplan: -o: got '', expected a folder\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_was_too_short_is_named_once(monkeypatch, capsys, small):
+    arguments = ["evaluate", "--learn", "--model", small, "--runs", "1", "--time-limit", "0.2"]
+    _, _, err = call(monkeypatch, capsys, *arguments)
+    assert "run 1: not learned from: no ring has enough samples in a row" in err
+    assert err.count("run 1") == 1
 
 
 def test_what_was_learned_and_where_it_is_kept_is_said(monkeypatch, capsys, small):

@@ -18,10 +18,24 @@ if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
     from mazeplan.records import NavigationResult
 
+
+def named_folder(text: str) -> Path:
+    """The folder of a word on the command line; an empty one, such as a variable that was not set, is none."""
+    if not text:
+        raise InputError("-o: got '', expected a folder")
+    return Path(text)
+
+
 Learn = Annotated[bool, typer.Option("--learn", help="Let the model learn from each run, for the next one.")]
 Kept = Annotated[
     Path | None,
-    typer.Option("-o", "--output", help="With --learn: folder of the model that learns; one that is there goes on."),
+    typer.Option(
+        "-o",
+        "--output",
+        parser=named_folder,
+        metavar="FOLDER",
+        help="With --learn: folder of the model that learns; one that is there goes on.",
+    ),
 ]
 
 

@@ -196,7 +196,7 @@ class OnlineModel:
                 _put_right(table, self.start), self.maze, SMOOTHING, SampleOptions(delay=delay, recompute=True)
             )
         except InputError as problem:
-            return self.skipped(str(problem))
+            return self.skipped(problem.problem)  # who tells a lesson names its run
         told = {ring: self._rows(ring, some) for ring, some in found.items() if ring in self.rings}
         told = {ring: rows for ring, rows in told.items() if rows is not None}
         if not told:

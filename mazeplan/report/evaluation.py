@@ -39,6 +39,12 @@ class Runs:
     learning: tuple[dict[str, Any], ...] = ()
 
     @property
+    def number(self) -> np.ndarray:
+        """Of each run in its campaign, from 1 (N,): a model that learns may have begun before this evaluation."""
+        told = [lesson["run"] for lesson in self.learning]
+        return np.array(told) if len(told) == len(self.time) else np.arange(1, len(self.time) + 1)
+
+    @property
     def limit(self) -> float:
         """s; the longest time of all where the document does not tell."""
         limit = self.setup.get("time_limit_s")
@@ -144,7 +150,7 @@ def evaluation_section(given: Sequence[Input]) -> Section:
     parts: list[Any] = [_table(several, as_published(maze)), *evaluation_pictures(several, maze), _kinds_table(several)]
     if all(not len(by_kind(runs)) for runs in several):
         parts.pop()
-    parts += [part for runs in several for part in learning_parts(runs)]
+    parts += [part for runs in several for part in learning_parts(runs, several)]
     if any(not np.isfinite(runs.start).any() for runs in several):
         parts.append(Note("Where start angles are not shown, the document is from before they were told."))
     facts = _facts(several) if len(several) == 1 else []

@@ -177,6 +177,8 @@ def check_evaluation(document: dict[str, Any], path: Path) -> None:
         for name in ("map", "rig", "model"):
             if name in setup:
                 _is(str, setup[name], f"setup.{name}", path)
+        for i, run in enumerate(_is(list, setup.get("changes", []), "setup.changes", path)):
+            _is(int, run, f"setup.changes[{i}]", path)
     if document.get("learning") is not None:
         learning = _is(dict, document["learning"], "learning", path)
         for i, lesson in enumerate(_a(list, learning, "runs", path, "learning.runs")):

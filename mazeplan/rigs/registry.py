@@ -109,6 +109,21 @@ def rig_label(spec: str) -> str:
     return label if seed is None else f"{label}@{seed}"
 
 
+def runs_of_change(spec: str) -> list[int]:
+    """From which runs of a campaign on a simulated rig is otherwise (`changes` in its settings), in their order; of
+    any other rig none. Raises SettingsError for a file that cannot be used."""
+    from mazeplan.rigs.settings import read_rig_file, settings_from
+
+    path = rig_file(spec)
+    if path is None:
+        return []
+    kind, data, tree = read_rig_file(path)
+    if kind is not None or not data.get("changes"):
+        return []
+    data.pop("model", None)
+    return sorted({change.from_run for change in settings_from(data, file=path, tree=tree).changes})
+
+
 def rig_model_hint(spec: str) -> str | None:
     """The model that a rig's file asks for with `model:`; a path is taken from the file's folder."""
     from mazeplan.rigs.settings import read_rig_file

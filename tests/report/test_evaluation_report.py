@@ -10,6 +10,7 @@ import pytest
 from report_documents import evaluation
 from scipy.stats import binomtest
 
+from mazeplan.errors import InputError
 from mazeplan.evaluate import Campaign, evaluate, setup_document, summary
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.report.evaluation import (
@@ -24,7 +25,7 @@ from mazeplan.report.evaluation import (
     runs_of,
 )
 from mazeplan.report.inputs import Input, of_document
-from mazeplan.report.page import Picture, Table
+from mazeplan.report.page import Note, Picture, Table
 
 
 def given(name="toy", **more):
@@ -133,3 +134,76 @@ def test_published_times_stand_beside_runs_in_that_maze_only():
     upper, lower = figure.axes
     assert not upper.texts
     assert [label.get_text() for label in lower.get_yticklabels()] == ["toy"]
+
+
+def taught(first=1, **setup):
+    """Four runs while a model learned, numbered from `first` on."""
+    one = given("learning")
+    lessons = [{"run": first + k, "error_m_s2": 0.2, "fixed_error_m_s2": 0.3, "why_not": None} for k in range(4)]
+    one.document["learning"] = {"runs": lessons}
+    return setup_told(one, **setup)
+
+
+def setup_told(one, **setup):
+    same = {"rig": "worn", "map": dump_map(load_map("cme")), "start_ring": 1, "goal_ring": 5, "seed": 0}
+    one.document["setup"] = {**same, **setup}
+    return one
+
+
+def run_by_run(*inputs):
+    """Title, notes, and {label: (x, y) of its points} of the upper panel and of the lower."""
+    from matplotlib.figure import Figure
+
+    parts = evaluation_section(list(inputs)).parts
+    (picture,) = [p for p in parts if isinstance(p, Picture) and p.name == "learning"]
+    figure = Figure()
+    picture.draw(figure)
+    panels = [{a.get_label(): a.get_xydata() for a in axes.lines} for axes in figure.axes]
+    return picture.title, [p.text for p in parts if isinstance(p, Note)], panels
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_runs_that_learned_stand_beside_those_that_did_not(order):
+    fixed = setup_told(given("fixed", arrived=(True, False, False, True)))
+    title, notes, (upper, _) = run_by_run(*[taught(), fixed][::order])
+    assert title == "Run by run, while the model learned: learning, beside fixed"
+    assert any("in learning the model learned, in fixed it stayed as it was" in note for note in notes)
+    assert set(upper) == {"learning, learning: arrived", "learning, learning: did not arrive",
+                          "fixed, fixed: arrived", "fixed, fixed: did not arrive"}  # fmt: skip
+    # the points of a run lie on either side of its number
+    for name, label, runs in (("learning", "learning", runs_of(taught())), ("fixed", "fixed", runs_of(fixed))):
+        for told, which in (("arrived", runs.arrived), ("did not arrive", ~runs.arrived)):
+            x, y = upper[f"{name}, {label}: {told}"].T
+            assert np.round(x).tolist() == (np.flatnonzero(which) + 1).tolist()
+            assert y.tolist() == runs.time[which].tolist()
+    assert not set(upper["fixed, fixed: arrived"][:, 0]) & set(upper["learning, learning: arrived"][:, 0])
+
+
+@pytest.mark.parametrize("other", [{"rig": "toy"}, {"start_ring": 4}, {"goal_ring": 4}, {"seed": 1}, {"map": "x"}])
+def test_runs_of_something_else_do_not_stand_beside(other):
+    from mazeplan.report.learning import beside
+
+    assert beside(runs_of(taught()), runs_of(setup_told(given("fixed"))))
+    assert not beside(runs_of(taught()), runs_of(setup_told(given("fixed"), **other)))
+    assert not beside(runs_of(taught()), runs_of(taught()))
+    assert not beside(runs_of(taught()), runs_of(given("fixed")))  # of an older version, which did not tell
+
+
+def test_runs_that_went_on_have_their_own_numbers_and_a_change_of_the_rig_is_marked():
+    title, _, (upper, lower) = run_by_run(taught(first=9, changes=[3, 11]))
+    assert title == "Run by run, while the model learned: learning"
+    x = np.concatenate([upper["arrived"][:, 0], upper["did not arrive"][:, 0]])
+    assert sorted(x) == [9.0, 10.0, 11.0, 12.0] == lower["by the model that learns"][:, 0].tolist()
+    assert upper["the rig changes"][:, 0].tolist() == [10.5, 10.5]
+    assert "the rig changes" not in run_by_run(taught(first=9))[2][0]
+
+
+def test_an_evaluation_tells_when_its_rig_changes(tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text("model: toy\nchanges:\n- {from_run: 7, wall_grip: 0.1}\n- {from_run: 4, wall_grip: 0.2}\n")
+    assert setup_document(Campaign(2, "worn"))["changes"] == [11]
+    assert setup_document(Campaign(2, str(file)))["changes"] == [4, 7]
+    assert "changes" not in setup_document(Campaign(2, "toy"))
+    one = setup_told(given(), changes=[11, "x"])
+    with pytest.raises(InputError, match=r"setup.changes\[1\]"):
+        of_document(one.document, Path("e.json"))
