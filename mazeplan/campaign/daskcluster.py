@@ -1,9 +1,10 @@
 """Work on the workers of a Dask scheduler. The only file that imports dask and distributed.
 
-Short tasks travel some at a time. Two such lots for each worker are with the scheduler at any time: workers never wait,
-and little has to be called back when it ends. Dask does the tasks of a dead worker again elsewhere, until too many
-workers died of one; since others that waited at the same workers come under suspicion, too, each of these is then tried
-once more alone.
+Short tasks travel some at a time. Each worker has two such lots at any time: it never waits, and little has to be
+called back when it ends. Which lot goes to whom is decided here, by who has least to do: a scheduler takes all lots to
+be equally long, and towards the end one worker would have a queue while another has nothing. Dask does the tasks of a
+dead worker again elsewhere, until too many workers died of one; since others that waited at the same workers come under
+suspicion, too, each of these is then tried once more alone.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ WORKERS_S = 10.0  # s until the first worker must have come
 ALONE_S = 60.0  # s without any worker after which nobody waits any more
 POLL_S = 1.0  # s after which waiting looks whether there is still anybody
 COUNT_S = 2.0  # s after which workers are counted again
-AT_EACH = 2  # at a worker: what is done, and what comes next
+AT_EACH = 2  # lots at a worker: what is done, and what comes next
 TOGETHER_S = 1.0  # s of work that are sent as one; what is kept as it ends is at most so much later there
+ANYBODY = ""  # no worker is told by name
 LARGE = 1 << 30  # bytes; files of a user may be larger than what Dask warns of
 _one_at_a_time = threading.Lock()  # a run takes its process for itself
 
@@ -186,7 +188,8 @@ class Dask:
 
     def __init__(self, client: Client, address: str) -> None:
         self._client, self._address = client, address
-        self._workers, self._counted, self._alone_since = 1, -math.inf, math.inf
+        self._workers: tuple[str, ...] = (ANYBODY,)  # addresses, where there are several
+        self._counted, self._alone_since = -math.inf, math.inf
         self._typical_s = TOGETHER_S  # of a task
 
     def share(self, value: Value) -> Value:
@@ -212,35 +215,61 @@ class Dask:
     ) -> Iterator[tuple[int, Result | Lost]]:
         arrived: queue.SimpleQueue[Future] = queue.SimpleQueue()
         waiting, name = deque(which), uuid.uuid4().hex[:8]
-        running: dict[Any, tuple[list[int], Future]] = {}
+        running: dict[Any, tuple[list[int], Future, str]] = {}
+
+        def send(some: list[int], where: str, key: str) -> None:
+            given = [tasks[index] for index in some]
+            future = self._client.submit(
+                _do, work, dict(program()), given, key=key, pure=False,
+                workers=where or None, allow_other_workers=bool(where),
+            )  # fmt: skip
+            future.add_done_callback(arrived.put)
+            running[key] = (some, future, where)
+
         try:
             while waiting or running:
                 self._count()
-                while waiting and len(running) < AT_EACH * max(self._workers, 1):
+                for key in self._astray(running):
+                    some, future, _ = running.pop(key)
+                    future.cancel()
+                    send(some, ANYBODY, f"{key}-again")
+                while (where := self._free([place for *_, place in running.values()], len(waiting))) is not None:
                     some = [waiting.popleft() for _ in range(self._together(len(waiting)))]
-                    key = f"run-{name}-{some[0]}"
-                    given = [tasks[index] for index in some]
-                    future = self._client.submit(_do, work, dict(program()), given, key=key, pure=False)
-                    future.add_done_callback(arrived.put)
-                    running[key] = (some, future)
+                    send(some, where, f"run-{name}-{some[0]}")
                 try:
                     future = arrived.get(timeout=POLL_S)
                 except queue.Empty:
                     continue
+                if future.key not in running:  # was sent again
+                    continue
                 if future.status in ("pending", "lost"):  # its result died with its worker before it was fetched
                     future.add_done_callback(arrived.put)
                     continue
-                some, _ = running.pop(future.key)
+                some, *_ = running.pop(future.key)
                 yield from zip(some, self._outcomes(future, len(some)), strict=True)
         finally:
             if running and self._client.status == "running":
                 with suppress(Exception):  # whatever is the matter with the scheduler, something else is being told
-                    self._client.cancel([future for _, future in running.values()], force=True)
+                    self._client.cancel([future for _, future, _ in running.values()], force=True)
+
+    def _astray(self, running: Mapping[Any, tuple[list[int], Future, str]]) -> list[Any]:
+        """Lots that went to workers which are not there any more. The scheduler gives them to others, but for ever to
+        nobody if at that moment there was no other."""
+        gone = [key for key, (_, _, where) in running.items() if where and where not in self._workers]
+        return [key for key in gone if running[key][1].status == "pending"]
+
+    def _free(self, places: Sequence[str], waiting: int) -> str | None:
+        """Who gets the next lot, by where those are that are not done; None: nobody yet. Of the last tasks nobody has
+        one in store that another could begin at once."""
+        load = {address: places.count(address) for address in self._workers}
+        least = min(load, key=lambda address: load[address])
+        most = AT_EACH if waiting > 2 * AT_EACH * len(load) else 1
+        return least if waiting and load[least] < most else None
 
     def _together(self, waiting: int) -> int:
         """How many that wait are to be sent as one: a scheduler has some ms to do with each. So many that they take
         TOGETHER_S, as far as is known, and at the end so few that all workers end at about the same time."""
-        fair = waiting // (2 * AT_EACH * max(self._workers, 1))
+        fair = waiting // (2 * AT_EACH * len(self._workers))
         return max(1, min(int(TOGETHER_S / self._typical_s), fair))
 
     def _outcomes(self, future: Future, number: int) -> list[Any]:
@@ -271,8 +300,8 @@ class Dask:
             threads: Any = self._client.nthreads()
         except (OSError, TimeoutError):
             raise self._lost() from None
-        self._workers, self._counted = len(threads), now
-        self._alone_since = math.inf if self._workers else min(self._alone_since, now)
+        self._workers, self._counted = tuple(threads) if len(threads) > 1 else (ANYBODY,), now
+        self._alone_since = math.inf if threads else min(self._alone_since, now)
         if now - self._alone_since > ALONE_S:
             raise RigError(f"the scheduler at {self._address} had no workers for {ALONE_S:g} s")
 

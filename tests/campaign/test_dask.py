@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from campaign_work import deadly, refuse
+from campaign_work import deadly, mine, refuse
 
 from mazeplan.campaign import daskcluster
 from mazeplan.campaign.executor import Lost, open_executor
@@ -190,3 +190,20 @@ def test_work_that_ends_its_worker_again_and_again_ends_on_a_cluster_of_ones_own
         address = executor._client.scheduler.address
     assert done == {0: Lost(1), 1: 1, 2: 2}
     assert address.startswith("tcp://127.0.0.1:")
+
+
+def test_all_workers_killed_at_once_lose_nothing(monkeypatch):
+    """While there is none, the scheduler has nobody to give their work to; then come others under other names."""
+    monkeypatch.setattr(daskcluster, "_check_workers", lambda *arguments: None)
+    monkeypatch.setattr(daskcluster, "COUNT_S", 0.5)
+    with open_executor(2, "local") as executor:
+        first = {pid for _, (_, pid) in executor.each(mine, [(x,) for x in range(40)])}
+        assert len(first) == 2
+        done: dict[int, int] = {}
+        for _, (x, pid) in executor.each(mine, [(x,) for x in range(40)]):
+            if not done:
+                for worker in first:
+                    os.kill(worker, signal.SIGKILL)
+            done[x] = pid
+    assert sorted(done) == list(range(40))
+    assert set(done.values()) - first
