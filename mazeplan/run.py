@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.leaf import blames_a_leaf
+from mazeplan.behavior.leaf import blames_a_leaf, fault
 from mazeplan.behavior.ownleaves import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import read_tree
@@ -24,7 +24,7 @@ from mazeplan.control.play import Gears
 from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.data.runlog import RunDocuments
 from mazeplan.display import Display
-from mazeplan.errors import MazeplanError, RigError
+from mazeplan.errors import RigError
 from mazeplan.estimation.delay_bank import estimator_for
 from mazeplan.estimation.scrutiny import Scrutiny
 from mazeplan.goals import Edit, Outside, Stop
@@ -247,9 +247,7 @@ class Run:
         """What has happened until a leaf, or the program itself, could not go on."""
         if not blames_a_leaf(error):
             return self.result(False, CRASHED, log)
-        told = str(error) if isinstance(error, MazeplanError) else f"{type(error).__name__}: {error}"
-        detail = ", ".join((told, *getattr(error, "__notes__", ())))
-        self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, detail))
+        self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, fault(error)))
         return self.result(False, str(FailureKind.LEAF_FAILED), log)
 
     def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:

@@ -3,6 +3,8 @@ reason by name in a whole log, the plate level, and the line of the tree."""
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
@@ -128,7 +130,8 @@ def test_a_leaf_that_raises_is_named_and_the_log_is_whole(world, at, halt, wind_
     leaves = BROKEN.format(at=at, halt=halt, wind_down=wind_down)
     problem, _, log = world("<Sequence>\n<Broken/></Sequence>", leaves, time_limit=0.48)
     assert type(problem) is (KeyError if at == 0.49 else ZeroDivisionError)
-    assert problem.__notes__ == ["raised by the leaf at tree.xml:3: Main/Sequence/Broken"]
+    (note,) = problem.__notes__
+    assert re.fullmatch(r"raised by the leaf at tree\.xml:3: Main/Sequence/Broken \(.*\.py:\d+\)", note)
     assert (log.result["success"], log.result["reason"]) == (False, "leaf_failed")
     last = log.events[-1]["detail"]
     assert (last["kind"], last["where"]) == ("leaf_failed", "tree")

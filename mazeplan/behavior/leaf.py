@@ -8,6 +8,7 @@ has a `wind_down` (see `winding`).
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -21,7 +22,7 @@ from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.conditions import Conditions
 from mazeplan.behavior.expression import ExpressionError
 from mazeplan.behavior.status import FINISHED, INVALID, RUNNING, SKIPPED, Result
-from mazeplan.errors import RigError, TreeError
+from mazeplan.errors import MazeplanError, RigError, TreeError
 from mazeplan.records import Failure
 
 Returned = TypeVar("Returned")
@@ -45,6 +46,12 @@ BLAME = "raised by the leaf at "
 def blames_a_leaf(problem: BaseException) -> bool:
     """Whether an exception came out of a leaf, which then stands in it by file and line."""
     return isinstance(problem, TreeError) or any(n.startswith(BLAME) for n in getattr(problem, "__notes__", ()))
+
+
+def fault(problem: BaseException) -> str:
+    """What came out of a leaf, in a line: what, and which leaf."""
+    told = str(problem) if isinstance(problem, MazeplanError) else f"{type(problem).__name__}: {problem}"
+    return " ".join(", ".join((told, *getattr(problem, "__notes__", ()))).split())
 
 
 class Context(Protocol):
@@ -324,7 +331,9 @@ class Leaf(TreeNode):
         except Exception as problem:
             if not blames_a_leaf(problem):
                 place = self.place
-                problem.add_note(BLAME + (self.name if place is None else f"{place.file}:{place.line}: {place.path}"))
+                where = self.name if place is None else f"{place.file}:{place.line}: {place.path}"
+                code = traceback.extract_tb(problem.__traceback__)[-1]  # which the way to another process does not keep
+                problem.add_note(f"{BLAME}{where} ({Path(code.filename).name}:{code.lineno})")
             raise
 
     def initialise(self) -> None:

@@ -169,6 +169,13 @@ def _main(told: list[int]) -> None:
         if problem.errno not in UNWRITABLE:
             raise
         unwritable(problem)
+    except Exception as problem:
+        from mazeplan.behavior.leaf import blames_a_leaf, fault
+
+        if not blames_a_leaf(problem):
+            raise
+        print(f"mazeplan: {fault(problem)}", file=sys.stderr)
+        sys.exit(InputError.exit_status)
     if status == INTERRUPTED:
         status = 128 + told[0] if told else INTERRUPTED
         print(f"mazeplan: {signal.Signals(told[0]).name if told else 'interrupted'}", file=sys.stderr)

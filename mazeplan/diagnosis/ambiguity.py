@@ -3,9 +3,13 @@ first."""
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+from mazeplan.diagnosis.screening import SURE
+from mazeplan.diagnosis.system import Values
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,22 @@ EXPERIMENTS = (
         options="--seconds 900",
     ),
 )
+FAR = 0.2  # by how much the scale of a tilt sensor is off, beyond which one looks for other reasons
+SAME = 0.03  # share by which two scales may differ that are called the same, beside their errors
 ANY = Experiment(frozenset(), "more of everything: a longer record, with slow and fast tilts", options="--seconds 900")
+
+
+def twins(values: Values, stderr: Values) -> list[tuple[str, ...]]:
+    """Groups of names that say nearly the same in the sizes that were found: tilts that count for less on both axes
+    alike, and a ball that gives way to them less because it rolls. Only what the plate's own turning does to the ball
+    tells them apart, and of that too little is known for a ball that rolls. So far from a scale of 1 it is as likely
+    as the other."""
+    if "tilt_gain" not in values or "rolling_inertia" in values:
+        return []
+    (beta, gamma), errors = values["tilt_gain"].values(), stderr["tilt_gain"].values()
+    same = abs(beta - gamma) <= max(SAME * 0.5 * (beta + gamma), SURE * math.hypot(*errors))
+    far = min(abs(beta - 1.0), abs(gamma - 1.0)) > FAR
+    return [("tilt_gain", "rolling_inertia")] if same and far else []
 
 
 def on_machine(ways: Sequence[Mapping[str, str]], options: Sequence[str], note: str = "") -> list[dict[str, str]]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.diagnosis.ambiguity import experiment_for
+from mazeplan.diagnosis.ambiguity import experiment_for, twins
 from mazeplan.diagnosis.anonymous import anonymous_library, placebos
 from mazeplan.diagnosis.evidence import Evidence, evidence_of
 from mazeplan.diagnosis.fit import Likelihood, fit
@@ -176,6 +176,8 @@ def diagnose(
         finding, judge = by_windows(straight, library, rows, tell, closely, finer, folds)
     else:
         finding, judge = search(straight, library, tell, along=along), straight
+    if "rolling_inertia" not in without:
+        finding = replace(finding, alike=(*finding.alike, *twins(finding.final.values, finding.final.stderr)))
     tell("scores on what was held out")
     effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
     base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})

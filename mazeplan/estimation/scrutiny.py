@@ -8,7 +8,8 @@ estimator, which goes on by the commands. None of this may last: after LASTING_S
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
+from numbers import Real
 
 from mazeplan.errors import RigError
 from mazeplan.records import Doubt, Observation
@@ -37,6 +38,7 @@ class Scrutiny:
         if not isinstance(observation, Observation):
             got = type(observation).__name__
             raise RigError(f"observe() of the rig returned {got}, expected Observation(t, x, y, beta, gamma)")
+        self._numbers(observation)
         t, last = observation.t, self._last
         if not math.isfinite(t) or (last is not None and t <= last):
             self._note({"clock"}, 0.0 if last is None else last)
@@ -48,6 +50,15 @@ class Scrutiny:
             self.found.add("position")
             return replace(observation, x=None, y=None)
         return observation
+
+    @staticmethod
+    def _numbers(observation: Observation) -> None:
+        """Raises RigError for what is no number at all, which no later sample will mend."""
+        for field in fields(observation):
+            value = getattr(observation, field.name)
+            if not isinstance(value, Real) and not (value is None and field.name in ("x", "y")):
+                expected = "a number or None" if field.name in ("x", "y") else "a number"
+                raise RigError(f"observe() of the rig: {field.name}: got {value!r}, expected {expected}")
 
     def judge(self, doubts: set[str], t: float) -> list[Doubt]:
         """Take in what the estimator did not believe of the sample that was admitted last; doubts that begin with it.

@@ -56,11 +56,12 @@ def _which(runs: Runs, fixed: Sequence[Runs]) -> str:
 
 def _runs(figure: Figure, runs: Runs, fixed: Sequence[Runs] = ()) -> None:
     upper, lower = figure.subplots(2, 1, sharex=True)
-    shown = [(runs, "real", f"{runs.name}, learning: " if fixed else "")]
-    shown += [(other, FIXED[k % len(FIXED)], f"{other.name}, fixed: ") for k, other in enumerate(fixed)]
+    shown = [(runs, "real", f"{runs.name}: " if fixed else "")]  # which of them learned is said below the picture
+    shown += [(other, FIXED[k % len(FIXED)], f"{other.name}: ") for k, other in enumerate(fixed)]
     for k, (one, name, label) in enumerate(shown):
         _times(upper, one, name, label, (k - 0.5 * len(fixed)) * APART, alone=not fixed)
     upper.set_ylabel("time, s")
+    upper.margins(y=0.1)  # crosses are large
     upper.set_ylim(bottom=0.0)
     for key, name, label in (
         ("fixed_error_m_s2", "planned", "by the model of the beginning"),

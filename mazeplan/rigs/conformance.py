@@ -25,6 +25,8 @@ SETTLED = math.radians(0.7)  # rad: servo, sensor noise and play together
 SETTLE_S = 0.8  # s: twice what a slow servo takes
 RAISED = "raised "  # how the detail of a check begins that something was raised in
 CLOCK = 0.02  # relative error of 1 / rate that a clock may show
+LEAP = 4.5  # periods from one sample to the next: more is no clock that goes on, or lost samples
+PLACED = 0.5  # rad from where a ball was to be placed to where it is seen: a person places it by eye
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Trial:
     def __init__(self, rig: Rig, maze: Maze, seed: int) -> None:
         self.rig, self.maze, self.seed = rig, maze, seed
         self.dt = 1.0 / rig.rate_hz
+        self.leap: tuple[float, float] | None = None  # the first two samples with something wrong between, s
 
     def reset(self, ring: int = 1, theta: float = 0.0) -> None:
         """A fresh start with the same random numbers each time."""
@@ -53,6 +56,9 @@ class Trial:
         for _ in range(max(2, round(seconds / self.dt))):
             samples.append(self.rig.observe())
             self.rig.command(u_beta, u_gamma)
+        for a, b in itertools.pairwise(samples):
+            if self.leap is None and not 0.0 < b.t - a.t < LEAP * self.dt:
+                self.leap = a.t, b.t
         return samples
 
 
@@ -74,8 +80,8 @@ def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -
         ("limit is kept", _limit),
     ]
     if repeatable:
-        checks.append(("repeatable", _repeatable))
-    checks.append(("close", _close))
+        checks += [("placing", _placing), ("repeatable", _repeatable)]
+    checks += [("clock goes on", _goes_on), ("close", _close)]
     results = []
     for name, check in checks:
         try:
@@ -100,7 +106,6 @@ def _clock(trial: Trial) -> str | None:
 def _observation(trial: Trial) -> str | None:
     trial.reset(theta=1.0)
     samples = trial.run(0.5)
-    ring = trial.maze.ring(1)
     for o in samples:
         if not isinstance(o, Observation):
             return f"observe() returned {type(o).__name__}, expected Observation"
@@ -108,12 +113,42 @@ def _observation(trial: Trial) -> str | None:
             return f"t, beta, gamma: got {o.t}, {o.beta}, {o.gamma}, expected finite numbers"
         if (o.x is None) != (o.y is None):
             return "x and y must both be None or both be numbers"
-    radii = [math.hypot(o.x, o.y) for o in samples if o.x is not None and o.y is not None]
-    if not radii:
+        if o.x is not None and o.y is not None and not math.isfinite(o.x + o.y):
+            return f"x, y: got {o.x}, {o.y}, expected finite numbers, or None where the ball is not seen"
+    return _misplaced(trial.maze, 1, 1.0, samples)
+
+
+def _misplaced(maze: Maze, number: int, theta: float, samples: list[Observation]) -> str | None:
+    """Whether the ball is seen elsewhere than where it was to be placed, the plate being level."""
+    seen = [(o.x, o.y) for o in samples if o.x is not None and o.y is not None]
+    if not seen:
         return "the ball was never seen"
-    if not ring.inner_radius - 0.01 <= float(np.median(radii)) <= ring.outer_radius + 0.01:
-        return f"the ball was placed in ring 1 but is seen at r = {np.median(radii) * 1e3:.1f} mm"
+    ring, radius = maze.ring(number), float(np.median([math.hypot(*place) for place in seen]))
+    where = f"the ball was to be placed in ring {number}"
+    if not ring.inner_radius - 0.01 <= radius <= ring.outer_radius + 0.01:
+        hint = "; x and y are in m" if radius > 2.0 * maze.ring(1).outer_radius else ""
+        return f"{where} but is seen at r = {radius * 1e3:.1f} mm{hint}"
+    x, y = seen[0]
+    if radius > PLACED * ring.outer_radius and abs(difference(math.atan2(y, x), theta)) > PLACED:
+        return f"{where} at {math.degrees(theta):.0f} deg but is seen at {math.degrees(math.atan2(y, x)):.0f} deg"
     return None
+
+
+def _placing(trial: Trial) -> str | None:
+    for ring in trial.maze.rings:
+        for theta in (2.0, -2.0):
+            trial.reset(ring.number, theta)
+            problem = _misplaced(trial.maze, ring.number, theta, trial.run(0.2))
+            if problem is not None:
+                return problem
+    return None
+
+
+def _goes_on(trial: Trial) -> str | None:
+    if trial.leap is None:
+        return None
+    before, after = trial.leap
+    return f"t went from {before:.4f} to {after:.4f} s between two samples, expected {trial.dt:.4f} s more"
 
 
 def _follows(trial: Trial, axis: str) -> str | None:

@@ -38,6 +38,15 @@ def test_what_it_writes_is_a_rig_with_a_test_that_passes_and_arrives(new, tmp_pa
             [sys.executable, "-m", *words], cwd=home, capture_output=True, text=True, check=False, env=env
         )
         assert done.returncode == 0, done.stdout + done.stderr
+    file = home / "my_table.yaml"
+    good = file.read_text()
+    file.write_text(good.replace("beta_sign: 1", "beta_sign: -1"))  # is what is tested what will be driven?
+    words = ["pytest", "-q", "-p", "no:cacheprovider", "-k", "is_a_rig"]
+    done = subprocess.run(
+        [sys.executable, "-m", *words], cwd=home, capture_output=True, text=True, check=False, env=env
+    )
+    assert "sign of beta: " in done.stdout
+    file.write_text(good)
     monkeypatch.chdir(home)
     monkeypatch.setattr(sys, "path", list(sys.path))
     code, out, err = call(monkeypatch, capsys, "navigate", "--from", "ring4", "--rig", "my_table.yaml", "--json")

@@ -90,6 +90,29 @@ def test_a_run_uses_it(call, tmp_path, name):
         assert read_log(tmp_path / "run.mcap").header["behavior_modules"] == ["mine"]
 
 
+RAISES = (
+    IMPORT
+    + """
+class Raises(MazeLeaf):
+    def step(self):
+        return {}["nothing"] if self.context.now > 0.1 else Status.RUNNING
+"""
+)
+
+
+@pytest.mark.parametrize("words", ["navigate", "evaluate --runs 2", "evaluate --runs 2 --workers 2"])
+def test_a_leaf_that_raises_is_told_in_a_line_with_the_place_in_its_code(call, tmp_path, words):
+    (tmp_path / "mine.py").write_text(RAISES)
+    (tmp_path / "tree.xml").write_text(f"{HEAD}<Raises/>\n</BehaviorTree></root>", encoding="utf-8")
+    code, out, err = call(*words.split(), "--rig", "ideal", "--behavior", "tree.xml", "--behavior-module", "mine")
+    assert (code, out) == (2, "")
+    assert "Traceback" not in err
+    told = err.splitlines()[-1]
+    assert told.startswith("mazeplan: KeyError: 'nothing', raised by the leaf at ")
+    assert "tree.xml:2: Main/Raises (" in told
+    assert told.endswith("(mine.py:5)")
+
+
 def test_processes_of_a_campaign_find_it(tmp_path):
     (tmp_path / "mine.py").write_text(COUNT)
     (tmp_path / "tree.xml").write_text(f"{HEAD}<GiveUp/>\n</BehaviorTree></root>", encoding="utf-8")

@@ -201,6 +201,8 @@ def test_what_ended_the_run_is_said_last_though_close_fails_too(place, monkeypat
 
 
 WRONG = """
+from mazeplan import Observation
+
 class Shut:
     rate_hz = 30.0
     def __init__(self, maze, settings):
@@ -213,6 +215,12 @@ class Shut:
 
 class Pair(Shut):
     def __init__(self, maze, settings): pass
+
+class Words(Pair):
+    def observe(self): return Observation(0.0, "0.05", 0.0, 0.0, 0.0)
+
+class Nothing(Pair):
+    def observe(self): return Observation(0.0, 0.05, 0.0, None, 0.0)
 """
 
 
@@ -221,6 +229,8 @@ class Pair(Shut):
     [
         ("Shut", "'wrong_rig:Shut' could not be made: OSError: no port /dev/ttyUSB0"),
         ("Pair", "observe() of the rig returned tuple, expected Observation(t, x, y, beta, gamma)"),
+        ("Words", "observe() of the rig: x: got '0.05', expected a number or None"),
+        ("Nothing", "observe() of the rig: beta: got None, expected a number"),
     ],
 )
 def test_a_rig_that_is_wrong_in_itself_gives_a_line(tmp_path, monkeypatch, capsys, kind, said):

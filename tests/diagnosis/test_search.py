@@ -50,6 +50,15 @@ def test_a_scale_of_both_tilts_is_not_taken_for_the_ball_or_the_other_way_round(
     assert names(found(seed=0, gain=(1.05, 0.95))) == ["tilt_gain"]
 
 
+def test_scales_far_off_on_both_axes_alike_may_be_the_ball():
+    done = found(seed=0, seconds=100.0, gain=(1.4, 1.4))
+    assert (names(done), done.verdict) == (["tilt_gain"], "ambiguous")
+    assert done.document()["ambiguous_with"] == [["tilt_gain", "rolling_inertia"]]
+    assert "clinometer" in done.apart[0]["first"]
+    apart = found(seed=0, seconds=100.0, gain=(1.4, 1.2))
+    assert (names(apart), apart.verdict) == (["tilt_gain"], "effect_found")
+
+
 @pytest.mark.parametrize("angle", [-2.0, 0.81, 3.1])
 def test_a_gate_is_found_wherever_it_is(angle):
     done = found(seed=4, gate=(angle, 0.1), seconds=150.0)

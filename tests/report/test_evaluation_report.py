@@ -168,15 +168,15 @@ def test_runs_that_learned_stand_beside_those_that_did_not(order):
     title, notes, (upper, _) = run_by_run(*[taught(), fixed][::order])
     assert title == "Run by run, while the model learned: learning, beside fixed"
     assert any("in learning the model learned, in fixed it stayed as it was" in note for note in notes)
-    assert set(upper) == {"learning, learning: arrived", "learning, learning: did not arrive",
-                          "fixed, fixed: arrived", "fixed, fixed: did not arrive"}  # fmt: skip
+    assert set(upper) == {"learning: arrived", "learning: did not arrive",
+                          "fixed: arrived", "fixed: did not arrive"}  # fmt: skip
     # the points of a run lie on either side of its number
-    for name, label, runs in (("learning", "learning", runs_of(taught())), ("fixed", "fixed", runs_of(fixed))):
+    for name, runs in (("learning", runs_of(taught())), ("fixed", runs_of(fixed))):
         for told, which in (("arrived", runs.arrived), ("did not arrive", ~runs.arrived)):
-            x, y = upper[f"{name}, {label}: {told}"].T
+            x, y = upper[f"{name}: {told}"].T
             assert np.round(x).tolist() == (np.flatnonzero(which) + 1).tolist()
             assert y.tolist() == runs.time[which].tolist()
-    assert not set(upper["fixed, fixed: arrived"][:, 0]) & set(upper["learning, learning: arrived"][:, 0])
+    assert not set(upper["fixed: arrived"][:, 0]) & set(upper["learning: arrived"][:, 0])
 
 
 @pytest.mark.parametrize("other", [{"rig": "toy"}, {"start_ring": 4}, {"goal_ring": 4}, {"seed": 1}, {"map": "x"}])

@@ -27,13 +27,49 @@ def failed(rig, **more):
 def test_packaged_rigs_conform(name):
     results = check_rig(make_rig(name, MAZE), MAZE)
     assert [result.detail for result in results if not result.passed] == []
-    assert len(results) == 12
+    assert len(results) == 14
 
 
 class LateClock(SimulatedRig):
     def observe(self):
         o = super().observe()
         return replace(o, t=1.1 * o.t)
+
+
+class ClockStops(SimulatedRig):
+    def observe(self):
+        o = super().observe()
+        return replace(o, t=min(o.t, 0.9))
+
+
+class ClockLeaps(SimulatedRig):
+    def observe(self):
+        o = super().observe()
+        return replace(o, t=o.t if o.t < 0.7 else o.t + 10.0)
+
+
+class NoNumber(SimulatedRig):
+    """Of a ball that it does not see it says NaN."""
+
+    def observe(self):
+        o = super().observe()
+        return replace(o, x=math.nan, y=math.nan) if 0.3 < o.t < 0.4 else o
+
+
+class Millimetres(SimulatedRig):
+    def observe(self):
+        o = super().observe()
+        return replace(o, x=1e3 * o.x, y=1e3 * o.y)
+
+
+class AlwaysAtNought(SimulatedRig):
+    def reset(self, *, ring, theta, rng):
+        super().reset(ring=ring, theta=0.0, rng=rng)
+
+
+class AlwaysInRing1(SimulatedRig):
+    def reset(self, *, ring, theta, rng):
+        super().reset(ring=1, theta=theta, rng=rng)
 
 
 class HalfBall(SimulatedRig):
@@ -100,9 +136,15 @@ class ClosesOnce(SimulatedRig):
     ("kind", "checks"),
     [
         (LateClock, {"clock"}),
-        (HalfBall, {"observation", "sign of beta", "sign of gamma"}),
+        (ClockStops, {"clock goes on"}),
+        (ClockLeaps, {"clock goes on"}),
+        (HalfBall, {"observation", "placing", "sign of beta", "sign of gamma"}),
+        (NoNumber, {"observation", "sign of beta", "sign of gamma"}),
+        (Millimetres, {"observation", "placing"}),
+        (AlwaysAtNought, {"observation", "placing", "sign of beta"}),
+        (AlwaysInRing1, {"placing"}),
         (SwappedAxes, {"tilt follows beta", "tilt follows gamma", "sign of beta", "sign of gamma"}),
-        (WrongSignOfBall, {"sign of beta", "sign of gamma"}),
+        (WrongSignOfBall, {"observation", "placing", "sign of beta", "sign of gamma"}),
         (NeverLevel, {"level"}),
         (TakesNan, {"refuses NaN"}),
         (TakesTooMuch, {"refuses beyond the limit"}),
