@@ -73,6 +73,14 @@ def plugins(group: str) -> tuple[Plugin, ...]:
     return tuple(sorted(found, key=lambda plugin: (plugin.name, plugin.package)))
 
 
+def unknown_groups() -> dict[str, str]:
+    """Groups that packages offer something in and that this program does not know, such as mazeplan.rig, with the
+    package."""
+    groups = sorted(group for group in entry_points().groups if group.split(".")[0] == "mazeplan")
+    ours = [entry for group in groups if group not in GROUPS for entry in entry_points(group=group)]
+    return {entry.group: "?" if entry.dist is None else entry.dist.name for entry in ours}
+
+
 def plugin(group: str, name: str) -> Plugin | None:
     """The one of that name, None if there is none. Raises InputError where two packages have it."""
     found = [plugin for plugin in plugins(group) if plugin.name == name]

@@ -154,6 +154,12 @@ def one_line(got, *words):
     assert len(err.strip().splitlines()) == 1
 
 
+def test_a_misspelt_group_is_told_where_one_looks_for_what_is_installed(offer, monkeypatch, capsys):
+    offer(rig=["cart = bad_module:Cart"])
+    told = call(monkeypatch, capsys, "doctor")[1]
+    assert "    package bad: unknown group of entry points mazeplan.rig, expected one of mazeplan.rigs, " in told
+
+
 RIG = "package bad 1.0, entry point mazeplan.rigs: broken = "
 
 

@@ -26,6 +26,7 @@ from mazeplan.behavior.leaf import REQUIRED, Context, Key, Leaf, Place, Port, Tr
 from mazeplan.behavior.nodes import CONTROLS, Node
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.errors import InputError, MazeplanError, TreeError
+from mazeplan.usermodule import reason
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 60  # nodes on one path, subtrees included
@@ -230,8 +231,7 @@ class _Builder:
             except MazeplanError:
                 raise
             except Exception as problem:  # a user's own `__init__` may raise anything
-                what = f"{type(problem).__name__}: {problem}"
-                raise self.error(element, path, f"{kind} could not be made: {what}") from problem
+                raise self.error(element, path, f"{kind} could not be made: {reason(problem)}") from problem
         else:
             raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
         node.place, node.conditions = Place(self._file, element.sourceline, path), conditions

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mazeplan.errors import InputError
-from mazeplan.plugins import EFFECTS, LEAVES, RIGS, Plugin, plugins
+from mazeplan.plugins import EFFECTS, GROUPS, LEAVES, RIGS, Plugin, plugins, unknown_groups
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,9 @@ def plugin_lines(found: list[Added]) -> list[str]:
     for one in found:
         what = f"broken: {one.problem}" if one.problem else "ready" + _other_names(one)
         told.append(f"    {one.kind} {one.name} of {one.package} {one.version} ({one.object}) {what}")
+    for group, package in unknown_groups().items():
+        expected = f"expected one of {', '.join(GROUPS)}"
+        told.append(f"    package {package}: unknown group of entry points {group}, {expected}")
     return told
 
 

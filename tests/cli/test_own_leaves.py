@@ -170,6 +170,7 @@ def test_a_leaf_that_cannot_be_made_is_one_line_and_two(call, tmp_path, made):
         code, out, err = call(*words, "--behavior-module", "mine")
         assert (code, out) == (2, "")
         assert "tree.xml:2: Main/GiveUp: GiveUp could not be made: " in err
+        assert f"{tmp_path / 'mine.py'}:9: " in err
         assert len(err.strip().splitlines()) == 1
 
 
