@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 
+from mazeplan import __version__
 from mazeplan.cli import behavior, calibrate, data, learn, log, map, new, rig
 from mazeplan.cli.collect import collect
 from mazeplan.cli.compare import compare
@@ -17,12 +20,28 @@ from mazeplan.cli.view import view
 
 app = typer.Typer(
     name="mazeplan",
-    help="Plan, learn and navigate a ball through a circular maze on a tilting plate.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"mazeplan {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def whole(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it and exit.")] = (
+        False
+    ),
+) -> None:
+    """Plan, learn and navigate a ball through a circular maze on a tilting plate."""
+
+
 app.command()(navigate)
 app.command()(evaluate)
 app.command()(collect)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
+
+from commands import call
+
 from mazeplan.cli.arguments import logged_map
 from mazeplan.data.runlog import RunLogWriter
 from mazeplan.maze.mapfile import dump_map, load_map
@@ -22,3 +26,7 @@ def test_a_table_tells_none(tmp_path):
     with RunLogWriter(tmp_path / "b.mcap", {}):
         pass
     assert logged_map(None, tmp_path / "b.mcap") == (load_map("cme"), False)
+
+
+def test_the_version_is_that_of_the_package(monkeypatch, capsys):
+    assert call(monkeypatch, capsys, "--version") == (0, f"mazeplan {version('mazeplan')}\n", "")
