@@ -149,6 +149,16 @@ class Port:
             raise ValueError(value)
         return self._bounded(value, context)
 
+    def takes(self, default: Any) -> bool:
+        """Whether `get` may return this where nothing is given: it is of the type itself, as no text is read."""
+        if self.type is not str and isinstance(default, str):
+            return False
+        try:
+            self.accept(default)
+        except ValueError:
+            return False
+        return True
+
     def _bounded(self, value: Any, context: Any) -> Any:
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(value)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from mazeplan.behavior.decorators import DECORATORS
-from mazeplan.behavior.leaf import CONVERSIONS, OF_THE_MAP, Leaf, Port, shown
+from mazeplan.behavior.leaf import CONVERSIONS, OF_THE_MAP, REQUIRED, Leaf, Port, shown
 from mazeplan.behavior.nodes import CONTROLS
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.errors import InputError
@@ -140,11 +140,26 @@ def _check(leaf: type[Leaf], where: str) -> None:
             raise InputError(f"{here}: got the name {shown(name)}, expected letters and digits, but not name or ID")
         if not isinstance(port, Port):
             raise InputError(f"{here}[{name!r}]: got {shown(port)}, expected a Port")
-        if port.type not in CONVERSIONS:
-            known = ", ".join(kind.__name__ for kind in CONVERSIONS)
-            raise InputError(f"{here}[{name!r}]: got the type {shown(port.type)}, expected one of {known}")
-        if port.choices is not None and port.choices not in OF_THE_MAP and not isinstance(port.choices, tuple | list):
-            expected = f"a tuple of values, or one of {', '.join(OF_THE_MAP)}"
-            raise InputError(f"{here}[{name!r}]: choices: got {shown(port.choices)}, expected {expected}")
-        if port.direction not in DIRECTIONS:
-            raise InputError(f"{here}[{name!r}]: got {shown(port.direction)}, expected one of {', '.join(DIRECTIONS)}")
+        _check_port(port, f"{here}[{name!r}]")
+
+
+def _check_port(port: Port, where: str) -> None:
+    """Raises InputError for what no literal or entry could be checked against, or a default that would be refused."""
+    if port.type not in CONVERSIONS:
+        known = ", ".join(kind.__name__ for kind in CONVERSIONS)
+        raise InputError(f"{where}: got the type {shown(port.type)}, expected one of {known}")
+    if port.choices is not None and port.choices not in OF_THE_MAP and not isinstance(port.choices, tuple | list):
+        expected = f"a tuple of values, or one of {', '.join(OF_THE_MAP)}"
+        raise InputError(f"{where}: choices: got {shown(port.choices)}, expected {expected}")
+    if port.direction not in DIRECTIONS:
+        raise InputError(f"{where}: got {shown(port.direction)}, expected one of {', '.join(DIRECTIONS)}")
+    for name in ("least", "most"):
+        bound = getattr(port, name)
+        if bound is not None and port.type not in (int, float):
+            raise InputError(
+                f"{where}: {name}: got {shown(bound)}, expected none for a port of type {port.type.__name__}"
+            )
+        if bound is not None and (isinstance(bound, bool) or not isinstance(bound, int | float) or bound != bound):
+            raise InputError(f"{where}: {name}: got {shown(bound)}, expected a number")
+    if port.default is not REQUIRED and port.default is not None and not port.takes(port.default):
+        raise InputError(f"{where}: default: got {shown(port.default)}, expected {port.expected}")

@@ -245,7 +245,8 @@ class Estimator:
         lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
         self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
         self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
-        self.filtered = _as_state(self._measured_at, measured, self._measured_ring, seen, lost)
+        believed = seen and self._last_seen == t  # an outlier is no measurement of where the ball is
+        self.filtered = _as_state(self._measured_at, measured, self._measured_ring, believed, lost)
         return _as_state(acts, z, self._ring, seen, lost)
 
     def _hysteresis(self, current: int | None, r: float) -> int:

@@ -145,6 +145,12 @@ def test_processes_of_a_campaign_find_it(tmp_path):
             "mine.GiveUp: ports['ticks']: got the type <class 'dict'>",
         ),
         (COUNT.replace("least=1", "direction='up'"), "ports['ticks']: got 'up', expected one of in, out, inout"),
+        (COUNT.replace("Port(int, 2,", "Port(int, 'two',"), "ports['ticks']: default: got 'two', expected int >= 1"),
+        (COUNT.replace("Port(int, 2,", "Port(int, '2',"), "ports['ticks']: default: got '2', expected int >= 1"),
+        (COUNT.replace("Port(int, 2,", "Port(int, 0,"), "ports['ticks']: default: got 0, expected int >= 1"),
+        (COUNT.replace("Port(int, 2,", "Port(bool, 1,").replace(", least=1", ""), "default: got 1, expected bool"),
+        (COUNT.replace("Port(int, 2,", "Port(str, 2,"), "least: got 1, expected none for a port of type str"),
+        (COUNT.replace("least=1", "least='1'"), "ports['ticks']: least: got '1', expected a number"),
         (COUNT.replace('Port(int, 2, "how many", least=1)', "3"), "ports['ticks']: got 3, expected a Port"),
         (COUNT.replace('{"ticks": Port(int, 2, "how many", least=1)}', "[3]"), "ports: got [3], expected"),
         (

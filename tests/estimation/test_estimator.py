@@ -107,12 +107,15 @@ def test_outliers_are_left_out_but_a_ball_that_was_moved_is_followed():
         if k == 30:
             observation = replace(observation, x=observation.x + 0.03)
         state = estimator.update(observation)
+        assert state.seen
+        assert estimator.filtered.seen == (k != 30)  # seen somewhere, but that is no measurement of the ball
         if k >= 30:
             assert math.hypot(state.x - played.z[0], state.y - played.z[1]) < 1e-3
         estimator.sent(wave(played.t), played.t)
         played.step(wave(played.t))
     elsewhere = [Observation(played.t + k * DT, -0.0892, 0.0, 0.0, 0.0) for k in range(4)]
-    states = [estimator.update(observation) for observation in elsewhere]
+    states, believed = zip(*((estimator.update(o), estimator.filtered.seen) for o in elsewhere), strict=True)
+    assert believed == (False, False, True, True)
     assert states[0].x > 0.0
     assert states[-1].x == pytest.approx(-0.0892, abs=2e-3)
 

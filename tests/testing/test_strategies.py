@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, find, given, settings
+from hypothesis import HealthCheck, example, find, given, settings
 from hypothesis import strategies as st
 
 from mazeplan.errors import InputError
@@ -105,7 +105,11 @@ def test_an_exact_state_follows_the_ball_and_is_lost_when_it_is_not_seen():
     assert [s.t for s in out if s.lost] == pytest.approx([k / 30 for k in range(21, 27)])
 
 
+LEAVES_AT_THE_LAST_MOMENT = (Pass("1-2@45", 0.1), Jump(1, 0.0), Jump(1, 13.0))  # too far apart to be believed soon
+
+
 @settings(FEW, max_examples=25)
+@example(ball=BallBehaviour(moves=LEAVES_AT_THE_LAST_MOMENT), goal=2)
 @given(ball=ball_behaviours(MAZE), goal=st.integers(1, 5))
 def test_whatever_a_ball_does_the_main_tree_ends_by_name_and_within_the_limits(ball, goal):
     record = run_tree(ball=ball, goal=goal, time_limit=4.0).never("outside limits").within(4.1)
