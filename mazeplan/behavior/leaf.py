@@ -338,13 +338,23 @@ class Leaf(TreeNode):
             raise self.wrong(str(problem)) from None
         except RigError:  # the rig's, or the watchdog's, that interrupts whatever goes on
             raise
+        except SystemExit as problem:
+            if type(problem) is not SystemExit:  # that of a signal, wherever it comes
+                raise
+            ended = RuntimeError(f"sys.exit({problem.code!r}) in a leaf, which ends no run")
+            self._blame(ended, problem)
+            raise ended from None
         except Exception as problem:
             if not blames_a_leaf(problem):
-                place = self.place
-                where = self.name if place is None else f"{place.file}:{place.line}: {place.path}"
-                code = traceback.extract_tb(problem.__traceback__)[-1]  # which the way to another process does not keep
-                problem.add_note(f"{BLAME}{where} ({Path(code.filename).name}:{code.lineno})")
+                self._blame(problem, problem)
             raise
+
+    def _blame(self, problem: Exception, raised: BaseException) -> None:
+        """Note on a problem where in the tree and in the code something was raised."""
+        place = self.place
+        where = self.name if place is None else f"{place.file}:{place.line}: {place.path}"
+        code = traceback.extract_tb(raised.__traceback__)[-1]  # which the way to another process does not keep
+        problem.add_note(f"{BLAME}{where} ({Path(code.filename).name}:{code.lineno})")
 
     def initialise(self) -> None:
         """py_trees: entered."""

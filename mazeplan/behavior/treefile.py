@@ -230,8 +230,11 @@ class _Builder:
                 node = leaf(name, self._context, board, values)
             except MazeplanError:
                 raise
-            except Exception as problem:  # a user's own `__init__` may raise anything
+            except (Exception, SystemExit) as problem:  # a user's own `__init__` may raise anything
                 raise self.error(element, path, f"{kind} could not be made: {reason(problem)}") from problem
+            if "_board" not in vars(node):
+                call = "super().__init__(name, context, board, values)"
+                raise self.error(element, path, f"{kind} could not be made: its __init__ does not call {call}")
         else:
             raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
         node.place, node.conditions = Place(self._file, element.sourceline, path), conditions

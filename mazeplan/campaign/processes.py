@@ -176,9 +176,13 @@ def _begin(folder: str) -> None:
     threading.Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
 
 
+class _Ended(SystemExit):
+    """By a signal: no doing of the leaf that happened to run."""
+
+
 def _end(number: int, frame: Any) -> None:
     """As an exception, so that what is under way is put away in order."""
-    raise SystemExit(128 + number)
+    raise _Ended(128 + number)
 
 
 def _end_with_parent(folder: str) -> None:

@@ -113,6 +113,17 @@ def test_a_leaf_that_raises_is_told_in_a_line_with_the_place_in_its_code(call, t
     assert told.endswith("(mine.py:5)")
 
 
+@pytest.mark.parametrize("words", ["navigate", "evaluate --runs 2 --workers 2"])
+def test_a_leaf_cannot_end_the_program_as_if_all_were_well(call, tmp_path, words):
+    (tmp_path / "mine.py").write_text(RAISES.replace("return {}", "return __import__('sys').exit(0) if True else {}"))
+    (tmp_path / "tree.xml").write_text(f"{HEAD}<Raises/>\n</BehaviorTree></root>", encoding="utf-8")
+    code, out, err = call(*words.split(), "--rig", "ideal", "--behavior", "tree.xml", "--behavior-module", "mine")
+    assert (code, out) == (2, "")
+    told = err.splitlines()[-1]
+    assert told.startswith("mazeplan: RuntimeError: sys.exit(0) in a leaf, which ends no run, raised by the leaf at ")
+    assert told.endswith("(mine.py:5)")
+
+
 def test_processes_of_a_campaign_find_it(tmp_path):
     (tmp_path / "mine.py").write_text(COUNT)
     (tmp_path / "tree.xml").write_text(f"{HEAD}<GiveUp/>\n</BehaviorTree></root>", encoding="utf-8")
@@ -168,7 +179,17 @@ def test_what_is_no_module_of_leaves_is_one_line_and_two(call, tmp_path, source,
     assert len(err.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("made", ["{}['rails']", "super().__init__(name)"])
+def test_a_leaf_that_leaves_its_base_unmade_is_told(call, tmp_path):
+    own = "    def __init__(self, name, context, board, values):\n        self.mine = 3\n"
+    (tmp_path / "mine.py").write_text(COUNT.replace("    def start", f"{own}\n    def start", 1))
+    code, out, err = call("behavior", "check", "tree.xml", "--behavior-module", "mine")
+    assert (code, out) == (2, "")
+    said = "its __init__ does not call super().__init__(name, context, board, values)"
+    assert f"tree.xml:2: Main/GiveUp: GiveUp could not be made: {said}" in err
+    assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("made", ["{}['rails']", "super().__init__(name)", "__import__('sys').exit(0)"])
 def test_a_leaf_that_cannot_be_made_is_one_line_and_two(call, tmp_path, made):
     own = f"    def __init__(self, name, context, board, values):\n        {made}\n"
     (tmp_path / "mine.py").write_text(COUNT.replace("    def start", f"{own}\n    def start", 1))
