@@ -99,7 +99,11 @@ def navigate(
         with suppress(RigError):  # what matters has been said
             machine.close()
         raise
-    machine.close()
     if kept is not None and memory is not None:
         save_memory(kept, Path(memory), result.time_s)
+    try:
+        machine.close()
+    except RigError as error:  # what the run came to stands
+        error.result = result
+        raise
     return result

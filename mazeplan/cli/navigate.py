@@ -104,6 +104,7 @@ def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
     among them a key stops a rig of wood and wire."""
     from mazeplan.cli.emergency import stop_key
     from mazeplan.cli.progress import NavigationProgress
+    from mazeplan.errors import RigError
     from mazeplan.goals import Goals
     from mazeplan.navigation import navigate as run
 
@@ -111,7 +112,12 @@ def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
         goals = Goals(job["map"])
         more = {**more, "goals": goals, "guard": lambda machine: stop_key(machine, goals.stop)}
     with NavigationProgress() as progress:
-        result = run(**job, **more, display=progress, own_process=True)
+        try:
+            result = run(**job, **more, display=progress, own_process=True)
+        except RigError as problem:
+            if problem.result is not None and problem.result.success:  # it arrived, and failed when all was done
+                progress.finished(problem.result)
+            raise
         progress.finished(result)
     return result
 

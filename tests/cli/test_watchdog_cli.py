@@ -270,3 +270,21 @@ def test_an_interrupted_run_says_so(place, monkeypatch):
     assert process.returncode == 130
     assert err.splitlines()[-1] == "mazeplan: interrupted"
     assert (place / "levelled").exists()
+
+
+def test_what_a_run_came_to_is_told_where_only_closing_failed(place, monkeypatch, capsys):
+    source = (place / "bad_rig.py").read_text().replace("    realtime = True\n", "")
+    (place / "shut_rig.py").write_text(source)
+    monkeypatch.setenv("WHERE", "close")
+    monkeypatch.setenv("HOW", "raise")
+    words = ("navigate", "--rig", "shut_rig:Bad", "--model", "ideal", "--from", "ring4", "--memory", "doors.json")
+    code, out, err = call(monkeypatch, capsys, *words, "--json")
+    assert code == 3
+    document = json.loads(out.removeprefix("now\n"))
+    assert (document["success"], document["reason"]) == (True, "arrived")
+    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError: [Errno 5] no answer (")
+    assert (place / "doors.json").exists()
+    code, out, err = call(monkeypatch, capsys, *words)
+    assert code == 3
+    assert "arrived (rig " in err + out
+    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError")
