@@ -1,4 +1,5 @@
-"""Python modules that users bring: found as `python -m` would find them, in the folder where one works, too."""
+"""Python modules that users bring: found as `python -m` would find them, in the folder where one works, too, and
+beside a file that names one."""
 
 from __future__ import annotations
 
@@ -6,18 +7,32 @@ import importlib
 import os
 import sys
 import traceback
+from pathlib import Path
 from types import ModuleType
 
 from mazeplan.errors import InputError
 
+_beside: set[Path] = set()
 
-def user_module(name: str, option: str) -> ModuleType:
-    """Import a module. Raises InputError, which begins with the option and tells where it broke, if that fails."""
+
+def desks() -> tuple[Path, ...]:
+    """Folders in which users' own modules may be: where one works, and those of files that named one."""
+    return (Path.cwd().resolve(), *sorted(_beside))
+
+
+def user_module(name: str, option: str, folder: Path | None = None) -> ModuleType:
+    """Import a module; one that lies in `folder`, that of the file that names it, comes first. Raises InputError, which
+    begins with the option and tells where it broke, if that fails."""
     if not all(part.isidentifier() for part in name.split(".")):
         raise InputError(f"{option}: got {name!r}, expected the name of a Python module, such as my_module")
     here = os.getcwd()
     if here not in sys.path:
         sys.path.insert(0, here)
+    if folder is not None and _holds(folder, name.partition(".")[0]):
+        _beside.add(folder.resolve())
+        if (place := str(folder.resolve())) not in sys.path:
+            sys.path.insert(0, place)
+            importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as problem:
@@ -27,6 +42,10 @@ def user_module(name: str, option: str) -> ModuleType:
         raise _broken(name, option, problem) from None
     except (Exception, SystemExit) as problem:  # whatever a user's code does at import
         raise _broken(name, option, problem) from None
+
+
+def _holds(folder: Path, module: str) -> bool:
+    return (folder / f"{module}.py").is_file() or (folder / module / "__init__.py").is_file()
 
 
 def _broken(name: str, option: str, problem: BaseException) -> InputError:

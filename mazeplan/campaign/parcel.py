@@ -35,7 +35,7 @@ from mazeplan.plugins import RIGS, Plugin, plugin
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import rig_file, rig_names, seeded
 from mazeplan.rigs.settings import read_rig_file
-from mazeplan.usermodule import user_module
+from mazeplan.usermodule import desks, user_module
 
 MODULES = "modules"
 MODEL_FILES = {".yaml", ".npz"}
@@ -220,7 +220,8 @@ def module_file(name: str) -> Path | None:
 
 
 def _of_the_desk(name: str) -> bool:
-    """Whether a module is in the folder where one works, and neither installed there nor this program itself."""
+    """Whether a module is in the folder where one works or beside the file that names it, and neither installed nor of
+    this program."""
     try:
         spec = importlib.util.find_spec(name)
     except (ImportError, ValueError):
@@ -230,7 +231,7 @@ def _of_the_desk(name: str) -> bool:
     installed = [Path(sysconfig.get_path(kind)).resolve() for kind in ("purelib", "stdlib")]
     if path is None or any(path.is_relative_to(place) for place in (*installed, resources.PACKAGE)):
         return False
-    return path.is_relative_to(Path.cwd().resolve())
+    return any(path.is_relative_to(place) for place in desks())
 
 
 def _imports(source: bytes, package: str) -> list[str]:

@@ -213,12 +213,19 @@ def _from_class(
 def _class(spec: str, where: dict[str, Any]) -> Any:
     """What module:Class names."""
     module_name, _, class_name = spec.partition(":")
+    file = where.get("file")
     try:
-        return getattr(user_module(module_name, f"rig {spec!r}"), class_name)
+        module = user_module(module_name, f"rig {spec!r}", None if file is None else Path(file).parent)
     except InputError as problem:
         raise SettingsError(problem.problem, **where) from None
-    except AttributeError:
-        raise SettingsError(f"rig {spec!r}: module {module_name!r} has no {class_name!r}", **where) from None
+    if not hasattr(module, class_name):
+        taken = (
+            ""
+            if getattr(module, "__file__", None)
+            else f", for which the folder {next(iter(module.__path__))} is taken,"
+        )
+        raise SettingsError(f"rig {spec!r}: module {module_name!r}{taken} has no {class_name!r}", **where)
+    return getattr(module, class_name)
 
 
 def _check_class(kind: Any, name: str, where: dict[str, Any] | None = None) -> None:

@@ -109,3 +109,27 @@ def test_a_file_in_the_place_of_the_folder_is_told(new, tmp_path):
     code, _, err = new("cart")
     assert code == 2
     assert "is a file; expected a folder" in err
+
+
+def test_it_can_be_driven_from_any_folder(new, tmp_path):
+    new("far_table")  # the folder has the name of the module: without the file's own folder it would be taken for it
+    away = tmp_path / "away"
+    away.mkdir()
+    words = ("evaluate", "--from", "ring4", "--runs", "2", "--workers", "2", "--rig")
+    for folder, file in ((tmp_path, "far_table/far_table.yaml"), (away, "../far_table/far_table.yaml")):
+        done = subprocess.run(
+            [sys.executable, "-m", "mazeplan", *words, file],
+            cwd=folder, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert "arrived       2 of 2" in done.stdout
+    (away / "bla").mkdir()
+    (away / "odd.yaml").write_text("class: bla:Rig\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "mazeplan", "rig", "check", "odd.yaml"],
+        cwd=away, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert (
+        f"odd.yaml:1: rig 'bla:Rig': module 'bla', for which the folder {away / 'bla'} is taken, has no" in done.stderr
+    )
