@@ -288,7 +288,7 @@ class Run:
         self.context.begin(observation.t, state, measured)
         for doubt in doubts:
             self._on_event("doubt", {"what": doubt.what})
-        self._record.in_ring(self.context, observation.t, state.ring)
+        self._record.in_ring(self.context, observation.t, state.ring, lost=state.lost)
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
         """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""

@@ -60,20 +60,26 @@ class RunRecord:
                 self._display.event(t, str(FailureKind.RIG_FAILED))
         elif kind in ("failure", "recovery"):
             self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
+        elif kind == "placed_elsewhere":
+            self._display.event(t, f"the ball is not in ring {detail['asked']}, where it was to begin")
         elif kind in SAID:
             self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))
 
-    def in_ring(self, context: RunContext, t: float, ring: int) -> None:
-        """The ring in which the ball is; told where it is another than before."""
-        if ring == self._ring:
+    def in_ring(self, context: RunContext, t: float, ring: int, *, lost: bool = False) -> None:
+        """The ring in which the ball is; told where it is another than before, or than it was to begin in. lost: nobody
+        knows where it is, so that until it was seen once nothing is told."""
+        if ring == self._ring or (lost and self._ring is None):
             return
         if self._ring is not None:
             name = passed_by(context, self._ring, ring)
             self._passages.append(RingPassage(self._ring, t - self._ring_since, name))
             self._display.passed(self._ring, name or "another opening", t)
+        elsewhere = self._ring is None and self._start is not None and ring != self._start.ring
         self._ring, self._ring_since = ring, t
         self._display.ring_entered(ring, t)
         self.event(context.now, "ring", {"ring": ring})
+        if elsewhere and self._start is not None:
+            self.event(context.now, "placed_elsewhere", {"ring": ring, "asked": self._start.ring})
 
     def tick(
         self, context: RunContext, observation: Observation, command: Command, *, status: str, ms: float,

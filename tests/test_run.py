@@ -136,3 +136,43 @@ def test_the_collector_looks_at_what_a_run_makes_only():
     run_job(PlanarRig(MAZE, mishap=lambda rig: frozen.append(gc.get_freeze_count())), SETUP, Job(4, 5, 0.3))
     assert min(frozen) > 10_000
     assert gc.get_freeze_count() == 0
+
+
+class Told(NullDisplay):
+    def __init__(self):
+        self.lines = []
+
+    def ring_entered(self, ring, t):
+        self.lines.append((round(t, 3), f"in ring {ring}"))
+
+    def event(self, t, text):
+        self.lines.append((round(t, 3), text))
+
+
+class BeginsElsewhere(PlanarRig):
+    ring = 3
+
+    def reset(self, *, ring, theta, rng):
+        super().reset(ring=self.ring, theta=theta, rng=rng)
+
+
+def test_a_ball_that_is_not_where_it_was_to_begin_is_told():
+    told = Told()
+    run_job(BeginsElsewhere(MAZE), SETUP, Job(1, 5, 0.3), display=told)
+    assert told.lines[:2] == [(0.0, "in ring 3"), (0.0, "the ball is not in ring 1, where it was to begin")]
+    told = Told()
+    run_job(PlanarRig(MAZE), SETUP, Job(1, 5, 0.3), display=told)
+    assert "to begin" not in " ".join(text for _, text in told.lines)
+
+
+def test_a_ball_that_was_not_seen_yet_is_in_no_ring():
+    class Covered(PlanarRig):
+        def reset(self, *, ring, theta, rng):
+            super().reset(ring=ring, theta=theta, rng=rng)
+            self.hidden = True
+
+    told, rig = Told(), Covered(MAZE)
+    result = run_job(rig, SETUP, Job(1, 5, 0.3, time_limit=1.0), display=told)
+    assert (result.success, result.rings) == (False, ())
+    assert not [text for _, text in told.lines if text.startswith("in ring")]
+    assert "ball_lost" in " ".join(text for _, text in told.lines)
