@@ -139,7 +139,10 @@ def ring_records(table: Table, maze: Maze, model: RigModel) -> dict[int, Record]
         if not ring.is_disc and int(rows.sum()) >= FEWEST:
             out[ring.number] = record_of(table, rows)
     if not out:
-        raise TableError(f"the ball was in no ring for {FEWEST} samples; record more", file=table.source.get("file"))
+        most = max(int((numbers == ring.number).sum()) for ring in maze.rings)
+        got = f"{most * table.dt:.0f} s of the ball in one ring at the most"
+        problem = f"got {got}, expected {FEWEST * table.dt:.0f} s; record more (--seconds)"
+        raise TableError(problem, file=table.source.get("file"))
     return out
 
 

@@ -10,8 +10,8 @@ import pytest
 from plant import play
 
 from mazeplan.data.table import Table
-from mazeplan.errors import ModelError
-from mazeplan.improve import Options, improve, one_round, reference_of
+from mazeplan.errors import ModelError, TableError
+from mazeplan.improve import Options, improve, one_round, reference_of, ring_records
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
 from mazeplan.models.effects import RollingInertia, ViscousFriction
@@ -33,6 +33,13 @@ def in_two_rings(**effects):
     columns["segment"] = np.repeat([0.0, 1.0], n)
     columns["x"], columns["y"] = (columns["r"] * f(columns["theta"]) for f in (np.cos, np.sin))
     return Table(columns)
+
+
+def test_a_record_that_is_too_short_says_by_how_much():
+    table = in_two_rings()
+    short = Table({name: column[:300] for name, column in table.columns.items()})
+    with pytest.raises(TableError, match=r"got 10 s of the ball in one ring at the most, expected 30 s; record more"):
+        ring_records(short, MAZE, MODEL)
 
 
 def test_a_table_that_is_not_level_is_found_in_both_rings_and_put_into_all():

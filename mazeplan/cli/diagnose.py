@@ -193,7 +193,10 @@ def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title
     if as_json:
         print_json(document)
         return
-    print(done.sentence())
+    ring = document.get("ring")
+    print(f"Ring {ring}: {done.sentence()}" if ring else done.sentence())
+    for way in document.get("separate_by", []):
+        print(f"to tell them apart: {way['first'] + ', then ' if way['first'] else ''}{way['command']}")
     for note in document["notes"]:
         print(f"note: {note}")
     if output is not None:

@@ -15,6 +15,7 @@ import numpy as np
 from mazeplan.diagnosis.ambiguity import experiment_for, twins
 from mazeplan.diagnosis.anonymous import anonymous_library, placebos
 from mazeplan.diagnosis.evidence import Evidence, evidence_of
+from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
 from mazeplan.diagnosis.fit import Likelihood, fit
 from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
 from mazeplan.diagnosis.gears import SMALLEST_BAND
@@ -117,8 +118,12 @@ class Diagnosis:
             change = f"nRMSE of theta_dd {before.nrmse:.3f} -> {after.nrmse:.3f}"
             same = f"nRMSE of theta_dd {before.nrmse:.3f}; no stretch held out is long enough to look 40 samples ahead"
         if self.verdict == "nothing_missing":
-            told = math.isfinite(before.rollout40)
-            return f"{'Nothing is missing' if told else 'Nothing was found, which may be the record'}: {same}."
+            told, rest = "Nothing is missing", ""
+            if not math.isfinite(before.rollout40):
+                told = "Nothing was found, which may be the record"
+            elif more_than_noise(before.rollout40, before.floor):
+                told, rest = "Nothing that is missing was found", f"; {TOO_SELDOM}"
+            return f"{told}: {same}{rest}."
         unknown = describe_unknown(self.finding)
         return what_is_missing(self.verdict, self.effects, self.finding, unknown, change)
 

@@ -85,7 +85,9 @@ def record_of(table: Table, rows: np.ndarray, notes: Sequence[str] = ()) -> Reco
     starts |= _returns(rows)
     seen = int(np.isfinite(theta).sum())
     if seen < FEWEST:
-        raise TableError(f"got {seen} samples of the ball, expected at least {FEWEST}", file=table.source.get("file"))
+        where = "" if rows.all() else " in this ring"
+        problem = f"got {seen} samples of the ball{where}, expected at least {FEWEST}"
+        raise TableError(problem, file=table.source.get("file"))
     if max(np.ptp(table["beta"][rows]), np.ptp(table["gamma"][rows])) < STILL:
         problem = "the plate hardly moves, so that nothing can be learned about the ball"
         raise TableError(problem, file=table.source.get("file"))

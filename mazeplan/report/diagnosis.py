@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
 from mazeplan.report import words
 from mazeplan.report.inputs import Input
 from mazeplan.report.models import known
@@ -96,6 +97,10 @@ def lead(document: Document, evidence: Document | None) -> str:
     change = _change(document, evidence)
     verdict = document["verdict"]
     if verdict == "nothing_missing":
+        error, floor = known((document.get("before") or {}).get("rollout40")), known(document.get("noise_floor"))
+        if more_than_noise(error, floor):
+            told = f"Nothing that is missing was found, but more is left than noise would leave; {TOO_SELDOM}."
+            return f"{told} {change}".strip()
         return f"Nothing is missing: what is left is what noise alone would leave. {change}".strip()
     if verdict == "unknown_effect":
         also = f", besides {found}" if found else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from commands import plain
 from plant import play
 from ring_record import write_csv
 
+from mazeplan.cli.diagnose import finish
 from mazeplan.data.table import Table
 from mazeplan.models.modelfile import load_model
 from mazeplan.report.words import measured
@@ -94,6 +96,21 @@ def test_in_words(call, log):
     assert (code, err) == (0, "")
     assert out.startswith("The model lacks dry friction (coefficient 0.")
     assert "40-step error" in out.splitlines()[0]
+
+
+def test_the_ring_is_told_and_what_would_tell_two_effects_apart(monkeypatch, capsys):
+    ways = [
+        {"why": "it turns", "first": "turn the rig", "command": "mazeplan collect -o apart.mcap"},
+        {"why": "more", "first": "", "command": "mazeplan collect --seconds 900 -o apart.mcap"},
+    ]
+    told = SimpleNamespace(sentence=lambda: "The model lacks x.")
+    finish(told, {"ring": 2, "separate_by": ways, "notes": ["n"]}, None, "", as_json=False)
+    assert capsys.readouterr().out.splitlines() == [
+        "Ring 2: The model lacks x.",
+        "to tell them apart: turn the rig, then mazeplan collect -o apart.mcap",
+        "to tell them apart: mazeplan collect --seconds 900 -o apart.mcap",
+        "note: n",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,8 +45,18 @@ def test_where_nothing_is_missing_it_says_so(process):
     done = found(seed=1, process=process)
     assert done.verdict == "nothing_missing"
     assert done.effects == ()
-    assert done.sentence().startswith("Nothing is missing")
+    assert done.sentence().startswith("Nothing is missing" if process == 0.0 else "Nothing that is missing was found")
     assert done.after.rollout40 < 1.5 * done.after.floor if process == 0.0 else done.after.rollout40 > 0.0
+
+
+def test_what_noise_does_not_explain_is_said_where_nothing_was_found():
+    done = found(seed=1)
+    error = 3.0 * done.before.floor
+    more = replace(done, before=replace(done.before, rollout40=error))
+    rest = "what causes the rest comes too seldom or too irregularly to be named: a longer record would tell more"
+    noise = f"noise alone would cause {done.before.floor:.4f}"
+    said = f"Nothing that is missing was found: 40-step error {error:.4f} rad, {noise}; {rest}."
+    assert (more.verdict, more.sentence()) == ("nothing_missing", said)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +150,7 @@ def test_a_plate_that_does_not_move_teaches_nothing():
     columns["beta"][:] = columns["gamma"][:] = 0.0
     with pytest.raises(TableError, match="nothing can be learned"):
         record_of(Table(columns), np.ones(600, dtype=bool))
-    with pytest.raises(TableError, match="got 100 samples of the ball, expected at least 300"):
+    with pytest.raises(TableError, match="got 100 samples of the ball in this ring, expected at least 300"):
         record_of(Table(play(seed=1, seconds=20.0)), np.arange(600) < 100)
 
 

@@ -90,7 +90,9 @@ def test_without_evidence_it_is_said_where_to_get_it():
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        ({"verdict": "nothing_missing", "effects": []}, "Nothing is missing: what is left is what noise alone would"),
+        ({"verdict": "nothing_missing", "effects": [], "noise_floor": 0.2}, "Nothing is missing: what is left is what"),
+        ({"verdict": "nothing_missing", "effects": [], "noise_floor": 0.1},
+         "Nothing that is missing was found, but more is left than noise would leave; what causes the rest comes too"),
         ({"verdict": "unknown_effect", "effects": [], "unknown": {"description": "a force by theta_dot (wind_like)"}},
          "Something is there that has no name: a force by angular speed (wind like)."),
         ({"verdict": "effect_found"}, "The model lacks dry friction. Error of the angle after 40 samples: 16.8 deg"),

@@ -1,0 +1,11 @@
+"""When more is left than noise leaves, and how that is said. It imports nothing: reports need it, too."""
+
+from __future__ import annotations
+
+FAR_BEYOND = 2.0  # times what noise alone would cause: the rest has causes that were not found
+TOO_SELDOM = "what causes the rest comes too seldom or too irregularly to be named: a longer record would tell more"
+
+
+def more_than_noise(error: float, floor: float) -> bool:
+    """Whether an error is by far more than what noise would cause (floor); of what is not finite nobody knows."""
+    return error > FAR_BEYOND * floor
