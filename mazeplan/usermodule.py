@@ -28,11 +28,11 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
     here = os.getcwd()
     if here not in sys.path:
         sys.path.insert(0, here)
-    if folder is not None and _holds(folder, name.partition(".")[0]):
-        _beside.add(folder.resolve())
-        if (place := str(folder.resolve())) not in sys.path:
-            sys.path.insert(0, place)
-            importlib.invalidate_caches()
+    place = None if folder is None else folder.resolve()
+    if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else: installed
+        _beside.add(place)
+        sys.path.insert(0, str(place))
+        importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as problem:

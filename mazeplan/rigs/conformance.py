@@ -10,7 +10,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from numbers import Real
 
 import numpy as np
 
@@ -38,6 +39,10 @@ class CheckResult:
     detail: str
 
 
+class UnfitError(Exception):
+    """A sample that is none: no check can go on."""
+
+
 class Trial:
     """One rig under test."""
 
@@ -50,11 +55,23 @@ class Trial:
         """A fresh start with the same random numbers each time."""
         self.rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(self.seed))
 
+    def observe(self) -> Observation:
+        """A sample. Raises UnfitError for what is none, or has other things than numbers."""
+        sample = self.rig.observe()
+        if not isinstance(sample, Observation):
+            got = type(sample).__name__
+            raise UnfitError(f"observe() returned {got}, expected Observation(t, x, y, beta, gamma)")
+        for field in fields(sample):
+            value, unseen = getattr(sample, field.name), field.name in ("x", "y")
+            if not isinstance(value, Real) and not (value is None and unseen):
+                raise UnfitError(f"{field.name}: got {value!r}, expected a number{' or None' if unseen else ''}")
+        return sample
+
     def run(self, seconds: float, u_beta: float = 0.0, u_gamma: float = 0.0) -> list[Observation]:
         """Samples under a command that is given anew at each."""
         samples = []
         for _ in range(max(2, round(seconds / self.dt))):
-            samples.append(self.rig.observe())
+            samples.append(self.observe())
             self.rig.command(u_beta, u_gamma)
         for a, b in itertools.pairwise(samples):
             if self.leap is None and not 0.0 < b.t - a.t < LEAP * self.dt:
@@ -82,13 +99,18 @@ def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -
     if repeatable:
         checks += [("placing", _placing), ("repeatable", _repeatable)]
     checks += [("clock goes on", _goes_on), ("close", _close)]
-    results = []
+    results, first = [], dict[str, str]()
     for name, check in checks:
         try:
             problem = check(trial)
+        except UnfitError as unfit:
+            problem = str(unfit)
         except Exception as error:  # anybody's rig may raise anything; a check reports it
             problem = f"{RAISED}{type(error).__name__}: {error}"
-        results.append(CheckResult(name, problem is None, problem or "ok"))
+        told = "ok" if problem is None else f"as {first[problem]}" if problem in first else problem
+        if problem is not None:
+            first.setdefault(problem, name)
+        results.append(CheckResult(name, problem is None, told))
     return results
 
 
@@ -107,8 +129,6 @@ def _observation(trial: Trial) -> str | None:
     trial.reset(theta=1.0)
     samples = trial.run(0.5)
     for o in samples:
-        if not isinstance(o, Observation):
-            return f"observe() returned {type(o).__name__}, expected Observation"
         if not all(math.isfinite(v) for v in (o.t, o.beta, o.gamma)):
             return f"t, beta, gamma: got {o.t}, {o.beta}, {o.gamma}, expected finite numbers"
         if (o.x is None) != (o.y is None):
@@ -157,6 +177,8 @@ def _follows(trial: Trial, axis: str) -> str | None:
         u = sign * TILT
         samples = trial.run(SETTLE_S + 0.4, **{f"u_{axis}": u})
         late = [o for o in samples if o.t - samples[0].t >= SETTLE_S]
+        if not late:
+            return f"t went from {samples[0].t:.4f} to {samples[-1].t:.4f} s in {len(samples)} samples"
         got = float(np.mean([getattr(o, axis) for o in late]))
         other = float(np.mean([getattr(o, "gamma" if axis == "beta" else "beta") for o in late]))
         if abs(got - u) > SETTLED:
@@ -196,7 +218,7 @@ def _level(trial: Trial) -> str | None:
     trial.reset()
     trial.run(0.5, TILT, -TILT)
     trial.rig.level()
-    samples = [trial.rig.observe() for _ in range(max(2, round((SETTLE_S + 0.4) / trial.dt)))]
+    samples = [trial.observe() for _ in range(max(2, round((SETTLE_S + 0.4) / trial.dt)))]
     late = samples[-max(2, round(0.4 / trial.dt)) :]
     worst = max(abs(float(np.mean([getattr(o, axis) for o in late]))) for axis in ("beta", "gamma"))
     return None if worst < SETTLED else f"level() left the plate at {math.degrees(worst):.2f} deg"

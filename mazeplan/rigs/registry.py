@@ -6,7 +6,9 @@ Behind a name or file whose settings hold a surprise, @N is the seed of what is 
 
 from __future__ import annotations
 
+import math
 import re
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -204,9 +206,15 @@ def _from_class(
     except MazeplanError:
         raise
     except Exception as problem:  # it opens something, perhaps: a port that is not there
-        raise RigError(f"{name} could not be made: {type(problem).__name__}: {problem}") from problem
-    if not isinstance(getattr(rig, "rate_hz", None), int | float):
-        raise SettingsError(f"{name} is no rig: it lacks rate_hz", **where)
+        code = traceback.extract_tb(problem.__traceback__)[-1]
+        if code.filename == __file__:  # the call itself
+            raise SettingsError(f"{name}: {problem}; expected __init__(self, maze, settings)", **where) from None
+        what = " ".join(f"{type(problem).__name__}: {problem}".split())
+        raise RigError(f"{name} could not be made: {what} ({code.filename}:{code.lineno})") from problem
+    rate = getattr(rig, "rate_hz", None)
+    if not isinstance(rate, int | float) or isinstance(rate, bool) or not 0.0 < rate < math.inf:
+        got = "it lacks rate_hz" if rate is None else f"rate_hz: got {shown(rate)}, expected a number > 0"
+        raise SettingsError(f"{name} is no rig: {got}", **where)
     return rig
 
 

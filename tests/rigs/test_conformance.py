@@ -56,6 +56,22 @@ class NoNumber(SimulatedRig):
         return replace(o, x=math.nan, y=math.nan) if 0.3 < o.t < 0.4 else o
 
 
+class Standing(SimulatedRig):
+    def observe(self):
+        return replace(super().observe(), t=0.0)
+
+
+class Nothing(SimulatedRig):
+    def observe(self):
+        super().observe()
+
+
+class Words(SimulatedRig):
+    def observe(self):
+        o = super().observe()
+        return replace(o, x=str(o.x))
+
+
 class Millimetres(SimulatedRig):
     def observe(self):
         o = super().observe()
@@ -155,6 +171,23 @@ class ClosesOnce(SimulatedRig):
 )
 def test_each_check_finds_what_it_looks_for(kind, checks):
     assert failed(kind(MAZE, {})) == checks
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        (Standing, "t went from 0.0000 to 0.0000 s in 36 samples"),
+        (Nothing, "observe() returned NoneType, expected Observation(t, x, y, beta, gamma)"),
+        (Words, "x: got '0.08"),
+    ],
+)
+def test_samples_that_are_none_are_told_in_words_and_once(kind, said):
+    told = [result.detail for result in check_rig(kind(MAZE, {}), MAZE)]
+    assert len([detail for detail in told if detail.startswith(said)]) >= 1
+    if kind is Nothing:
+        assert told[:3] == [said, "as clock", "as clock"]
+    assert not any(detail.startswith("raised") for detail in told)
 
 
 def test_hardware_is_not_asked_to_repeat_itself():
