@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -127,6 +128,18 @@ def named(error: MazeplanError, words: Sequence[str]) -> str:
     return text
 
 
+def _usage(text: str, words: Sequence[str]) -> str:
+    """What typer says of an option's number, as all other lines say it: with what was got."""
+    found = re.fullmatch(r"Invalid value for '(-[\w-]+)[^']*': Input should be (?:a )?(.*)", text)
+    values = [] if found is None else [value for option, value in _options(words) if option == found[1]]
+    if found is None or not values:
+        return text
+    kinds = {"valid integer": "a whole number", "valid number": "a number", "greater than or equal to": "a number >="}
+    begins = next((kind for kind in kinds if found[2].startswith(kind)), None)
+    expected = found[2] if begins is None else kinds[begins] + found[2].removeprefix(begins).partition(",")[0]
+    return f"{found[1]}: got {values[-1]!r}, expected {expected}"
+
+
 def _options(words: Sequence[str]) -> Iterator[tuple[str, str]]:
     """(option, value) on a command line."""
     for word, after in zip(words, [*words[1:], ""], strict=True):
@@ -159,7 +172,7 @@ def _main(told: list[int]) -> None:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command: its message is the help
             print(error.format_message(), file=sys.stderr)
         else:
-            print(f"mazeplan: {' '.join(error.format_message().split())}", file=sys.stderr)
+            print(f"mazeplan: {_usage(' '.join(error.format_message().split()), sys.argv[1:])}", file=sys.stderr)
         sys.exit(2)
     except (KeyboardInterrupt, typer.Abort):
         status = INTERRUPTED

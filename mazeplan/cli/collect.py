@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,9 +63,10 @@ def collect(
         raise InputError(f"--tilt: got {tilt:g}, expected at most {math.degrees(maze.tilt_limit):g} degrees")
     highest = positive("--highest-hz", highest_hz)
     plan = Collection(positive("--seconds", seconds), (first, *others), seed, most, highest, rig, map_)
+    bar = campaign_progress(math.ceil(seconds), label="seconds")
     if not rings or place:
         machine = watched(make_rig(rig, maze), own_process=True)
-        with stop_key(machine, interrupt), campaign_progress(math.ceil(seconds), label="seconds") as advance:
+        with _kept(output), stop_key(machine, interrupt), bar as advance:
             rows = run_collection(machine, maze, plan, output, rig_name=rig_label(rig), progress=advance)
         say(f"wrote {rows} samples to {output}")
         return
@@ -74,10 +77,21 @@ def collect(
     note_missing_model(rig, model, maze)
     setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
     machine = watched(make_rig(rig, maze), own_process=True)
-    with stop_key(machine, interrupt), campaign_progress(math.ceil(seconds), label="seconds") as advance:
+    with _kept(output), stop_key(machine, interrupt), bar as advance:
         done = run_tour(machine, setup, plan, output, progress=advance)
     report(done)
     say(f"wrote {done.rows} samples to {output}")
+
+
+@contextmanager
+def _kept(output: Path) -> Iterator[None]:
+    """Whoever interrupts is told that nothing is lost."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if output.exists():
+            say(f"what was recorded until then is in {output}")
+        raise
 
 
 def report(done: Collected) -> None:

@@ -190,7 +190,7 @@ def ring_library() -> list[Candidate]:
             starts=((0.1, 0.0),),
         ),
         Candidate("wall_friction", {"coefficient": Spec("1", 0.0, 0.0, 2.0, 1e-4, 0.01)}, WALL, starts=((0.02,),)),
-        Candidate("quadratic_drag", {"coefficient": Spec("1/rad", 0.0, -5.0, 5.0, 1e-4, 0.01)}, term=terms.quadratic),
+        Candidate("quadratic_drag", {"coefficient": Spec("1/rad", 0.0, 0.0, 5.0, 1e-4, 0.01)}, term=terms.quadratic),
         Candidate(
             "tilt_offset",
             {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -75,6 +76,20 @@ def test_bad_input_is_one_line_and_two(monkeypatch, capsys, tmp_path, arguments,
     assert out == ""
     assert said in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_whoever_interrupts_is_told_what_is_kept(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "pressed_rig.py").write_text(
+        "from mazeplan.rigs.simulated import SimulatedRig\n\n\nclass Pressed(SimulatedRig):\n"
+        "    def observe(self):\n        sample = super().observe()\n"
+        "        if sample.t > 1.0:\n            raise KeyboardInterrupt\n        return sample\n"
+    )
+    code, _, err = call(monkeypatch, capsys, "collect", "--rig", "pressed_rig:Pressed", "-o", "c.mcap")
+    assert code == 130
+    assert err.splitlines()[-2:] == ["what was recorded until then is in c.mcap", "mazeplan: interrupted"]
+    assert 25 < len(read_table(tmp_path / "c.mcap")) < 35
 
 
 @pytest.mark.parametrize("more", [(), ("--rings",)])
