@@ -11,7 +11,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.render import Overhead
-from mazeplan.rigs.camera.sensing import TRUE
+from mazeplan.rigs.camera.sensing import TRUE, over
 
 
 class Pictures:
@@ -19,7 +19,7 @@ class Pictures:
 
     def __init__(self, maze: Maze) -> None:
         cv2.setNumThreads(1)  # the other cores are for other runs
-        self._eye = Overhead(maze, TRUE, Look(sharp=False))
+        self._eye = Overhead(maze, over(TRUE, maze), Look(sharp=False))
 
     def whole(self, scene: Array, rng: np.random.Generator) -> np.ndarray:
         """(480, 640, 3), bytes."""

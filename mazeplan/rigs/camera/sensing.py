@@ -6,6 +6,8 @@ The pictures are taken by the camera as it is; the ball is found with what a cal
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -19,6 +21,7 @@ from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 from mazeplan.rigs.camera.render import Overhead
 
 EMPTY = 8  # pictures of the empty plate
+WHOLE = 0.10189  # m, outer radius of the packaged maze, over which the camera hangs so that the whole plate is seen
 HUES = {"steel": None, "orange": (4.0, 40.0), "blue": (190.0, 250.0)}
 
 TRUE = CameraModel(
@@ -35,15 +38,24 @@ FOUND = CameraModel(
 )
 
 
+def over(camera: CameraModel, maze: Maze) -> CameraModel:
+    """That camera as it hangs over a maze: so much higher over a larger one that it is seen as large as the packaged
+    one is. A smaller one is seen smaller."""
+    larger = maze.walls[0].outer_radius / WHOLE
+    return camera if larger <= 1.0 + 1e-9 else replace(camera, translation=camera.translation * larger)
+
+
 def overhead(maze: Maze, look: Look | None = None) -> tuple[Overhead, BallDetector]:
-    """What takes pictures of a maze, and what finds the ball in them; the background is of rendered pictures, too."""
+    """What takes pictures of a maze, and what finds the ball in them; the background is of rendered pictures, too. The
+    camera hangs as high as the maze needs (`over`)."""
     look = look or Look()
-    eye = Overhead(maze, TRUE, look)
+    found = over(FOUND, maze)
+    eye = Overhead(maze, over(TRUE, maze), look)
     rng = np.random.default_rng(1)
     empty = [(f"empty plate {i}", eye.render(None, 0.0, 0.0, rng)) for i in range(EMPTY)]
     markers = corner_markers(maze)
-    background = calibrate_background(FOUND, empty, maze, markers)
-    return eye, BallDetector(maze, FOUND, background, markers, DetectorSettings(hue_deg=HUES[look.ball]))
+    background = calibrate_background(found, empty, maze, markers)
+    return eye, BallDetector(maze, found, background, markers, DetectorSettings(hue_deg=HUES[look.ball]))
 
 
 class CameraSense:

@@ -33,6 +33,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import check_text
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.render import Overhead
+from mazeplan.rigs.camera.sensing import over
 from mazeplan.rigs.hardware.chip import EmulatedChip, built
 from mazeplan.rigs.hardware.settings import WorldSettings, check_section
 from mazeplan.rigs.hardware.truth import Truth
@@ -101,7 +102,7 @@ class World:
         self.chip = EmulatedChip(*built(), folder, apart=False)
         self.chip.set_volts(*self.truth.diode.volts(0.0, 0.0))
         self.chip.set_noise(1e-3 * settings.diode_noise_mv)
-        overhead = Overhead(maze, self.truth.camera, appearance(settings.look))
+        overhead = Overhead(maze, over(self.truth.camera, maze), appearance(settings.look))
         self.camera = Camera(overhead, memory, 1e-3 * settings.camera_delay_ms, say)
         self._orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._trace: TextIO | None = None

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from scenes import MAZE, STANDARD, R, orange, overlooking, place, usual
 
+from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.detector import BallDetector, DetectorSettings, Why
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.outline import Outline
-from mazeplan.rigs.camera.sensing import FOUND, TRUE
+from mazeplan.rigs.camera.sensing import FOUND, TRUE, over, overhead
 
 
 def pictures(eye, seed=0, others=()):
@@ -281,3 +282,18 @@ def test_an_edge_that_is_hardly_there_is_none(monkeypatch):
         monkeypatch.setattr("mazeplan.rigs.camera.outline.WEAK", 0.0)
         assert outline.fit(seen, empty, clear, eye, place) is not None
         monkeypatch.undo()
+
+
+def test_a_larger_maze_is_seen_whole_too():
+    maze = load_map("seven")
+    assert over(TRUE, load_map("detour")) is over(TRUE, MAZE) is TRUE
+    eye, finder = overhead(maze)
+    rng, most = np.random.default_rng(3), maze.tilt_limit
+    for ring in (1, 7):
+        for k in range(8):
+            angle = math.tau * k / 8
+            ball = maze.track_radius(ring) * np.array([math.cos(angle), math.sin(angle), 0.0]) + [0.0, 0.0, R]
+            picture = eye.render(ball, most * math.cos(angle), most * math.sin(angle), rng)
+            seen = finder.locate(picture)
+            assert seen.why is Why.FOUND, (ring, k)
+            assert math.hypot(seen.x - ball[0], seen.y - ball[1]) < 0.0006
