@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from mazeplan.errors import InputError
@@ -20,6 +21,12 @@ def ring_number(ring: int | str, maze: Maze) -> int:
     if text.isdecimal() and 1 <= int(text) <= len(maze.rings):
         return int(text)
     raise InputError(f"got {ring!r}, expected ring1 to ring{len(maze.rings)}", key="ring")
+
+
+def check_start_angle(degrees: float, ring: int, maze: Maze, key: str) -> None:
+    """Raises InputError where a radial wall is in the way of a ball at that angle."""
+    if not maze.has_room(ring, math.radians(degrees)):
+        raise InputError(f"got {degrees:g}, where a radial wall leaves the ball no room in ring {ring}", key=key)
 
 
 def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Maze) -> RigModel:

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
 from mazeplan.attempt import run_job
-from mazeplan.choices import model_source, resolve_model, ring_number
+from mazeplan.choices import check_start_angle, model_source, resolve_model, ring_number
 from mazeplan.data.runlog import Take
 from mazeplan.display import Display
 from mazeplan.errors import InputError, RigError
@@ -84,9 +84,8 @@ def navigate(
         time_limit,
         tuple(closed),
     )
-    if job.theta is not None and maze.clear_angle(job.start, job.theta) != job.theta:
-        problem = f"got {start_angle_deg:g}, where a radial wall leaves the ball no room in ring {job.start}"
-        raise InputError(problem, key="start angle")
+    if start_angle_deg is not None:
+        check_start_angle(start_angle_deg, job.start, maze, "start angle")
     how = settings if isinstance(settings, Settings) else load_settings(settings)
     kept = None if memory is None else load_memory(Path(memory), known)
     called = "" if isinstance(model, RigModel | None) else str(model)

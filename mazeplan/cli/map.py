@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -25,7 +25,13 @@ app.command()(learn)
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or the name of a packaged map.")]
 FromOption = Annotated[str, typer.Option("--from", help="Ring where the ball is, such as ring1.")]
 ToOption = Annotated[str | None, typer.Option("--to", help="Ring to reach; the centre if not given.")]
-AngleOption = Annotated[float, typer.Option("--start-angle", help="Angle of the ball in its ring, degrees.")]
+AngleOption = Annotated[
+    float | None,
+    typer.Option(
+        "--start-angle",
+        help="Angle of the ball in its ring, degrees; if not given 0, or as near to it as there is room.",
+    ),
+]
 CloseOption = Annotated[list[str] | None, typer.Option("--close", help="Opening not to be used; repeatable.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
@@ -91,7 +97,7 @@ def show(
     if with_route:
         ring, angle = _beginning(trail, maze)
         start = start or ring
-        found = _find(maze, start, goal, angle if start_angle is None else start_angle, close or [])[2]
+        found = _find(maze, start, goal, start_angle, angle, close or []).route
         if found is None:
             _no_route(maze, start, goal)
     save_drawing(maze, output, route=found, trail=trail)
@@ -103,7 +109,7 @@ def route(
     map_: MapArgument = "cme",
     start: FromOption = "ring1",
     goal: ToOption = None,
-    start_angle: AngleOption = 0.0,
+    start_angle: AngleOption = None,
     close: CloseOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -111,9 +117,9 @@ def route(
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
-    first, last, found = _find(maze, start, goal, start_angle, close or [])
+    first, last, angle, found = _find(maze, start, goal, start_angle, 0.0, close or [])
     if json:
-        print_json(_document(maze, first, last, start_angle, found))
+        print_json(_document(maze, first, last, angle, found))
         if found is None:
             raise typer.Exit(1)
         return
@@ -153,19 +159,38 @@ def _beginning(trail: Array | None, maze: Maze) -> tuple[str, float]:
     return f"ring{maze.ring_at(math.hypot(x, y))}", math.degrees(math.atan2(y, x))
 
 
+class _Found(NamedTuple):
+    """Rings from and to, angle at the beginning in degrees, and the route if there is one."""
+
+    first: int
+    last: int
+    angle: float
+    route: Route | None
+
+
 def _find(
-    maze: Maze, start: str, goal: str | None, start_angle: float, close: list[str]
-) -> tuple[int, int, Route | None]:
+    maze: Maze, start: str, goal: str | None, start_angle: float | None, usual: float, close: list[str]
+) -> _Found:
+    """The route; usual: where the ball is, degrees, if `start_angle` does not say, or as near to it as there is
+    room."""
+    from mazeplan.choices import check_start_angle
     from mazeplan.maze.graph import RouteGraph
 
-    if not math.isfinite(start_angle):
+    if start_angle is not None and not math.isfinite(start_angle):
         raise InputError(f"--start-angle: got {start_angle}, expected a finite angle in degrees")
     first = parse_ring(start, maze)
     last = len(maze.rings) if goal is None else parse_ring(goal, maze)
+    if start_angle is not None:
+        check_start_angle(start_angle, first, maze, "--start-angle")
+        angle = start_angle
+    else:
+        angle = usual
+        if not maze.has_room(first, math.radians(usual)):
+            angle = math.degrees(maze.clear_angle(first, math.radians(usual)))
     graph = RouteGraph(maze)
     for name in close:
         graph.close(parse_opening(name, maze))
-    return first, last, graph.route(first, last, math.radians(start_angle))
+    return _Found(first, last, angle, graph.route(first, last, math.radians(angle)))
 
 
 def _no_route(maze: Maze, start: str, goal: str | None) -> None:

@@ -30,6 +30,8 @@ _INK, _CLOSED = "#22262b", "#c0392b"
 _ROUTE = "#d55e00"  # vermilion of the Okabe-Ito palette, which colour-blind people tell from grey and from the trail
 _TRAIL_MAP = "viridis"
 _FONT = 8.0
+_LABELLED = 1.27  # radii of the rim that a picture with labels shows to each side
+_WORD = (0.066, 0.02)  # half of the width and height of "ring 1", of what such a picture shows to each side
 _NEAR = 1.6  # radii of the ball that a ring's number keeps from a path
 
 Array = NDArray[np.float64]
@@ -84,7 +86,7 @@ def draw_maze(
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
     rim = maze.walls[0].outer_radius * _MM
-    reach = rim * (1.27 if labels else 1.03)
+    reach = rim * (_LABELLED if labels else 1.03)
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     ax.set_axis_off()
     _draw_walls(ax, maze)
@@ -96,7 +98,7 @@ def draw_maze(
         _draw_ball(ax, maze, _ball_place(maze, places[0]) if path is None else path[0])
     if labels:
         for ring, place in zip(maze.rings, places, strict=True):
-            text = f"ring {ring.number}" if ring.number == 1 else f"{ring.number}"
+            text = "ring 1" if ring.number == 1 and _word_fits(maze, place) else f"{ring.number}"
             _text(ax, place[0] * _MM, place[1] * _MM, text, size=_FONT, weight="bold")
         _draw_tilt_axes(ax, rim)
         _draw_scale(ax, maze, rim)
@@ -259,32 +261,39 @@ def _label_radius(maze: Maze, ring: int) -> float:
     return maze.track_radius(ring) or 0.55 * maze.ring(ring).outer_radius
 
 
+def _word_fits(maze: Maze, place: Array) -> bool:
+    """Whether "ring 1" touches no circular wall at a place (2,) in m."""
+    half = maze.walls[0].outer_radius * _LABELLED * np.array(_WORD)
+    far = np.linalg.norm(place + half * [[-1, -1], [-1, 1], [1, 1], [1, -1], [0, 1], [0, -1]], axis=1)
+    return bool(maze.ring(1).inner_radius < far.min() and far.max() < maze.ring(1).outer_radius)
+
+
 def number_places(maze: Maze, path: Array | None = None) -> list[Array]:
     """Where the rings' numbers stand, (2,) in m each: on one ray, far from openings, walls and path; where no ray is
     free in a ring, in a place of its own."""
     radii = [_label_radius(maze, ring.number) for ring in maze.rings]
     taken = [maze.threshold_radius(opening) * _unit(opening.angle) for opening in maze.openings]
     taken += [maze.track_radius(wall.ring) * _unit(wall.angle) for wall in maze.radial_walls]
-    crowd = np.vstack([*taken, np.empty((0, 2)) if path is None else path])
+    crowd = np.vstack([np.empty((0, 2)), *taken, *([] if path is None else [path])])
     enough = 3.0 * maze.ball.radius
 
     def room(radius: float, angle: float) -> float:
         """The distance, up to `enough`, to what a number there must not touch."""
-        gap = float(np.linalg.norm(radius * _unit(angle) - crowd, axis=1).min())
-        return round(min(gap, enough), 6)
+        gap = float(np.linalg.norm(radius * _unit(angle) - crowd, axis=1).min(initial=enough))
+        return round(gap, 6)
 
     def preference(angle: float) -> float:
         """Symmetric mazes have many ties: they go to the upper left."""
         return math.cos(angle - 2.0)
 
     rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
-    steep = [ray for ray in rays if abs(math.sin(ray)) > 0.6]  # "ring 1" fits where walls are level
-    common = max(steep, key=lambda ray: (round(sum(room(r, ray) for r in radii), 6), preference(ray)))
+    worded = [ray for ray in rays if _word_fits(maze, radii[0] * _unit(ray))] or rays
+    common = max(worded, key=lambda ray: (round(sum(room(r, ray) for r in radii), 6), preference(ray)))
 
     def angle_of(ring: int, radius: float) -> float:
         if room(radius, common) >= min(enough, _NEAR * maze.ball.radius):
             return common
-        free = steep if ring == 1 else rays
+        free = worded if ring == 1 else rays
         return max(free, key=lambda ray: (room(radius, ray), -abs(difference(ray, common))))
 
     return [r * _unit(angle_of(ring.number, r)) for ring, r in zip(maze.rings, radii, strict=True)]

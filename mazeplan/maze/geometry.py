@@ -173,6 +173,10 @@ class Maze:
         there = (end - begin) % _TURN
         return there - (start - begin) % _TURN if there < span else None
 
+    def has_room(self, ring: int, theta: float) -> bool:
+        """Whether no radial wall keeps the ball from lying in the middle of a ring at that angle."""
+        return self.clear_angle(ring, theta) == theta
+
     def clear_angle(self, ring: int, theta: float) -> float:
         """The angle nearest to theta at which the ball has room in the middle of a ring, beside its radial walls."""
         walls = self.radial_walls_of(ring) if self.radial_walls else ()

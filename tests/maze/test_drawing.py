@@ -17,6 +17,7 @@ from mazeplan.maze.drawing import (
     save_drawing,
     wall_outlines,
 )
+from mazeplan.maze.geometry import Ring
 from mazeplan.maze.graph import Route, RouteGraph
 from mazeplan.maze.mapfile import load_map
 
@@ -184,3 +185,12 @@ def test_radial_walls_are_drawn_and_the_route_goes_around_them():
         aside = inside @ np.array([-math.sin(wall.angle), math.cos(wall.angle)])
         before = inside @ np.array([math.cos(wall.angle), math.sin(wall.angle)]) > 0.0
         assert np.abs(aside[before]).min(initial=1.0) > 0.5 * wall.thickness
+
+
+def test_the_word_ring_stands_only_where_it_touches_no_wall():
+    for name in ("cme", "lopsided", "detour", "seven"):
+        assert "ring 1" in [text.get_text() for text in draw_maze(load_map(name)).texts], name
+    rings = tuple(Ring(n, 0.1 - 0.003 * n, 0.1025 - 0.003 * n) for n in range(1, 20))
+    fine = [text.get_text() for text in draw_maze(dataclasses.replace(CME, rings=rings, openings=())).texts]
+    assert "1" in fine
+    assert "ring 1" not in fine

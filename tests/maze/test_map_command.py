@@ -139,6 +139,8 @@ def test_the_route_in_a_picture_of_a_run_begins_where_the_run_did(monkeypatch, t
         ("route", "--to", "ring9"),
         ("route", "--close", "x"),
         ("route", "--start-angle", "nan"),
+        ("route", "detour", "--start-angle", "100"),  # a radial wall
+        ("show", "detour", "--route", "--start-angle", "97"),
         ("show", "-o", "maze.gif"),
     ],
 )
@@ -147,3 +149,11 @@ def test_bad_input_is_an_input_error(words):
     assert isinstance(error, InputError)
     assert error.exit_status == 2
     assert "\n" not in str(error)
+
+
+def test_a_route_that_is_not_told_where_begins_beside_the_wall_that_is_there():
+    done = run("route", "detour", "--from", "ring2", "--json")  # a radial wall at 0 degrees
+    angle = json.loads(done.stdout)["start_angle_deg"]
+    assert 5.0 < abs(angle) < 15.0
+    assert load_map("detour").has_room(2, math.radians(angle))
+    assert json.loads(run("route", "--json").stdout)["start_angle_deg"] == 0.0
