@@ -18,7 +18,7 @@ import numpy as np
 
 from mazeplan.attempt import attempt_job
 from mazeplan.campaign.executor import Executor, Lost, each, open_executor
-from mazeplan.campaign.parcel import Parcel, packed, unpacked, without_site
+from mazeplan.campaign.parcel import Parcel, packed, told_of_origins, unpacked, without_site
 from mazeplan.campaign.single import collect
 from mazeplan.campaign.store import Store
 from mazeplan.campaign.work import Ran, here, measured
@@ -111,7 +111,8 @@ def run_trial(campaign: Campaign, trial: Trial, index: int) -> Outcome:
 
 def run_packed_trial(parcel: Parcel, campaign: Campaign, trial: Trial, index: int) -> Tried:
     """The same of a campaign whose files are in a parcel."""
-    outcome, wall_s, cpu_s = measured(lambda: run_trial(unpacked(parcel, campaign), trial, index))
+    with told_of_origins(parcel):
+        outcome, wall_s, cpu_s = measured(lambda: run_trial(unpacked(parcel, campaign), trial, index))
     outcome = replace(outcome, result=without_site(outcome.result))
     return Tried(outcome, Ran(outcome.result, wall_s, cpu_s, here()))
 

@@ -16,6 +16,7 @@ import platform
 import queue
 import threading
 import uuid
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
@@ -36,8 +37,10 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 CONNECT_S = 5.0  # s that a scheduler has to answer
 WORKERS_S = 10.0  # s until the first worker must have come
+TOLD_S = 4.0  # s without any worker after which that is said
 ALONE_S = 60.0  # s without any worker after which nobody waits any more
 POLL_S = 1.0  # s after which waiting looks whether there is still anybody
+PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
 COUNT_S = 2.0  # s after which workers are counted again
 AT_EACH = 2  # lots at a worker: what is done, and what comes next
 TOGETHER_S = 1.0  # s of work that are sent as one; what is kept as it ends is at most so much later there
@@ -64,18 +67,22 @@ def dask_executor(address: str, workers: int | None, carry: Sequence[Any], say: 
         _carry(carry)
         _check_workers(client, address, say)
         say(_dashboard(client))
-        yield Dask(client, address)
+        yield Dask(client, address, say)
 
 
 @contextmanager
 def _silence() -> Iterator[None]:
     """Not a word of Dask's own, which are for who runs a cluster: what a person must know is said here."""
+    from distributed.versions import VersionMismatchWarning
+
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in ("distributed", "tornado")]
     before = {name: logging.getLogger(name).level for name in names}
     for name in names:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", VersionMismatchWarning)  # `_check_workers` looks at what matters
+            yield
     finally:
         for name, level in before.items():
             logging.getLogger(name).setLevel(level)
@@ -102,7 +109,7 @@ def _checked(address: str) -> str:
     full = address if "://" in address else f"tcp://{address}"
     protocol, _, place = full.partition("://")
     host, _, port = place.rpartition(":")
-    if not (protocol and host and port.isdecimal() and 0 < int(port) < 65536):
+    if not (protocol in PROTOCOLS and host and port.isdecimal() and 0 < int(port) < 65536):
         raise InputError(f"--dask: got {address!r}, expected local or an address such as tcp://scheduler:8786")
     return full
 
@@ -166,6 +173,8 @@ def _check_workers(client: Client, address: str, say: Words) -> None:
         raise InputError(f"--dask: the scheduler at {address} has no workers; start some: {start}") from None
     found: Any = client.run(facts, on_error="return")
     for worker, theirs in found.items():
+        if isinstance(theirs, BaseException) and "No module named 'mazeplan'" in str(theirs):
+            raise InputError(f"--dask: worker {worker} has no mazeplan: install the same one there")
         if isinstance(theirs, BaseException):
             raise InputError(f"--dask: worker {worker} cannot do this: {_line(theirs)}")
         if other := unlike(program(), theirs):
@@ -186,10 +195,10 @@ class Dask:
 
     apart = True
 
-    def __init__(self, client: Client, address: str) -> None:
-        self._client, self._address = client, address
+    def __init__(self, client: Client, address: str, say: Words) -> None:
+        self._client, self._address, self._say = client, address, say
         self._workers: tuple[str, ...] = (ANYBODY,)  # addresses, where there are several
-        self._counted, self._alone_since = -math.inf, math.inf
+        self._counted, self._alone_since, self._told = -math.inf, math.inf, False
         self._typical_s = TOGETHER_S  # of a task
 
     def share(self, value: Value) -> Value:
@@ -302,8 +311,18 @@ class Dask:
             raise self._lost() from None
         self._workers, self._counted = tuple(threads) if len(threads) > 1 else (ANYBODY,), now
         self._alone_since = math.inf if threads else min(self._alone_since, now)
+        self._tell(now - self._alone_since)
         if now - self._alone_since > ALONE_S:
             raise RigError(f"the scheduler at {self._address} had no workers for {ALONE_S:g} s")
+
+    def _tell(self, alone_s: float) -> None:
+        """That nobody works, and that somebody does again."""
+        if not self._told and alone_s >= TOLD_S:
+            self._told = True
+            self._say(f"the scheduler at {self._address} has no workers any more; waiting up to {ALONE_S:g} s for one")
+        elif self._told and alone_s < 0.0:
+            self._told = False
+            self._say("there are workers again")
 
     def _lost(self) -> RigError:
         return RigError(f"the scheduler at {self._address} does not answer any more")

@@ -20,6 +20,7 @@ import sys
 import sysconfig
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -28,7 +29,7 @@ from typing import Any
 from mazeplan import resources
 from mazeplan.campaign.single import Campaign
 from mazeplan.choices import model_source
-from mazeplan.errors import InputError
+from mazeplan.errors import InputError, MazeplanError
 from mazeplan.maze.mapfile import find_map
 from mazeplan.models.modelfile import model_names
 from mazeplan.plugins import RIGS, Plugin, plugin
@@ -44,10 +45,12 @@ MOST_BYTES = 512 << 20
 
 @dataclass(frozen=True)
 class Parcel:
-    """files: (path in it, content); names: (field of a campaign, what it is called in the parcel)."""
+    """files: (path in it, content); names: (field of a campaign, what it is called in the parcel); origins: (path in
+    it, where that file is where it was packed)."""
 
     files: tuple[tuple[str, bytes], ...] = ()
     names: tuple[tuple[str, str], ...] = ()
+    origins: tuple[tuple[str, str], ...] = ()
 
     @cached_property
     def digests(self) -> dict[str, str]:
@@ -62,7 +65,7 @@ class Parcel:
 
 def packed(campaign: Campaign) -> Parcel:
     """The parcel of a campaign. Raises InputError for what is not there, or too large to be sent."""
-    files: dict[str, bytes] = {}
+    files: dict[str, Path] = {}
     names: dict[str, str] = {}
     modules = list(campaign.behavior_modules)
     places = {"map": find_map(campaign.map), "behavior": resources.find("behaviors", campaign.behavior, ".xml")}
@@ -70,7 +73,7 @@ def packed(campaign: Campaign) -> Parcel:
     for field, path in places.items():
         if not _packaged(path):
             names[field] = f"{field}/{path.name}"
-            files[names[field]] = _content(path)
+            files[names[field]] = path
     rig = None if installed(campaign.rig) else rig_file(campaign.rig)
     modules += rig_modules(campaign.rig)
     if rig is not None and not _packaged(rig):
@@ -83,9 +86,11 @@ def packed(campaign: Campaign) -> Parcel:
         names["model"], of_model = _model_files(Path(model))
         files |= of_model
     files |= _module_files(modules)
-    if (size := sum(map(len, files.values()))) > MOST_BYTES:
+    contents = {name: _content(path) for name, path in sorted(files.items())}
+    if (size := sum(map(len, contents.values()))) > MOST_BYTES:
         raise InputError(f"the files of this campaign have {size >> 20} MiB, expected at most {MOST_BYTES >> 20}")
-    return Parcel(tuple(sorted(files.items())), tuple(names.items()))
+    origins = tuple((name, str(path)) for name, path in files.items())
+    return Parcel(tuple(contents.items()), tuple(names.items()), origins)
 
 
 def installed(rig: str) -> Plugin | None:
@@ -120,7 +125,7 @@ def _seed_of(rig: str) -> str:
     return "" if seed is None else f"@{seed}"
 
 
-def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, bytes]]:
+def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, Path]]:
     """Where the rig's file is in the parcel, and all files: its own, and those that it names by relative paths.
 
     The model has a place of its own. What is named with .. is still there, from as deep a folder."""
@@ -137,9 +142,9 @@ def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, bytes
             found |= _of_model(name, path)
     depth = max((name.split("/").count("..") for name in found), default=0)
     folder = "rig" + "/in" * depth
-    files = {os.path.normpath(f"{folder}/{name}"): _content(path) for name, path in found.items()}
+    files = {os.path.normpath(f"{folder}/{name}"): path for name, path in found.items()}
     place = f"{folder}/{rig.name}"
-    return place, {**files, place: _content(rig)}
+    return place, {**files, place: rig}
 
 
 def _of_model(name: str, model: Path) -> dict[str, Path]:
@@ -171,23 +176,23 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(item)
 
 
-def _model_files(model: Path) -> tuple[str, dict[str, bytes]]:
+def _model_files(model: Path) -> tuple[str, dict[str, Path]]:
     """What the model is called in the parcel, and its files."""
     folder = model.parent if model.is_file() else model
     place = f"model/{folder.absolute().name or 'model'}"
     if not folder.is_dir():
         return place, {}
     found = [path for path in folder.iterdir() if path.is_file() and path.suffix in MODEL_FILES]
-    files = {f"{place}/{path.name}": _content(path) for path in found}
+    files = {f"{place}/{path.name}": path for path in found}
     return (f"{place}/{model.name}" if model.is_file() else place), files
 
 
 # -- modules --------------------------------------------------------------------------------------------------------
 
 
-def _module_files(names: Iterable[str]) -> dict[str, bytes]:
+def _module_files(names: Iterable[str]) -> dict[str, Path]:
     """Those of modules in the folder where one works, and of what they import there."""
-    files: dict[str, bytes] = {}
+    files: dict[str, Path] = {}
     seen: set[str] = set()
     waiting = list(names)
     for name in waiting:
@@ -202,11 +207,10 @@ def _module_files(names: Iterable[str]) -> dict[str, bytes]:
         path = module_file(name)
         if path is None:
             continue
-        content = _content(path)
         place = f"{MODULES}/{name.replace('.', '/')}"
-        files[f"{place}/__init__.py" if path.name == "__init__.py" else f"{place}.py"] = content
+        files[f"{place}/__init__.py" if path.name == "__init__.py" else f"{place}.py"] = path
         waiting += [name.rpartition(".")[0]] if "." in name else []
-        waiting += _imports(content, name if path.name == "__init__.py" else name.rpartition(".")[0])
+        waiting += _imports(_content(path), name if path.name == "__init__.py" else name.rpartition(".")[0])
     return files
 
 
@@ -275,6 +279,26 @@ def without_site(result: NavigationResult) -> NavigationResult:
         return result
     here = f"{_site[0][1].name}{os.sep}"
     return replace(result, failures=tuple(replace(f, detail=f.detail.replace(here, "")) for f in result.failures))
+
+
+@contextmanager
+def told_of_origins(parcel: Parcel) -> Iterator[None]:
+    """What is wrong with a file of a parcel is told of the file that was packed."""
+    try:
+        yield
+    except MazeplanError as problem:
+        if _site:
+            here = f"{_site[0][1].name}{os.sep}"
+
+            def of_origin(text: str) -> str:
+                for name, origin in parcel.origins:
+                    text = text.replace(f"{here}{name}", origin)
+                return text
+
+            problem.args = tuple(of_origin(arg) if isinstance(arg, str) else arg for arg in problem.args)
+            if isinstance(problem, InputError) and problem.file is not None:
+                problem.file = of_origin(str(problem.file))
+        raise
 
 
 def _import_from(folder: Path) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from time import perf_counter, process_time
 from typing import TypeVar
 
-from mazeplan.campaign.parcel import Parcel, unpacked, without_site
+from mazeplan.campaign.parcel import Parcel, told_of_origins, unpacked, without_site
 from mazeplan.campaign.single import Campaign, run_one
 from mazeplan.records import NavigationResult
 
@@ -29,7 +29,8 @@ class Ran:
 
 def run_packed(parcel: Parcel, campaign: Campaign, index: int) -> Ran:
     """Run number `index` of a campaign whose files are in a parcel."""
-    result, wall_s, cpu_s = measured(lambda: without_site(run_one(unpacked(parcel, campaign), index)))
+    with told_of_origins(parcel):
+        result, wall_s, cpu_s = measured(lambda: without_site(run_one(unpacked(parcel, campaign), index)))
     return Ran(result, wall_s, cpu_s, here())
 
 

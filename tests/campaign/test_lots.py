@@ -1,15 +1,17 @@
-"""Which worker of Dask gets what: nobody is without work while another has some in store."""
+"""Which worker of Dask gets what: nobody is without work while another has some in store; and what is said of them."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Callable
 from concurrent.futures import Future
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from mazeplan.campaign import daskcluster
+from mazeplan.errors import InputError, RigError
 
 pytest.importorskip("distributed")
 
@@ -68,7 +70,48 @@ def test_all_workers_end_at_about_the_same_time(number, seed, monkeypatch):
     rng = random.Random(seed)
     seconds = [rng.uniform(0.15, 0.4) for _ in range(100)]
     workers = Workers(number, seconds)
-    found = dict(daskcluster.Dask(workers, "here").each(lambda index: index, [(index,) for index in range(100)]))
+    found = dict(daskcluster.Dask(workers, "here", print).each(lambda index: index, [(index,) for index in range(100)]))
     assert found == {index: index for index in range(100)}
     assert max(workers.sizes) > 1 or number == 16  # short tasks travel together
     assert max(workers.ends.values()) - min(workers.ends.values()) <= max(seconds)
+
+
+class Deserted(Workers):
+    """Workers that are gone from 10 s to 30 s by the test's clock, and again from 40 s; each look takes a second."""
+
+    clock = 0.0
+
+    @property
+    def status(self) -> str:
+        self.clock += 1.0
+        return "running"
+
+    def nthreads(self) -> dict[str, int]:
+        gone = 10.0 <= self.clock < 30.0 or self.clock >= 40.0
+        return {} if gone else super().nthreads()
+
+
+def test_that_nobody_works_is_said_within_seconds_and_that_somebody_does_again(monkeypatch):
+    monkeypatch.setattr(daskcluster, "POLL_S", 1e-4)
+    workers, said = Deserted(2, [1.0] * 9), []
+    monkeypatch.setattr(daskcluster, "monotonic", lambda: workers.clock)
+    dask = daskcluster.Dask(workers, "tcp://there:1", lambda words: said.append((workers.clock, words)))
+    with pytest.raises(RigError, match="tcp://there:1 had no workers for 60 s"):
+        list(dask.each(lambda index: index, [(index,) for index in range(9)]))
+    gone = "the scheduler at tcp://there:1 has no workers any more; waiting up to 60 s for one"
+    assert [words for _, words in said] == [gone, "there are workers again", gone]
+    assert [10.0 < said[0][0] <= 17.0, 30.0 <= said[1][0] <= 33.0, 40.0 < said[2][0] <= 47.0] == [True] * 3
+
+
+def test_a_worker_without_this_program_is_told(monkeypatch):
+    without = ModuleNotFoundError("No module named 'mazeplan'")
+    client = SimpleNamespace(wait_for_workers=lambda *a, **k: None, run=lambda *a, **k: {"tcp://far:1": without})
+    with pytest.raises(InputError, match=r"^--dask: worker tcp://far:1 has no mazeplan: install the same one there$"):
+        daskcluster._check_workers(client, "tcp://there:1", print)
+
+
+@pytest.mark.parametrize("address", ["http://there:8786", "there", "tcp://there", "tcp://:1", "there:x", "a:0"])
+def test_what_is_no_address_of_a_scheduler(address):
+    with pytest.raises(InputError, match=f"^--dask: got '{address}', expected local or an address such as tcp://"):
+        daskcluster._checked(address)
+    assert daskcluster._checked("there:8786") == "tcp://there:8786"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -10,9 +11,10 @@ import pytest
 
 from mazeplan.campaign import parcel as parcels
 from mazeplan.campaign.identity import difference, digest_of, identity
-from mazeplan.campaign.parcel import Parcel, packed, unpacked
+from mazeplan.campaign.parcel import Parcel, packed, told_of_origins, unpacked
 from mazeplan.campaign.program import program, unlike
-from mazeplan.errors import InputError
+from mazeplan.campaign.work import run_packed
+from mazeplan.errors import InputError, MazeplanError
 from mazeplan.evaluate import Campaign
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import PACKAGED, load_model
@@ -87,6 +89,29 @@ def test_everything_of_the_desk_is_in_it_and_works_elsewhere(desk, tmp_path, mon
     assert rig.light == "helper"
     assert (Path(there.rig).parent / rig.settings["picture"]).read_text() == Path(there.settings).read_text()
     assert sys.modules["parcel_rig"].__file__.startswith(parcels._site[0][1].name)
+
+
+def test_what_is_wrong_with_a_file_is_told_of_the_one_that_was_packed(desk, tmp_path, monkeypatch):
+    (desk / "rigs" / "mine.yaml").write_text("class: parcel_rig:MyRig\n")
+    (desk / "parcel_helper.py").write_text("def light():\n    return 1 / 0\n")
+    campaign = Campaign(1, "rigs/mine.yaml", "mine.yaml", None, "mine.xml")
+    parcel = packed(campaign)
+    forget()
+    (tmp_path / "far").mkdir()
+    monkeypatch.chdir(tmp_path / "far")
+    monkeypatch.setattr(sys, "path", [place for place in sys.path if place != str(desk)])
+    with pytest.raises(MazeplanError) as told:
+        run_packed(parcel, campaign, 0)
+    assert "ZeroDivisionError" in str(told.value)
+    assert parcels._site[0][1].name not in str(told.value)
+    assert f"{desk / 'parcel_helper.py'}:2" in str(told.value)
+
+    there = Path(unpacked(parcel, campaign).behavior)
+    with pytest.raises(InputError) as told, told_of_origins(parcel):
+        raise InputError("is odd", file=there, line=7, key="here")
+    again = pickle.loads(pickle.dumps(told.value))  # as it comes from another process
+    assert str(again) == "mine.xml:7: here: is odd"
+    assert again.file == "mine.xml"
 
 
 def test_another_parcel_brings_its_own_modules(desk, tmp_path, monkeypatch):
