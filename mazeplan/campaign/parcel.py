@@ -29,7 +29,7 @@ from typing import Any
 from mazeplan import resources
 from mazeplan.campaign.single import Campaign
 from mazeplan.choices import model_source
-from mazeplan.errors import InputError, MazeplanError
+from mazeplan.errors import InputError
 from mazeplan.maze.mapfile import find_map
 from mazeplan.models.modelfile import model_names
 from mazeplan.plugins import RIGS, Plugin, plugin
@@ -286,7 +286,7 @@ def told_of_origins(parcel: Parcel) -> Iterator[None]:
     """What is wrong with a file of a parcel is told of the file that was packed."""
     try:
         yield
-    except MazeplanError as problem:
+    except Exception as problem:  # a user's leaf may raise anything; a note tells where
         if _site:
             here = f"{_site[0][1].name}{os.sep}"
 
@@ -296,6 +296,8 @@ def told_of_origins(parcel: Parcel) -> Iterator[None]:
                 return text
 
             problem.args = tuple(of_origin(arg) if isinstance(arg, str) else arg for arg in problem.args)
+            if notes := getattr(problem, "__notes__", []):
+                notes[:] = map(of_origin, notes)
             if isinstance(problem, InputError) and problem.file is not None:
                 problem.file = of_origin(str(problem.file))
         raise

@@ -107,6 +107,11 @@ def test_what_is_wrong_with_a_file_is_told_of_the_one_that_was_packed(desk, tmp_
     assert f"{desk / 'parcel_helper.py'}:2" in str(told.value)
 
     there = Path(unpacked(parcel, campaign).behavior)
+    problem = ValueError("oh")
+    problem.add_note(f"raised by the leaf at {there}:16: Rest")
+    with pytest.raises(ValueError, match="oh") as raised, told_of_origins(parcel):
+        raise problem
+    assert pickle.loads(pickle.dumps(raised.value)).__notes__ == ["raised by the leaf at mine.xml:16: Rest"]
     with pytest.raises(InputError) as told, told_of_origins(parcel):
         raise InputError("is odd", file=there, line=7, key="here")
     again = pickle.loads(pickle.dumps(told.value))  # as it comes from another process
