@@ -206,8 +206,9 @@ class Failure:
 class Doubt:
     """From rig time t, s, on for a while something measured was not believed, or not what it should be.
 
-    what: clock, the time does not go on; gap, it leaps ahead; position, of the ball is no number; ball, is far from
-    where it could be; tilt, is no number or leaps; plate, does not follow the commands."""
+    what: clock, the time does not go on; gap, it leaps ahead; rate, samples do not come at the rig's rate_hz; position,
+    of the ball is no number; far, it is metres away; ball, is far from where it could be; tilt, is no number or leaps;
+    plate, does not follow the commands."""
 
     what: str
     t: float

@@ -62,6 +62,8 @@ class RunRecord:
             self._display.event(t, ", ".join(str(value) for value in detail.values() if value))
         elif kind == "placed_elsewhere":
             self._display.event(t, f"the ball is not in ring {detail['asked']}, where it was to begin")
+        elif detail.get("what") == "rate":
+            self._display.event(t, "the rig's samples do not come at the rate_hz that it says")
         elif kind in SAID:
             self._display.event(t, " ".join((kind, *(str(value) for value in detail.values() if value))))
 

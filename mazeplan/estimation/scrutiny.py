@@ -1,8 +1,9 @@
 """Looks at each sample before the estimator does, and tells when something that was measured cannot be true.
 
 A sample whose time does not go on (the last one again, or one from before) says nothing new: it is passed over, and the
-rig keeps its command. A position that is no number is a ball that is not seen; a tilt that is no number is left to the
-estimator, which goes on by the commands. None of this may last: after LASTING_S the rig has failed.
+rig keeps its command. A position that is no number, or metres away, is a ball that is not seen; a tilt that is no
+number is left to the estimator, which goes on by the commands. None of this may last: after LASTING_S the rig has
+failed. A rhythm that is not the rig's own is told.
 """
 
 from __future__ import annotations
@@ -10,13 +11,18 @@ from __future__ import annotations
 import math
 from dataclasses import fields, replace
 from numbers import Real
+from statistics import median
 
 from mazeplan.errors import RigError
 from mazeplan.records import Doubt, Observation
 
 LASTING_S = 0.5  # s; by then a plate that went by commands alone may be anywhere
 GAP = 4.5  # samples; a clock that goes on by more at once has leapt, or samples were lost
+FAR_M = 2.0  # no plate is so large; who says so means millimetres, or pixels
+EACH = 30  # samples, by which it is judged how many come a second
+RATE = 0.25  # relative difference from what the rig says of that
 FAILED = {
+    "far": f"it measures the ball more than {FAR_M:g} m from the middle: x and y are to be in m",
     "clock": "its clock does not go on",
     "tilt": "its tilt sensor measures no number, or nothing that a plate could do",
 }
@@ -29,6 +35,8 @@ class Scrutiny:
     def __init__(self, rate_hz: float) -> None:
         self._dt, self._most = 1.0 / rate_hz, max(2, round(LASTING_S * rate_hz))
         self._last: float | None = None
+        self._steps: list[float] = []  # s, between samples since the rate was judged last
+        self._off = False  # whether they did not come as the rig says
         self.found: set[str] = set()
         self._since: dict[str, int] = {}  # for how many samples in a row
         self.doubts: list[Doubt] = []
@@ -45,11 +53,21 @@ class Scrutiny:
             return None
         self._last = t
         self.found = {"gap"} if last is not None and t - last > GAP * self._dt else set()
+        self.found |= {"rate"} if last is not None and self._rate_is_off(t - last) else set()
         x, y = observation.x, observation.y
-        if x is not None and y is not None and not (math.isfinite(x) and math.isfinite(y)):
-            self.found.add("position")
-            return replace(observation, x=None, y=None)
-        return observation
+        if x is None or y is None or math.hypot(x, y) <= FAR_M:
+            return observation
+        self.found.add("far" if math.isfinite(x) and math.isfinite(y) else "position")
+        return replace(observation, x=None, y=None)
+
+    def _rate_is_off(self, step: float) -> bool:
+        """Whether the last EACH samples but for the newest came in another rhythm than the rig says, by their median:
+        some may be late or lost."""
+        self._steps.append(step)
+        if len(self._steps) == EACH:
+            self._off = abs(median(self._steps) / self._dt - 1.0) > RATE
+            self._steps.clear()
+        return self._off
 
     @staticmethod
     def _numbers(observation: Observation) -> None:

@@ -157,3 +157,30 @@ def test_a_plate_that_does_not_follow_is_told():
 def test_a_ball_that_is_left_out_is_told():
     _, doubts = estimated(lambda k, o: replace(o, x=-o.x, y=-o.y) if k == 40 else o)
     assert [k for k, d in enumerate(doubts) if "ball" in d] == [40]
+
+
+# -- units and rate --------------------------------------------------------------------------------------------------
+
+
+def test_positions_in_millimetres_are_a_rig_that_failed_and_one_wild_one_is_a_ball_not_seen():
+    scrutiny = Scrutiny(30.0)
+    assert scrutiny.admit(sample(0, x=80.0, y=10.0)).seen is False
+    assert scrutiny.judge(set(), 0.0) == [Doubt("far", 0.0)]
+    assert scrutiny.admit(sample(1)).seen
+    scrutiny.judge(set(), DT)
+    for k in range(2, 16):
+        scrutiny.admit(sample(k, x=80.0, y=10.0))
+        scrutiny.judge(set(), k * DT)
+    scrutiny.admit(sample(16, x=80.0, y=10.0))
+    with pytest.raises(RigError, match="more than 2 m from the middle: x and y are to be in m"):
+        scrutiny.judge(set(), 16 * DT)
+
+
+@pytest.mark.parametrize(("times", "told"), [(0.5, True), (0.85, False), (1.0, False), (1.15, False), (2.0, True)])
+def test_samples_that_do_not_come_as_the_rig_says_are_told_once(times, told):
+    scrutiny, rng = Scrutiny(30.0), np.random.default_rng(0)
+    for k in range(200):
+        t = times * k * DT + rng.uniform(0.0, 0.2 * DT) + (3.0 * DT if k > 50 else 0.0)  # jitter, and a leap
+        scrutiny.admit(sample(k, t=t))
+        scrutiny.judge(set(), t)
+    assert [doubt.what for doubt in scrutiny.doubts].count("rate") == told
