@@ -184,7 +184,8 @@ def _table(path: Path, only: list[str] | None = None) -> Any:
             return file.read(only).replace_schema_metadata()
     except (pa.ArrowException, OSError) as problem:
         why = " ".join(str(problem).split())
-        raise InputError(f"cannot be read as runs of a campaign: {why}", file=path) from None
+        problem = f"cannot be read as runs of a campaign: {why}; without this file its runs are done again"
+        raise InputError(problem, file=path) from None
 
 
 def _setup_in(path: Path) -> Mapping[str, Any]:

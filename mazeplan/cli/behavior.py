@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.cli.arguments import BehaviorModule
-from mazeplan.cli.output import say
+from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError, TreeError
 
 if TYPE_CHECKING:
-    from mazeplan.behavior.leaf import Port
+    from mazeplan.behavior.leaf import Leaf, Port
     from mazeplan.behavior.tree import BehaviorTree
 
 app = typer.Typer(help="Behaviour trees: check, show, list of leaves, palette for Groot2.", no_args_is_help=True)
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 
 class _NoRun:
@@ -40,18 +42,24 @@ def _load(source: str, modules: list[str] | None) -> BehaviorTree:
 def check(
     files: Annotated[list[str], typer.Argument(help="XML files, or names of packaged trees.")],
     behavior_module: BehaviorModule = None,
+    json: JsonOption = False,
 ) -> None:
     """Read trees and say what is wrong with them, with file and line."""
-    bad = 0
+    found: list[dict[str, Any]] = []
     for source in files:
         try:
-            tree = _load(source, behavior_module)
+            nodes = len(list(_load(source, behavior_module).nodes()))
+            found.append({"file": source, "ok": True, "nodes": nodes, "error": None})
         except TreeError as error:
-            bad += 1
-            say(f"mazeplan: {error}")
+            found.append({"file": source, "ok": False, "nodes": None, "error": str(error)})
+    if json:
+        print_json(found)
+    for one in () if json else found:
+        if one["ok"]:
+            print(f"{one['file']}: ok, {one['nodes']} nodes")
         else:
-            print(f"{source}: ok, {len(list(tree.nodes()))} nodes")
-    if bad:
+            say(f"mazeplan: {one['error']}")
+    if not all(one["ok"] for one in found):
         raise SystemExit(2)
 
 
@@ -73,7 +81,7 @@ def show(
 
 
 @app.command("list")
-def list_leaves(behavior_module: BehaviorModule = None) -> None:
+def list_leaves(behavior_module: BehaviorModule = None, json: JsonOption = False) -> None:
     """The leaves that a tree may use, with their ports, the control nodes, and preconditions."""
     from mazeplan.behavior.conditions import DECISIONS
     from mazeplan.behavior.decorators import DECORATORS
@@ -82,6 +90,11 @@ def list_leaves(behavior_module: BehaviorModule = None) -> None:
     from mazeplan.behavior.ownleaves import registry_with
 
     registry = registry_with(behavior_module or ())
+    if json:
+        leaves = {name: _document(leaf) for name, leaf in sorted(registry.usable(_not_listed).items())}
+        controls = [*CONTROLS, *DECORATORS, "SubTree"]
+        print_json({"leaves": leaves, "control_nodes": controls, "preconditions": list(DECISIONS)})
+        return
     for name, leaf in sorted(registry.usable(_not_listed).items()):
         of = f" (package {registry.owners[name].source})" if name in registry.owners else ""
         print(f"{name}: {(leaf.__doc__ or 'no docstring').strip().splitlines()[0]}{of}")
@@ -93,6 +106,27 @@ def list_leaves(behavior_module: BehaviorModule = None) -> None:
             print(f"    {port_name} ({', '.join(filter(None, (kind, default)))}): {port.doc}{_allowed(port)}")
     print("control nodes: " + ", ".join((*CONTROLS, *DECORATORS, "SubTree")))
     print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
+
+
+def _document(leaf: type[Leaf]) -> dict[str, Any]:
+    """A leaf and its ports, for programs."""
+    from mazeplan.behavior.leaf import REQUIRED
+
+    return {
+        "what": (leaf.__doc__ or "").strip().partition("\n")[0],
+        "ports": {
+            name: {
+                "type": port.type.__name__,
+                "direction": port.direction,
+                "needed": port.default is REQUIRED,
+                "default": None if port.default is REQUIRED else port.default,
+                "what": port.doc,
+                "allowed": None if port.choices is None or isinstance(port.choices, str) else [*port.choices],
+                "allowed_of_map": port.choices if isinstance(port.choices, str) else None,
+            }
+            for name, port in leaf.ports.items()
+        },
+    }
 
 
 def _not_listed(problem: str) -> None:

@@ -49,8 +49,13 @@ def record(
         "goal_ring": None if goal == "centre" else goal,
     }  # fmt: skip
     plan = Recording(episodes, seed, options, model, behavior)
-    with Working("episodes") as shown:
-        done = to_minari(plan, minari, shown.advance) if minari else to_parquet(plan, Path(str(output)), shown.advance)
+    try:
+        with Working("episodes") as shown:
+            advance = shown.advance
+            done = to_minari(plan, minari, advance) if minari else to_parquet(plan, Path(str(output)), advance)
+    except KeyboardInterrupt:
+        say("no episode is kept: a data set is written whole or not at all")
+        raise
     if as_json:
         print_json(done)
         return

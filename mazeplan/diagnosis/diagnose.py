@@ -112,7 +112,7 @@ class Diagnosis:
         if math.isfinite(before.rollout40):
             change = f"40-step error {before.rollout40:.4f} -> {after.rollout40:.4f} rad"
             if after.rollout40 > before.rollout40:
-                change += ", no better on what was held out: a longer record would tell more"
+                change += " where it was held out, which is no better: a longer record would tell more"
             same = f"40-step error {before.rollout40:.4f} rad, noise alone would cause {before.floor:.4f}"
         else:  # no stretch is long enough
             change = f"nRMSE of theta_dd {before.nrmse:.3f} -> {after.nrmse:.3f}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from commands import call as command
 
@@ -32,6 +34,26 @@ def test_check_names_every_bad_file(call, tmp_path):
     assert len(lines) == 2
     assert "bad.xml:" in lines[0]
     assert "did you mean Align?" in lines[0]
+
+
+def test_check_and_list_for_programs(call, tmp_path):
+    (tmp_path / "bad.xml").write_text("<root/>")
+    code, out, err = call("behavior", "check", "navigate", str(tmp_path / "bad.xml"), "--json")
+    good, bad = json.loads(out)
+    assert (code, err) == (2, "")
+    assert good == {"file": "navigate", "ok": True, "nodes": good["nodes"], "error": None}
+    assert good["nodes"] > 20
+    assert (bad["ok"], bad["nodes"]) == (False, None)
+    assert "bad.xml:1" in bad["error"]
+    code, out, _ = call("behavior", "list", "--json")
+    document = json.loads(out)
+    assert set(document["leaves"]) == set(REGISTRY)
+    assert document["leaves"]["Align"]["ports"]["opening"] == {
+        "type": "str", "direction": "in", "needed": True, "default": None, "what": "name of the opening",
+        "allowed": None, "allowed_of_map": "openings",
+    }  # fmt: skip
+    assert {"Sequence", "SubTree"} <= set(document["control_nodes"])
+    assert document["preconditions"] == ["_failureIf", "_successIf", "_skipIf", "_while"]
 
 
 def test_show_list_and_palette(call, tmp_path):

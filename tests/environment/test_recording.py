@@ -99,6 +99,18 @@ def test_what_cannot_be_recorded_is_one_line(monkeypatch, capsys, tmp_path, argu
     assert not [*tmp_path.glob("*.parquet*"), *tmp_path.glob("*.csv*")]
 
 
+def test_who_interrupts_is_told_what_is_kept(monkeypatch, capsys, tmp_path):
+    def interrupted(env, expert, seed):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mazeplan.environment.record.played", interrupted)
+    monkeypatch.chdir(tmp_path)
+    code, out, err = call(monkeypatch, capsys, "record", "--rig", "ideal", "-o", "a.parquet")
+    assert (code, out) == (130, "")
+    assert "no episode is kept: a data set is written whole or not at all\n" in err
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_file_that_is_none_of_ours_is_refused(tmp_path):
     (tmp_path / "a.parquet").write_text("no")
     for name, words in (("a.parquet", "is no recording of mazeplan"), ("b.parquet", "no such file")):
