@@ -174,10 +174,16 @@ class Run:
         theta = self._setup.maze.clear_angle(job.start, theta)
         self._on_event("start", {"ring": job.start, "theta": theta})
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
+        began = False
         while True:
             observation = self._admit(self._rig.observe())
             if observation is None:
                 continue
+            if not began and observation.t >= job.time_limit:
+                raise RigError(
+                    f"the rig's first sample after reset() is at t = {observation.t:.1f} s, expected about 0"
+                )
+            began = True
             if self._told_to_stop(observation.t):
                 return self._end(False, "stopped", log, observation)
             status = self._answer(observation)

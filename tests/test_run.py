@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from mazeplan.attempt import run_job
 from mazeplan.behavior.travel import arrival_speed
 from mazeplan.choices import resolve_model
 from mazeplan.display import NullDisplay
+from mazeplan.errors import RigError
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.records import Command, FailureKind
@@ -176,3 +178,13 @@ def test_a_ball_that_was_not_seen_yet_is_in_no_ring():
     assert (result.success, result.rings) == (False, ())
     assert not [text for _, text in told.lines if text.startswith("in ring")]
     assert "ball_lost" in " ".join(text for _, text in told.lines)
+
+
+def test_a_rig_that_shows_the_time_of_day_has_failed_and_says_why():
+    class Daytime(PlanarRig):
+        def observe(self):
+            seen = super().observe()
+            return replace(seen, t=seen.t + 1.7e9)
+
+    with pytest.raises(RigError, match=r"first sample after reset\(\) is at t = 1700000000\.\d s, expected about 0"):
+        run_job(Daytime(MAZE), SETUP, Job(1, 5, 0.3))
