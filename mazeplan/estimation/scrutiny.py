@@ -22,7 +22,7 @@ FAR_M = 2.0  # no plate is so large; who says so means millimetres, or pixels
 EACH = 30  # samples, by which it is judged how many come a second
 RATE = 0.25  # relative difference from what the rig says of that
 FAILED = {
-    "far": f"it measures the ball more than {FAR_M:g} m from the middle: x and y are to be in m",
+    "far": f"it measures the ball more than {FAR_M:g} m from the middle: it is out, or x and y are not in m",
     "clock": "its clock does not go on",
     "tilt": "its tilt sensor measures no number, or nothing that a plate could do",
 }

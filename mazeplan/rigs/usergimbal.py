@@ -27,6 +27,7 @@ from mazeplan.rigs.gimbal import Gimbal, rotation
 NUDGE = 1e-3  # rad, by which each joint is moved to see what it does
 AWRY = 0.02  # of a nudge, or rad of a level plate: more is no mistake of rounding
 ALIKE = 0.02  # by how much the ball's radius may differ from the map's
+LYING_S, SUNK = 0.2, 0.5  # s for which a ball must lie where it was put; of its radius, by which it may rise or sink
 WHOLE = 1e-6  # by how much a number of steps may differ from a whole one, relative
 BODY, SITE = mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_SITE
 KINDS = {
@@ -100,6 +101,7 @@ class UserGimbal(Gimbal):
         self._check_level()
         for i in range(2):
             self._check_axis(i)
+        self._check_floor(maze)
 
     # -- whether it can be so ---------------------------------------------------------------------------------------
 
@@ -138,6 +140,22 @@ class UserGimbal(Gimbal):
         what = f"1 rad of joint {joint} lowers the +x side by {down} rad and lifts the +y side by {up} rad"
         raise SettingsError(f"{what}; expected {about}1 and 0 of the other", key=f"{name}.joint")
 
+    def _check_floor(self, maze: Maze) -> None:
+        """A ball that is put down in the middle of a ring stays there on the level plate."""
+        radius = maze.ball.radius
+        for ring in maze.rings:
+            far, theta = ring.track_radius, maze.clear_angle(ring.number, 0.0)
+            self.reset(np.array([far * math.cos(theta), far * math.sin(theta), radius]))
+            mujoco.mj_step(self.model, self.data, nstep=max(1, round(LYING_S / float(self.model.opt.timestep))))
+            if self._wild():  # which a run tells
+                return
+            self.settle()
+            above = float(self._turned()[:, 2] @ self.place()) - radius
+            if not abs(above) < SUNK * radius:
+                where = f"{1e3 * abs(above):.1f} mm {'above' if above > 0.0 else 'below'} it after {LYING_S:g} s"
+                what = f"a ball that is put on the floor in the middle of ring {ring.number} is {where}"
+                raise SettingsError(f"{what}; expected a floor at {1e3 * self._plan.floor:g} mm", key="floor_mm")
+
     # -- as the machine needs it ------------------------------------------------------------------------------------
 
     def reset(self, position: Array) -> None:
@@ -159,9 +177,12 @@ class UserGimbal(Gimbal):
     def advance(self) -> None:
         """Let one chunk pass. Raises RigError where the model goes wild."""
         mujoco.mj_step(self.model, self.data, nstep=self.steps)
-        if any(self.data.warning[int(kind)].number for kind in UNSTABLE):
+        if self._wild():
             raise RigError(f"the model became unstable at t = {self.data.time:.3f} s; expected a smaller time step")
         self.settle()
+
+    def _wild(self) -> bool:
+        return any(self.data.warning[int(kind)].number for kind in UNSTABLE)
 
     def settle(self) -> None:
         """Frames go with the joints again."""

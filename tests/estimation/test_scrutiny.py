@@ -172,7 +172,7 @@ def test_positions_in_millimetres_are_a_rig_that_failed_and_one_wild_one_is_a_ba
         scrutiny.admit(sample(k, x=80.0, y=10.0))
         scrutiny.judge(set(), k * DT)
     scrutiny.admit(sample(16, x=80.0, y=10.0))
-    with pytest.raises(RigError, match="more than 2 m from the middle: x and y are to be in m"):
+    with pytest.raises(RigError, match="more than 2 m from the middle: it is out, or x and y are not in m"):
         scrutiny.judge(set(), 16 * DT)
 
 

@@ -268,6 +268,25 @@ def test_what_cannot_be_is_one_line_with_its_place(made, tmp_path, lines, change
     assert said in text
 
 
+@pytest.mark.parametrize(
+    ("words", "line", "said"),
+    [
+        ('<geom name="floor"', "", r"ring 1 is 19\d\.\d mm below it after 0.2 s; expected a floor at 0 mm$"),
+        ("", "floor_mm: 5\n", r"ring 1 is 5\.0 mm below it after 0.2 s; expected a floor at 5 mm$"),
+        ("", "floor_mm: -5\n", r"ring 1 is \d\.\d mm above it after 0.2 s; expected a floor at -5 mm$"),
+    ],
+)
+def test_a_floor_that_is_not_there_or_elsewhere_is_told(tmp_path, words, line, said):
+    text = (HERE / "table.xml").read_text()
+    rows = [row for row in text.splitlines() if not words or words not in row]
+    (tmp_path / "table.xml").write_text("\n".join(rows))
+    (tmp_path / "table.yaml").write_text((HERE / "table.yaml").read_text() + line)
+    with pytest.raises(
+        SettingsError, match=r"table\.yaml:\d+: floor_mm: a ball that is put .* in the middle of " + said
+    ):
+        make_rig(str(tmp_path / "table.yaml"), MAZE)
+
+
 @pytest.mark.parametrize("key", ["mjcf", "beta", "gamma", "ball", "plate"])
 def test_every_key_that_is_needed_is_named(tmp_path, monkeypatch, capsys, key):
     (tmp_path / "small.yaml").write_text("\n".join(row for row in FILE.splitlines() if not row.startswith(key)))
