@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +20,22 @@ import numpy as np
 from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_collection
 from mazeplan.data.table import Table, read_table
-from mazeplan.diagnosis.diagnose import SEEN, Diagnosis, diagnose, model_error
-from mazeplan.diagnosis.library import ring_library
+from mazeplan.diagnosis.candidates import ring_library
+from mazeplan.diagnosis.diagnose import SEEN, Diagnosis, diagnose, model_error, model_motion
 from mazeplan.diagnosis.merge import Evidence, Merged, evidence, merge
+from mazeplan.diagnosis.parts import Known
+from mazeplan.diagnosis.picture import camera_effects
 from mazeplan.diagnosis.record import Record, centred, record_of
 from mazeplan.diagnosis.scores import Score
-from mazeplan.diagnosis.update import Parameters, merged, updated, without_place
+from mazeplan.diagnosis.update import Parameters, merged, not_planned, updated
+from mazeplan.diagnosis.wording import why_not
 from mazeplan.errors import ModelError, TableError
 from mazeplan.evaluate import Campaign, evaluate, summary
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.samples import rings_of
+from mazeplan.physics.effect import Effect
 from mazeplan.progress import Advance, Words, led_by, no_advance, no_words, of_total
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
@@ -44,7 +48,7 @@ REFERENCE = "evidence_when_learned"  # in a model's scores
 class Options:
     """rounds of collecting and updating; runs of navigation before and after; seconds of record a round; seed of
     commands, places and noise (navigations: their usual starts, seeded by it); workers: processes; own_process: whether
-    the watchdog may end it."""
+    the watchdog may end it; effects: MODULE:FUNCTION of a user's own, for the navigations."""
 
     rounds: int = 1
     runs: int = 16
@@ -53,6 +57,7 @@ class Options:
     workers: int = 1
     map: str = "cme"
     own_process: bool = False
+    effects: str | None = None
 
 
 def improve(
@@ -62,6 +67,7 @@ def improve(
     *,
     model: str | None = None,
     reference: Evidence | None = None,
+    own: Sequence[Effect] = (),
     tell: Words | None = None,
     working: Words | None = None,
     advance: Advance | None = None,
@@ -69,8 +75,8 @@ def improve(
     """The rounds, as in the JSON of the command; logs, models and reports are left in the folder.
 
     model: a name or folder (None: the rig's own); reference: from an old log, when the model was right (None: what the
-    model's scores say of it); tell is told what was found, working what is being done, advance how far a record or
-    the navigations are. Raises InputError, RigError."""
+    model's scores say of it); own: effects looked for beside the packaged ones; tell is told what was found, working
+    what is being done, advance how far a record or the navigations are. Raises InputError, RigError."""
     tell, working, advance = tell or no_words, working or no_words, advance or no_advance
     maze = load_map(options.map)
     known = resolve_model(model, rig, maze)
@@ -87,7 +93,7 @@ def improve(
         machine = watched(make_rig(rig, maze), own_process=options.own_process)
         collected = of_total(advance, math.ceil(options.seconds))
         run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
-        document, known = one_round(read_table(log), maze, known, reference, tell, working)
+        document, known = one_round(read_table(log), maze, known, reference, tell, working, own)
         tell(document["sentence"])
         new = None
         if document["effects"]:
@@ -105,7 +111,8 @@ def _navigate(
     rig: str, model: str | None, options: Options, tell: Words, when: str, working: Words, advance: Advance
 ) -> dict[str, Any]:
     working(f"navigating {when}")
-    campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed, own_process=options.own_process)
+    how: dict[str, Any] = {"own_process": options.own_process, "effects": options.effects}
+    campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed, **how)
     done = evaluate(campaign, workers=options.workers, progress=of_total(advance, options.runs))
     document = summary(done)
     del document["results"]
@@ -115,13 +122,17 @@ def _navigate(
 
 
 def one_round(
-    table: Table, maze: Maze, model: RigModel, reference: Evidence | None, tell: Words, working: Words = no_words
-) -> tuple[dict[str, Any], RigModel]:
+    table: Table, maze: Maze, model: RigModel, reference: Evidence | None, tell: Words, working: Words = no_words,
+    own: Sequence[Effect] = (),
+) -> tuple[dict[str, Any], RigModel]:  # fmt: skip
     """What a record says of a model, as the JSON of a diagnosis, and the model with it. Raises TableError when the ball
     is hardly in any ring."""
     records = ring_records(table, maze, model)
-    diagnoses = diagnose_rings(records, maze, model, tell, working)
-    verdict = merge(diagnoses, samples_in(records), reference)
+    working("camera")
+    picture, camera = camera_effects(table, maze, model.camera)
+    corrected = ring_records(table, maze, replace(model, camera=camera)) if picture else records
+    diagnoses = diagnose_rings(corrected, maze, model, tell, working, camera=picture, own=own)
+    verdict = merge(diagnoses, samples_in(corrected), reference)
     new = updated(model, maze, verdict.found, common=True)
     working("model error on what was held out")
     before = _errors(records, maze, model, diagnoses)
@@ -152,14 +163,20 @@ def samples_in(records: Mapping[int, Record]) -> int:
 
 
 def diagnose_rings(
-    records: Mapping[int, Record], maze: Maze, model: RigModel, tell: Words, working: Words = no_words
-) -> dict[int, Diagnosis]:
-    """The diagnosis of each ring with what the model says of it, by effects that a model can have: of others, however
-    true, navigation would not become better."""
-    out, without = {}, without_place(c.name for c in ring_library())
+    records: Mapping[int, Record], maze: Maze, model: RigModel, tell: Words, working: Words = no_words,
+    camera: Sequence[dict[str, Any]] | None = None, own: Sequence[Effect] = (),
+) -> dict[int, Diagnosis]:  # fmt: skip
+    """The diagnosis of each ring with what the model says of it, by effects that a plan can use: of others, however
+    true, navigation would not become better. camera: what was found of it in all rings together; own: effects beside
+    the packaged ones."""
+    out, without = {}, not_planned(c.name for c in ring_library())
+    more = [effect for effect in own if effect.planned]
     for ring, record in records.items():
         words = led_by(f"ring {ring}: ", working)
-        done = diagnose(record, maze.track_radius(ring), model.declared(ring), without=without, progress=words)
+        done = diagnose(
+            record, maze.track_radius(ring), model.declared(ring), without=without, progress=words,
+            known=Known.of_model(model), camera=camera, more=more,
+        )  # fmt: skip
         tell(f"ring {ring}: {done.sentence()}")
         out[ring] = done
     return out
@@ -187,9 +204,8 @@ def _errors(records: Mapping[int, Record], maze: Maze, model: RigModel, diagnose
     scores = {}
     for ring, record in records.items():
         if ring in diagnoses:
-            fitted = diagnoses[ring].stage
-            stage = None if fitted is None else fitted.with_play_of(model.stage)
-            scores[ring] = model_error(record, maze.track_radius(ring), model.declared(ring), stage)
+            motion = model_motion(record, diagnoses[ring].stage, Known.of_model(model))
+            scores[ring] = model_error(record, maze.track_radius(ring), model.declared(ring), motion)
     weights = {ring: float(np.isfinite(record.theta).sum()) for ring, record in records.items()}
 
     def mean(name: str) -> float:
@@ -207,6 +223,7 @@ def _document(verdict: Merged, diagnoses: Mapping[int, Diagnosis], before: Score
         {
             "name": name, "parameters": _plain(merged(found, name)), "rings": sorted(found),
             "before": before.document()["rollout40"], "after": after.document()["rollout40"],
+            "planned": not why_not(name),
         }
         for name, found in _places(verdict)
     ]  # fmt: skip

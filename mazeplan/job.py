@@ -63,6 +63,7 @@ class Setup:
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
     latency: Latency | None = None
     unseen_s: float | None = None
+    effects: str | None = None
 
     def on(self, rig: Any) -> Setup:
         """With what a rig says of itself (`interface.Rig`), where it says something."""
@@ -122,6 +123,7 @@ def _to_replay(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "leaves": leaves or None,
         "memory": memory, "start_theta": job.theta, "model": setup.model_source, "unseen_s": setup.unseen_s,
         "latency": None if setup.latency is None else asdict(setup.latency),
+        "effects": None if setup.effects is None else _effects_of(setup.effects),
     }  # fmt: skip
     return {
         "format": REPLAY_FORMAT,
@@ -134,6 +136,12 @@ def _to_replay(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "modules": {name: {"file": file, "sha256": file_sha256(file)} for name, file in modules},
         **{name: value for name, value in more.items() if value is not None},
     }
+
+
+def _effects_of(spec: str) -> dict[str, str]:
+    """Which effects of a user the model has, and the SHA-256 of their module's file."""
+    file = user_module(spec.partition(":")[0], "--effects").__file__ or ""
+    return {"spec": spec, "sha256": file_sha256(file)}
 
 
 def installed_leaves(setup: Setup) -> tuple[Plugin, ...]:

@@ -18,6 +18,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import load_memory, save_memory
 from mazeplan.models.modelfile import RigModel
+from mazeplan.physics.registry import own_effects
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.rigs.registry import make_rig, rig_label
@@ -34,6 +35,7 @@ def navigate(
     model: str | Path | RigModel | None = None,
     behavior: str = "navigate",
     behavior_modules: Sequence[str] = (),
+    effects: str | None = None,
     settings: str | Path | Settings | None = None,
     start_angle_deg: float | None = None,
     closed: Sequence[str] = (),
@@ -54,14 +56,15 @@ def navigate(
     start, goal: ring numbers (or "ring1"; None: the centre); rig: a packaged name, a YAML file, "module:Class", or a
     rig; model: packaged name or folder (None: the rig's own, else a packaged one of its name, else nominal physics);
     behavior: packaged tree or XML file; behavior_modules: names of modules with leaves that it uses beside the packaged
-    ones; settings: YAML file of costs, gains and windows, or Settings (None: the packaged ones); closed: names of
-    openings not to be used; memory: file that keeps what happened at openings for the next run; seed: of start angle
-    and simulated noise; time_limit: s of rig time for each goal, from when it was given; own_process: whether the
-    watchdog may end the process where nothing else ends a leaf that hangs; goals: by which another thread gives other
-    goals meanwhile, closes and opens openings, and stops; guard: entered with the rig around the run, such as an
-    emergency stop; sense: how a simulated rig sees the ball, "ideal" or "camera": in rendered pictures (None: as its
-    settings say); feed: called with topic, rig time and document of each message that a log would get, in the thread of
-    the run; around: puts something around the rig that was made, such as the clock on the wall.
+    ones; effects: "module:function" with effects of your own that the model has; settings: YAML file of costs, gains
+    and windows, or Settings (None: the packaged ones); closed: names of openings not to be used; memory: file that
+    keeps what happened at openings for the next run; seed: of start angle and simulated noise; time_limit: s of rig
+    time for each goal, from when it was given; own_process: whether the watchdog may end the process where nothing else
+    ends a leaf that hangs; goals: by which another thread gives other goals meanwhile, closes and opens openings, and
+    stops; guard: entered with the rig around the run, such as an emergency stop; sense: how a simulated rig sees the
+    ball, "ideal" or "camera": in rendered pictures (None: as its settings say); feed: called with topic, rig time and
+    document of each message that a log would get, in the thread of the run; around: puts something around the rig that
+    was made, such as the clock on the wall.
     Raises InputError for anything the user gave that cannot be used, RigError when the machine fails.
     """
     if start_angle_deg is not None and not math.isfinite(start_angle_deg):
@@ -75,6 +78,7 @@ def navigate(
     machine = watched(made if around is None else around(made), own_process=own_process)
     check_ready(machine)
     label = rig_label(rig) if isinstance(rig, str) else type(rig).__name__
+    own_effects(effects)
     chosen = resolve_model(model, rig if isinstance(rig, str) else None, maze)
     job = Job(
         ring_number(start, maze),
@@ -90,7 +94,7 @@ def navigate(
     kept = None if memory is None else load_memory(Path(memory), known)
     called = "" if isinstance(model, RigModel | None) else str(model)
     source = None if isinstance(model, RigModel) else model_source(model, rig if isinstance(rig, str) else None)
-    setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source)
+    setup = Setup(maze, chosen, behavior, label, called, how, tuple(behavior_modules), kept, source, effects=effects)
     try:
         with nullcontext() if guard is None else guard(machine):
             result = run_job(machine, setup, job, log=log, display=display, goals=goals, feed=feed)

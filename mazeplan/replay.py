@@ -34,6 +34,7 @@ from mazeplan.maze.mapfile import check_text
 from mazeplan.maze.memory import memory_from_document
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.packedmodel import ATTACHED, unpacked_model
+from mazeplan.physics.registry import own_effects
 from mazeplan.plugins import LEAVES, plugin
 from mazeplan.progress import Advance, no_advance
 from mazeplan.records import FailureKind, Latency, Observation
@@ -159,6 +160,7 @@ def _setup_of(header: dict[str, Any], path: Path, model: str | Path | RigModel |
         file = None if found is None else found.file()
         if found is None or file_sha256(file or "") != leaf["sha256"]:
             raise _changed("leaf", f"{name} ({file or leaf['file']})", path, "")
+    effects = _effects_of(kept, path)
     memory = kept.get("memory")
     try:
         settings = settings_from_text(kept["settings"])
@@ -175,7 +177,20 @@ def _setup_of(header: dict[str, Any], path: Path, model: str | Path | RigModel |
         memory=None if memory is None else memory_from_document(memory),
         latency=None if (late := kept.get("latency")) is None else _latency(late),
         unseen_s=None if (unseen := kept.get("unseen_s")) is None else float(unseen),
+        effects=effects,
     )
+
+
+def _effects_of(kept: dict[str, Any], path: Path) -> str | None:
+    """Which effects of a user the model has; they are registered."""
+    told = kept.get("effects")
+    if told is None:
+        return None
+    own_effects(told["spec"])
+    file = user_module(told["spec"].partition(":")[0], "--effects").__file__ or ""
+    if file_sha256(file) != told["sha256"]:
+        raise _changed("module", file, path, "")
+    return told["spec"]
 
 
 def _latency(kept: dict[str, Any]) -> Latency:

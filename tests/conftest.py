@@ -44,3 +44,14 @@ def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("replay") / "run.mcap"
     result = navigate(3, 5, rig="toy", settings=HURRIED, log=path, seed=4)
     return path, result
+
+
+@pytest.fixture(autouse=True)
+def _effects_of_this_test_alone():
+    """Effects that a test registers are forgotten behind it."""
+    from mazeplan.physics import registry
+
+    before = dict(registry.EFFECTS)
+    yield
+    registry.EFFECTS.clear()
+    registry.EFFECTS.update(before)

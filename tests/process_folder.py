@@ -11,11 +11,11 @@ import pytest
 
 from mazeplan.errors import ModelError
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RollingInertia
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.models.processfile import rounded
 from mazeplan.models.stage import StageModel
+from mazeplan.physics.ball import rolling_inertia
 
 
 def process(n=50, seed=0):
@@ -25,7 +25,7 @@ def process(n=50, seed=0):
     return GaussianProcess.condition(hyper, x, np.zeros((n, 0)), np.sin(x[:, 0]) + x[:, 3])
 
 
-BALLS = {1: BallModel((RollingInertia(0.58),)), 2: BallModel((RollingInertia(0.6),))}
+BALLS = {1: BallModel((rolling_inertia(0.58),)), 2: BallModel((rolling_inertia(0.6),))}
 MODEL = RigModel(StageModel(), BALLS, kind="sp", processes={1: process(), 2: process(80, 1)})
 
 

@@ -7,21 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plant import play
+from plant import DAMPING, SERVO, play
 
 from mazeplan.data.table import Table
 from mazeplan.errors import ModelError, TableError
 from mazeplan.improve import Options, improve, one_round, reference_of, ring_records
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RollingInertia, ViscousFriction
 from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.models.sensors import Camera
-from mazeplan.models.stage import StageModel
+from mazeplan.models.stage import StageAxis, StageModel
+from mazeplan.physics.ball import rolling_inertia, viscous_friction
 
 MAZE = load_map("cme")
-KNOWN = BallModel((RollingInertia(5 / 7), ViscousFriction(0.35)))
-MODEL = RigModel(StageModel(), dict.fromkeys((1, 2), KNOWN), kind="pi")
+KNOWN = BallModel((rolling_inertia(5 / 7), viscous_friction(0.35)))
+STAGE = StageModel(*[StageAxis(1.0, SERVO, DAMPING)] * 2)
+MODEL = RigModel(STAGE, dict.fromkeys((1, 2), KNOWN), kind="pi")
 
 
 def in_two_rings(**effects):

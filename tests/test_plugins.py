@@ -258,17 +258,16 @@ def test_a_module_of_ones_own_comes_before_an_installed_leaf(offer, monkeypatch,
     ("code", "said"),
     [
         ("\n1 / 0", "bad_module.py:2: ZeroDivisionError"),
-        ("gust = 3", "gives no effects: got 3, expected a Candidate, several, or a function"),
-        ("def gust():\n    return [3]", "got 3, expected a Candidate with a term compiled by numba.njit"),
+        ("gust = 3", "gives no effects: got 3, expected an Effect, several, or a function"),
+        ("def gust():\n    return [3]", "got 3, expected an Effect with a formula that acts on the ball"),
         (
-            "from mazeplan.diagnosis.library import ring_library\n"
-            "gust = [c for c in ring_library() if c.name == 'quadratic_drag']",
+            "from mazeplan.physics.ball import quadratic_drag as gust",
             "got the name 'quadratic_drag', which the library has; expected another",
         ),
         (
-            "from numba import njit\nfrom mazeplan.diagnosis.library import Candidate, Spec\n\n\n@njit\ndef f(x, v):\n"
-            "    return x\n\n\ngust = Candidate('gust', {'c': Spec('', 0.0, -1.0, 1.0, 1e-3)}, term=f)",
-            "the term of gust gives ",
+            "from mazeplan.physics import Effect, Parameter\n\n"
+            "gust = Effect('gust', {'c': Parameter('', 0.0, -1.0, 1.0)}, formula=lambda s: s.theta_dot)",
+            "the formula of gust cannot be compiled: ",
         ),
     ],
 )

@@ -37,11 +37,11 @@ from bench_baselines_ways import (
 from bench_plant import DECLARED, RADII, SECONDS, Job, jobs_of, plant
 
 from mazeplan.data.table import Table
+from mazeplan.diagnosis.candidates import ring_library
 from mazeplan.diagnosis.diagnose import SEEN, Diagnosis, diagnose
 from mazeplan.diagnosis.fit import Likelihood
 from mazeplan.diagnosis.geometry import straightened
 from mazeplan.diagnosis.kalman import NODES
-from mazeplan.diagnosis.library import ring_library
 from mazeplan.diagnosis.platemotion import plate_motion
 from mazeplan.diagnosis.record import Record, record_of
 from mazeplan.diagnosis.ringsystem import RingSystem

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from bench_plant import DECLARED, SECONDS
 
+from mazeplan.constants import GRAVITY
 from mazeplan.data.smoothing import Smoothing, acceleration_kernel, derivatives
 from mazeplan.diagnosis.kalman import SUBSTEPS
-from mazeplan.diagnosis.ringsystem import GRAVITY
 from mazeplan.diagnosis.scores import AHEAD
 from mazeplan.maths.angles import difference
 from mazeplan.records import Array, IntArray

@@ -16,10 +16,10 @@ import numpy as np
 
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.batch import Plans, RingBatch
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.modelfile import load_model
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.records import Array
 
 RING, STEPS, TIMES = 2, 40, 3

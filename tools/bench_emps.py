@@ -12,8 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mazeplan.data.drivelog import DriveLog, read_drive
-from mazeplan.diagnosis.axisdiagnose import AxisDiagnosis, diagnose_axis
+from mazeplan.data.drivelog import MotionLog, read_drive
+from mazeplan.diagnosis.emps import EMPS
+from mazeplan.diagnosis.mechanismdiagnose import MechanismDiagnosis, diagnose_mechanism
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
@@ -41,7 +42,7 @@ def data_folder() -> Path | None:
     return None
 
 
-def in_words(done: AxisDiagnosis) -> str:
+def in_words(done: MechanismDiagnosis) -> str:
     """Effects with values, the unknown."""
     parts = []
     for e in done.effects:
@@ -61,7 +62,7 @@ def emps_rows(folder: Path, quick: bool) -> list[str]:
     test = read_drive(second, log.gain) if second.exists() else None
     for along in ((), FRICTION)[1 if quick else 0 :]:
         began = time.perf_counter()
-        done = diagnose_axis(log, {}, along, test=test)
+        done = diagnose_mechanism(EMPS, log, {}, along, test=test)
         seconds = time.perf_counter() - began
         known, scored = ", ".join(["moving_mass", *along]), [("the last 30 %", done.before, done.after)]
         if done.test is not None:
@@ -83,9 +84,9 @@ def plant_rows(quick: bool) -> list[str]:
         for seed in seeds:
             columns = axisplant.play(seed=seed, **what)
             gain = columns["gtau"]
-            log = DriveLog(axisplant.DT, columns["qm"].ravel(), gain * columns["vir"].ravel(), gain)
+            log = MotionLog(axisplant.DT, columns["qm"].ravel(), gain * columns["vir"], gain)
             began = time.perf_counter()
-            done = diagnose_axis(log, {}, FRICTION)
+            done = diagnose_mechanism(EMPS, log, {}, FRICTION)
             longest = max(longest, time.perf_counter() - began)
             found = [e["name"] for e in done.effects]
             named += true in found if true else done.verdict == "nothing_missing"

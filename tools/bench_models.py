@@ -24,7 +24,7 @@ ASKED = {"nrmse": (0.38, 0.43, 0.42, 0.48), "20": (0.07, 0.11, 0.15, 0.22), "40"
 TRAINING = """
 import json, resource, time
 import numpy as np
-from mazeplan.models.effects import RingKinematics
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.models.fitting import FitOptions, fit_kind
 from mazeplan.models.samples import RingSamples
 rng, n = np.random.default_rng(0), 4000

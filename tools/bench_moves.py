@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from mazeplan.choices import resolve_model
+from mazeplan.constants import GRAVITY
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.control.tilt import GRAVITY, Plate
+from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions, finished, follow_gains, follow_pd
 from mazeplan.estimation.estimator import Estimator, EstimatorOptions
 from mazeplan.maths.angles import difference, nearest

@@ -18,11 +18,11 @@ import numpy as np
 from mazeplan.comparison import THOROUGH, RingData
 from mazeplan.data.split import uniform_downsample
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import INPUT_SETS, LOCAL_TERMS, TERMS, local_inputs
 from mazeplan.models.fitting import FitOptions, fit_kind
 from mazeplan.models.rollout import STEPS, Windows, roll_out
 from mazeplan.models.samples import MatchedKinematics
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.records import Array, IntArray
 
 TAU = 2.0 * np.pi

@@ -12,9 +12,9 @@ from mazeplan.choices import resolve_model
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import DryFriction, RollingInertia, TiltOffset, ViscousFriction
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.stage import StageAxis, StageModel
+from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.simulated import SimulatedRig
@@ -61,10 +61,10 @@ def model_of(rig: dict[str, Any]) -> RigModel:
     for ring in maze.rings:
         r = max(ring.track_radius, 0.5 * ring.outer_radius)
         effects = (
-            RollingInertia(5.0 / 7.0 if ring.is_disc else factor),
-            ViscousFriction(0.3 + 2.0 * rig["wall_grip"] * max(0.0, 1.0 + 0.3 * error[8])),
-            DryFriction(min(stiction / r, 19.0)),
-            TiltOffset(beta, gamma),
+            rolling_inertia(5.0 / 7.0 if ring.is_disc else factor),
+            viscous_friction(0.3 + 2.0 * rig["wall_grip"] * max(0.0, 1.0 + 0.3 * error[8])),
+            dry_friction(min(stiction / r, 19.0)),
+            tilt_offset(beta, gamma),
         )
         balls[ring.number] = BallModel(effects)
     return RigModel(StageModel(axis, axis), balls, camera_delay=max(0.0, delay), kind="pi")

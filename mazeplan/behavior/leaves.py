@@ -15,6 +15,7 @@ from py_trees.common import Status
 
 from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
+from mazeplan.constants import GRAVITY
 from mazeplan.control.gate import aligned, gate_command
 from mazeplan.maze.geometry import Opening
 from mazeplan.records import FailureKind
@@ -175,7 +176,7 @@ class Settle(MazeLeaf):
         pull = stiffness * (middle - ahead.r) / r
         ax, ay = pull * ahead.x - damping * ahead.vx, pull * ahead.y - damping * ahead.vy
         if not ring.is_disc:
-            lean = self._safe_side(ring.number) * math.radians(1.0) * 9.81
+            lean = self._safe_side(ring.number) * math.radians(1.0) * GRAVITY
             ax, ay = ax + lean * ahead.x / r, ay + lean * ahead.y / r
         run.steer(self.name, run.plate.command(ax, ay))
 

@@ -9,6 +9,7 @@ from py_trees.common import Status
 
 from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf
+from mazeplan.constants import GRAVITY
 from mazeplan.records import LEVEL, FailureKind
 
 BESIDE = 2.5  # diameters of the ball between an opening and a wall that leave no room to roll past it
@@ -134,7 +135,7 @@ class BackOff(MazeLeaf):
         run = self.context
         if run.now - self._began >= self.get("duration_s"):
             return Status.SUCCESS
-        theta, pull = run.here.theta, 9.81 * math.radians(self.get("tilt_deg")) * self._turn
+        theta, pull = run.here.theta, GRAVITY * math.radians(self.get("tilt_deg")) * self._turn
         run.steer(self.name, run.plate.command(-pull * math.sin(theta), pull * math.cos(theta)))
         return Status.RUNNING
 

@@ -16,7 +16,7 @@ from typing import Any
 from mazeplan import resources
 from mazeplan.campaign.parcel import Parcel, installed, module_file, rig_modules
 from mazeplan.campaign.program import program
-from mazeplan.campaign.single import Campaign, job_of, setup_of
+from mazeplan.campaign.single import Campaign, effect_modules, job_of, setup_of
 from mazeplan.job import Setup, file_sha256, installed_leaves
 from mazeplan.maths.fingerprint import fingerprint
 from mazeplan.maze.mapfile import dump_map, load_map
@@ -66,7 +66,7 @@ def _rig_of(campaign: Campaign) -> dict[str, Any]:
 
 def _modules_of(campaign: Campaign) -> dict[str, str]:
     """{module of a user: SHA-256 of its file}, installed ones, too."""
-    names = [*campaign.behavior_modules, *rig_modules(campaign.rig)]
+    names = [*campaign.behavior_modules, *effect_modules(campaign), *rig_modules(campaign.rig)]
     return {name: file_sha256(module_file(name) or Path()) for name in names}
 
 

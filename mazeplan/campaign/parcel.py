@@ -27,7 +27,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mazeplan import resources
-from mazeplan.campaign.single import Campaign
+from mazeplan.campaign.single import Campaign, effect_modules
 from mazeplan.choices import model_source
 from mazeplan.errors import InputError
 from mazeplan.maze.mapfile import find_map
@@ -67,7 +67,7 @@ def packed(campaign: Campaign) -> Parcel:
     """The parcel of a campaign. Raises InputError for what is not there, or too large to be sent."""
     files: dict[str, Path] = {}
     names: dict[str, str] = {}
-    modules = list(campaign.behavior_modules)
+    modules = [*campaign.behavior_modules, *effect_modules(campaign)]
     places = {"map": find_map(campaign.map), "behavior": resources.find("behaviors", campaign.behavior, ".xml")}
     places |= {} if campaign.settings is None else {"settings": Path(campaign.settings)}
     for field, path in places.items():

@@ -18,6 +18,7 @@ from mazeplan.maths.spread import spread
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel, model_stamp
+from mazeplan.physics.registry import own_effects
 from mazeplan.records import Failure, FailureKind, NavigationResult
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label
@@ -48,6 +49,12 @@ class Campaign:
     own_process: bool = False  # whether the watchdog may end it
     sense: str | None = None  # how a simulated rig sees the ball
     deadline: bool = True  # whether plans must be ready in time by the clock on the wall
+    effects: str | None = None  # module:function of effects of a user that the model has
+
+
+def effect_modules(campaign: Campaign) -> list[str]:
+    """The module of a user whose effects the model has."""
+    return [] if campaign.effects is None else [campaign.effects.partition(":")[0]]
 
 
 def start_angle(index: int) -> float | None:
@@ -68,12 +75,21 @@ def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
 
 def setup_of(campaign: Campaign, maze: Maze) -> Setup:
     """With what its runs are done."""
+    own_effects(campaign.effects)
     source = model_source(campaign.model, campaign.rig)
     model = RigModel.nominal(maze) if source is None else _model(source, maze, model_stamp(source))
     how, modules = load_settings(campaign.settings), campaign.behavior_modules
     if not campaign.deadline:
         how = how.with_values(NO_DEADLINE)
-    return Setup(maze, model, campaign.behavior, rig_label(campaign.rig), settings=how, behavior_modules=modules)
+    return Setup(
+        maze,
+        model,
+        campaign.behavior,
+        rig_label(campaign.rig),
+        settings=how,
+        behavior_modules=modules,
+        effects=campaign.effects,
+    )
 
 
 @lru_cache(maxsize=4)

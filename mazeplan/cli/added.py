@@ -58,10 +58,8 @@ def _leaf(found: Plugin) -> tuple[str, ...]:
 
 def _effects(found: Plugin) -> tuple[str, ...]:
     from mazeplan.cli.owneffects import installed_effects
-    from mazeplan.diagnosis.library import Gates, ring_library, wall_library
 
-    walls = wall_library(Gates((0.0,), (0.0,)))
-    installed = installed_effects([c.name for c in (*ring_library(), *walls)])
+    installed = installed_effects()
     if found.name in installed.problems:
         raise installed.problems[found.name]
     return tuple(name for name, of in installed.owners.items() if of == found)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mazeplan import __version__
-from mazeplan.cli import behavior, calibrate, data, learn, log, map, new, rig
+from mazeplan.cli import behavior, calibrate, data, effect, learn, log, map, new, rig
 from mazeplan.cli.collect import collect
 from mazeplan.cli.compare import compare
 from mazeplan.cli.diagnose import diagnose
@@ -55,6 +55,7 @@ app.add_typer(map.app, name="map")
 app.add_typer(log.app, name="log")
 app.add_typer(behavior.app, name="behavior")
 app.add_typer(rig.app, name="rig")
+app.add_typer(effect.app, name="effect")
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(data.app, name="data")
 app.add_typer(new.app, name="new")

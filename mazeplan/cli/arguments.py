@@ -19,6 +19,12 @@ BehaviorModule = Annotated[
 ]
 
 
+EffectModule = Annotated[
+    str | None,
+    typer.Option("--effects", metavar="MODULE:FUNCTION", help="Effects of your own that the model has."),
+]
+
+
 def check_folder(option: str, folder: Path) -> None:
     """Whether a folder could be made and written to, before long work is lost for want of it. Raises InputError."""
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())

@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 
     from mazeplan.data.table import Table
     from mazeplan.diagnosis.diagnose import Diagnosis
-    from mazeplan.diagnosis.library import Candidate, Gates
     from mazeplan.diagnosis.report import Diagnosed
     from mazeplan.maze.geometry import Maze
+    from mazeplan.physics.effect import Effect
+    from mazeplan.physics.openings import Openings
 
 
 def diagnose(
@@ -39,7 +40,7 @@ def diagnose(
         typer.Option(
             "--declare",
             metavar="EFFECT.PARAM=VALUE",
-            help="What is known already (repeatable); emps: EFFECT alone is there, and fitted.",
+            help="What is known already (repeatable); other systems: EFFECT alone is there, and fitted.",
         ),
     ] = None,
     ring: Annotated[int | None, typer.Option("--ring", min=1, help="Which ring; default: that of most rows.")] = None,
@@ -50,7 +51,10 @@ def diagnose(
         str | None, typer.Option("--map", help="Packaged map or YAML file; default: the log's, else cme.")
     ] = None,
     system: Annotated[
-        str, typer.Option("--system", help="ring: a ball in its ring; emps: a drive axis, benchmark EMPS.")
+        str,
+        typer.Option(
+            "--system", help="ring: a ball in its ring; emps: a drive axis, benchmark EMPS; MODULE:CLASS: your own."
+        ),
     ] = "ring",
     effects: Annotated[
         str | None,
@@ -62,14 +66,14 @@ def diagnose(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Find the effect that a model lacks, and say how much better it predicts with it."""
-    if system == "emps":
-        from mazeplan.cli.diagnose_axis import diagnose_drive
+    if system == "emps" or ":" in system:
+        from mazeplan.cli.diagnose_mechanism import diagnose_system
 
-        ball = {"--ring": ring, "--radius": radius, "--map": map_, "--model": model, "--effects": effects}
+        ball = {"--ring": ring, "--radius": radius, "--map": map_, "--model": model}
         for option, value in ball.items():
             if value is not None:
-                raise InputError(f"{option}: got {value}, expected none with --system emps: an axis has no ring")
-        diagnose_drive(log, declare or [], test, output, as_json)
+                raise InputError(f"{option}: got {value}, expected none with --system {system}: it has no ring")
+        diagnose_system(system, log, declare or [], effects, test, output, as_json)
     elif system == "ring":
         from mazeplan.cli.machine import machine_options
         from mazeplan.diagnosis.ambiguity import on_machine
@@ -80,13 +84,12 @@ def diagnose(
         if output is not None:
             known, number = document["declared"], document["ring"]
             document["model"] = _new_model(done, model, known, number, logged_map(map_, log)[0], output)
-            document["notes"] += _not_in_it(done)
         if document["separate_by"]:
             document["separate_by"] = on_machine(document["separate_by"], *machine_options(log, map_))
         number = document["ring"]
         finish(done, document, output, f"ring {number} of {log.name}" if number else log.name, as_json)
     else:
-        raise InputError(f"--system: got {system!r}, expected ring or emps")
+        raise InputError(f"--system: got {system!r}, expected ring, emps or MODULE:CLASS")
 
 
 def _of_ball(
@@ -104,29 +107,36 @@ def _of_ball(
     from mazeplan.cli.owneffects import installed_effects, own_effects
     from mazeplan.cli.progress import Working
     from mazeplan.data.table import read_table
+    from mazeplan.diagnosis.candidates import ring_library
     from mazeplan.diagnosis.diagnose import diagnose as run
-    from mazeplan.diagnosis.library import Gates, ring_library, wall_library
+    from mazeplan.diagnosis.parts import Known
+    from mazeplan.diagnosis.picture import camera_effects
     from mazeplan.diagnosis.record import centred, record_of, turned_round
     from mazeplan.models.modelfile import load_model
+    from mazeplan.models.sensors import Camera
+    from mazeplan.physics.openings import Openings, wall_library
+    from mazeplan.physics.rig import FAMILY as PARTS
 
-    maze, table = logged_map(map_, log)[0], read_table(log)
-    if model is not None:
-        table = centred(table, load_model(model).camera)
+    own = own_effects(effects)
+    installed = installed_effects(e.name for e in own)
+    maze, raw = logged_map(map_, log)[0], read_table(log)
+    rig = None if model is None else load_model(model)
+    was = Camera() if rig is None else rig.camera
+    picture, camera = camera_effects(raw, maze, was) if radius is None else (None, was)
+    table = centred(raw, camera)
     known: dict[str, dict[str, float]] = {}
     gates = None
     if radius is None:
         number = _ring(table, maze, ring)
         where, rows, gates = maze.track_radius(number), _in_ring(table, maze, number), gates_of(maze, number)
-        known = load_model(model).declared(number) if model is not None else {}
+        known = {} if rig is None else rig.declared(number)
     else:
         number, where, rows = ring, positive("--radius", radius), _all(table)
         if where > WIDEST:
             raise InputError(f"--radius: got {radius:g}, expected metres, at most {WIDEST:g}")
-        known = load_model(model).declared(ring or 1) if model is not None else {}
-    library = [*ring_library(), *wall_library(gates or Gates())]
-    own = own_effects(effects, [c.name for c in library])
-    installed = installed_effects([c.name for c in (*library, *own)])
-    own += installed.candidates
+        known = {} if rig is None else rig.declared(ring or 1)
+    library = [*ring_library(), *wall_library(gates or Openings()), *PARTS]
+    own += installed.effects
     installed.check_declared(declare, {c.name for c in (*library, *own)})
     for problem in installed.problems.values():
         say(f"mazeplan: not looked for: {problem}")
@@ -139,8 +149,13 @@ def _of_ball(
         more, _ = turned_round(read_table(test), where)
         further = record_of(more, _all(more) if number is None or radius is not None else _in_ring(more, maze, number))
     ball = record_of(table, rows, odd)
+    parts = None if rig is None else Known.of_model(rig)
+    as_model = record_of(centred(raw, was), rows) if picture else None
     with Working("diagnosing") as shown:
-        done = run(ball, where, known, ring=number, gates=gates, more=own, test=further, progress=shown.tell)
+        done = run(
+            ball, where, known, ring=number, gates=gates, more=own, test=further, progress=shown.tell, known=parts,
+            camera=picture, as_model=as_model,
+        )  # fmt: skip
     document = done.document()
     document["notes"] += [f"looked for {name} of package {of.source}, too" for name, of in installed.owners.items()]
     return done, {
@@ -151,15 +166,6 @@ def _of_ball(
         "model": None,
         "report": None,
     }
-
-
-def _not_in_it(done: Diagnosis) -> list[str]:
-    from mazeplan.diagnosis.update import without_place
-
-    return [
-        f"the new model lacks {name}: a model file has no place for it"
-        for name in without_place(e["name"] for e in done.effects)
-    ]
 
 
 def _new_model(
@@ -205,12 +211,12 @@ def finish(done: Diagnosed, document: dict[str, Any], output: Path | None, title
             print(f"model:  {document['model']}")
 
 
-def gates_of(maze: Maze, number: int) -> Gates:
+def gates_of(maze: Maze, number: int) -> Openings:
     """Openings in the walls of a ring."""
-    from mazeplan.diagnosis.library import Gates
+    from mazeplan.physics.openings import Openings
 
     openings = maze.openings_of(number)
-    return Gates(
+    return Openings(
         tuple(o.angle for o in openings if o.inner == number), tuple(o.angle for o in openings if o.outer == number)
     )
 
@@ -262,8 +268,11 @@ def _ring(table: Table, maze: Maze, ring: int | None) -> int:
     return ring
 
 
-def declare_known(known: dict[str, dict[str, float]], texts: list[str], candidates: list[Candidate]) -> None:
-    """Add what `--declare` says. Raises InputError naming what is allowed."""
+def declare_known(
+    known: dict[str, dict[str, float]], texts: list[str], candidates: list[Effect], partly: str = ""
+) -> None:
+    """Add what `--declare` says; partly: an effect of which nothing else is known by that. Raises InputError naming
+    what is allowed."""
     library = {c.name: c for c in candidates}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -286,5 +295,5 @@ def declare_known(known: dict[str, dict[str, float]], texts: list[str], candidat
             raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number") from None
         if not (math.isfinite(number) and spec.low <= number <= spec.high):
             raise InputError(f"--declare: got {effect}.{parameter} {number:g}, expected {spec.low:g} to {spec.high:g}")
-        had = known.setdefault(effect, {other: s.default for other, s in allowed.items()})
+        had = known.setdefault(effect, {} if effect == partly else {key: s.default for key, s in allowed.items()})
         had[parameter] = number

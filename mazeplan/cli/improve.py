@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.cli.arguments import EffectModule
 from mazeplan.cli.output import print_json, say
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def improve(
         list[Path] | None,
         typer.Option("--reference", help="Log from when the model was right; what it shows, too, is no news."),
     ] = None,
+    effects: EffectModule = None,
     map_: Annotated[str, typer.Option("--map", help="Packaged map or YAML file.")] = "cme",
     seed: Annotated[
         int, typer.Option("--seed", min=0, help="Of commands, places and noise, and of a surprise that has no @.")
@@ -49,6 +51,7 @@ def improve(
     from mazeplan.choices import resolve_model
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.navigate import note_missing_model
+    from mazeplan.cli.owneffects import installed_effects, own_effects
     from mazeplan.cli.progress import Working
     from mazeplan.improve import Options
     from mazeplan.improve import improve as run
@@ -56,14 +59,15 @@ def improve(
     from mazeplan.rigs.registry import make_rig, with_seed
 
     maze, spec = load_map(map_), with_seed(rig, seed)
+    own = (*installed_effects().effects, *own_effects(effects))
     note_missing_model(spec, model, maze)
-    options = Options(rounds, runs, positive("--seconds", seconds), seed, workers, map_, own_process=True)
+    options = Options(rounds, runs, positive("--seconds", seconds), seed, workers, map_, True, effects)
     with ExitStack() as stack:
         folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
         shown = stack.enter_context(Working("improving"))
         known = None if not reference else _reference(reference, maze, resolve_model(model, spec, maze), shown)
         told: dict[str, Any] = {"tell": shown.line, "working": shown.tell, "advance": shown.advance}
-        done = run(spec, folder, options, model=model, reference=known, **told)
+        done = run(spec, folder, options, model=model, reference=known, own=own, **told)
         if output is None:
             for entry in done:
                 entry["diagnosis"]["model"] = None

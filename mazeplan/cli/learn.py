@@ -115,7 +115,7 @@ def report(fit: Fit, model: RigModel) -> None:
             for name, value in effect.values().items():
                 error = ball.stderr.get(effect.name, {}).get(name)
                 if error is not None:
-                    unit = effect.parameters[name].unit
+                    unit = effect.effect.parameters[name].unit
                     parts.append(
                         f"{effect.name} {name} {value:.4f} ± {error:.4f} {unit if unit != '1' else ''}".rstrip()
                     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mazeplan.cli.arguments import BehaviorModule
+from mazeplan.cli.arguments import BehaviorModule, EffectModule
 from mazeplan.cli.campaign import DaskAddress, NoDeadline, StoreFolder, Workers, evaluate_all
 from mazeplan.cli.learning import Kept, Learn, check_learning, evaluate_learning, navigate_learning
 from mazeplan.cli.output import print_json, say
@@ -45,6 +45,7 @@ def navigate(
     map_: Map = "cme",
     rig: RigName = "toy",
     model: Model = None,
+    effects: EffectModule = None,
     behavior: Behavior = "navigate",
     behavior_module: BehaviorModule = None,
     settings: HowFile = None,
@@ -76,8 +77,8 @@ def navigate(
     angle = None if start_angle is None else finite("--start-angle", start_angle, "degrees")
     job = {
         "start": start, "goal": len(maze.rings) if goal == "centre" else goal, "map": maze, "rig": rig, "model": model,
-        "behavior": behavior, "behavior_modules": tuple(behavior_module or ()), "settings": settings,
-        "start_angle_deg": angle, "closed": close or (), "seed": seed,
+        "effects": effects, "behavior": behavior, "behavior_modules": tuple(behavior_module or ()),
+        "settings": settings, "start_angle_deg": angle, "closed": close or (), "seed": seed,
         "time_limit": positive("--time-limit", time_limit), "log": log, "memory": memory, "sense": sense,
     }  # fmt: skip
     check_learning(learn, output)
@@ -129,6 +130,7 @@ def evaluate(
     rig: RigName = "toy",
     map_: Map = "cme",
     model: Model = None,
+    effects: EffectModule = None,
     behavior: Behavior = "navigate",
     behavior_module: BehaviorModule = None,
     settings: HowFile = None,
@@ -167,8 +169,9 @@ def evaluate(
     modules = tuple(behavior_module or ())
     count = runs or (RUNS if faults is None else FAULT_RUNS)
     campaign = Campaign(
-        count, rig, map_, model, behavior, start, to, seed, limit, settings, modules, True, sense, not no_deadline
-    )
+        count, rig, map_, model, behavior, start, to, seed, limit, settings, modules, True, sense, not no_deadline,
+        effects,
+    )  # fmt: skip
     if faults is not None:
         from mazeplan.cli.faults import evaluate_faulty
 

@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mazeplan.control.tilt import GRAVITY, Plate
+from mazeplan.constants import GRAVITY
+from mazeplan.control.tilt import Plate
 from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Opening
 from mazeplan.records import Command, State

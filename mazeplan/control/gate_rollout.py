@@ -21,8 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from mazeplan.constants import GRAVITY
 from mazeplan.control.gate import GateOptions
-from mazeplan.control.tilt import GRAVITY, Plate, room
+from mazeplan.control.tilt import Plate, room
 from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.models.planar import SUBSTEP, PlanarModel, ball_step, stage_step
@@ -111,7 +112,7 @@ def law_command(z, gap, law, out):
 
 
 @njit(cache=True, error_model="numpy")
-def passing_time(z, u, held, gap, law, horizon, scalars, stage, bias, rings, walls, gaps):
+def passing_time(z, u, held, gap, law, horizon, scalars, stage, rings, walls, gaps):
     """Time, s, until the ball of z (8,; changed) is at the radius gap[3], the command u (2,) held for some ticks and
     the law followed then. Later than the horizon: with the way that is left at LEFT."""
     command = u.copy()
@@ -122,9 +123,8 @@ def passing_time(z, u, held, gap, law, horizon, scalars, stage, bias, rings, wal
             law_command(z, gap, law, command)
         for i in range(SUBSTEPS):
             before = r
-            stage_step(z, 4, command[0], stage[0], SUBSTEP)
-            stage_step(z, 6, command[1], stage[1], SUBSTEP)
-            touching = ball_step(z, SUBSTEP, scalars, bias, rings, walls, gaps, touching)
+            stage_step(z, command[0], command[1], stage, SUBSTEP)
+            touching = ball_step(z, SUBSTEP, scalars, rings, walls, gaps, touching)
             r = math.hypot(z[0], z[1])
             if gap[2] * (r - gap[3]) >= 0.0:
                 part = (gap[3] - before) / (r - before) if gap[2] * (before - gap[3]) < 0.0 else 0.0
@@ -133,7 +133,7 @@ def passing_time(z, u, held, gap, law, horizon, scalars, stage, bias, rings, wal
 
 
 @njit(cache=True, error_model="numpy")
-def _total(z, u, held, gap, law, starts, most, horizon, scalars, stage, bias, rings, walls, gaps):
+def _total(z, u, held, gap, law, starts, most, horizon, scalars, stage, rings, walls, gaps):
     """Sum of the passing times over the starts; given up where it comes to `most`."""
     total = 0.0
     start = np.empty(8)
@@ -143,16 +143,16 @@ def _total(z, u, held, gap, law, starts, most, horizon, scalars, stage, bias, ri
         start[1] += gap[0] * starts[q, 0]
         start[2] -= gap[1] * starts[q, 1]
         start[3] += gap[0] * starts[q, 1]
-        total += passing_time(start, u, held, gap, law, horizon, scalars, stage, bias, rings, walls, gaps)
+        total += passing_time(start, u, held, gap, law, horizon, scalars, stage, rings, walls, gaps)
         if total >= most:
             break
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def _best(z, gap, law, tried, starts, margin, horizon, scalars, stage, bias, rings, walls, gaps):
+def _best(z, gap, law, tried, starts, margin, horizon, scalars, stage, rings, walls, gaps):
     """Index of the best command tried; -1: the law."""
-    world = scalars, stage, bias, rings, walls, gaps
+    world = scalars, stage, rings, walls, gaps
     low = _total(z, np.zeros(2), 0, gap, law, starts, math.inf, horizon, *world) - margin * starts.shape[0]
     which = -1
     for j in range(tried.shape[0]):

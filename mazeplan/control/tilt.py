@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 from numba import njit
 
+from mazeplan.constants import GRAVITY
 from mazeplan.records import Command
-
-GRAVITY = 9.81  # m/s^2
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.control.tilt import GRAVITY, Plate
+from mazeplan.constants import GRAVITY
+from mazeplan.control.tilt import Plate
 from mazeplan.maths.angles import nearest
 from mazeplan.maths.fields import check_numbers
 from mazeplan.records import Array, Command, Plan, State
@@ -65,7 +66,7 @@ def follow_pd(plan: Plan, state: State, plate: Plate, options: TrackingOptions, 
     """The plan's command corrected by a PD law on theta."""
     k = plan_step(plan, state.t)
     error = deviation(plan, state)
-    pull = -(options.kp * error[0] + options.kd * error[1]) * radius / 9.81
+    pull = -(options.kp * error[0] + options.kd * error[1]) * radius / GRAVITY
     along = np.array([-math.sin(state.theta), -math.cos(state.theta)])  # d(acceleration along theta) / d(tilt), over g
     u = plan.controls[k] + pull * along
     return plate.clip(float(u[0]), float(u[1]))

@@ -1,4 +1,5 @@
-"""Records of a motor-driven axis: the MATLAB file of the public benchmark EMPS (electro-mechanical positioning system).
+"""Records of what moves with one degree of freedom: a table (CSV) of its position and its inputs; of a motor-driven
+axis the MATLAB file of the public benchmark EMPS (electro-mechanical positioning system).
 
     qm    measured position, m         vir   control voltage, V
     gtau  drive gain, N/V              t     time, s
@@ -10,6 +11,7 @@ Benchmarks, 2019. Other variables of the file are not looked at. The file is par
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,30 +19,56 @@ from typing import Any
 import numpy as np
 
 from mazeplan import filekinds
+from mazeplan.data.table import OTHERS, content_of, read_csv
 from mazeplan.errors import TableError
 from mazeplan.records import Array
 
 COLUMNS, GAIN = ("t", "qm", "vir"), "gtau"
 FEWEST = 1000  # samples
+FEWEST_ROWS = 100  # of a table
 UNEVEN = 0.1  # of a step, by which one step may differ from the others
 
 
 @dataclass(frozen=True)
-class DriveLog:
-    """dt: s; position, force (N,): m, N as the drive gain (N/V) makes it from the voltage."""
+class MotionLog:
+    """dt: s; position (N,): NaN where it was not seen, angles without jumps; inputs (N, W); gain: of a drive, N/V."""
 
     dt: float
     position: Array
-    force: Array
-    gain: float
+    inputs: Array
+    gain: float = 1.0
 
     def __len__(self) -> int:
         return len(self.position)
 
 
-def read_drive(path: Path, gain: float | None = None) -> DriveLog:
-    """The record in a .mat file (MATLAB 4 to 7.2); gain: that of the drive (N/V), where the file has none. Raises
-    TableError: file, variable, what was got, what is allowed."""
+def read_motion(path: Path, position: str, inputs: Sequence[str], unit: str) -> MotionLog:
+    """The columns t, position and inputs of a table (CSV); a cell of the position may be empty. Raises TableError."""
+    expected = f"a table (CSV) with {', '.join(('t', position, *inputs))} in its first row"
+    if not path.is_file() or filekinds.got(path) in OTHERS:
+        raise TableError(filekinds.refused(path, expected), file=path)
+    columns, rows = read_csv(content_of(path), path)
+    for name in ("t", position, *inputs):
+        if name not in columns:
+            raise TableError(f"column {name} is missing; there are {', '.join(columns)}", file=path)
+        bad = np.isinf(columns[name]) if name == position else ~np.isfinite(columns[name])
+        if bad.any():
+            rows.refuse(name, int(np.argmax(bad)), "a finite number")
+    dt, x = _step(path, columns["t"], FEWEST_ROWS), columns[position].copy()
+    seen = np.flatnonzero(np.isfinite(x))
+    if len(seen) < FEWEST_ROWS or np.ptp(x[seen]) == 0.0:
+        problem = f"got {len(seen)} samples of one position" if len(seen) else "got no position"
+        raise TableError(f"{problem}, expected {FEWEST_ROWS} at least of what moves", file=path, key=position)
+    if unit == "rad":
+        x[seen] = np.unwrap(x[seen])
+    first = int(seen[0])
+    return MotionLog(dt, x[first:], np.column_stack([columns[name] for name in inputs] or [x[:, None][:, :0]])[first:])
+
+
+def read_drive(path: Path, gain: float | None = None) -> MotionLog:
+    """The record in a .mat file (MATLAB 4 to 7.2), its input the force (N) that the gain makes of the voltage; gain:
+    that of the drive (N/V), where the file has none. Raises TableError: file, variable, what was got, what is
+    allowed."""
     found = _variables(path)
     if gain is not None:
         found.setdefault(GAIN, np.array([gain]))
@@ -52,19 +80,25 @@ def read_drive(path: Path, gain: float | None = None) -> DriveLog:
     for name, column in (("qm", position), ("vir", volts)):
         if len(column) != len(t):
             raise TableError(f"got {len(column)} samples, expected {len(t)} as in t", file=path, key=name)
-    if len(t) < FEWEST:
-        raise TableError(f"got {len(t)} samples, expected at least {FEWEST}", file=path, key="t")
-    steps = np.diff(t)
-    dt = float(np.mean(steps))
-    if not (dt > 0.0 and np.max(np.abs(steps - dt)) < UNEVEN * dt):
-        problem = f"got steps of {steps.min():g} to {steps.max():g} s, expected samples at one rate"
-        raise TableError(problem, file=path, key="t")
+    dt = _step(path, t, FEWEST)
     _moves(path, position, volts)
     gains = _column(path, GAIN, found[GAIN])
     if len(gains) != 1 or gains[0] == 0.0:
         got = f"{len(gains)} values" if len(gains) != 1 else "0"
         raise TableError(f"got {got}, expected one number other than 0, in N/V", file=path, key=GAIN)
-    return DriveLog(dt, position, float(gains[0]) * volts, float(gains[0]))
+    return MotionLog(dt, position, float(gains[0]) * volts[:, None], float(gains[0]))
+
+
+def _step(path: Path, t: Array, fewest: int) -> float:
+    """The time from each sample to the next, s."""
+    if len(t) < fewest:
+        raise TableError(f"got {len(t)} samples, expected at least {fewest}", file=path, key="t")
+    steps = np.diff(t)
+    dt = float(np.mean(steps))
+    if not (dt > 0.0 and np.max(np.abs(steps - dt)) < UNEVEN * dt):
+        problem = f"got steps of {steps.min():g} to {steps.max():g} s, expected samples at one rate"
+        raise TableError(problem, file=path, key="t")
+    return dt
 
 
 def _moves(path: Path, position: Array, volts: Array) -> None:

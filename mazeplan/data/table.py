@@ -107,8 +107,8 @@ def read_table(path: str | Path) -> Table:
         columns = {name: column for name, column in log.ticks.items() if column.dtype != object}
         rows, content = _Rows(path, range(1, 1 + len(log.ticks.get("t", ())))), path.read_bytes()
     else:
-        content = _content(path)
-        columns, rows = _read_csv(content, path)
+        content = content_of(path)
+        columns, rows = read_csv(content, path)
     with np.errstate(all="ignore"):  # numbers near the largest overflow in the checks; they compare all the same
         columns = _checked(columns, rows)
     return Table(columns, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()})
@@ -150,7 +150,7 @@ def _usual_step(t: Array, segment: Array) -> float:
 # --- reading CSV
 
 
-def _content(path: Path) -> bytes:
+def content_of(path: Path) -> bytes:
     """The bytes of a file that is not too large."""
     try:
         size = path.stat().st_size
@@ -231,7 +231,7 @@ def _header(data: bytes, line: int, fields: int, path: Path) -> tuple[str, ...]:
     return header
 
 
-def _read_csv(content: bytes, path: Path) -> tuple[dict[str, Array], _Rows]:
+def read_csv(content: bytes, path: Path) -> tuple[dict[str, Array], _Rows]:
     """Columns of numbers, and where their rows stand."""
     import pandas as pd  # slow to import
 

@@ -13,35 +13,29 @@ from typing import Any
 import numpy as np
 
 from mazeplan.diagnosis.ambiguity import experiment_for, twins
-from mazeplan.diagnosis.anonymous import anonymous_library, placebos
+from mazeplan.diagnosis.candidates import STAGE_ERRORS, ring_library, stage_errors
 from mazeplan.diagnosis.evidence import Evidence, evidence_of
 from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
-from mazeplan.diagnosis.fit import Likelihood, fit
-from mazeplan.diagnosis.gears import SMALLEST as SMALLEST_PLAY
-from mazeplan.diagnosis.gears import SMALLEST_BAND
+from mazeplan.diagnosis.fit import Fit, Likelihood, fit
 from mazeplan.diagnosis.geometry import Circle, fit_circle, straightened
 from mazeplan.diagnosis.holdout import INNER, SEEN, inner_folds, seen_and_held
-from mazeplan.diagnosis.library import (
-    CAMERA,
-    Candidate,
-    Gates,
-    closer_library,
-    finer_library,
-    ring_library,
-    stage_errors,
-    wall_library,
-)
-from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
+from mazeplan.diagnosis.parts import Known, gain_effect, stage_effects
+from mazeplan.diagnosis.platemotion import Stage, commanded, fit_stage, plate_motion
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.remainder import Remainder, remainder
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt, Values
 from mazeplan.diagnosis.scores import Score, matched_target, ring_of, score
 from mazeplan.diagnosis.search import Finding, search
 from mazeplan.diagnosis.windows import by_windows
-from mazeplan.diagnosis.wording import describe_unknown, what_is_missing
+from mazeplan.diagnosis.wording import describe_unknown, what_is_missing, with_plan
+from mazeplan.models.stage import StageModel
+from mazeplan.physics.effect import STAGE, Effect
+from mazeplan.physics.nameless import NAMELESS, PLACEBOS
+from mazeplan.physics.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.registry import EFFECTS
 
+OF_THE_STAGE = tuple(name for name, effect in EFFECTS.items() if effect.acts == STAGE)
 GAP = 30  # samples; a ball that was away for longer begins anew
-DELAY = 0.005  # s; a command delay worth a word
 
 
 @dataclass(frozen=True)
@@ -87,7 +81,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence(),
-            "effects": list(self.effects),
+            "effects": [with_plan(effect) for effect in self.effects],
             "ambiguous_with": [list(group) for group in self.finding.alike],
             "separate_by": list(self.apart),
             "unknown": unknown,
@@ -146,59 +140,125 @@ def diagnose(
     declared: Values,
     *,
     ring: int | None = None,
-    gates: Gates | None = None,
-    more: Sequence[Candidate] = (),
+    gates: Openings | None = None,
+    more: Sequence[Effect] = (),
     without: Container[str] = (),
     test: Record | None = None,
     fold: int | None = None,
+    known: Known | None = None,
+    camera: Sequence[dict[str, Any]] | None = None,
+    as_model: Record | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find what the declared effects lack at a track radius (m); ring: its number, for proposals; gates: those of the
     ring by the map, where one is known; more: effects beyond the library's; without: names of effects that are not
-    looked for; test: a further record, for scores only; fold: what is held out (`holdout`), where not as usual."""
+    looked for; test: a further record, for scores only; fold: what is held out (`holdout`), where not as usual; known:
+    what the model says of the stage, None for what is declared; camera: what was found of it for all rings together
+    (`picture`), None where that could not be looked at; as_model: the record as the model's camera has it, for the
+    scores before, where that is another one."""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record, fold)
-    known = np.isfinite(record.theta)
-    share = float((held & known).sum() / max(((held | rows) & known).sum(), 1))
+    share = _share(record, rows, held)
     tell("stage")
-    stage = fit_stage(record, rows)
+    stage, known = fit_stage(record, rows), known or Known(declared, {})
     tilt = plate_motion(record, stage)
-    effects: list[dict[str, Any]] = _stage_effects(stage, declared)
-    circle = fit_circle(record.theta, record.r, rows) if record.r is not None else None
+    effects = [*stage_effects(stage, known), *(camera or [])]
+    circle = fit_circle(record.theta, record.r, rows) if record.r is not None and camera is None else None
     if circle is not None and circle.shifted:
         effects.append(_camera_effect(circle))
-    named = [_from_declared(c, declared) for c in ring_library() if circle is None or c.acts != CAMERA]
-    named = [c for c in (*named, *wall_library(gates or Gates()), *more) if c.name not in without]
-    closely = [c for c in closer_library(gates or Gates()) if c.name not in without]
-    library = [*named, *anonymous_library(), *placebos()]
     along = [] if stage is None else [stage_errors(stage.directions)]
-    finer = [c for c in finer_library(gates or Gates()) if c.name not in without]
+    library, closely, finer = _libraries(declared, record.r is not None, gates or Openings(), more, without)
     everything = [*library, *closely, *finer, *along]
-    record, (rows, held) = _with_ball(record, rows, held)
-    plain, straight = (_likelihood(record, tilt, radius, declared, everything, rows, c) for c in (None, circle))
+    whole, (record, (rows, held)) = record, _with_ball(record, rows, held)
+    straight = _likelihood(record, tilt, radius, declared, everything, rows, circle)
+    gain, either = gain_effect(stage, known, straight)
+    if gain is not None:
+        effects.append(gain)
+        if gain["name"] == "tilt_gain":
+            library = [c for c in library if c.name != "tilt_gain"]
+            straight = _likelihood(record, tilt, radius, declared | _values_of(gain), everything, rows, circle)
     if record.u is None and matched_target(ring_of(straight)) is not None:
         folds = list(inner_folds(record, rows, range(INNER)))
         finding, judge = by_windows(straight, library, rows, tell, closely, finer, folds)
     else:
         finding, judge = search(straight, library, tell, along=along), straight
+    alike = (*finding.alike, *((either,) if either else ()))
     if "rolling_inertia" not in without:
-        finding = replace(finding, alike=(*finding.alike, *twins(finding.final.values, finding.final.stderr)))
+        alike += tuple(twins(finding.final.values, finding.final.stderr))
+    finding = replace(finding, alike=alike)
     tell("scores on what was held out")
     effects += [_entry(straight, judge, finding, c, held) for c in finding.final.candidates if c.named]
-    base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
+    own = model_motion(whole, stage, known) if any(e["name"] in OF_THE_STAGE for e in effects) else None
+    plain, base, scored = _as_it_was(as_model or whole, own or tilt, radius, declared, everything, own is None, fold)
     done = Diagnosis(
-        verdict_of(finding, effects, everything), tuple(effects), finding, circle, stage, score(plain, base, held),
+        verdict_of(finding, effects, everything), tuple(effects), finding, circle, stage, scored,
         score(straight, finding.final, held), tilt.source, (*record.notes, *_chance(finding)),
         (evidence_of(plain, base), evidence_of(straight, finding.final)),
         tuple(experiment_for(group, ring) for group in finding.alike), held=which, share=share,
         remainder=_remainder(straight, finding, record, rows, held, tell),
     )  # fmt: skip
-    if test is None:
-        return done
-    moved = plate_motion(test, stage)
+    return done if test is None else replace(done, test=_on_test(test, done, straight, plain, base, circle))
+
+
+def _share(record: Record, rows: np.ndarray, held: np.ndarray) -> float:
+    """Share of the samples of the ball that is held out."""
+    seen = np.isfinite(record.theta)
+    return float((held & seen).sum() / max(((held | rows) & seen).sum(), 1))
+
+
+def _as_it_was(
+    record: Record, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], loose: bool,
+    fold: int | None,
+) -> tuple[Likelihood, Fit, Score]:  # fmt: skip
+    """The model as it was, on the record as its own camera has it: likelihood, fit of the noise, and scores. loose:
+    whether what the tilt sensor leaves open of the stage is fitted along."""
+    rows, held, _ = seen_and_held(record, fold)
+    record, (rows, held) = _with_ball(record, rows, held)
+    plain = _likelihood(record, tilt, radius, declared, library, rows, None)
+    along = [c for c in library if c.acts == STAGE_ERRORS] if loose else []
+    base = fit(plain, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
+    return plain, base, score(plain, base, held)
+
+
+def _libraries(
+    declared: Values, measured: bool, gates: Openings, more: Sequence[Effect], without: Container[str]
+) -> tuple[list[Effect], list[Effect], list[Effect]]:
+    """What is looked for; openings looked at more closely; the same in finer words. measured: whether radii show where
+    the camera is."""
+    named = [_from_declared(c, declared) for c in ring_library() if not (measured and c.name == "camera_offset")]
+    named = [*named, *wall_library(gates), *more]
+    plain, closely, finer = (
+        [c for c in some if c.name not in without] for some in (named, closer_library(gates), finer_library(gates))
+    )
+    return [*plain, *NAMELESS, *PLACEBOS], closely, finer
+
+
+def _values_of(effect: dict[str, Any]) -> Values:
+    """An effect of the JSON as values."""
+    return {effect["name"]: {name: number["value"] for name, number in effect["parameters"].items()}}
+
+
+def model_motion(record: Record, stage: Stage | None, known: Known) -> Tilt | None:
+    """How the plate would have moved if the model's stage were right, with the offsets of the record's tilt sensor."""
+    axes = known.axes()
+    if axes is None or stage is None:
+        return None
+    offsets = (
+        replace(axis, offset=found.offset) for axis, found in zip((axes.beta, axes.gamma), stage.axes, strict=True)
+    )
+    return commanded(record, StageModel(*offsets))
+
+
+def _on_test(
+    test: Record, done: Diagnosis, straight: Likelihood, plain: Likelihood, base: Fit, circle: Circle | None
+) -> tuple[Score, Score]:
+    """Scores before and after on a further record."""
+    moved = plate_motion(test, done.stage)
     test, (every,) = _with_ball(test, np.ones(len(test), dtype=bool))
-    before, after = (_likelihood(test, moved, radius, declared, straight.library, every, c) for c in (None, circle))
-    return replace(done, test=(score(before, base, every), score(after, finding.final, every)))
+    declared, radius = plain.system.declared, ring_of(plain).radius
+    before = _likelihood(test, moved, radius, declared, straight.library, every, None)
+    after = _likelihood(test, moved, radius, straight.system.declared, straight.library, every, circle)
+    return score(before, base, every), score(after, done.finding.final, every)
 
 
 def _remainder(
@@ -217,7 +277,7 @@ def _remainder(
     return remainder(likelihood, fits, record, rows, held, tell)
 
 
-def _from_declared(candidate: Candidate, declared: Values) -> Candidate:
+def _from_declared(candidate: Effect, declared: Values) -> Effect:
     """The candidate with the declared values as the start of its fits, where it says how large, not where: from far
     below a friction that is known already, the first linear look at it says nothing."""
     had = declared.get(candidate.name)
@@ -248,7 +308,7 @@ def _likelihood(
     tilt: Tilt,
     radius: float,
     declared: Values,
-    library: Sequence[Candidate],
+    library: Sequence[Effect],
     rows: np.ndarray,
     circle: Circle | None,
 ) -> Likelihood:
@@ -260,32 +320,6 @@ def _likelihood(
     system = RingSystem(record.t, theta, record.first, radius, tilt, declared)
     system.target = record.theta_ddot
     return Likelihood(system, library, rows)
-
-
-def _stage_effects(stage: Stage | None, declared: Values) -> list[dict[str, Any]]:
-    """Delay of commands, play of gears and dead bands, where they are not what was declared."""
-    if stage is None:
-        return []
-    found: list[dict[str, Any]] = []
-    late = [(axis.dead_time, axis.stderr.get("dead_time", math.inf)) for axis in stage.axes]
-    delay = sum(d for d, _ in late) / 2.0
-    sigma = math.hypot(*(s for _, s in late)) / 2.0
-    known = declared.get("command_delay", {}).get("delay", 0.0)
-    if abs(delay - known) > max(DELAY, 5.0 * sigma):
-        entry = {"name": "command_delay", "parameters": {"delay": {"value": delay, "stderr": sigma, "unit": "s"}}}
-        found.append(entry)
-    axes: dict[str, Any] = dict(zip(("beta", "gamma"), stage.axes, strict=True))
-    for effect, smallest in (("backlash", SMALLEST_PLAY), ("deadband", SMALLEST_BAND)):
-        sizes: dict[str, float] = {name: getattr(axis, effect) for name, axis in axes.items()}
-        had = declared.get(effect, {})
-        if all(abs(size - had.get(name, 0.0)) < smallest for name, size in sizes.items()):
-            continue
-        numbers = {
-            name: {"value": size, "stderr": axes[name].stderr.get(effect, 0.0), "unit": "rad"}
-            for name, size in sizes.items()
-        }
-        found.append({"name": effect, "parameters": numbers})
-    return found
 
 
 def _camera_effect(circle: Circle) -> dict[str, Any]:
@@ -301,9 +335,7 @@ def _camera_effect(circle: Circle) -> dict[str, Any]:
     }
 
 
-def _entry(
-    likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Candidate, rows: np.ndarray
-) -> dict[str, Any]:
+def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effect, rows: np.ndarray) -> dict[str, Any]:
     """An effect for the JSON: sizes, evidence, 40-step error (rad) on some rows without it, all others fitted again (by
     `judge`), and with it."""
     final = finding.final
@@ -319,28 +351,27 @@ def _entry(
         "evidence": round(finding.worth.get(c.name, math.nan), 1),
         "before": before,
         "after": after,
+        **({"until_s": round(float(ring_of(likelihood).t[-1]), 3)} if c.name == "friction_drift" else {}),
     }
 
 
-def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Sequence[Candidate]) -> str:
+def verdict_of(finding: Finding, effects: Sequence[dict[str, Any]], library: Sequence[Effect]) -> str:
     """In a word. Of two effects that explain as well, the one with fewer parameters is taken; where none has fewer, the
     record cannot tell them apart."""
     if finding.unknown is not None:
         return "unknown_effect"
-    counts = {c.name: len(c.parameters) for c in library}
+    counts = {c.name: len(c.parameters) for c in (*EFFECTS.values(), *library)}
     for chosen, *others in finding.alike:
         if any(counts[name] <= counts[chosen] for name in others):
             return "ambiguous"
     return "effect_found" if effects else "nothing_missing"
 
 
-def model_error(record: Record, radius: float, declared: Values, stage: Stage | None) -> Score:
+def model_error(record: Record, radius: float, declared: Values, motion: Tilt | None) -> Score:
     """How far a model is off on the rows of a record that search and fits of `diagnose` do not see; only the noise of
-    the record is fitted, and what the tilt sensor leaves open of the stage (as `fit_stage` has it)."""
+    the record is fitted. motion: of the plate by the model's own stage, None for that of the tilt sensor."""
     rows, held, _ = seen_and_held(record)
-    tilt = plate_motion(record, stage)
-    along = [] if stage is None else [stage_errors(stage.directions)]
+    tilt = motion or plate_motion(record, None)
     record, (rows, held) = _with_ball(record, rows, held)
-    likelihood = _likelihood(record, tilt, radius, declared, [*ring_library(), *along], rows, None)
-    base = fit(likelihood, along, {c.name: dict.fromkeys(c.parameters, 0.0) for c in along})
-    return score(likelihood, base, held)
+    likelihood = _likelihood(record, tilt, radius, declared, ring_library(), rows, None)
+    return score(likelihood, fit(likelihood, [], {}), held)

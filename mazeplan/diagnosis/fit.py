@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mazeplan.diagnosis.kalman import Moves, innovations
-from mazeplan.diagnosis.library import CAMERA, Candidate, Spec
 from mazeplan.diagnosis.system import System, Values
+from mazeplan.physics.effect import Effect, Parameter
 from mazeplan.records import Array
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
@@ -34,7 +34,7 @@ class Fit:
     """Effects with values; minus2: -2 log L of the rows of the fit; noise: rad, of one measurement; q: 1/s^3; stderr as
     the values; count: free parameters."""
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[Effect, ...]
     values: Values
     minus2: float
     noise: float
@@ -50,7 +50,7 @@ class Likelihood:
 
     noisy, repeats = True, 1.0
 
-    def __init__(self, system: System, library: Sequence[Candidate], rows: np.ndarray) -> None:
+    def __init__(self, system: System, library: Sequence[Effect], rows: np.ndarray) -> None:
         """rows (N,): which count."""
         self.system, self.library, self.rows = system, list(library), rows
         n = len(system)
@@ -59,12 +59,12 @@ class Likelihood:
         self._counted = rows
         self._passes: dict[tuple[str, float], tuple[Array, float, np.ndarray]] = {}
 
-    def add(self, candidate: Candidate) -> None:
+    def add(self, candidate: Effect) -> None:
         """One more candidate, in the place of one of the same name."""
         self._passes.clear()
         self.library = [c for c in self.library if c.name != candidate.name] + [candidate]
 
-    def knowing(self, more: Sequence[Candidate]) -> Likelihood:
+    def knowing(self, more: Sequence[Effect]) -> Likelihood:
         """The same with further candidates."""
         wide = copy(self)
         wide.library, wide._passes = [*self.library, *more], {}
@@ -93,7 +93,7 @@ class Likelihood:
         keep = self.rows & np.isfinite(self._nu)
         root = np.sqrt(self._S[keep])
         e, J = self._nu[keep] / root, J[keep] / root[:, None]
-        camera = {c.name for c in self.library if c.acts == CAMERA}
+        camera = {c.name for c in self.library if c.name == "camera_offset"}
         for j, (effect, name, step) in enumerate(steps):
             if effect in camera:  # moves what was measured, which no pass of the filter does
                 moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
@@ -176,7 +176,7 @@ def _parabola(at: Callable[[float], float], x: float, low: float, high: float) -
 
 
 def fit(
-    likelihood: Likelihood, free: Sequence[Candidate], start: Values, q: float | None = None, rounds: int = ROUNDS
+    likelihood: Likelihood, free: Sequence[Effect], start: Values, q: float | None = None, rounds: int = ROUNDS
 ) -> Fit:
     """Best values of the free effects from a start; values and process noise in turn until neither changes."""
     names = [(c.name, name, spec) for c in free for name, spec in c.parameters.items()]
@@ -210,7 +210,7 @@ def fit(
     return Fit(tuple(free), values_of(x), minus2, math.sqrt(variance), q, found, len(x))
 
 
-def forecast(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str, float]) -> float:
+def forecast(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, float]) -> float:
     """By how much -2 log L would fall if one linear step told the truth: a candidate from its start, beside what is
     there already (`current`), at the process noise of that."""
     values = {**current.values, c.name: start}
@@ -238,7 +238,7 @@ def _gauss_newton(
     values_of: Callable[[Array], Values],
     x: Array,
     q: float,
-    names: Sequence[tuple[str, str, Spec]],
+    names: Sequence[tuple[str, str, Parameter]],
 ) -> tuple[Array, Array, float]:
     """Levenberg-Marquardt on the whitened innovations, inside the bounds; values, last Jacobian, -2 log L."""
     low, high, step, default, prior = (

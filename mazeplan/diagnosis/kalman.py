@@ -4,8 +4,8 @@
 
 w are the inputs at the nodes of the integration. Terms are called through their addresses, so that a term that a user
 adds needs no new compilation of the filter. Runge-Kutta 4 in SUBSTEPS steps a sample; dry friction by time stepping
-(Moreau): the impulse of a step is taken off the speed, and holds it at nought where it is large enough to. A gate takes
-a share of the speed when its angle is passed, one in a wall only of a ball that lies against it (`wallterms`).
+(Moreau): the impulse of a step is taken off the speed, and holds it at nought where it is large enough to. An opening
+takes a share of the speed when its angle is passed.
 
 Covariances are in units of the variance R of one measurement, q (1/s^3) is the intensity of the process noise in them.
 With R eliminated, R^ = mean(n_k^2 / S_k),
@@ -24,18 +24,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from mazeplan.diagnosis.wallterms import WIDTH, against, pressing, struck
-from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
+from mazeplan.maths.compiled import pointer_to, shifted
+from mazeplan.physics.compiled import call_term as _term
 from mazeplan.records import Array, IntArray
 
-TERM = REAL(REAL, REAL, REAL, POINTER, POINTER)  # x, v, t, w, p
 SUBSTEPS = 2
 NODES = 2 * SUBSTEPS + 1
 DIFFUSE = 1e7  # variance of the speed at the beginning of a stretch, in R / s^2
 SETTLING = 8  # innovations at the beginning of a stretch that do not count
 STEP = 1e-6  # of the difference by which terms are differentiated
 
-_term = caller(TERM)
 addresses = types.int64[::1]
 
 
@@ -54,11 +52,9 @@ class Moves(NamedTuple):
 class Problem(NamedTuple):
     """What is filtered. y (N,): measured position; seen, first (N,): whether measured, whether a stretch begins; t (N,)
     and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T,): where in p
-    the parameters of a term begin; dry: where its coefficient is in p (its asymmetry behind), -1: none; gates (G,):
-    where in p angle and loss of a gate are; turn: after how much a position repeats, 0: never; gate_at (G, 3): what is
-    added to the angle of a gate, the side of its wall (`wallterms.against`), and how many parameters follow angle and
-    loss: 1, how sharply a ball changes sides; 2, of the far edge (`wallterms.struck`); wall: where in p the friction at
-    the walls is, -1: none; pull: g / R, 1/s^2."""
+    the parameters of a term begin; turn: after how much a position repeats, 0: never; holds (H, 2): address and place
+    of each dry friction; openings (G, 3): addresses of the angle and the loss of each opening, and its place; beside
+    (G,): what is added to its angle, rad."""
 
     y: Array
     seen: np.ndarray
@@ -68,12 +64,10 @@ class Problem(NamedTuple):
     w: Array
     terms: IntArray
     place: IntArray
-    dry: int
-    gates: IntArray
     turn: float
-    gate_at: Array = np.empty((0, 3))
-    wall: int = -1
-    pull: float = 0.0
+    holds: IntArray = np.empty((0, 2), dtype=np.int64)
+    openings: IntArray = np.empty((0, 3), dtype=np.int64)
+    beside: Array = np.empty(0)
 
 
 class _Core(NamedTuple):
@@ -83,15 +77,14 @@ class _Core(NamedTuple):
     t: Any
     terms: Any
     place: Any
-    gates: Any
-    gate_at: Any
+    holds: Any
+    openings: Any
+    beside: Any
     row: int
     node: int
     n_terms: int
-    n_gates: int
-    dry: int
-    wall: int
-    pull: float
+    n_holds: int
+    n_openings: int
     dt: float
 
 
@@ -100,8 +93,9 @@ def _core(problem):
     """The core of a problem."""
     return _Core(
         pointer_to(problem.w, 0), pointer_to(problem.t, 0), pointer_to(problem.terms, 0), pointer_to(problem.place, 0),
-        pointer_to(problem.gates, 0), pointer_to(problem.gate_at, 0), problem.w.shape[1] * problem.w.shape[2],
-        problem.w.shape[2], len(problem.terms), len(problem.gates), problem.dry, problem.wall, problem.pull, problem.dt,
+        pointer_to(problem.holds, 0), pointer_to(problem.openings, 0), pointer_to(problem.beside, 0),
+        problem.w.shape[1] * problem.w.shape[2], problem.w.shape[2], len(problem.terms), len(problem.holds),
+        len(problem.openings), problem.dt,
     )  # fmt: skip
 
 
@@ -134,38 +128,25 @@ def _passed(a, before, after):
 
 
 @njit(cache=True, error_model="numpy")
-def _resistance(core, p, x, v, w):
-    """Dry friction at floor and walls against a motion in the direction of v, rad/s^2."""
+def _resistance(core, p, x, v, t, w):
+    """Dry friction against a motion in the direction of v, rad/s^2."""
     most = 0.0
-    if core.dry >= 0:
-        most = max(p[core.dry] + p[core.dry + 1] * math.copysign(1.0, v), 0.0)
-    if core.wall >= 0:
-        most += p[core.wall] * abs(pressing(x, v, w, core.pull))
-    return most
+    for i in range(core.n_holds):
+        most += _term(core.holds[2 * i], (x, v, t, w, shifted(p, core.holds[2 * i + 1])))
+    return max(most, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
-def _gate_angle(core, p, j, v):
-    """Angle of gate j for a ball at speed v."""
-    g = core.gates[j]
-    angle = p[g] + core.gate_at[3 * j]
-    if core.gate_at[3 * j + 1] != 0.0 and core.gate_at[3 * j + 2] > 1.0:
-        angle += math.copysign(p[g + 2], v)
-    return angle
+def _opening(core, p, j, which, x, v, w):
+    """Angle (which 0) or loss (1) of opening j for a ball at x with speed v."""
+    place = shifted(p, core.openings[3 * j + 2])
+    return _term(core.openings[3 * j + which], (x, v, 0.0, w, place))
 
 
 @njit(cache=True, error_model="numpy")
-def _gate_loss(core, p, j, x, v, w):
-    """Share of its speed v that a ball at x loses in passing gate j."""
-    g, side, more = core.gates[j], core.gate_at[3 * j + 1], core.gate_at[3 * j + 2]
-    loss = p[g + 1]
-    if side != 0.0:
-        if more > 1.0:
-            loss *= struck(x, v, w, core.pull, p[g + 3], side)
-        else:
-            width = p[g + 2] if more > 0.0 else WIDTH
-            loss *= against(pressing(x, v, w, core.pull), core.pull, side, width)
-    return loss
+def _opening_angle(core, p, j, x, v, w):
+    """Angle of opening j for a ball at x with speed v."""
+    return _opening(core, p, j, 0, x, v, w) + core.beside[j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -182,16 +163,16 @@ def _advance(core, p, k, x, v):
         before, free = x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
         x += h * v + h * h / 6.0 * (a1 + a2 + a3)
         v, held = free, False
-        if core.dry >= 0 or core.wall >= 0:
-            most = h * _resistance(core, p, before, free, w1)
+        if core.n_holds > 0:
+            most = h * _resistance(core, p, before, free, t, w1)
             held = abs(free) <= most
             v = 0.0 if held else free - math.copysign(most, free)
             x += 0.5 * h * (v - free)
-        for j in range(core.n_gates):
-            angle = _gate_angle(core, p, j, v)
+        for j in range(core.n_openings):
+            angle = _opening_angle(core, p, j, before, v, w1)
             if _passed(angle, before, x):  # what is left of the step goes slower, too
                 at = angle + _whole_turns(angle, max(before, x))
-                kept = 1.0 - _gate_loss(core, p, j, before, v, w1)
+                kept = 1.0 - _opening(core, p, j, 1, before, v, w1)
                 x, v = at + kept * (x - at), v * kept
     return x, v, held
 
@@ -230,8 +211,8 @@ def _move(core, p, k, before, after, held, moves, d):
     t, (x0, v0), (x1, v1) = core.t[k] + 0.5 * core.dt, before, after
     x, v = 0.5 * (x0 + x1), 0.5 * (v0 + v1)
     w0, w1 = _mean(moves.w, 0, k, 0), _mean(moves.w, 0, k, 1)
-    rubs = core.dry >= 0 or core.wall >= 0
-    most = _resistance(core, p, x, v, w) if rubs else 0.0
+    rubs = core.n_holds > 0
+    most = _resistance(core, p, x, v, t, w) if rubs else 0.0
     first = end = -1
     here = here_0 = here_1 = 0.0
     for j in range(0 if held else len(moves.step)):
@@ -243,25 +224,25 @@ def _move(core, p, k, before, after, held, moves, d):
         if m < 0:
             faster = _some(core, pj, first, end, x, v, t, w) - here
             if rubs:
-                faster -= math.copysign(1.0, v) * (_resistance(core, pj, x, v, w) - most)
+                faster -= math.copysign(1.0, v) * (_resistance(core, pj, x, v, t, w) - most)
             further = faster
         else:
             faster = _some(core, p, first, end, x, v, t, _mean(moves.w, m, k, 0)) - here_0
             further = _some(core, p, first, end, x, v, t, _mean(moves.w, m, k, 1)) - here_1
         d[j, 0] += 0.5 * dt * dt * further / step
         d[j, 1] += dt * faster / step
-    for i in range(core.n_gates):
-        angle = _gate_angle(core, p, i, v0)
+    for i in range(core.n_openings):
+        angle = _opening_angle(core, p, i, x, v0, w)
         if not _passed(angle, x0, x1):
             continue
-        loss = _gate_loss(core, p, i, x, v0, w)
+        loss = _opening(core, p, i, 1, x, v0, w)
         kept = 1.0 - loss
         arrived = v1 / kept if abs(kept) > 0.1 else v0
         for j in range(len(moves.step)):
             pj = pointer_to(moves.p, j * moves.p.shape[1])
-            lost = _gate_loss(core, pj, i, x, v0, w)
+            lost = _opening(core, pj, i, 1, x, v0, w)
             d[j, 1] = kept * d[j, 1] - arrived * (lost - loss) / moves.step[j]
-            d[j, 0] += loss * (_gate_angle(core, pj, i, v0) - angle) / moves.step[j]
+            d[j, 0] += loss * (_opening_angle(core, pj, i, x, v0, w) - angle) / moves.step[j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -334,7 +315,7 @@ def accelerations(problem, p, x, v, out):
     for k in range(len(x)):
         out[k] = _smooth(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
         if v[k] != 0.0:
-            out[k] -= math.copysign(_resistance(core, at, x[k], v[k], _at(core, k, 0)), v[k])
+            out[k] -= math.copysign(_resistance(core, at, x[k], v[k], problem.t[k], _at(core, k, 0)), v[k])
 
 
 @njit(cache=True, error_model="numpy")
@@ -345,16 +326,16 @@ def _coast(core, p, k, x, v):
         w, middle = _at(core, k, 2 * i + 1), x + 0.5 * h * v
         free = v + h * _smooth(core, p, middle, v, core.t[k] + (i + 0.5) * h, w)
         before, new = x, free
-        if core.dry >= 0 or core.wall >= 0:
-            most = h * _resistance(core, p, middle, free, w)
+        if core.n_holds > 0:
+            most = h * _resistance(core, p, middle, free, core.t[k], w)
             new = 0.0 if abs(free) <= most else free - math.copysign(most, free)
         x += 0.5 * h * (v + new)
         v = new
-        for j in range(core.n_gates):
-            angle = _gate_angle(core, p, j, v)
+        for j in range(core.n_openings):
+            angle = _opening_angle(core, p, j, before, v, w)
             if _passed(angle, before, x):
                 at = angle + _whole_turns(angle, max(before, x))
-                kept = 1.0 - _gate_loss(core, p, j, before, v, w)
+                kept = 1.0 - _opening(core, p, j, 1, before, v, w)
                 x, v = at + kept * (x - at), v * kept
     return x, v
 

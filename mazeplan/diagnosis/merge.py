@@ -20,16 +20,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mazeplan.diagnosis.candidates import ring_library
 from mazeplan.diagnosis.diagnose import Diagnosis
-from mazeplan.diagnosis.library import ring_library
 from mazeplan.diagnosis.screening import SURE, Trial
 from mazeplan.diagnosis.wording import describe_unknown
+from mazeplan.physics.effect import STAGE
+from mazeplan.physics.rig import FAMILY
 
 NEWS = 45.0  # of -2 log L, summed over rings
 CAUTION = 2.0  # times what the old log shows
 ALIKE = 15.0  # of -2 log L
 AHEAD = 1.15  # an unnamed term must explain so many times what the best named one does
-APART = ("command_delay", "backlash", "camera_offset")  # seen without the ball
+# seen without the ball
+APART = (*(e.name for e in FAMILY if e.acts == STAGE), "camera_offset", "camera_scale", "lens_distortion")
 
 
 @dataclass(frozen=True)
@@ -108,9 +111,14 @@ def merge(diagnoses: Mapping[int, Diagnosis], samples: int, reference: Evidence 
 
 def _apart(diagnoses: Mapping[int, Diagnosis]) -> dict[int, list[dict[str, Any]]]:
     """What was seen without the ball, where most of the rings say so."""
-    every = [e["name"] for done in diagnoses.values() for e in done.effects if e["name"] in APART]
+    every = [e["name"] for done in diagnoses.values() for e in done.effects if _without_ball(e)]
     kept = {name for name in every if 2 * every.count(name) > len(diagnoses)}
     return {ring: [e for e in done.effects if e["name"] in kept] for ring, done in diagnoses.items()}
+
+
+def _without_ball(effect: Mapping[str, Any]) -> bool:
+    """Whether an effect was seen without the ball; the scale of the tilt sensor is, where commands show it."""
+    return effect["name"] in APART or (effect["name"] == "tilt_gain" and "known_before" in effect)
 
 
 def _entries(done: Diagnosis, name: str) -> list[dict[str, Any]]:

@@ -15,12 +15,15 @@ from mazeplan.diagnosis.gears import fit_with_gears
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import Tilt
 from mazeplan.models.ring_parameters import stage_transition
-from mazeplan.models.stage import StageAxis, StageFit, StageModel, passed_on
+from mazeplan.models.stage import StageAxis, StageFit, StageModel, fit_axis, passed_on, simulate_axis
+from mazeplan.physics.rig import axis_coupling
 from mazeplan.records import Array
 
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
 STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives; the first three relative, s, rad
+BLOCK_S, SURE = 1.0, 5.0  # s, within which residuals count as one; standard errors of a coupling
+SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
 FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # that one standard error may be, for the motion to be linear in it
 
 
@@ -59,11 +62,40 @@ def fit_stage(record: Record, rows: np.ndarray) -> Stage | None:
         ]
     except ValueError:
         return None
+    fits = [
+        _with_coupling(fits[i], record.u[:, i], record.u[:, 1 - i], angle, record, rows)
+        for i, angle in enumerate((record.beta, record.gamma))
+    ]
     directions = {}
     for i, (name, found) in enumerate(zip(("beta", "gamma"), fits, strict=True)):
         for j, change in enumerate(_directions(passed_on(record.u[:, i], found.axis)[rows], found, record.dt)):
             directions[f"{name}_{j + 1}"] = (i, change)
     return Stage(fits[0], fits[1], directions)
+
+
+def _with_coupling(
+    found: StageFit, own: Array, other: Array, angle: Array, record: Record, rows: np.ndarray
+) -> StageFit:
+    """The fit with the share of the other axis's command that the axis follows, too, where that is sure."""
+    axis = found.axis
+    follows = simulate_axis(replace(axis, gain=1.0, offset=0.0), passed_on(other, axis), record.dt)
+    left = angle - simulate_axis(axis, passed_on(own, axis), record.dt)
+    A = np.column_stack([follows, simulate_axis(axis, passed_on(own, axis), record.dt), np.ones(len(own))])[rows]
+    w, *_ = np.linalg.lstsq(A, left[rows], rcond=None)
+    e = left[rows] - A @ w
+    inverse = np.linalg.inv(A.T @ A)
+    block = np.arange(len(e)) // max(round(BLOCK_S / record.dt), 1)
+    scores = np.stack([np.bincount(block, weights=column * e) for column in A.T], axis=1)
+    sigma = float(np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0])) / axis.gain  # neighbours are alike
+    share = float(w[0]) / axis.gain
+    if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):
+        return found
+    without = angle - axis.gain * share * follows
+    breaks = (record.first & rows)[rows].astype(float)
+    again = fit_axis(passed_on(own, axis)[rows], without[rows], record.dt, breaks, axis)
+    kept = {key: getattr(axis, key) for key in ("backlash", "deadband")}
+    stderr = {**axis.stderr, **again.axis.stderr, "coupling": sigma}
+    return replace(again, axis=replace(again.axis, **kept, coupling=share, stderr=stderr))
 
 
 def _changed(axis: StageAxis, change: Array) -> tuple[StageAxis, float]:
@@ -97,13 +129,26 @@ def plate_motion(record: Record, stage: Stage | None) -> Tilt:
     if record.u is None or stage is None:
         return from_sensor(record.t, record.beta, record.gamma, record.segment)
     axes = stage.axes
-    u = passed_on(record.u[:, 0], axes[0]), passed_on(record.u[:, 1], axes[1])
+    u = mixed(record.u, StageModel(*axes))
     base, by_stage = from_commands(record.t, *u, *axes), {}
     for name, (i, change) in stage.directions.items():
         moved, sign = _changed(axes[i], change)
         there = from_commands(record.t, *u, *((moved, axes[1]) if i == 0 else (axes[0], moved)))
         by_stage[name] = sign * (there.motion - base.motion)
     return replace(base, by_stage=by_stage)
+
+
+def mixed(u: Array, stage: StageModel) -> tuple[Array, Array]:
+    """What reaches each axis of commands u (N, 2), behind play and dead band."""
+    beta, gamma = passed_on(u[:, 0], stage.beta), passed_on(u[:, 1], stage.gamma)
+    return beta + stage.beta.coupling * gamma, gamma + stage.gamma.coupling * beta
+
+
+def commanded(record: Record, stage: StageModel) -> Tilt | None:
+    """How the plate moves under the commands of a record by a stage; None without commands."""
+    if record.u is None:
+        return None
+    return from_commands(record.t, *mixed(record.u, stage), stage.beta, stage.gamma)
 
 
 @njit(cache=True, error_model="numpy")

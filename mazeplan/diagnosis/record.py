@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -58,11 +59,13 @@ def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
 
 
 def centred(table: Table, camera: Camera) -> Table:
-    """The table with the camera's offset, as far as it is known, taken off its positions; the camera's angle is an
-    effect of its own."""
-    if "x" not in table or camera.offset_x == camera.offset_y == 0.0:
+    """The table with what is known of the camera's offset, scale and lens taken off its positions; the camera's angle
+    is an effect of its own."""
+    known = replace(camera, angle=0.0)
+    if "x" not in table or known == Camera():
         return table
-    x, y = table["x"] - camera.offset_x, table["y"] - camera.offset_y
+    place: Any = known.true(table["x"], table["y"])  # pyright: ignore[reportArgumentType]
+    x, y = place
     return Table({**table.columns, "x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}, table.source)
 
 

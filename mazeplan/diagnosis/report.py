@@ -22,9 +22,17 @@ class Scores(Protocol):
     """Numbers before or after. labels: attribute -> words with its unit; drawn: which is drawn; floor: what noise alone
     would cause of that one, NaN where nobody knows; axes: words for position and speed."""
 
-    labels: ClassVar[dict[str, str]]
     drawn: ClassVar[str]
-    axes: ClassVar[tuple[str, str]]
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """See above."""
+        ...
+
+    @property
+    def axes(self) -> tuple[str, str]:
+        """See above."""
+        ...
 
     @property
     def floor(self) -> float:

@@ -1,4 +1,9 @@
-"""A ball in one ring as a system to diagnose: from a table to what the filter runs on, for any set of effects."""
+"""A ball in one ring as a system to diagnose: from a table to what the filter runs on, for any set of effects.
+
+Where an effect enters, its definition says: gravity's into the plate's coefficients, forces and drag as terms, dry
+friction as what can hold the ball, openings at their angles; the scale of the tilt sensor and the delay of the camera
+into the plate's motion, the camera's place and angle into what was measured.
+"""
 
 from __future__ import annotations
 
@@ -11,24 +16,25 @@ import numpy as np
 from numba import njit
 from scipy.signal import lfilter
 
-from mazeplan.diagnosis import terms, wallterms
-from mazeplan.diagnosis.anonymous import PAST
+from mazeplan.diagnosis.candidates import STAGE_ERRORS
 from mazeplan.diagnosis.geometry import as_seen, bending, unbent
-from mazeplan.diagnosis.kalman import NODES, TERM, Moves, Problem
-from mazeplan.diagnosis.library import CAMERA, DELAY, DRY, GATE, RING, STAGE, WALL, Candidate
+from mazeplan.diagnosis.kalman import NODES, Moves, Problem
 from mazeplan.diagnosis.system import Values
-from mazeplan.maths.compiled import address_of, pointer_to
+from mazeplan.maths.compiled import pointer_to
+from mazeplan.physics.arrays import BALL_RADIUS
+from mazeplan.physics.compiled import base_functions, call_plate, term_functions
+from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, OPENING, WALL, Effect
+from mazeplan.physics.nameless import PAST
+from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.symbols import INPUTS, PLATE
 from mazeplan.records import Array
 
-GRAVITY = 9.81  # m/s^2
 KEPT_MOTIONS, KEPT_INPUTS = 4, 4  # motions of the plate, and inputs made of them, that are kept
-WIDTH = wallterms.LEAN_AT + wallterms.LEANS
-BESIDE = terms.RING_AT - terms.PAST_AT  # inputs between the plate's motion and the coefficients of `ring`
+LEAN_S = 0.05  # s; time constant of the tilt of late
 AVERAGE = np.array([[1.0, 4.0, 2.0, 4.0, 1.0], [2.0, 6.0, 2.0, 2.0, 0.0]]) / 12.0  # Simpson: of f, of 2 (1 - s) f
-RING_SLOTS = {  # parameters of `ring_coefficients`, with what they are without the effect
-    ("rolling_inertia", "factor"): 1.0, ("tilt_offset", "beta"): 0.0, ("tilt_offset", "gamma"): 0.0,
-    ("tilt_gain", "beta"): 1.0, ("tilt_gain", "gamma"): 1.0,
-}  # fmt: skip
+COUNT = len(INPUTS)  # of inputs, behind which the coefficients of the plate stand
+assert len(PLATE) == 8, "what is beside the plate begins at 8, see `_fill`"
+MOTION = ("tilt_gain", "sensor_delay", STAGE_ERRORS)  # what changes the plate's motion as the ball feels it
 
 
 @dataclass(frozen=True)
@@ -68,9 +74,11 @@ def _hermite(motion, start, h, times, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(motions, errors, beside, p, out):
+def _fill(motions, errors, beside, gains, p, t, radii, plate, out):
     """Inputs (N, nodes, W) from motions (1 + S, N, nodes, 6), relative errors (S,) of the stage's parameters, what
-    stands beside them (N, 7): past speeds, inputs of placebos, tilts of late; the parameters of `ring_coefficients`."""
+    stands beside them (N, 7): past speeds, inputs of placebos, tilts of late; scales of the tilt sensor (2,);
+    parameters of gravity's effects; times t (N, nodes); radii (2,) of ring and ball; address of what gravity makes of
+    the plate."""
     for k in range(out.shape[0]):
         for i in range(out.shape[1]):
             w = pointer_to(out, (k * out.shape[1] + i) * out.shape[2])
@@ -80,11 +88,18 @@ def _fill(motions, errors, beside, p, out):
                 if errors[j] != 0.0:
                     for c in range(6):
                         w[c] += errors[j] * motions[1 + j, k, i, c]
-            for c in range(BESIDE):
-                w[terms.PAST_AT + c] = beside[k, c]
-            for c in range(wallterms.LEANS):
-                w[wallterms.LEAN_AT + c] = beside[k, BESIDE + c]
-            terms.ring_coefficients(w, pointer_to(p, 0))
+            for c in range(6):
+                w[c] /= gains[c // 3]
+            w[6], w[7] = radii[0], radii[1]
+            for c in range(beside.shape[1]):
+                w[8 + c] = beside[k, c]
+            call_plate(plate, (t[k, i], w, pointer_to(p, 0), pointer_to(out, w_end(out, k, i))))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def w_end(out, k, i):
+    """Where in inputs (N, nodes, W) the coefficients of the plate begin."""
+    return (k * out.shape[1] + i) * out.shape[2] + COUNT
 
 
 def _forget(kept: dict, most: int) -> None:
@@ -93,13 +108,27 @@ def _forget(kept: dict, most: int) -> None:
         del kept[next(iter(kept))]
 
 
-def _span(acts: str, effect: str, names: Sequence[str]) -> tuple[int, int]:
+def _span(effect: Effect, names: Sequence[str]) -> tuple[int, int]:
     """Which of the terms, by the names of their effects, a parameter of an effect changes: from one up to another."""
-    if acts == RING:  # what it changes of the inputs is for `ring` alone
+    if effect.acts == GRAVITY or effect.name == "axis_misalignment":  # of the inputs it changes, the first term alone
         return 0, 1
-    if acts in (DELAY, STAGE):
+    if effect.name in MOTION:
         return 0, len(names)
-    return (names.index(effect, 1), names.index(effect, 1) + 1) if effect in names[1:] else (0, 0)
+    return (names.index(effect.name, 1), names.index(effect.name, 1) + 1) if effect.name in names[1:] else (0, 0)
+
+
+@dataclass
+class _Assembled:
+    """Terms: addresses, names of their effects, places in p; holds: (address, place); openings: (addresses of angle and
+    loss, place), and what is added to each angle, rad; p: all parameters."""
+
+    terms: list[int]
+    names: list[str]
+    places: list[int]
+    holds: list[tuple[int, int]] = field(default_factory=list)
+    openings: list[tuple[int, int, int]] = field(default_factory=list)
+    beside: list[float] = field(default_factory=list)
+    p: list[float] = field(default_factory=list)
 
 
 class RingSystem:
@@ -120,7 +149,9 @@ class RingSystem:
         self._motions: dict[tuple[float, bool], Array] = {}
         self._averages: dict[tuple[float, bool], Array] = {}
         self._inputs: dict[tuple[float, ...], Array] = {}
-        self._addresses: dict[int, int] = {}
+        self._gravity = tuple(e for e in EFFECTS.values() if e.acts == GRAVITY)
+        self._base = base_functions(self._gravity)
+        self._width = len(INPUTS) + self._base.counts["coefficients"]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -141,7 +172,7 @@ class RingSystem:
 
     def _leaning(self) -> Array:
         """Tilts (N, 2) of late, low-passed from the beginning of each stretch on."""
-        tilts, keep = self.tilt.at(self.t)[:, [0, 3]], math.exp(-self.dt / wallterms.LEAN_S)
+        tilts, keep = self.tilt.at(self.t)[:, [0, 3]], math.exp(-self.dt / LEAN_S)
         out = tilts.copy()
         for a, b in pairwise([*np.flatnonzero(self.first), len(self.t)]):
             out[a:b] = lfilter([1.0 - keep], [1.0, -keep], tilts[a:b], axis=0, zi=keep * tilts[a : a + 1])[0]
@@ -158,23 +189,33 @@ class RingSystem:
             self._motions[key] = np.stack(parts).reshape(len(parts), len(self.t), NODES, 6)
         return self._motions[key]
 
-    def _parts(self, values: Values) -> tuple[float, Array, Array]:
-        """Delay of the camera, relative errors of the stage's parameters, parameters of `ring_coefficients`."""
+    def _parts(self, values: Values) -> tuple[float, Array, Array, Array]:
+        """Delay of the camera, relative errors of the stage's parameters, scales of the tilt sensor, parameters of
+        gravity's effects behind a number that they have no use for."""
         merged = {**self.declared, **values}
-        stage = merged.get("stage", {})
-        p = [GRAVITY / self.radius, *(merged.get(effect, {}).get(name, d) for (effect, name), d in RING_SLOTS.items())]
+        stage, gain = merged.get(STAGE_ERRORS, {}), merged.get("tilt_gain", {})
+        p = [0.0, *(number for e in self._gravity for number in e.numbers(merged.get(e.name, {})))]
         errors = np.array([stage.get(name, 0.0) for name in self.tilt.by_stage])
-        return merged.get("sensor_delay", {}).get("delay", 0.0), errors, np.array(p)
+        gains = np.array([gain.get("beta", 1.0), gain.get("gamma", 1.0)])
+        return merged.get("sensor_delay", {}).get("delay", 0.0), errors, gains, np.array(p)
+
+    def _filled(self, motions: Array, parts: tuple[float, Array, Array, Array], out: Array) -> Array:
+        """Inputs out (N, nodes, W) from motions and what `_parts` gives."""
+        delay, errors, gains, p = parts
+        nodes = out.shape[1]
+        t = self.t[:, None] + self.dt * np.arange(nodes) / max(nodes - 1, 1) - delay
+        radii = np.array([self.radius, BALL_RADIUS])
+        _fill(motions, errors, self._beside, gains, p, t, radii, self._base.address["plate"], out)
+        return out
 
     def inputs(self, values: Values) -> Array:
-        """Inputs of the terms (N, NODES, W): the plate's motion, past speeds, and what `ring` needs."""
-        delay, errors, p = self._parts(values)
-        key = (delay, *errors, *p)
+        """Inputs of the terms (N, NODES, W): the plate's motion, past speeds, and what gravity makes of them."""
+        parts = self._parts(values)
+        key = (parts[0], *(number for part in parts[1:] for number in part))
         if key not in self._inputs:
             _forget(self._inputs, KEPT_INPUTS)
-            out = np.empty((len(self.t), NODES, WIDTH))
-            _fill(self._motion(delay), errors, self._beside, p, out)
-            self._inputs[key] = out
+            out = np.empty((len(self.t), NODES, self._width))
+            self._inputs[key] = self._filled(self._motion(parts[0]), parts, out)
         return self._inputs[key]
 
     def _averaged(self, delay: float, stage: bool = True) -> Array:
@@ -185,74 +226,65 @@ class RingSystem:
             self._averages[key] = np.ascontiguousarray(np.einsum("snkc,wk->snwc", self._motion(delay, stage), AVERAGE))
         return self._averages[key]
 
-    def build(self, candidates: Sequence[Candidate], values: Values) -> tuple[Problem, Array]:
+    def build(self, candidates: Sequence[Effect], values: Values) -> tuple[Problem, Array]:
         """The problem with these effects at these values (of those left out: as declared), and its parameters."""
-        functions, _, places, p, gates, dry, wall = self._parameters(candidates, values)
+        built = self._assembled(candidates, values)
         problem = Problem(
             self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
-            np.array([self._address(f) for f in functions], dtype=np.int64), np.array(places, dtype=np.int64), dry,
-            np.array([at for at, *_ in gates], dtype=np.int64), 2.0 * math.pi,
-            np.array([where for _, *where in gates], dtype=np.float64).reshape(-1, 3), wall, GRAVITY / self.radius,
+            np.array(built.terms, dtype=np.int64), np.array(built.places, dtype=np.int64), 2.0 * math.pi,
+            np.array(built.holds, dtype=np.int64).reshape(-1, 2),
+            np.array(built.openings, dtype=np.int64).reshape(-1, 3), np.array(built.beside, dtype=np.float64),
         )  # fmt: skip
-        return problem, np.array(p)
+        return problem, np.array(built.p)
 
-    def _parameters(
-        self, candidates: Sequence[Candidate], values: Values
-    ) -> tuple[list[object], list[str], list[int], list[float], list[tuple[int, float, float, float]], int, int]:
-        """Terms, of which effect each is, where in p each has its parameters, p, gates (where in p, angle to add, side,
-        how many parameters follow angle and loss), where dry friction has its parameters, and where friction at the
-        walls."""
+    def _assembled(self, candidates: Sequence[Effect], values: Values) -> _Assembled:
+        """Terms, friction and openings of the effects, each with its place in the parameters."""
         merged = {**self.declared, **values}
-        p: list[float] = [merged.get("axis_misalignment", {}).get("angle", 0.0)]
-        functions: list[object] = [terms.ring]
-        names = ["ring"]
-        gates: list[tuple[int, float, float, float]] = []
-        places, dry, wall = [0], -1, -1
+        out = _Assembled([self._base.address["base"]], ["gravity"], [0])
+        out.p.append(merged.get("axis_misalignment", {}).get("angle", 0.0))
         known = {c.name: c for c in candidates}
-        for effect, numbers in merged.items():
-            c = known.get(effect)
-            if c is None or c.acts in (RING, DELAY, STAGE, CAMERA):
+        for name, numbers in merged.items():
+            effect = known.get(name)
+            if effect is None or effect.acts not in (FORCE, DRAG, DRY, WALL, OPENING):
                 continue
-            at = len(p)
-            if c.acts == GATE:
-                for i, angle in enumerate(c.pattern):
-                    mine = c.of_gate(numbers, i)
-                    gates.append((len(p), angle, c.side, len(mine) - 2.0))
-                    p.extend(mine)
+            address = term_functions(effect).address
+            if effect.acts == OPENING:
+                for i, angle in enumerate(effect.pattern):
+                    out.openings.append((address["angle"], address["loss"], len(out.p)))
+                    out.beside.append(angle)
+                    out.p.extend(effect.of_opening(numbers, i))
                 continue
-            p.extend(c.numbers(numbers))
-            if c.acts == DRY:
-                dry = at
-            elif c.acts == WALL:
-                wall = at
+            if effect.acts in (DRY, WALL):
+                out.holds.append((address["hold"], len(out.p)))
             else:
-                places.append(at)
-                functions.append(c.term)
-                names.append(effect)
-        return functions, names, places, p, gates, dry, wall
+                out.terms.append(address["term"])
+                out.names.append(name)
+                out.places.append(len(out.p))
+            out.p.extend(effect.numbers(numbers))
+        return out
 
-    def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
+    def moves(self, candidates: Sequence[Effect], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
         """What moving each of some parameters (effect, name, step) changes."""
-        acts = {c.name: c.acts for c in candidates}
-        delay, errors, slots = self._parts(values)
-        names = self._parameters(candidates, values)[1]
-        spans = [_span(acts[effect], effect, names) for effect, *_ in steps]
-        outside = [acts[effect] in (RING, DELAY, STAGE) and effect != "axis_misalignment" for effect, *_ in steps]
-        w = np.empty((1 + sum(outside), len(self.t), 2, WIDTH))
-        _fill(self._averaged(delay), errors, self._beside, slots, w[0])
+        known = {c.name: c for c in candidates}
+        parts = self._parts(values)
+        delay, names = parts[0], self._assembled(candidates, values).names
+        spans = [_span(known[effect], names) for effect, *_ in steps]
+        outside = [known[effect].acts == GRAVITY or effect in MOTION for effect, *_ in steps]
+        w = np.empty((1 + sum(outside), len(self.t), 2, self._width))
+        self._filled(self._averaged(delay), parts, w[0])
         p, which = [], []
         for (effect, name, step), out in zip(steps, outside, strict=True):
             moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
-            p.append(self._parameters(candidates, moved)[3])
+            p.append(self._assembled(candidates, moved).p)
             which.append(1 + sum(outside[: len(which)]) if out else -1)
             if not out:
                 continue
-            later, changed, coefficients = self._parts(moved)
+            there = self._parts(moved)
             motions = self._averaged(delay)
-            if acts[effect] == DELAY:  # what is uncertain of the stage changes little by that
+            if effect == "sensor_delay":  # what is uncertain of the stage changes little by that
                 motions = motions.copy()
-                motions[0] += self._averaged(later, False)[0] - self._averaged(delay, False)[0]
-            _fill(motions, changed, self._beside, coefficients, w[which[-1]])
+                motions[0] += self._averaged(there[0], False)[0] - self._averaged(delay, False)[0]
+            self._filled(motions, there, w[which[-1]])
         return Moves(
             np.array(p).reshape(len(steps), -1), w, np.array(which, dtype=np.int64),
             np.array([step for *_, step in steps]), np.array(spans, dtype=np.int64).reshape(-1, 2),
@@ -282,8 +314,3 @@ class RingSystem:
         """-2 log of the determinant of the change from measured angles to `position`, of some rows: what turns a
         density of the one into that of the other."""
         return 0.0 if self.offset(values) is None else -2.0 * float(np.sum(np.log(self.slope(values)[rows])))
-
-    def _address(self, function: object) -> int:
-        if id(function) not in self._addresses:
-            self._addresses[id(function)] = address_of(function, TERM)
-        return self._addresses[id(function)]

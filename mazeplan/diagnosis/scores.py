@@ -50,13 +50,18 @@ class Score:
     rollout40: float
     floor: float
     windows: int
-    labels: ClassVar[dict[str, str]] = {
-        "nrmse": "nRMSE of theta_dd",
-        "rollout20": "theta error after 20 samples, rad",
-        "rollout40": "theta error after 40 samples, rad",
-    }
     drawn: ClassVar[str] = "rollout40"
-    axes: ClassVar[tuple[str, str]] = ("theta, rad", "theta_dot, rad/s")
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """Words for each number."""
+        ahead = {f"rollout{n}": f"theta error after {n} samples, rad" for n in AHEAD}
+        return {"nrmse": "nRMSE of theta_dd", **ahead}
+
+    @property
+    def axes(self) -> tuple[str, str]:
+        """Words for position and speed."""
+        return "theta, rad", "theta_dot, rad/s"
 
     def document(self) -> dict[str, Any]:
         """Plain and rounded."""

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mazeplan.diagnosis.candidates import is_opening
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit, forecast
 from mazeplan.diagnosis.kalman import accelerations
-from mazeplan.diagnosis.library import GATE, Candidate, Spec
 from mazeplan.diagnosis.system import Values
-from mazeplan.diagnosis.terms import oscillation
+from mazeplan.physics.effect import Effect, Parameter
+from mazeplan.physics.nameless import oscillation
 
 ACCEPT = 15.0  # of -2 log L
 SURE = 3.0  # standard errors
@@ -28,7 +29,7 @@ class Trial:
     """A candidate added to what was accepted: its fit, and by how much it lowered -2 log L, penalty taken off;
     strength: root mean square over the system's `weakest`, of a term that has no smallest size of its own."""
 
-    candidate: Candidate
+    candidate: Effect
     fit: Fit
     gain: float
     raw: float
@@ -48,15 +49,13 @@ class Trial:
         return certain and c.size(values, had) >= 1.0 and self.strength >= 1.0
 
 
-def promising(
-    likelihood: Likelihood, current: Fit, library: Sequence[Candidate]
-) -> list[tuple[Candidate, dict[str, float]]]:
+def promising(likelihood: Likelihood, current: Fit, library: Sequence[Effect]) -> list[tuple[Effect, dict[str, float]]]:
     """The candidates worth a full fit, with their starts: the best by one linear step, named and unnamed."""
-    found: list[tuple[float, Candidate, dict[str, float]]] = []
+    found: list[tuple[float, Effect, dict[str, float]]] = []
     for c in library:
         names, declared = list(c.parameters), likelihood.system.declared.get(c.name)
         starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first()
-        if c.acts == GATE and "angle" in c.parameters and len(starts) > 1:
+        if is_opening(c) and len(starts) > 1:
             starts = [_gate_start(likelihood, current, c, starts[0][-1])]
         if len(starts) > 1:  # held fixed first, with either sign of the last parameter
             low = list(c.parameters.values())[-1].low
@@ -76,7 +75,7 @@ def promising(
     return [(c, start) for _, c, start in named + nameless + chance]
 
 
-def _gate_start(likelihood: Likelihood, current: Fit, c: Candidate, loss: float) -> tuple[float, float]:
+def _gate_start(likelihood: Likelihood, current: Fit, c: Effect, loss: float) -> tuple[float, float]:
     """Angle of the gate that explains most by one linear step, all around at once, and a loss to start from."""
     angles = np.linspace(-math.pi, math.pi, ANGLES, endpoint=False)
     gates = [replace(c, name=f"{c.name} {i}") for i in range(ANGLES)]
@@ -89,12 +88,12 @@ def _gate_start(likelihood: Likelihood, current: Fit, c: Candidate, loss: float)
     return float(angles[int(np.argmax(worth))]), loss
 
 
-def price(likelihood: Likelihood, c: Candidate) -> float:
+def price(likelihood: Likelihood, c: Effect) -> float:
     """What its parameters cost: k log N."""
     return len(c.parameters) * math.log(max(float(likelihood.rows.sum()) / likelihood.repeats, 2.0))
 
 
-def try_one(likelihood: Likelihood, current: Fit, c: Candidate, start: dict[str, float]) -> Trial:
+def try_one(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, float]) -> Trial:
     """The candidate together with what was accepted, all free."""
     found = fit(likelihood, [*current.candidates, c], {**current.values, c.name: start}, current.q)
     raw = current.minus2 - found.minus2
@@ -121,15 +120,7 @@ def swinging(likelihood: Likelihood, current: Fit) -> Trial:
     power = np.abs(np.fft.rfft(e - e.mean())) ** 2 / max(len(e) * float(np.var(e)), 1e-300)
     frequency = np.fft.rfftfreq(len(e), likelihood.system.dt)
     k = int(np.argmax(power[1:])) + 1
-    amplitude = Spec("rad/s^2", 0.0, -50.0, 50.0, 1e-3, SWING * likelihood.system.weakest)
-    c = Candidate(
-        "oscillation",
-        {"frequency": Spec("Hz", 0.0, 0.0, 15.0, 1e-5), "cos": amplitude, "sin": amplitude},
-        term=oscillation,
-        named=False,
-        depends_on=("time",),
-        places=("frequency",),
-    )
+    c = oscillation(Parameter("rad/s^2", 0.0, -50.0, 50.0, SWING * likelihood.system.weakest, 1e-3))
     if power[k] < PEAK:
         return Trial(c, current, -math.inf, 0.0)
     start = {**current.values, c.name: {"frequency": float(frequency[k]), "cos": 0.05, "sin": 0.05}}

@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from mazeplan.diagnosis.fit import Fit, Likelihood, fit
-from mazeplan.diagnosis.library import Candidate
 from mazeplan.diagnosis.screening import ACCEPT, Trial, price, promising, swinging, try_one
 from mazeplan.diagnosis.system import Values
+from mazeplan.physics.effect import Effect
 
 KEEP = 10.0  # of -2 log L
 ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within this cannot be told apart
@@ -42,11 +42,11 @@ class Finding:
 
 def search(
     likelihood: Likelihood,
-    library: Sequence[Candidate],
+    library: Sequence[Effect],
     tell: Callable[[str], None],
     *,
-    free: Sequence[Candidate] = (),
-    along: Sequence[Candidate] = (),
+    free: Sequence[Effect] = (),
+    along: Sequence[Effect] = (),
     most: int = MOST,
     start: Values | None = None,
 ) -> Finding:
@@ -61,8 +61,8 @@ class _Search:
     stage fitted along, since the ball feels errors of it that the tilt sensor does not see."""
 
     def __init__(
-        self, likelihood: Likelihood, library: Sequence[Candidate], tell: Callable[[str], None],
-        free: Sequence[Candidate], along: Sequence[Candidate],
+        self, likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None],
+        free: Sequence[Effect], along: Sequence[Effect],
     ) -> None:  # fmt: skip
         self._likelihood, self._library, self._tell = likelihood, list(library), tell
         self._free, self._along = list(free), list(along)
@@ -95,7 +95,7 @@ class _Search:
         current, worth = self._drop(self._exchange(current))
         return Finding(base, self._with_stage(current), ranked, tuple(alike), unknown, worth)
 
-    def _open(self, current: Fit) -> list[Candidate]:
+    def _open(self, current: Fit) -> list[Effect]:
         """What can be added: not what is there already in other words."""
         there = {c.name for c in current.candidates}
         return [c for c in self._library if not there.intersection(c.rivals)]

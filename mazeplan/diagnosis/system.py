@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from mazeplan.diagnosis.kalman import Moves, Problem
-from mazeplan.diagnosis.library import Candidate
+from mazeplan.physics.effect import Effect
 from mazeplan.records import Array
 
 Values = dict[str, dict[str, float]]  # effect -> parameter -> value
@@ -29,7 +29,7 @@ class System(Protocol):
         """Samples."""
         ...
 
-    def build(self, candidates: Sequence[Candidate], values: Values) -> tuple[Problem, Array]:
+    def build(self, candidates: Sequence[Effect], values: Values) -> tuple[Problem, Array]:
         """The problem with these effects at these values (of those left out: as declared), and its parameters."""
         ...
 
@@ -38,13 +38,13 @@ class System(Protocol):
         0 where effects leave that alone."""
         ...
 
-    def moves(self, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
+    def moves(self, candidates: Sequence[Effect], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
         """What moving each of some parameters (effect, name, step) changes."""
         ...
 
 
 def plain_moves(
-    system: System, candidates: Sequence[Candidate], values: Values, steps: Sequence[tuple[str, str, float]]
+    system: System, candidates: Sequence[Effect], values: Values, steps: Sequence[tuple[str, str, float]]
 ) -> Moves:
     """`System.moves` where parameters change nothing but p."""
     moved = [{**values, effect: {**values[effect], name: values[effect][name] + step}} for effect, name, step in steps]

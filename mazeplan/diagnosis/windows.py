@@ -30,19 +30,19 @@ import numpy as np
 from scipy.signal import savgol_coeffs
 
 from mazeplan.data.smoothing import acceleration_kernel
+from mazeplan.diagnosis.candidates import is_smooth
 from mazeplan.diagnosis.fit import Fit, Likelihood, best_q, fit
 from mazeplan.diagnosis.kalman import accelerations, coasts
-from mazeplan.diagnosis.library import RING, TERM, Candidate
 from mazeplan.diagnosis.ringsystem import RingSystem, Values
 from mazeplan.diagnosis.scores import KNOWN, MATCHED, matched_target, ring_of
 from mazeplan.diagnosis.screening import ACCEPT, price
 from mazeplan.diagnosis.search import Finding, search
+from mazeplan.physics.effect import Effect
 from mazeplan.records import Array, IntArray
 
 MANY = 10  # effects looked for: in a record of a real rig many are at work at once
 TAILS = 4.0  # degrees of freedom nu
 EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
-SMOOTH = (TERM, RING)  # what changes the acceleration without jumps
 ASIDE = (-0.05, 0.0, 0.05)  # rad, by which a gate that blows at either edge may seem to be turned
 SHARE = 0.1  # of what an effect explains, that other words for it must explain beyond
 WORTH_IT = 0.99  # of the squares that are left, at most so much with more numbers
@@ -54,9 +54,7 @@ class WindowLikelihood(Likelihood):
 
     noisy = False
 
-    def __init__(
-        self, system: RingSystem, library: Sequence[Candidate], rows: np.ndarray, tails: float = TAILS
-    ) -> None:
+    def __init__(self, system: RingSystem, library: Sequence[Effect], rows: np.ndarray, tails: float = TAILS) -> None:
         """rows (N,): which count; tails: degrees of freedom of Student's distribution. Raises ValueError
         for a record without accelerations of its own."""
         super().__init__(system, library, rows)
@@ -97,11 +95,11 @@ class WindowLikelihood(Likelihood):
         e = self.residuals(values)
         root = np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails))
         J = np.empty((len(e), len(steps)))
-        acts = {c.name: c.acts for c in self.library}
+        smooth = {c.name for c in self.library if is_smooth(c)}
         here = self._averaged(values)
         for j, (effect, name, step) in enumerate(steps):
             moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
-            if acts[effect] in SMOOTH:
+            if effect in smooth:
                 J[:, j] = (here - self._averaged(moved)) / step
             else:
                 J[:, j] = (self.residuals(moved) - e) / step
@@ -151,7 +149,7 @@ def spread_of(e: Array, tails: float = TAILS) -> float:
 
 
 def _looked_at(
-    squares: WindowLikelihood, had: Sequence[Candidate], values: Values, closely: Sequence[Candidate]
+    squares: WindowLikelihood, had: Sequence[Effect], values: Values, closely: Sequence[Effect]
 ) -> tuple[Fit, dict[str, str], dict[str, float]]:
     """What was found, in the closer words that explain most for their parameters; the name that each had before, and by
     how much of -2 log L it explains more, by name. It begins where the other one was."""
@@ -173,7 +171,7 @@ def _looked_at(
     return current, before, gains
 
 
-def _closer(squares: WindowLikelihood, rest: Sequence[Candidate], c: Candidate, values: Values) -> Fit:
+def _closer(squares: WindowLikelihood, rest: Sequence[Effect], c: Effect, values: Values) -> Fit:
     """Fit of a closer look c beside the rest, from where the plain one was: values of all of them."""
     if c.name in values:
         usual = {name: spec.default for name, spec in c.parameters.items()}
@@ -188,7 +186,7 @@ def _closer(squares: WindowLikelihood, rest: Sequence[Candidate], c: Candidate, 
 def refined(
     squares: WindowLikelihood,
     found: Fit,
-    finer: Sequence[Candidate],
+    finer: Sequence[Effect],
     folds: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> tuple[Fit, dict[str, float]]:
     """The same effects, those in finer words with which less is left on blocks that had no part in the fit; and by how
@@ -210,7 +208,7 @@ def refined(
 
 def _left(
     squares: WindowLikelihood,
-    candidates: Sequence[Candidate],
+    candidates: Sequence[Effect],
     start: Values,
     folds: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> float:
@@ -225,11 +223,11 @@ def _left(
 
 def by_windows(
     likelihood: Likelihood,
-    library: Sequence[Candidate],
+    library: Sequence[Effect],
     rows: np.ndarray,
     tell: Callable[[str], None],
-    closely: Sequence[Candidate] = (),
-    finer: Sequence[Candidate] = (),
+    closely: Sequence[Effect] = (),
+    finer: Sequence[Effect] = (),
     folds: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> tuple[Finding, Likelihood]:
     """The finding, and what fitted it, of a record of smoothed accelerations whose tilt is known by its sensor alone:

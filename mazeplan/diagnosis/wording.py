@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from mazeplan.diagnosis.search import Finding
+from mazeplan.physics.registry import EFFECTS
 
 LISTED = 6  # amplitudes that a sentence lists
 
@@ -20,7 +21,19 @@ def effect_words(effect: dict[str, Any]) -> str:
         numbers = f"{len(waves)} amplitudes, {rms:.2g} {waves[0]['unit']} root mean square"
     else:
         numbers = ", ".join(f"{name} {_size(p)}" for name, p in parameters.items())
-    return f"{effect['name'].replace('_', ' ')} ({numbers})"
+    why = why_not(effect["name"])
+    return f"{effect['name'].replace('_', ' ')} ({numbers}" + (f"; no plan can use it: {why})" if why else ")")
+
+
+def why_not(name: str) -> str:
+    """Why a planner cannot use an effect, empty where it can."""
+    return EFFECTS[name].why_not if name in EFFECTS else ""
+
+
+def with_plan(effect: dict[str, Any]) -> dict[str, Any]:
+    """An effect of the JSON, and whether a plan can use it."""
+    why = why_not(effect["name"])
+    return {**effect, "planned": not why, **({"why_not": why} if why else {})}
 
 
 def _size(parameter: dict[str, Any]) -> str:

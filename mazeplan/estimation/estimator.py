@@ -70,7 +70,7 @@ class Estimator:
         self._planar = PlanarModel.build(maze, model)
         self._dt = 1.0 / rate_hz
         noise = self._options.plate
-        stage = model.true_stage
+        self._stage = stage = model.true_stage
         self._axes = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))
         self._gates = (TiltGate(), TiltGate())
         self._obedient = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))  # by the commands alone
@@ -140,8 +140,9 @@ class Estimator:
         if self._tilts:
             since = self._tilts[-1][0]
             for start, end, u in self._acting(since, t):
+                reached = self._stage.mixed(*u)
                 for axes in (self._axes, self._obedient):
-                    for axis, value in zip(axes, u, strict=True):
+                    for axis, value in zip(axes, reached, strict=True):
                         axis.predict(value, end - start)
         tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
         for axis, gate, angle in zip(self._axes, self._gates, tilts, strict=True):
@@ -177,7 +178,7 @@ class Estimator:
     def _advance(self, z: Array, start: float, end: float) -> None:
         times, tilts = self._tilt_history()
         p = self._planar
-        predict_given_tilt(z, start, end, times, tilts, p.scalars, p.bias, p.rings, p.walls, p.gaps)
+        predict_given_tilt(z, start, end, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
     def _carry_to(self, moment: float) -> None:
         assert self._z is not None
@@ -225,7 +226,7 @@ class Estimator:
         z[2:4] += gain[1] * innovation
         self._covariance = self._covariance - np.outer(gain, self._covariance[0])
         p = self._planar
-        contact(z, p.scalars[1], p.rings, p.walls, p.gaps, 0.0)
+        contact(z, p.scalars[0], p.rings, p.walls, p.gaps, 0.0)
 
     # -- result ---------------------------------------------------------------------------------------------------
 

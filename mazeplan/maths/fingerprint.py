@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+LATER = {"later": True}  # metadata of a field that was added later: at its default it does not count, as of old
+
 
 def fingerprint(value: Any) -> str:
     """SHA-256 (hex) of a value made of dataclasses, mappings, sequences, arrays, numbers and text, to the last bit;
@@ -21,9 +23,17 @@ def fingerprint(value: Any) -> str:
 
 
 def _parts(value: Any) -> Iterator[bytes]:
-    if is_dataclass(value) and not isinstance(value, type):
+    if hasattr(value, "told_as"):  # what it says of itself: a name, and fields with their values
+        name, known = value.told_as()
+        yield name.encode()
+        for key, part in known.items():
+            yield key.encode()
+            yield from _parts(part)
+    elif is_dataclass(value) and not isinstance(value, type):
         yield type(value).__name__.encode()
         for field in fields(value):
+            if field.metadata.get("later") and getattr(value, field.name) == field.default:
+                continue
             yield field.name.encode()
             yield from _parts(getattr(value, field.name))
     elif isinstance(value, Mapping):

@@ -25,10 +25,9 @@ from typing import Any
 
 import networkx as nx
 
+from mazeplan.constants import GRAVITY
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.memory import OpeningMemory
-
-GRAVITY = 9.81  # m/s^2
 
 _START, _GOAL = "start", "goal"
 

@@ -1,17 +1,12 @@
-"""The ball model of one ring: the equation of `effects` with a set of effects in it."""
+"""The ball model of one ring: a sum of effects, whichever they are."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mazeplan.models.effects import (
-    Effect,
-    RingKinematics,
-    gravity_jacobian,
-    gravity_part,
-    kinematic_jacobian,
-    kinematic_terms,
-)
+from mazeplan.physics import arrays
+from mazeplan.physics.arrays import RingKinematics
+from mazeplan.physics.effect import Term
 from mazeplan.records import Array
 
 
@@ -19,36 +14,26 @@ from mazeplan.records import Array
 class BallModel:
     """A sum of effects. `stderr` holds standard errors as {effect: {parameter: value}} where they are known."""
 
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Term, ...] = ()
     stderr: dict[str, dict[str, float]] = field(default_factory=dict, compare=False)
 
     def parameter(self, effect: str, parameter: str, default: float) -> float:
         """A parameter's value, or `default` when the effect is not in the model."""
-        for e in self.effects:
-            if e.name == effect:
-                return e.values()[parameter]
+        for term in self.effects:
+            if term.name == effect:
+                return term.values()[parameter]
         return default
 
-    def _gravity(self) -> tuple[float, float, float]:
-        return (
-            self.parameter("rolling_inertia", "factor", 1.0),
-            self.parameter("tilt_offset", "beta", 0.0),
-            self.parameter("tilt_offset", "gamma", 0.0),
-        )
+    @property
+    def planned(self) -> tuple[Term, ...]:
+        """Those effects that planner and prediction use."""
+        return tuple(term for term in self.effects if term.effect.planned)
 
     def acceleration(self, k: RingKinematics) -> Array:
-        """theta_dd, shape (N,), rad/s^2."""
-        factor, beta_0, gamma_0 = self._gravity()
-        total = kinematic_terms(k) + factor * gravity_part(k, beta_0, gamma_0)
-        for effect in self.effects:
-            total = total + effect.term(k)
-        return total
+        """theta_dd, shape (N,), rad/s^2; of effects of openings an acceleration says nothing."""
+        return arrays.acceleration(self.effects, k)
 
     def jacobian(self, k: RingKinematics) -> Array:
         """Derivatives of theta_dd with respect to (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), shape (N,
         6)."""
-        factor, beta_0, gamma_0 = self._gravity()
-        total = kinematic_jacobian(k) + factor * gravity_jacobian(k, beta_0, gamma_0)
-        for effect in self.effects:
-            total = total + effect.jacobian(k)
-        return total
+        return arrays.jacobian(self.effects, k)

@@ -52,7 +52,7 @@ def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay:
         window = slice(k - HISTORY, k + AHEAD + 2)
         predict_given_tilt(
             z, grid[k] - delay, grid[k + AHEAD] - delay, grid[window], tilts[window],
-            model.scalars, model.bias, model.rings, model.walls, model.gaps,
+            model.scalars, model.rings, model.walls, model.gaps,
         )  # fmt: skip
         errors[i] = np.hypot(z[0] - table["x"][k + AHEAD], z[1] - table["y"][k + AHEAD])
     return errors

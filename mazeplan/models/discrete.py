@@ -12,13 +12,13 @@ import numpy as np
 
 from mazeplan.data.split import uniform_downsample
 from mazeplan.maths.angles import nearest
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.gp_training import TrainingOptions, train
 from mazeplan.models.rollout import STEPS, Rollout
 from mazeplan.models.samples import RingSamples, pick
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.records import Array, IntArray
 
 

@@ -21,7 +21,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mazeplan.models.effects import GRAVITY, RingKinematics
+from mazeplan.constants import GRAVITY, WALL_ROLLING
+from mazeplan.physics.arrays import RingKinematics, gravity_jacobian, gravity_part
 from mazeplan.records import Array
 
 INPUTS = (
@@ -50,7 +51,6 @@ STATE_TERMS: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ((tuple(ran
 TERMS = {"state": STATE_TERMS, "local": LOCAL_TERMS}  # by the name of the inputs
 # for planning: without the cosines of the tilt, which differ from one by .4 % and tell nothing but when it was measured
 PLANNED_TERMS: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = (((0, 1, 2, 3, 4, 5, 7), ()),)
-ROLLING = 5.0 / 9.0  # of gravity that a ball feels which rolls on floor and wall
 DRY_WIDTH = 0.1  # rad/s over which dry friction changes sign, as the planner has it
 
 
@@ -80,7 +80,7 @@ def local_inputs(k: RingKinematics) -> Array:
 
 def outward(k: RingKinematics, across: Array) -> Array:
     """What presses the ball outwards, m/s^2: its turning, and gravity as far as a rolling ball feels it."""
-    return k.radius * k.theta_dot**2 + GRAVITY * ROLLING * across
+    return k.radius * k.theta_dot**2 + GRAVITY * WALL_ROLLING * across
 
 
 def paper_features(k: RingKinematics) -> Array:
@@ -104,18 +104,9 @@ def effect_features(k: RingKinematics) -> Array:
     """What multiplies the parameters of effects, (N, 5), in the order of `EFFECTS`; rad/s^2 per unit.
 
     The tilt of the table comes out times the rolling factor. Analytic in the state, so that complex steps pass."""
-    s, c, scale = np.sin(k.theta), np.cos(k.theta), -GRAVITY / k.radius
-    sb, cb, sg, cg = np.sin(k.beta), np.cos(k.beta), np.sin(k.gamma), np.cos(k.gamma)
-    return np.stack(
-        [
-            scale * (sb * s + sg * cb * c),
-            -k.theta_dot,
-            -np.tanh(k.theta_dot / DRY_WIDTH),
-            scale * (cb * s - sg * sb * c),
-            scale * cg * cb * c,
-        ],
-        axis=1,
-    )
+    by_tilt = gravity_jacobian(k)[:, [2, 4]]
+    friction = [-k.theta_dot, -np.tanh(k.theta_dot / DRY_WIDTH)]
+    return np.column_stack([gravity_part(k), *friction, by_tilt])
 
 
 def wall_features(k: RingKinematics) -> Array:

@@ -10,7 +10,6 @@ import numpy as np
 from mazeplan.data.split import uniform_downsample
 from mazeplan.errors import InputError
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_terms
 from mazeplan.models.features import FEATURES, INPUT_SETS, TERMS, inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, TrainingOptions, train
@@ -18,6 +17,8 @@ from mazeplan.models.heavy_tails import typical
 from mazeplan.models.learned import AccelerationModel, ForestBall, GaussianBall, LinearBall, PhysicsBall
 from mazeplan.models.linear import fit_linear
 from mazeplan.models.samples import RingSamples
+from mazeplan.physics.arrays import RingKinematics, kinematic_terms
+from mazeplan.physics.ball import rolling_inertia
 from mazeplan.progress import Advance, Words
 from mazeplan.records import Array, IntArray
 
@@ -69,7 +70,7 @@ def fit_kind(
     options = options or FitOptions()
     k, target = samples.at(rows), samples.theta_ddot[rows]
     if kind == "p":
-        return Fitted(PhysicsBall(BallModel((RollingInertia(1.0),))))
+        return Fitted(PhysicsBall(BallModel((rolling_inertia(1.0),))))
     if kind == "pi":
         return Fitted(LinearBall(fit_linear(FEATURES["paper"](k), target)))
     if kind == "rf":

@@ -29,25 +29,18 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.data.smoothing import smoothed
 from mazeplan.data.table import Table
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.arx import ArxFit, fit_arx
 from mazeplan.models.ball import BallModel
 from mazeplan.models.delay import best_delay, usable_starts
-from mazeplan.models.effects import (
-    DryFriction,
-    RingKinematics,
-    RollingInertia,
-    TiltOffset,
-    ViscousFriction,
-    gravity_jacobian,
-    gravity_part,
-    kinematic_terms,
-)
-from mazeplan.models.modelfile import FREE_ROLLING, WALL_ROLLING, RigModel
+from mazeplan.models.modelfile import RigModel
 from mazeplan.models.planar import PlanarModel
 from mazeplan.models.stage import StageFit, StageModel, fit_axis
+from mazeplan.physics.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
+from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.progress import Words, no_words
 from mazeplan.records import Array, IntArray
 
@@ -331,10 +324,10 @@ def _ball(ring: int, maze: Maze, fit: _BallFit) -> BallModel:
     if maze.ring(ring).is_disc:
         factor = FREE_ROLLING
     effects = (
-        RollingInertia(factor),
-        ViscousFriction(viscous),
-        DryFriction(dry),
-        TiltOffset(float(fit.offset[0]), float(fit.offset[1])),
+        rolling_inertia(factor),
+        viscous_friction(viscous),
+        dry_friction(dry),
+        tilt_offset(float(fit.offset[0]), float(fit.offset[1])),
     )
     stderr = {
         "rolling_inertia": {"factor": float(sigma[0])},

@@ -20,10 +20,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RingKinematics, kinematic_jacobian, kinematic_terms
 from mazeplan.models.features import FEATURES, INPUT_SETS, feature_jacobian, inputs, through_inputs
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.linear import LinearFit
+from mazeplan.physics.arrays import RingKinematics, kinematic_jacobian, kinematic_terms
 from mazeplan.records import Array
 
 

@@ -12,8 +12,8 @@
     data: [{file: ..., sha256: ...}, ...]
     scores: {...}
 
-`camera`, `tilt_sensor` and the `backlash` of an axis are left out where there is nothing to say: a camera above the
-plate's middle and in line with its axes, a sensor that is calibrated, gears without play.
+What says nothing is left out: a camera above the plate's middle and in line with its axes, a sensor that is calibrated,
+gears without play, axes that do not share commands. A ring may hold any effect on the ball (`physics.registry`).
 
 A plain number may stand for {value: number}. Kinds np and sp have processes, whose arrays lie beside the file
 (`processfile`). Nothing is executed on loading.
@@ -31,15 +31,19 @@ from typing import Any, TypeVar
 import yaml
 
 from mazeplan import filekinds, resources
+from mazeplan.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.errors import ModelError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import EFFECTS, DryFriction, Effect, RollingInertia, ViscousFriction, make_effect
+from mazeplan.models.entries import declared_parts
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.processfile import read_process, write_process
 from mazeplan.models.sensors import Camera, TiltSensor
 from mazeplan.models.stage import StageAxis, StageModel
+from mazeplan.physics.ball import dry_friction, rolling_inertia, viscous_friction
+from mazeplan.physics.effect import Term
+from mazeplan.physics.registry import EFFECTS, make_term
 from mazeplan.records import Latency
 
 Sensor = TypeVar("Sensor", Camera, TiltSensor)
@@ -47,12 +51,12 @@ FORMAT = 1
 KINDS = ("p", "pi", "np", "sp")
 PACKAGED = resources.PACKAGE / "models" / "packaged"
 AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
-BACKLASH = {"backlash": "rad"}
-CAMERA_UNITS = {"offset_x": "m", "offset_y": "m", "angle": "rad"}
+AXIS_MORE = {"backlash": "rad", "deadband": "rad", "coupling": "1"}  # written where they are not nought
+CAMERA_UNITS = {
+    "offset_x": "m", "offset_y": "m", "angle": "rad", "scale": "1", "distortion": "1/m^2", "distortion_x": "m",
+    "distortion_y": "m",
+}  # fmt: skip
 SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
-WALL_ROLLING = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a sphere that rolls on floor and wall at once
-FREE_ROLLING = 5.0 / 7.0  # 1 / (1 + 2/5): on the floor alone
-DEAD_TIME = 0.005  # s of commands, below which there is no need to call it an effect
 LATENCY_STDERR = 0.002  # s, of a delay that was measured while the plate swung
 NOMINAL_DRY = 0.05  # m/s^2; a steel ball that stays where it is up to 0.4 deg
 
@@ -101,21 +105,10 @@ class RigModel:
         return replace(self, stage=stage, camera_delay=latency.camera_s, camera_delay_stderr=stderr)
 
     def declared(self, ring: int) -> dict[str, dict[str, float]]:
-        """What it says of a ring, as {effect: {parameter: value}}; the camera's delay as `sensor_delay`, its angle as
-        `axis_misalignment`. Its offset is not among them: that is for the measured positions."""
+        """What it says of a ring and of the rig's parts, as {effect: {parameter: value}}. The camera's offset is not
+        among them: it is taken off the measured positions."""
         known = {effect.name: effect.values() for effect in self.ball(ring).effects}
-        if self.camera_delay:
-            known["sensor_delay"] = {"delay": self.camera_delay}
-        if self.camera.angle:
-            known["axis_misalignment"] = {"angle": self.camera.angle}
-        delay = 0.5 * (self.stage.beta.dead_time + self.stage.gamma.dead_time)
-        if delay > DEAD_TIME:
-            known["command_delay"] = {"delay": delay}
-        if self.stage.beta.backlash or self.stage.gamma.backlash:
-            known["backlash"] = {"beta": self.stage.beta.backlash, "gamma": self.stage.gamma.backlash}
-        if self.tilt_sensor != TiltSensor():
-            known["tilt_gain"] = {"beta": self.tilt_sensor.gain_beta, "gamma": self.tilt_sensor.gain_gamma}
-        return known
+        return known | declared_parts(self)
 
     @property
     def true_stage(self) -> StageModel:
@@ -135,9 +128,9 @@ class RigModel:
         balls = {
             ring.number: BallModel(
                 (
-                    RollingInertia(FREE_ROLLING if ring.is_disc else WALL_ROLLING),
-                    ViscousFriction(0.3),
-                    DryFriction(NOMINAL_DRY / max(ring.track_radius, 0.5 * ring.outer_radius)),
+                    rolling_inertia(FREE_ROLLING if ring.is_disc else WALL_ROLLING),
+                    viscous_friction(0.3),
+                    dry_friction(NOMINAL_DRY / max(ring.track_radius, 0.5 * ring.outer_radius)),
                 )
             )
             for ring in maze.rings
@@ -292,8 +285,8 @@ class _Reader:
     def axis(self, node: Any, name: str) -> StageAxis:
         """One axis of the stage."""
         key = ("stage", name)
-        self.section(node, key, (*AXIS_UNITS, *BACKLASH))
-        units = AXIS_UNITS | BACKLASH
+        units = AXIS_UNITS | AXIS_MORE
+        self.section(node, key, tuple(units))
         numbers = {k: self.number(v, *key, k, unit=units[k]) for k, v in node.items()}
         try:
             return StageAxis(
@@ -306,7 +299,7 @@ class _Reader:
     def ball(self, node: Any, ring: str) -> BallModel:
         """The effects of one ring."""
         key = ("rings", ring)
-        effects: list[Effect] = []
+        effects: list[Term] = []
         stderr: dict[str, dict[str, float]] = {}
         for name, parameters in self.section(node, key, None).items():
             self.section(parameters, (*key, name), None)
@@ -314,7 +307,7 @@ class _Reader:
             units = {k: known[k].unit if k in known else None for k in parameters}
             numbers = {k: self.number(v, *key, name, k, unit=units[k]) for k, v in parameters.items()}
             try:
-                effects.append(make_effect(name, {k: value for k, (value, _) in numbers.items()}))
+                effects.append(make_term(name, {k: value for k, (value, _) in numbers.items()}))
             except ValueError as problem:
                 raise self.fail(str(problem), *key, name) from None
             stderr[name] = {k: s for k, (_, s) in numbers.items() if s is not None}
@@ -328,6 +321,12 @@ def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
     return {**entry, "unit": unit}
 
 
+def _told(camera: Camera) -> dict[str, str]:
+    """Units of what a file says of a camera: place and angle, and what else is off."""
+    usual, plain = ("offset_x", "offset_y", "angle"), Camera()
+    return {k: u for k, u in CAMERA_UNITS.items() if k in usual or getattr(camera, k) != getattr(plain, k)}
+
+
 def _entries(part: StageAxis | Camera | TiltSensor, units: Mapping[str, str]) -> dict[str, Any]:
     return {k: _entry(getattr(part, k), part.stderr.get(k), unit) for k, unit in units.items()}
 
@@ -335,13 +334,13 @@ def _entries(part: StageAxis | Camera | TiltSensor, units: Mapping[str, str]) ->
 def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
     """What `save_model` writes; processes: what is said of the arrays beside it."""
     stage = {
-        name: _entries(axis, AXIS_UNITS | (BACKLASH if axis.backlash else {}))
+        name: _entries(axis, AXIS_UNITS | {key: unit for key, unit in AXIS_MORE.items() if getattr(axis, key)})
         for name, axis in (("beta", model.stage.beta), ("gamma", model.stage.gamma))
     }
     off = {
         name: _entries(part, units)
         for name, part, units in (
-            ("camera", model.camera, CAMERA_UNITS),
+            ("camera", model.camera, _told(model.camera)),
             ("tilt_sensor", model.tilt_sensor, SENSOR_UNITS),
         )
         if part != type(part)()
@@ -349,7 +348,7 @@ def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] |
     rings = {
         ring: {
             effect.name: {
-                k: _entry(value, ball.stderr.get(effect.name, {}).get(k), effect.parameters[k].unit)
+                k: _entry(value, ball.stderr.get(effect.name, {}).get(k), effect.effect.parameters[k].unit)
                 for k, value in effect.values().items()
             }
             for effect in ball.effects

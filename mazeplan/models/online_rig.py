@@ -24,6 +24,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,6 @@ from mazeplan.data.table import Table
 from mazeplan.errors import InputError, ModelError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import DryFriction, RingKinematics, TiltOffset, ViscousFriction, kinematic_terms
 from mazeplan.models.features import PLANNED_TERMS, effect_features, inputs
 from mazeplan.models.gaussian_process import JITTER, Hyperparameters, Term, kernel
 from mazeplan.models.modelfile import RigModel
@@ -39,6 +39,8 @@ from mazeplan.models.online import SCORES, OnlineProcess, Walk
 from mazeplan.models.processfile import rounded
 from mazeplan.models.rig_learning import MOST_FRICTION, SMOOTHING, corrected, planned
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
+from mazeplan.physics.arrays import RingKinematics, kinematic_terms
+from mazeplan.physics.ball import dry_friction, tilt_offset, viscous_friction
 from mazeplan.records import Array, IntArray
 
 # medians over rings and packaged models; amplitude and noise times the radius of the track, m/s^2, rate times it, m/s
@@ -176,7 +178,8 @@ class OnlineModel:
         viscous += change("viscous_friction", "coefficient")
         tilt = [ball.parameter("tilt_offset", a, 0.0) + change("tilt_offset", a) for a in ("beta", "gamma")]
         viscous, dry = (min(max(c, 0.0), MOST_FRICTION) for c in (viscous, dry))
-        new = (ViscousFriction(viscous), DryFriction(dry), TiltOffset(*tilt))
+        asymmetry = ball.parameter("dry_friction", "asymmetry", 0.0)
+        new = (viscous_friction(viscous), dry_friction(dry, asymmetry), tilt_offset(*tilt))
         kept = tuple(e for e in ball.effects if e.name not in FIXED[1:])
         return BallModel((*kept, *new), ball.stderr)
 
@@ -282,11 +285,7 @@ def usual(radius: float) -> Hyperparameters:
 
 def expected(ball: BallModel, k: RingKinematics) -> Array:
     """theta_dd (N,) of all effects as the planner has them."""
-    total = planned(ball, k)
-    for effect in ball.effects:
-        if effect.name not in FIXED:
-            total = total + effect.term(k)
-    return total
+    return planned(ball, k)
 
 
 def accelerations(model: RigModel, ring: int, k: RingKinematics) -> Array:
@@ -315,18 +314,15 @@ def _changed(ball: BallModel, weights: Array, variance: Array) -> BallModel:
         ("tilt_offset", "gamma", scale),
     )
     before = np.array([s * ball.stderr.get(effect, {}).get(name, 0.0) for effect, name, s in parts])
-    new = corrected(ball, weights, np.sqrt(before**2 + np.maximum(variance, 0.0)))
-    others = tuple(e for e in ball.effects if e.name not in FIXED)
-    return BallModel((*new.effects, *others), {**ball.stderr, **new.stderr})
+    return corrected(ball, weights, np.sqrt(before**2 + np.maximum(variance, 0.0)))
 
 
 def _put_right(table: Table, model: RigModel) -> Table:
     """The table with what the model knows of camera and tilt sensor taken off."""
     columns, camera, sensor = dict(table.columns), model.camera, model.tilt_sensor
     if "x" in table:
-        c, s = math.cos(camera.angle), math.sin(camera.angle)
-        x, y = columns["x"] - camera.offset_x, columns["y"] - camera.offset_y
-        x, y = c * x + s * y, c * y - s * x
+        place: Any = camera.true(columns["x"], columns["y"])  # pyright: ignore[reportArgumentType]
+        x, y = place
         columns.update(x=x, y=y, theta=np.arctan2(y, x), r=np.hypot(x, y))
     columns.update(beta=columns["beta"] / sensor.gain_beta, gamma=columns["gamma"] / sensor.gain_gamma)
     return Table(columns, table.source)

@@ -1,16 +1,14 @@
 """Fast planar motion of the ball on the tilting plate: both coordinates, walls, openings, servo, queued commands.
 
 The ring model (`ring_dynamics`) holds the ball on a circle; this one lets it fall through openings and meet walls,
-which
-is what a prediction over the camera delay needs. Plate frame, metres:
+which is what a prediction over the camera delay needs. Plate frame, metres:
 
-    x_dd =  k g sin(beta + beta_0)                      - c x_dot - d x_dot / |v|
-    y_dd = -k g sin(gamma + gamma_0) cos(beta + beta_0) - c y_dot - d y_dot / |v|
+    a = k (gravity along the plate) + r (force along the ring) e_theta - drag v - R (dry friction) v / |v|
 
-k is 5/7 (a solid sphere that rolls) where no wall is touched; along a wall the ball also turns against the wall,
-and k is the
-factor learned for that ring. What the floor of a ring adds along it (`surface`) comes on top. Contacts are inelastic:
-the velocity into the wall is lost but for `restitution`.
+The effects of the ring that the ball is in say what these are (`generate.plane_routine`). k is 5/7 (a solid sphere that
+rolls) where no wall is touched; along a wall the ball also turns against the wall, and k is the factor learned for that
+ring; friction at the wall acts there alone. What the plate's turning does is left out: it is small over the delay of a
+camera. Contacts are inelastic: the velocity into the wall is lost but for `restitution`.
 
 Everything compiled works on two float vectors, so that one compilation serves every maze and model:
 z = (x, y, x_dot, y_dot, beta, beta_dot, gamma, gamma_dot), shape (8,), and the packed `PlanarModel`.
@@ -24,31 +22,38 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from mazeplan.maze.geometry import Maze
-from mazeplan.models import surface
+from mazeplan.constants import FREE_ROLLING
+from mazeplan.maths.compiled import pointer_to
+from mazeplan.maze.geometry import Maze, Ring
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.surface import force
+from mazeplan.physics.arrays import EXACT, gravity_factor, packed
+from mazeplan.physics.compiled import call_plane, call_term, ring_functions, term_functions
+from mazeplan.physics.effect import OPENING, Term
+from mazeplan.physics.symbols import PLATE
 from mazeplan.records import Array
 
-GRAVITY = 9.81  # m/s^2
-FREE_ROLLING = 5.0 / 7.0  # solid sphere rolling without slip
 SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
 RESTITUTION = 0.15  # of the velocity into a wall; steel on printed plastic, slow
-FLOOR = 5  # where in the numbers of a ring those of its floor begin
 OPENINGS_ONLY = 3  # columns of the walls where no radial ones stand in any ring
 ROUNDED = 1e-5  # of a factor in a file
 STATE_SIZE = 8
+# columns of a ring: radii, factor at a wall, radius of the track, address of what acts in the plane, whether that looks
+# at the angle, number of openings that take speed, where they begin; scratch space; then the parameters
+INNER, OUTER, FACTOR, TRACK, PLANE, ANGLED, OPENING_COUNT, OPENINGS, PUSH = range(9)
+FELT = PUSH + 7  # of what acts in the plane, as `in_plane` gives it
+PULLED = FELT + 4  # the plate as formulas see it
+PARAMETERS = PULLED + len(PLATE)
+OPENING_SIZE = 3  # addresses of angle and loss, and where the parameters are
+TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
 class PlanarModel:
     """Arrays for the compiled functions.
 
-    scalars: (3,) gravity, ball radius m, factor where no wall is touched
-    stage:   (2, 4) per axis gain, natural frequency rad/s, damping ratio, offset rad
-    bias:    (2,) tilt of the table, beta and gamma, rad
-    rings:   (R, 5) per ring, outermost first: inner radius, outer radius, factor at a wall, viscous 1/s, dry m/s^2;
-             (R, 5 + surface.SIZE) where the floor of any adds something
+    scalars: (2,) ball radius m, factor where no wall is touched
+    stage:   (2, 5) per axis gain, natural frequency rad/s, damping ratio, offset rad, coupling
+    rings:   (R, C) per ring, outermost first: see the columns above
     walls:   (W, 3) per wall between rings: inner radius, outer radius, index of its first gap;
              (W, 5) where radial walls stand in any ring: of the ring outside it, the first of their rows and the one
              behind the last
@@ -58,7 +63,6 @@ class PlanarModel:
 
     scalars: Array
     stage: Array
-    bias: Array
     rings: Array
     walls: Array
     gaps: Array
@@ -66,24 +70,8 @@ class PlanarModel:
     @classmethod
     def build(cls, maze: Maze, model: RigModel) -> PlanarModel:
         """The arrays for one maze and one fitted (or nominal) model."""
-        rings, bias = [], np.zeros(2)
-        floors = [surface.pack(model.ball(ring.number)) for ring in maze.rings]
-        for ring in maze.rings:
-            ball = model.ball(ring.number)
-            radius = max(ring.track_radius, 0.5 * ring.outer_radius)
-            rings.append(
-                [
-                    ring.inner_radius,
-                    ring.outer_radius,
-                    ball.parameter("rolling_inertia", "factor", 1.0),
-                    ball.parameter("viscous_friction", "coefficient", 0.0),
-                    ball.parameter("dry_friction", "coefficient", 0.0) * radius,
-                ]
-            )
-        if any(floor[0] for floor in floors):
-            rings = [[*ring, *floor] for ring, floor in zip(rings, floors, strict=True)]
-        ball = model.ball(1)
-        bias[:] = ball.parameter("tilt_offset", "beta", 0.0), ball.parameter("tilt_offset", "gamma", 0.0)
+        rows = [_ring_row(ring, maze, model) for ring in maze.rings]
+        width = max(map(len, rows))
         walls, gaps = [], []
         for wall in maze.walls[1:]:
             walls.append([wall.inner_radius, wall.outer_radius, float(len(gaps))])
@@ -94,21 +82,47 @@ class PlanarModel:
                 row += [float(len(gaps)), float(len(gaps) + len(across))]
                 gaps.extend([math.cos(w.angle), math.sin(w.angle), 0.5 * w.thickness] for w in across)
         stage = [
-            [axis.gain, axis.natural_frequency, axis.damping, axis.offset]
+            [axis.gain, axis.natural_frequency, axis.damping, axis.offset, axis.coupling]
             for axis in (model.true_stage.beta, model.true_stage.gamma)
         ]
         return cls(
-            scalars=np.array([GRAVITY, maze.ball.radius, _free_factor(maze, model)]),
+            scalars=np.array([maze.ball.radius, _free_factor(maze, model)]),
             stage=np.array(stage, dtype=float),
-            bias=bias,
-            rings=np.array(rings, dtype=float),
+            rings=np.array([[*row, *[0.0] * (width - len(row))] for row in rows]),
             walls=np.array(walls, dtype=float).reshape(len(walls), -1) if walls else np.zeros((0, 3)),
             gaps=np.array(gaps, dtype=float).reshape(-1, 3),
         )
 
-    def arrays(self) -> tuple[Array, Array, Array, Array, Array, Array]:
+    def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
         """The arguments that the compiled functions take behind the state."""
-        return self.scalars, self.stage, self.bias, self.rings, self.walls, self.gaps
+        return self.scalars, self.stage, self.rings, self.walls, self.gaps
+
+
+def _ring_row(ring: Ring, maze: Maze, model: RigModel) -> list[float]:
+    """The columns of a ring: its own effects, and those that are the same everywhere as ring 1 has them."""
+    shared = [term for term in model.ball(1).planned if term.effect.common]
+    own = [term for term in model.ball(ring.number).planned if not term.effect.common]
+    along = [term for term in (*own, *shared) if term.effect.acts != OPENING]
+    functions = ring_functions([term.effect for term in along])
+    track = max(ring.track_radius, 0.5 * ring.outer_radius)
+    opening = [term for term in own if term.effect.acts == OPENING]
+    parameters = packed(along, EXACT)
+    plate = [0.0] * (len(PLATE) - 2) + [track, maze.ball.radius]
+    head = [
+        ring.inner_radius, ring.outer_radius, gravity_factor(along), track, functions.address["plane"],
+        functions.counts["angled"], len(opening), PARAMETERS + len(parameters), *[0.0] * (PULLED - PUSH), *plate,
+    ]  # fmt: skip
+    return [*head, *parameters, *_opening_columns(opening, PARAMETERS + len(parameters))]
+
+
+def _opening_columns(terms: list[Term], begin: int) -> list[float]:
+    """Addresses and places of the openings, then their parameters."""
+    rows, numbers, at = [], [], begin + OPENING_SIZE * len(terms)
+    for term in terms:
+        functions = term_functions(term.effect)
+        rows += [functions.address["angle"], functions.address["loss"], at + len(numbers)]
+        numbers += term.numbers
+    return [float(x) for x in (*rows, *numbers)]
 
 
 def _free_factor(maze: Maze, model: RigModel) -> float:
@@ -245,48 +259,90 @@ def contact(z, radius, rings, walls, gaps, restitution):
 
 
 @njit(cache=True)
-def stage_step(z, at, u, axis, h):
-    """Advance one axis of the stage (angle z[at], rate z[at + 1]) by h with the command u held.
+def stage_step(z, u_beta, u_gamma, stage, h):
+    """Advance both axes of the stage (angles z[4] and z[6], rates behind them) by h with the commands held.
 
     Semi-implicit in the damping: stable for every damping ratio at the sub-step used here."""
-    gain, wn, zeta, offset = axis[0], axis[1], axis[2], axis[3]
-    error = gain * u + offset - z[at]
-    rate = (z[at + 1] + h * wn * wn * error) / (1.0 + 2.0 * zeta * wn * h + wn * wn * h * h)
-    z[at] += h * rate
-    z[at + 1] = rate
+    for i in range(2):
+        axis, at = stage[i], 4 + 2 * i
+        gain, wn, zeta, offset = axis[0], axis[1], axis[2], axis[3]
+        u = u_beta + axis[4] * u_gamma if i == 0 else u_gamma + axis[4] * u_beta
+        error = gain * u + offset - z[at]
+        rate = (z[at + 1] + h * wn * wn * error) / (1.0 + 2.0 * zeta * wn * h + wn * wn * h * h)
+        z[at] += h * rate
+        z[at + 1] = rate
 
 
 @njit(cache=True)
-def ball_step(z, h, scalars, bias, rings, walls, gaps, touching):
-    """Advance the ball by h with the plate's tilt as it stands in z; whether it touches a wall afterwards."""
-    g, radius, free = scalars[0], scalars[1], scalars[2]
+def in_plane(z, ring, free, touching):
+    """Where these begin in the ring's columns: acceleration in the plane (2), m/s^2; drag, 1/s; dry friction,
+    m/s^2."""
     r = math.sqrt(z[0] * z[0] + z[1] * z[1])
-    ring = rings[ring_index(r, rings)]
-    b, c = z[4] + bias[0], z[6] + bias[1]
-    ax, ay = g * math.sin(b), -g * math.sin(c) * math.cos(b)
+    speed = math.sqrt(z[2] * z[2] + z[3] * z[3]) / ring[TRACK]
+    angle = rate = direction = 0.0
+    if ring[ANGLED] != 0.0 and r > 1e-6:
+        angle = math.atan2(z[1], z[0])
+        rate = (z[0] * z[3] - z[1] * z[2]) / (r * r)
+        direction = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
+    plate, p = pointer_to(ring, PULLED), pointer_to(ring, PARAMETERS)
+    plate[0], plate[3] = z[4], z[6]
+    push = pointer_to(ring, PUSH)
+    call_plane(np.int64(ring[PLANE]), (angle, rate, speed, direction, 0.0, plate, p, push))
+    ax, ay = push[0], push[1]
     if touching and r > 1e-6:
         nx, ny = z[0] / r, z[1] / r
         radial, along = ax * nx + ay * ny, -ax * ny + ay * nx
-        radial, along = radial * free, along * ring[2]
+        radial, along = radial * free, along * ring[FACTOR]
         ax, ay = radial * nx - along * ny, radial * ny + along * nx
     else:
         ax, ay = ax * free, ay * free
-    if ring.shape[0] > FLOOR and ring[FLOOR] != 0.0 and r > 1e-6:
-        along = r * force(ring, FLOOR, math.atan2(z[1], z[0]))
-        ax, ay = ax - along * z[1] / r, ay + along * z[0] / r
-    vx, vy = z[2] + h * ax, z[3] + h * ay
+    if push[2] != 0.0 and r > 1e-6:
+        ax, ay = ax - push[2] * z[1], ay + push[2] * z[0]
+    ring[FELT], ring[FELT + 1], ring[FELT + 2] = ax, ay, push[3]
+    ring[FELT + 3] = ring[TRACK] * (push[4] + (push[5] if touching else 0.0))
+    return FELT
+
+
+@njit(cache=True)
+def _pass_openings(z, ring, before):
+    """Take the share of the speed along the ring that openings take which were passed since the angle `before`."""
+    after = math.atan2(z[1], z[0])
+    after = before + (after - before - TURN * math.floor((after - before) / TURN + 0.5))
+    r2 = z[0] * z[0] + z[1] * z[1]
+    rate = (z[0] * z[3] - z[1] * z[2]) / r2
+    for j in range(int(ring[OPENING_COUNT])):
+        at = int(ring[OPENINGS]) + OPENING_SIZE * j
+        p, plate = pointer_to(ring, int(ring[at + 2])), pointer_to(ring, PULLED)
+        angle = call_term(np.int64(ring[at]), (before, rate, 0.0, plate, p))
+        if math.floor((before - angle) / TURN) != math.floor((after - angle) / TURN):
+            lost = call_term(np.int64(ring[at + 1]), (before, rate, 0.0, plate, p)) * rate
+            z[2] += lost * z[1]
+            z[3] -= lost * z[0]
+            rate -= lost
+
+
+@njit(cache=True)
+def ball_step(z, h, scalars, rings, walls, gaps, touching):
+    """Advance the ball by h with the plate's tilt as it stands in z; whether it touches a wall afterwards."""
+    radius, free = scalars[0], scalars[1]
+    ring = rings[ring_index(math.sqrt(z[0] * z[0] + z[1] * z[1]), rings)]
+    felt = in_plane(z, ring, free, touching)
+    vx, vy = z[2] + h * ring[felt], z[3] + h * ring[felt + 1]
     speed = math.sqrt(vx * vx + vy * vy)
-    keep = max(0.0, 1.0 - h * ring[3])
+    keep = max(0.0, 1.0 - h * ring[felt + 2])
     if speed > 1e-12:
-        keep *= max(0.0, 1.0 - h * ring[4] / speed)
+        keep *= max(0.0, 1.0 - h * ring[felt + 3] / speed)
     z[2], z[3] = vx * keep, vy * keep
+    before = math.atan2(z[1], z[0]) if ring[OPENING_COUNT] > 0.0 else 0.0
     z[0] += h * z[2]
     z[1] += h * z[3]
+    if ring[OPENING_COUNT] > 0.0:
+        _pass_openings(z, ring, before)
     return contact(z, radius, rings, walls, gaps, RESTITUTION)
 
 
 @njit(cache=True)
-def predict(z, t, until, times, commands, scalars, stage, bias, rings, walls, gaps):
+def predict(z, t, until, times, commands, scalars, stage, rings, walls, gaps):
     """Advance z (in place) from t to `until`, with commands[i] held from times[i] on (times ascending).
 
     Shapes: times (N,), commands (N, 2). Before times[0] the first command is held."""
@@ -298,16 +354,15 @@ def predict(z, t, until, times, commands, scalars, stage, bias, rings, walls, ga
         h = min(SUBSTEP, until - t)
         if i + 1 < times.shape[0] and times[i + 1] - t < h:
             h = max(times[i + 1] - t, 1e-9)
-        stage_step(z, 4, commands[i, 0], stage[0], h)
-        stage_step(z, 6, commands[i, 1], stage[1], h)
-        touching = ball_step(z, h, scalars, bias, rings, walls, gaps, touching)
+        stage_step(z, commands[i, 0], commands[i, 1], stage, h)
+        touching = ball_step(z, h, scalars, rings, walls, gaps, touching)
         t += h
         if i + 1 < times.shape[0] and times[i + 1] <= t + 1e-9:
             i += 1
 
 
 @njit(cache=True)
-def predict_given_tilt(z, t, until, times, tilts, scalars, bias, rings, walls, gaps):
+def predict_given_tilt(z, t, until, times, tilts, scalars, rings, walls, gaps):
     """Advance the ball in z (in place) from t to `until` under a known tilt history.
 
     times (N,) ascending, tilts (N, 2); linear between samples, held outside them."""
@@ -325,5 +380,5 @@ def predict_given_tilt(z, t, until, times, tilts, scalars, bias, rings, walls, g
             z[6] = (1.0 - w) * tilts[i, 1] + w * tilts[i + 1, 1]
         else:
             z[4], z[6] = tilts[i, 0], tilts[i, 1]
-        touching = ball_step(z, h, scalars, bias, rings, walls, gaps, touching)
+        touching = ball_step(z, h, scalars, rings, walls, gaps, touching)
         t += h

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_solve
 
-from mazeplan.models.effects import RingKinematics, kinematic_terms
 from mazeplan.models.features import FEATURES, INPUT_SETS
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
 from mazeplan.models.learned import AccelerationModel, GaussianBall, LinearBall
+from mazeplan.physics.arrays import RingKinematics, kinematic_terms
 from mazeplan.records import Array
 
 WAVES = 256  # of the prior, for each term

@@ -19,15 +19,6 @@ from mazeplan.data.table import Table
 from mazeplan.errors import TableError
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import (
-    DryFriction,
-    RingKinematics,
-    RollingInertia,
-    TiltOffset,
-    ViscousFriction,
-    gravity_part,
-    kinematic_terms,
-)
 from mazeplan.models.features import DRY_WIDTH, PLANNED_TERMS, effect_features, inputs
 from mazeplan.models.fitting import FitOptions, honest_noise
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
@@ -35,6 +26,8 @@ from mazeplan.models.gp_training import Training, train
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.processfile import rounded
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
+from mazeplan.physics.arrays import RingKinematics, acceleration, kinematic_terms
+from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.records import Array
 
@@ -157,11 +150,7 @@ def _condition(
 
 def planned(ball: BallModel, k: RingKinematics) -> Array:
     """theta_dd (N,) of the effects as the planner has them: dry friction with tanh for the sign."""
-    offset = [ball.parameter("tilt_offset", axis, 0.0) for axis in ("beta", "gamma")]
-    gravity = ball.parameter("rolling_inertia", "factor", 1.0) * gravity_part(k, *offset)
-    viscous = ball.parameter("viscous_friction", "coefficient", 0.0) * k.theta_dot
-    dry = ball.parameter("dry_friction", "coefficient", 0.0) * np.tanh(k.theta_dot / DRY_WIDTH)
-    return kinematic_terms(k) + gravity - viscous - dry
+    return acceleration(ball.planned, k, DRY_WIDTH)
 
 
 def corrected(ball: BallModel, weights: Array, sigma: Array) -> BallModel:
@@ -182,5 +171,7 @@ def corrected(ball: BallModel, weights: Array, sigma: Array) -> BallModel:
         "dry_friction": {"coefficient": float(sigma[2])},
         "tilt_offset": {"beta": float(sigma[3]) / factor, "gamma": float(sigma[4]) / factor},
     }
-    effects = (RollingInertia(factor), ViscousFriction(viscous), DryFriction(dry), TiltOffset(*offset))
-    return BallModel(effects, stderr)
+    asymmetry = ball.parameter("dry_friction", "asymmetry", 0.0)
+    effects = (rolling_inertia(factor), viscous_friction(viscous), dry_friction(dry, asymmetry), tilt_offset(*offset))
+    kept = tuple(e for e in ball.effects if e.name not in stderr)
+    return BallModel((*effects, *kept), {**ball.stderr, **stderr})

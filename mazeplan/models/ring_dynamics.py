@@ -1,60 +1,69 @@
-"""Discrete dynamics of the ball in one ring together with the tilting stage, compiled, with analytic derivatives.
+"""Discrete dynamics of the ball in one ring together with the tilting stage, compiled, with derivatives.
 
 State s = (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), control u = (u_beta, u_gamma), one step of dt.
-Point mass at radius r in the plate frame, R = Ry(beta) Rx(gamma); rolling and friction added:
 
-    theta_dd =  beta_dd sin(gamma) + 2 beta_d gamma_d cos(gamma) sin(theta)^2
-              + (gamma_d^2 - beta_d^2 cos(gamma)^2) sin(theta) cos(theta)
-              - k (g/r) [sin(beta') sin(theta) + sin(gamma') cos(beta') cos(theta)]
-              - c theta_d - d tanh(theta_d / w) + f(theta) + e
-    beta_dd  =  wn^2 (gain u + offset - beta) - 2 zeta wn beta_d        (gamma likewise)
+    theta_dd = sum of effects (`physics.equation`) + e
+    beta_dd  = wn^2 (gain (u_beta + coupling u_gamma) + offset - beta) - 2 zeta wn beta_d        (gamma likewise)
 
-beta' = beta + beta_0 and gamma' = gamma + gamma_0 are the tilts against gravity: the table itself is off level by
-(beta_0, gamma_0). f is what the floor adds (`surface`). e is held over a step: what a learned model adds
-(`learned_dynamics`), else 0. tanh stands for the sign in dry friction: good for planning, not for identification.
+e is held over a step: what a learned model adds (`learned_dynamics`), else 0. tanh stands for the sign in dry friction:
+good for planning, not for identification. An opening that takes speed does so in the sub-step in which it is passed.
 
 The stage is linear with a held input, so it is exact (zero-order hold, any damping); theta goes by the classical
 Runge-Kutta scheme of order 4 in SUBSTEPS steps on the exact tilt. Against an adaptive integrator one step of 1/30 s
 is off by less than 1e-5 rad and 2e-4 rad/s (tilts to 5 degrees, tilt rates to 1 rad/s, speeds to 8 rad/s), a plan
 of 40 steps by less than 1e-3 rad at its end. One sub-step instead of two would be off by ten times as much.
 
-Derivatives: a Runge-Kutta step has many inputs and two results, so each result is traced back to the four
-accelerations (`_traced`), and these to the tilt that they were taken at; only from sub-step to sub-step it goes
-forwards. Tilts are small and angles change little within a step, so that one sine and cosine a step is taken of the
-library.
+Effects are called through the addresses in p (`RingParameters.pack`): what they make of the plate once a node, what of
+the ball at each stage of the scheme. Derivatives: a Runge-Kutta step has many inputs and two results, so each result is
+traced back to the four accelerations (`_traced`), and these to the tilt that they were taken at; only from sub-step to
+sub-step it goes forwards. Angles change little within a step, so that the library is asked for one sine and cosine a
+step.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
-from mazeplan.maths.exponential import exp2_below
+from mazeplan.maths.compiled import pointer_to, shifted
 from mazeplan.maths.trigonometry import sine_and_cosine
 from mazeplan.models.ring_parameters import (
     AXES,
-    BETA_0,
+    BALL,
     BY_ANGLE,
     BY_RATE,
+    COUPLING,
     DAMPING,
-    DRIVE,
-    DRY,
+    EVERY,
     EXTRA,
     GAIN,
-    GAMMA_0,
     NODE,
     OFFSET,
+    OPENING_COUNT,
+    OPENING_SIZE,
+    OPENINGS,
+    PARAMETERS,
+    PARTIALS_AT,
+    PLATE_AT,
+    PLATE_PARTIALS_AT,
+    RADIUS,
+    SCRATCH,
+    SLOPES,
+    STAGES,
     STEP,
     STIFFNESS,
     SUBSTEP_COUNT,
     TABLE,
-    VISCOUS,
-    WIDTH,
+    VALUE_AT,
 )
-from mazeplan.models.surface import force, slope
+from mazeplan.physics.compiled import call_partials, call_plate, call_term, call_value
+from mazeplan.physics.symbols import PLATE
 
-TWICE_LOG2E = 2.0 / math.log(2.0)
+TURN = 2.0 * math.pi
+OUT = len(PLATE)  # where in the scratch space the derivatives of the stages of a sub-step are
+COEFFICIENTS = OUT + STAGES * SLOPES  # ... and the coefficients of the nodes
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -75,76 +84,86 @@ def _axes(p):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _surface(p):
-    """Where what the floor adds begins in p."""
-    return AXES + 2 * (TABLE + NODE * (2 * int(p[SUBSTEP_COUNT]) + 1))
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _node(p, s, u, node):
-    """The plate at a node as the ball feels it: beta_d, beta_dd, gamma_d, sin and cos of gamma, beta', gamma'."""
+def _mixed(p, u):
+    """What reaches each axis of commands u (2,)."""
     b, c = _axes(p)
-    beta, beta_d, beta_dd = _tilt(p, b, node, s[2], s[3], u[0])
-    gamma, gamma_d, _ = _tilt(p, c, node, s[4], s[5], u[1])
-    sin_c, cos_c = sine_and_cosine(gamma)
-    sin_bg, cos_bg = sine_and_cosine(beta + p[BETA_0])
-    sin_cg, cos_cg = sine_and_cosine(gamma + p[GAMMA_0])
-    return beta_d, beta_dd, gamma_d, sin_c, cos_c, sin_bg, cos_bg, sin_cg, cos_cg
+    return u[0] + p[b + COUPLING] * u[1], u[1] + p[c + COUPLING] * u[0]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _ball(p, start, theta, theta_d):
-    """What acceleration and partials share of the ball: theta, theta_d, sin and cos of theta, tanh of dry friction.
+def _scratch(p, at):
+    """Pointer into the scratch space."""
+    return pointer_to(p, int(p[SCRATCH]) + at)
 
-    start: theta, its sine and its cosine where the step begins."""
+
+@njit(cache=True, error_model="numpy")
+def _plate(p, s, u, node):
+    """The plate's motion at a node, into the scratch space; pointer to it."""
+    b, c = _axes(p)
+    ub, uc = _mixed(p, u)
+    w = _scratch(p, 0)
+    w[0], w[1], w[2] = _tilt(p, b, node, s[2], s[3], ub)
+    w[3], w[4], w[5] = _tilt(p, c, node, s[4], s[5], uc)
+    w[6], w[7] = p[RADIUS], p[BALL]
+    return w
+
+
+@njit(cache=True, error_model="numpy")
+def _node(p, s, u, node, function):
+    """What effects make of the plate at a node (`plate` or `plate_partials`), into its coefficients; pointer to
+    them."""
+    w, out = _plate(p, s, u, node), _scratch(p, COEFFICIENTS + node * int(p[EVERY]))
+    call_plate(np.int64(p[function]), (0.0, w, pointer_to(p, int(p[PARAMETERS])), out))
+    return out
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _turned(start, theta):
+    """Sine and cosine of theta, which is near the angle of start: (angle, its sine, its cosine)."""
     angle, sin, cos = start
     small, near = sine_and_cosine(theta - angle)
-    gone = exp2_below(max(-TWICE_LOG2E * abs(theta_d) / p[WIDTH], -1000.0))
-    tanh = math.copysign((1.0 - gone) / (1.0 + gone), theta_d)
-    return theta, theta_d, sin * near + cos * small, cos * near - sin * small, tanh
+    return sin * near + cos * small, cos * near - sin * small
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _acceleration(p, plate, ball):
+def _acceleration(p, plate, start, theta, theta_d):
     """theta_dd with the plate as at a node."""
-    beta_d, beta_dd, gamma_d, sin_c, cos_c, sin_bg, cos_bg, sin_cg, _ = plate
-    theta, theta_d, sin, cos, tanh = ball
-    turning = beta_dd * sin_c + 2.0 * beta_d * gamma_d * cos_c * sin * sin
-    centripetal = (gamma_d * gamma_d - beta_d * beta_d * cos_c * cos_c) * sin * cos
-    gravity = -p[DRIVE] * (sin_bg * sin + sin_cg * cos_bg * cos)
-    friction = p[VISCOUS] * theta_d + p[DRY] * tanh
-    total = turning + centripetal + gravity - friction + p[EXTRA]
-    at = _surface(p)
-    if p[at] != 0.0:
-        total += force(p, at, theta)
-    return total
+    sin, cos = _turned(start, theta)
+    parameters = pointer_to(p, int(p[PARAMETERS]))
+    return call_value(np.int64(p[VALUE_AT]), (theta, theta_d, sin, cos, plate, parameters)) + p[EXTRA]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _partials(p, plate, ball):
-    """Derivatives of theta_dd at a node by theta, theta_d, beta, beta_d, beta_dd, gamma, gamma_d."""
-    beta_d, beta_dd, gamma_d, sin_c, cos_c, sin_bg, cos_bg, sin_cg, cos_cg = plate
-    theta, _, sin, cos, tanh = ball
-    drive = p[DRIVE]
-    centripetal = gamma_d * gamma_d - beta_d * beta_d * cos_c * cos_c
-    at, floor = _surface(p), 0.0
-    if p[at] != 0.0:
-        floor = slope(p, at, theta)
-    return (
-        4.0 * beta_d * gamma_d * cos_c * sin * cos
-        + centripetal * (cos * cos - sin * sin)
-        - drive * (sin_bg * cos - sin_cg * cos_bg * sin)
-        + floor,
-        -p[VISCOUS] - p[DRY] / p[WIDTH] * (1.0 - tanh * tanh),
-        -drive * (cos_bg * sin - sin_cg * sin_bg * cos),
-        2.0 * gamma_d * cos_c * sin * sin - 2.0 * beta_d * cos_c * cos_c * sin * cos,
-        sin_c,
-        beta_dd * cos_c
-        - 2.0 * beta_d * gamma_d * sin_c * sin * sin
-        + 2.0 * beta_d * beta_d * cos_c * sin_c * sin * cos
-        - drive * cos_cg * cos_bg * cos,
-        2.0 * beta_d * cos_c * sin * sin + 2.0 * gamma_d * sin * cos,
-    )
+def _partials(p, plate, start, theta, theta_d, stage):
+    """theta_dd, and a pointer to its derivatives at a stage of the scheme: by theta, theta_d, beta, beta_d, beta_dd,
+    gamma, gamma_d."""
+    sin, cos = _turned(start, theta)
+    out = _scratch(p, OUT + SLOPES * stage)
+    parameters = pointer_to(p, int(p[PARAMETERS]))
+    call_partials(np.int64(p[PARTIALS_AT]), (theta, theta_d, sin, cos, plate, parameters, out))
+    return out[0] + p[EXTRA], shifted(out, 1)
+
+
+@njit(cache=True, error_model="numpy")
+def acceleration(s, u, p):
+    """theta_dd, rad/s^2, in a state (6,) under a command (2,)."""
+    start = s[0], math.sin(s[0]), math.cos(s[0])
+    return _acceleration(p, _node(p, s, u, 0, PLATE_AT), start, s[0], s[1])
+
+
+@njit(cache=True, error_model="numpy")
+def _pass_openings(p, s, u, node, before, theta, theta_d):
+    """Angle, rate and the share of both that is kept behind the openings that were passed since the angle `before`."""
+    share = 1.0
+    for j in range(int(p[OPENING_COUNT])):
+        at = int(p[OPENINGS]) + OPENING_SIZE * j
+        numbers, w = pointer_to(p, int(p[at + 2])), _plate(p, s, u, node)
+        angle = call_term(np.int64(p[at]), (before, theta_d, 0.0, w, numbers))
+        if math.floor((before - angle) / TURN) != math.floor((theta - angle) / TURN):
+            kept = 1.0 - call_term(np.int64(p[at + 1]), (before, theta_d, 0.0, w, numbers))
+            there = angle + TURN * math.floor((max(before, theta) - angle) / TURN)
+            theta, theta_d, share = there + kept * (theta - there), kept * theta_d, kept * share
+    return theta, theta_d, share
 
 
 @njit(cache=True, error_model="numpy")
@@ -153,21 +172,32 @@ def step(s, u, p, out):
     h, n = p[STEP], int(p[SUBSTEP_COUNT])
     theta, theta_d = s[0], s[1]
     start = theta, math.sin(theta), math.cos(theta)
-    last = _node(p, s, u, 0)
+    last = _node(p, s, u, 0, PLATE_AT)
     for i in range(n):
-        first, middle, last = last, _node(p, s, u, 2 * i + 1), _node(p, s, u, 2 * i + 2)
-        a1 = _acceleration(p, first, _ball(p, start, theta, theta_d))
+        first, middle = last, _node(p, s, u, 2 * i + 1, PLATE_AT)
+        last = _node(p, s, u, 2 * i + 2, PLATE_AT)
+        before = theta
+        a1 = _acceleration(p, first, start, theta, theta_d)
         d2 = theta_d + 0.5 * h * a1
-        a2 = _acceleration(p, middle, _ball(p, start, theta + 0.5 * h * theta_d, d2))
+        a2 = _acceleration(p, middle, start, theta + 0.5 * h * theta_d, d2)
         d3 = theta_d + 0.5 * h * a2
-        a3 = _acceleration(p, middle, _ball(p, start, theta + 0.5 * h * d2, d3))
-        a4 = _acceleration(p, last, _ball(p, start, theta + h * d3, theta_d + h * a3))
+        a3 = _acceleration(p, middle, start, theta + 0.5 * h * d2, d3)
+        a4 = _acceleration(p, last, start, theta + h * d3, theta_d + h * a3)
         theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
         theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        if p[OPENING_COUNT] > 0.0:
+            theta, theta_d, _ = _pass_openings(p, s, u, 2 * i + 1, before, theta, theta_d)
+    _stage_end(p, s, u, 2 * n, out)
+    out[0], out[1] = theta, theta_d
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _stage_end(p, s, u, node, out):
+    """The stage at a node, into out[2:]."""
     b, c = _axes(p)
-    beta, beta_d, _ = _tilt(p, b, 2 * n, s[2], s[3], u[0])
-    gamma, gamma_d, _ = _tilt(p, c, 2 * n, s[4], s[5], u[1])
-    out[0], out[1], out[2], out[3], out[4], out[5] = theta, theta_d, beta, beta_d, gamma, gamma_d
+    ub, uc = _mixed(p, u)
+    out[2], out[3], _ = _tilt(p, b, node, s[2], s[3], ub)
+    out[4], out[5], _ = _tilt(p, c, node, s[4], s[5], uc)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -241,13 +271,18 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
     angle, rate = _traced(p[STEP], f1, f2, f3, f4, 1.0, 0.0), _traced(p[STEP], f1, f2, f3, f4, 0.0, 1.0)
     _through(angle, rate, A, 0, 0.0, 0.0)
     _through(angle, rate, A, 1, 0.0, 0.0)
+    by_angle, by_rate, by_angle_c, by_rate_c = 0.0, 0.0, 0.0, 0.0
     for j in range(3):
         t1, t2, t3 = _tilt_tangent(p, b, node, j), _tilt_tangent(p, b, node + 1, j), _tilt_tangent(p, b, node + 2, j)
         by_angle, by_rate = _by_beta(angle, t1, t2, t3), _by_beta(rate, t1, t2, t3)
-        _through(angle, rate, A if j < 2 else B, 2 + j if j < 2 else 0, by_angle, by_rate)
         t1, t2, t3 = _tilt_tangent(p, c, node, j), _tilt_tangent(p, c, node + 1, j), _tilt_tangent(p, c, node + 2, j)
-        by_angle, by_rate = _by_gamma(angle, t1, t2, t3), _by_gamma(rate, t1, t2, t3)
-        _through(angle, rate, A if j < 2 else B, 4 + j if j < 2 else 1, by_angle, by_rate)
+        by_angle_c, by_rate_c = _by_gamma(angle, t1, t2, t3), _by_gamma(rate, t1, t2, t3)
+        if j < 2:
+            _through(angle, rate, A, 2 + j, by_angle, by_rate)
+            _through(angle, rate, A, 4 + j, by_angle_c, by_rate_c)
+    mix_b, mix_c = p[b + COUPLING], p[c + COUPLING]  # the last ones are by what reaches each axis
+    _through(angle, rate, B, 0, by_angle + mix_c * by_angle_c, by_rate + mix_c * by_rate_c)
+    _through(angle, rate, B, 1, by_angle_c + mix_b * by_angle, by_rate_c + mix_b * by_rate)
     before, speed = p[BY_ANGLE], p[BY_RATE]
     p[BY_ANGLE] = angle[0] * before + angle[1] * speed + angle[2]
     p[BY_RATE] = rate[0] * before + rate[1] * speed + rate[2]
@@ -257,7 +292,8 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
 def linearise(s, u, p, out, A, B):
     """`step`, and its derivatives by s and u, into A (6, 6) and B (6, 2): the chain rule through the scheme.
 
-    Those of angle and rate by p[EXTRA] are left in p[BY_ANGLE] and p[BY_RATE]."""
+    Those of angle and rate by p[EXTRA] are left in p[BY_ANGLE] and p[BY_RATE]. That the share lost at an opening
+    depends on the state is left out."""
     h, n = p[STEP], int(p[SUBSTEP_COUNT])
     A[:] = 0.0
     B[:] = 0.0
@@ -265,27 +301,28 @@ def linearise(s, u, p, out, A, B):
     p[BY_ANGLE] = p[BY_RATE] = 0.0
     theta, theta_d = s[0], s[1]
     start = theta, math.sin(theta), math.cos(theta)
-    last = _node(p, s, u, 0)
+    last = _node(p, s, u, 0, PLATE_PARTIALS_AT)
     for i in range(n):
-        first, middle, last = last, _node(p, s, u, 2 * i + 1), _node(p, s, u, 2 * i + 2)
-        at1 = _ball(p, start, theta, theta_d)
-        a1 = _acceleration(p, first, at1)
+        first, middle = last, _node(p, s, u, 2 * i + 1, PLATE_PARTIALS_AT)
+        last = _node(p, s, u, 2 * i + 2, PLATE_PARTIALS_AT)
+        before = theta
+        a1, f1 = _partials(p, first, start, theta, theta_d, 0)
         d2 = theta_d + 0.5 * h * a1
-        at2 = _ball(p, start, theta + 0.5 * h * theta_d, d2)
-        a2 = _acceleration(p, middle, at2)
+        a2, f2 = _partials(p, middle, start, theta + 0.5 * h * theta_d, d2, 1)
         d3 = theta_d + 0.5 * h * a2
-        at3 = _ball(p, start, theta + 0.5 * h * d2, d3)
-        a3 = _acceleration(p, middle, at3)
-        at4 = _ball(p, start, theta + h * d3, theta_d + h * a3)
-        a4 = _acceleration(p, last, at4)
-        f1, f2 = _partials(p, first, at1), _partials(p, middle, at2)
-        f3, f4 = _partials(p, middle, at3), _partials(p, last, at4)
+        a3, f3 = _partials(p, middle, start, theta + 0.5 * h * d2, d3, 2)
+        a4, f4 = _partials(p, last, start, theta + h * d3, theta_d + h * a3, 3)
         _advance(p, 2 * i, f1, f2, f3, f4, A, B)
         theta += h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
         theta_d += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        if p[OPENING_COUNT] > 0.0:
+            theta, theta_d, kept = _pass_openings(p, s, u, 2 * i + 1, before, theta, theta_d)
+            A[:2] *= kept
+            B[:2] *= kept
+            p[BY_ANGLE] *= kept
+            p[BY_RATE] *= kept
+    _stage_end(p, s, u, 2 * n, out)
     out[0], out[1] = theta, theta_d
-    out[2], out[3], _ = _tilt(p, _axes(p)[0], 2 * n, s[2], s[3], u[0])
-    out[4], out[5], _ = _tilt(p, _axes(p)[1], 2 * n, s[4], s[5], u[1])
     _stage_tangents(p, 2 * n, A, B)
 
 
@@ -294,6 +331,8 @@ def _stage_tangents(p, node, A, B):
     """The rows of the stage in A and B."""
     b, c = _axes(p)
     for axis, row in ((b, 2), (c, 4)):
+        own = row // 2 - 1
         for j in range(2):
             A[row, row + j], A[row + 1, row + j], _ = _tilt_tangent(p, axis, node, j)
-        B[row, row // 2 - 1], B[row + 1, row // 2 - 1], _ = _tilt_tangent(p, axis, node, 2)
+        B[row, own], B[row + 1, own], _ = _tilt_tangent(p, axis, node, 2)
+        B[row, 1 - own], B[row + 1, 1 - own] = p[axis + COUPLING] * B[row, own], p[axis + COUPLING] * B[row + 1, own]

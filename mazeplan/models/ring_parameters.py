@@ -1,32 +1,46 @@
-"""Parameters of the ball in one ring and of the tilting stage, and the vector that compiled functions read."""
+"""Parameters of the ball in one ring and of the tilting stage, and the vector that compiled functions read.
+
+Behind a head of numbers the vector holds: for each axis its numbers and its table of transition matrices at 0, 1/2, 1,
+3/2 ... `substeps` integration steps; the parameters of the effects; the openings that take speed, each with the
+addresses of its functions and its parameters; scratch space. Effects are called through addresses in the head.
+"""
 
 from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mazeplan.constants import GRAVITY, WALL_ROLLING
 from mazeplan.errors import ModelError
-from mazeplan.models import surface
+from mazeplan.physics.arrays import BALL_RADIUS, gravity_factor, level_tilt, packed
+from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.compiled import ring_functions, term_functions
+from mazeplan.physics.effect import OPENING, Term
+from mazeplan.physics.symbols import PLATE
 from mazeplan.records import Array
 
 if TYPE_CHECKING:
     from mazeplan.models.modelfile import RigModel
 
-GRAVITY = 9.81  # m/s^2
 SUBSTEPS = 2
 # rad/s; the plate's acceleration, which pushes the ball, dies away with its fastest pole, and at a node counts for a
 # sixth of a step, 2.8 ms: what is over before that would count far too much. No sample of a rig shows such a pole.
 FASTEST = 150.0
-ROLLING_BETWEEN_FLOOR_AND_WALL = 5.0 / 9.0  # 1 / (1 + 2 * 2/5): a solid sphere that turns on floor and wall at once
 
-# where things are in the vector, and in the block of an axis
-DRIVE, VISCOUS, DRY, WIDTH, BETA_0, GAMMA_0, STEP, SUBSTEP_COUNT, EXTRA, BY_ANGLE, BY_RATE, AXES = range(12)
-GAIN, OFFSET, STIFFNESS, DAMPING, TABLE = range(5)
+# where things are in the head, and in the block of an axis
+STEP, SUBSTEP_COUNT, EXTRA, BY_ANGLE, BY_RATE, DRIVE, BETA_0, GAMMA_0, RADIUS, BALL = range(10)
+PLATE_AT, VALUE_AT, PLATE_PARTIALS_AT, PARTIALS_AT, EVERY = range(10, 15)  # addresses; coefficients of a node
+PARAMETERS, OPENINGS, OPENING_COUNT, SCRATCH, PROCESS, AXES = range(15, 21)  # where what begins
+GAIN, OFFSET, STIFFNESS, DAMPING, COUPLING, TABLE = range(6)
 NODE = 4  # the entries of a 2x2 transition matrix in the table
+OPENING_SIZE = 3  # addresses of angle and loss, and where the parameters are
+SLOPES = 8  # of the acceleration and its derivatives, as `partials` gives them
+STAGES = 4  # of a Runge-Kutta step
 
 
 def _positive(name: str, value: float) -> None:
@@ -41,18 +55,21 @@ def _finite(name: str, value: float) -> None:
 
 @dataclass(frozen=True)
 class AxisParameters:
-    """One axis of the stage, second order. gain: -; natural_frequency: rad/s; damping: ratio; offset: rad."""
+    """One axis of the stage, second order. gain: -; natural_frequency: rad/s; damping: ratio; offset: rad; coupling:
+    share of the other axis's command that it follows, too."""
 
     gain: float = 1.0
     natural_frequency: float = 26.0
     damping: float = 0.9
     offset: float = 0.0
+    coupling: float = 0.0
 
     def __post_init__(self) -> None:
         _positive("stage gain", self.gain)
         _positive("stage natural_frequency", self.natural_frequency)
         _positive("stage damping", self.damping)
         _finite("stage offset", self.offset)
+        _finite("stage coupling", self.coupling)
 
 
 def resolved(natural_frequency: float, damping: float) -> tuple[float, float]:
@@ -72,85 +89,83 @@ def resolved(natural_frequency: float, damping: float) -> tuple[float, float]:
 class RingParameters:
     """Everything the step needs.
 
-    radius: m, where the ball's centre travels; rolling_factor: times the gravity part; viscous: 1/s; dry: rad/s^2;
-    dry_width: rad/s over which dry friction changes sign; offset_beta, offset_gamma: tilt of the table, rad;
-    beta, gamma: the stage; dt: s; gravity: m/s^2; physics: False leaves only what the turning plate does, for models
-    that learned all the rest; surface: what the floor adds, as `surface.pack` has it, or empty. Raises ModelError for
-    values out of range.
-    """
+    radius: m, where the ball's centre travels; effects: on the ball, those that a plan can use; dry_width: rad/s over
+    which dry friction changes sign; beta, gamma: the stage; dt: s; physics: False leaves only what the turning plate
+    does, for models that learned all the rest; ball_radius: m. Raises ModelError for values out of range."""
 
     radius: float
-    rolling_factor: float = ROLLING_BETWEEN_FLOOR_AND_WALL
-    viscous: float = 0.0
-    dry: float = 0.0
-    dry_width: float = 0.1
-    offset_beta: float = 0.0
-    offset_gamma: float = 0.0
+    effects: tuple[Term, ...] = (rolling_inertia(WALL_ROLLING),)
     beta: AxisParameters = AxisParameters()
     gamma: AxisParameters = AxisParameters()
     dt: float = 1.0 / 30.0
-    gravity: float = GRAVITY
+    dry_width: float = 0.1
     physics: bool = True
-    surface: tuple[float, ...] = ()
+    ball_radius: float = BALL_RADIUS
 
     def __post_init__(self) -> None:
-        for name in ("radius", "rolling_factor", "dry_width", "dt", "gravity"):
+        for name in ("radius", "dry_width", "dt", "ball_radius"):
             _positive(name, getattr(self, name))
-        for name in ("viscous", "dry"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ModelError(f"got {getattr(self, name)}, expected a number >= 0", key=name)
-        for name in ("offset_beta", "offset_gamma"):
-            _finite(name, getattr(self, name))
+        for term in self.effects:
+            if not term.effect.planned:
+                raise ModelError(f"cannot be planned with: {term.effect.why_not}", key=term.name)
 
     @classmethod
     def from_model(cls, model: RigModel, ring: int, radius: float) -> RingParameters:
-        """The parameters of a fitted model for one ring, at its track radius (m)."""
-        ball = model.ball(ring)
-        floor = surface.pack(ball)
+        """Parameters for one ring of a rig's model; radius: m, of the ball's track. With a process in the place of
+        effects (kind np) nothing is left of those."""
         axes = [
-            AxisParameters(axis.gain, *resolved(axis.natural_frequency, axis.damping), axis.offset)
+            AxisParameters(axis.gain, *resolved(axis.natural_frequency, axis.damping), axis.offset, axis.coupling)
             for axis in (model.true_stage.beta, model.true_stage.gamma)
         ]
         return cls(
             radius=radius,
-            rolling_factor=ball.parameter("rolling_inertia", "factor", 1.0),
-            viscous=max(0.0, ball.parameter("viscous_friction", "coefficient", 0.0)),
-            dry=max(0.0, ball.parameter("dry_friction", "coefficient", 0.0)),
-            offset_beta=ball.parameter("tilt_offset", "beta", 0.0),
-            offset_gamma=ball.parameter("tilt_offset", "gamma", 0.0),
+            effects=model.ball(ring).planned,
             beta=axes[0],
             gamma=axes[1],
             physics=not (model.kind == "np" and ring in model.processes),
-            surface=tuple(floor.tolist()) if floor[0] else (),
         )
 
     def pack(self, substeps: int = SUBSTEPS) -> Array:
-        """The vector that the compiled functions read: ball, integration, then per axis its numbers and its table of
-        transition matrices at 0, 1/2, 1, 3/2 ... `substeps` integration steps, then what the floor adds."""
-        on = 1.0 if self.physics else 0.0
-        ball = [
-            on * self.rolling_factor * self.gravity / self.radius,
-            on * self.viscous,
-            on * self.dry,
-            self.dry_width,
-            self.offset_beta,
-            self.offset_gamma,
-            self.dt / substeps,
-            substeps,
-            0.0,  # EXTRA
-            0.0,  # BY_ANGLE, BY_RATE: scratch space of `linearise`
-            0.0,
-        ]
-        axes = [number for axis in (self.beta, self.gamma) for number in _pack_axis(axis, self.dt, substeps)]
-        return np.array(ball + axes + list(self.surface or np.zeros(surface.SIZE)), dtype=float)
+        """The vector that the compiled functions read."""
+        terms = self.effects if self.physics else (Term(rolling_inertia, (0.0,)),)
+        along = [term for term in terms if term.effect.acts != OPENING]
+        functions = ring_functions([term.effect for term in along])
+        beta_0, gamma_0 = level_tilt(along)
+        head = np.zeros(AXES)
+        head[[STEP, SUBSTEP_COUNT, RADIUS, BALL]] = self.dt / substeps, substeps, self.radius, self.ball_radius
+        head[[DRIVE, BETA_0, GAMMA_0]] = gravity_factor(along) * GRAVITY / self.radius, beta_0, gamma_0
+        names = ("plate", "value", "plate_partials", "partials")
+        head[PLATE_AT:EVERY] = [functions.address[name] for name in names]
+        head[EVERY] = every = functions.counts["every"]
+        parts = [head, *(_pack_axis(axis, self.dt, substeps) for axis in (self.beta, self.gamma))]
+        parts.append(np.array(packed(along, self.dry_width)))
+        head[PARAMETERS] = sum(map(len, parts[:-1]))
+        opening = [term for term in terms if term.effect.acts == OPENING]
+        head[OPENINGS], head[OPENING_COUNT] = sum(map(len, parts)), len(opening)
+        parts.append(_pack_openings(opening, int(head[OPENINGS])))
+        head[SCRATCH] = sum(map(len, parts))
+        parts.append(np.zeros(len(PLATE) + STAGES * SLOPES + (2 * substeps + 1) * every))
+        head[PROCESS] = sum(map(len, parts))
+        return np.concatenate(parts)
 
 
-def _pack_axis(axis: AxisParameters, dt: float, substeps: int) -> list[float]:
+def _pack_axis(axis: AxisParameters, dt: float, substeps: int) -> Array:
     wn = axis.natural_frequency
-    numbers = [axis.gain, axis.offset, wn * wn, 2.0 * axis.damping * wn]
+    numbers = [axis.gain, axis.offset, wn * wn, 2.0 * axis.damping * wn, axis.coupling]
     for node in range(2 * substeps + 1):
         numbers.extend(stage_transition(wn, axis.damping, 0.5 * node * dt / substeps).ravel())
-    return numbers
+    return np.array(numbers)
+
+
+def _pack_openings(terms: Iterable[Term], begin: int) -> Array:
+    """Rows of openings, then their parameters."""
+    terms = list(terms)
+    rows, numbers, at = [], [], begin + OPENING_SIZE * len(terms)
+    for term in terms:
+        functions = term_functions(term.effect)
+        rows += [functions.address["angle"], functions.address["loss"], at + len(numbers)]
+        numbers += term.numbers
+    return np.array([*rows, *numbers], dtype=float)
 
 
 def stage_transition(wn: float, zeta: float, t: float) -> Array:

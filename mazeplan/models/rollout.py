@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mazeplan.maths.angles import difference
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.samples import LAG, RingSamples, pick
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.records import Array, IntArray
 
 STEPS = 40

@@ -26,8 +26,8 @@ from mazeplan.data.smoothing import Smoothing, acceleration_kernel, derivatives,
 from mazeplan.data.table import Table, stretches
 from mazeplan.errors import SettingsError, TableError
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import paper_features
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.records import Array, IntArray
 
 SLACK = 2e-3  # m; by so much the camera's noise may put the ball into a wall

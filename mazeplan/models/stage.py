@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mazeplan.maths.fingerprint import LATER
 from mazeplan.models.arx import AxisArx, fit_arx_alone
 from mazeplan.models.output_error import SETTLE_S, SETTLE_TIMES
 from mazeplan.records import Array
@@ -29,7 +30,8 @@ HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
 @dataclass(frozen=True)
 class StageAxis:
     """One axis. natural_frequency rad/s, damping -, gain -, dead_time s, offset rad; backlash: rad, play between the
-    servo and the plate; deadband: rad, change of command below which nothing happens."""
+    servo and the plate; deadband: rad, change of command below which nothing happens; coupling: share of the other
+    axis's command that it follows, too."""
 
     gain: float = 1.0
     natural_frequency: float = 26.0
@@ -39,6 +41,7 @@ class StageAxis:
     stderr: dict[str, float] = field(default_factory=dict, compare=False)
     backlash: float = 0.0
     deadband: float = 0.0
+    coupling: float = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -49,6 +52,7 @@ class StageAxis:
             ("damping", 0.02, 20.0),
             ("dead_time", 0.0, 1.0),
             ("offset", -0.5, 0.5),
+            ("coupling", -0.5, 0.5),
         ):
             value = getattr(self, name)
             if not low <= value <= high:
@@ -67,6 +71,10 @@ class StageModel:
 
     beta: StageAxis = field(default_factory=StageAxis)
     gamma: StageAxis = field(default_factory=StageAxis)
+
+    def mixed(self, u_beta: float, u_gamma: float) -> tuple[float, float]:
+        """What reaches each axis of commands (rad): its own, and its share of the other's."""
+        return u_beta + self.beta.coupling * u_gamma, u_gamma + self.gamma.coupling * u_beta
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.samples import RingSamples, pick
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.records import Array, IntArray
 
 PAST = 45  # samples; 1.5 s at 30 Hz

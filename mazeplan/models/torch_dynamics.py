@@ -1,7 +1,7 @@
 """The step of `ring_dynamics` and `learned_dynamics` for a whole batch of states, by torch, on any device.
 
-The same scheme on the same packed numbers (`RingParameters.pack`): the stage by its tables, the ball by Runge and
-Kutta, the process asked once a step. Its sum over rows is exact and not culled: a product of matrices, a power of two
+The same scheme on the same formulas: the stage by its tables, the ball by Runge and Kutta, the process asked once a
+step. Its sum over rows is exact and not culled: a product of matrices, a power of two
 
     g = a^2 sum_j alpha_j 2^([z, 1, -|z|^2 / 2] [x_j, -|x_j|^2 / 2, 1]'),   x, z centred, in l sqrt(ln 2)
 
@@ -11,6 +11,7 @@ asked for; what comes back is NumPy's.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,27 +20,30 @@ from mazeplan.models.fast_gp import UNIT
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.ring_parameters import (
     AXES,
-    BETA_0,
+    BALL,
+    COUPLING,
     DAMPING,
-    DRIVE,
-    DRY,
     GAIN,
-    GAMMA_0,
     NODE,
     OFFSET,
+    RADIUS,
     STEP,
     STIFFNESS,
     SUBSTEP_COUNT,
     TABLE,
-    VISCOUS,
-    WIDTH,
+    RingParameters,
 )
+from mazeplan.physics.arrays import packed
+from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.compiled import ring_functions, term_functions
+from mazeplan.physics.effect import OPENING, Term
 from mazeplan.records import Array, IntArray
 
 if TYPE_CHECKING:
     from mazeplan.models.batch import Plans, RingBatch
 
 ELEMENTS = {"cpu": 2**18, "cuda": 2**27}  # of a piece of the kernel: what fits a cache; 1 GiB of a card's memory
+TURN = 2.0 * math.pi
 Tensor = Any
 
 
@@ -81,12 +85,19 @@ class Process:
 class Ring:
     """The step of one ring."""
 
-    def __init__(self, packed: Array) -> None:
-        """packed: as `RingParameters.pack` gives it; plain numbers, so that they need no device."""
-        self._p = packed.tolist()
+    def __init__(self, parameters: RingParameters) -> None:
+        """parameters: as the planner has them."""
+        import torch
+
+        self._p = parameters.pack().tolist()
         size = TABLE + NODE * (2 * int(self._p[SUBSTEP_COUNT]) + 1)
         self._axes = AXES, AXES + size
-        self._floor = self._p[AXES + 2 * size :]
+        terms = parameters.effects if parameters.physics else (Term(rolling_inertia, (0.0,)),)
+        along = [term for term in terms if term.effect.acts != OPENING]
+        self._functions = ring_functions([term.effect for term in along]).vectorised(torch)
+        self._numbers = packed(along, parameters.dry_width)
+        opening = [term for term in terms if term.effect.acts == OPENING]
+        self._openings = [(term_functions(term.effect).vectorised(torch), list(term.numbers)) for term in opening]
 
     def _tilt(self, axis: int, node: int, angle: Tensor, rate: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Angle, rate and acceleration of one axis at a node of its table."""
@@ -96,45 +107,37 @@ class Ring:
         r = p[at + 2] * (angle - rest) + p[at + 3] * rate
         return a, r, p[axis + STIFFNESS] * (rest - a) - p[axis + DAMPING] * r
 
-    def _node(self, s: Tensor, u: Tensor, node: int) -> tuple[Tensor, ...]:
-        """The plate as the ball feels it: factors of cos, sin, sin cos and sin^2 of theta, and what is left."""
-        import torch
+    def _plate(self, s: Tensor, u: Tensor, node: int) -> tuple[Any, ...]:
+        """The plate's motion at a node, as formulas see it."""
+        b, c = self._axes
+        ub, uc = u[0] + self._p[b + COUPLING] * u[1], u[1] + self._p[c + COUPLING] * u[0]
+        both = (*self._tilt(b, node, s[2], s[3], ub), *self._tilt(c, node, s[4], s[5], uc))
+        return (*both, self._p[RADIUS], self._p[BALL])
 
-        p = self._p
-        beta, beta_d, beta_dd = self._tilt(self._axes[0], node, s[2], s[3], u[0])
-        gamma, gamma_d, _ = self._tilt(self._axes[1], node, s[4], s[5], u[1])
-        turn = torch.cos(gamma)
-        beta, tilted = beta + p[BETA_0], torch.sin(gamma + p[GAMMA_0])
-        return (
-            -p[DRIVE] * tilted * torch.cos(beta),
-            -p[DRIVE] * torch.sin(beta),
-            gamma_d * gamma_d - beta_d * beta_d * turn * turn,
-            2.0 * beta_d * gamma_d * turn,
-            beta_dd * torch.sin(gamma),
-        )
+    def _node(self, s: Tensor, u: Tensor, node: int) -> tuple[Any, ...]:
+        """What effects make of the plate at a node."""
+        return self._functions["plate"](0.0, self._plate(s, u, node), self._numbers)
 
-    def _acceleration(self, plate: tuple[Tensor, ...], theta: Tensor, theta_d: Tensor, extra: Tensor | float) -> Tensor:
+    def _acceleration(self, plate: tuple[Any, ...], theta: Tensor, theta_d: Tensor, extra: Tensor | float) -> Tensor:
         """theta_dd with the plate as at a node."""
         import torch
 
-        p, (by_cos, by_sin, centripetal, coriolis, turning) = self._p, plate
-        sin, cos = torch.sin(theta), torch.cos(theta)
-        total = turning + sin * (by_sin + centripetal * cos + coriolis * sin) + by_cos * cos + extra
-        total = total - p[VISCOUS] * theta_d - p[DRY] * torch.tanh(theta_d / p[WIDTH])
-        return total + self._force(theta) if self._floor[0] else total
+        found = self._functions["value"](theta, theta_d, torch.sin(theta), torch.cos(theta), plate, self._numbers)
+        return found + extra
 
-    def _force(self, theta: Tensor) -> Tensor:
-        """What the floor adds, see `surface`."""
+    def _pass_openings(self, s: Tensor, u: Tensor, node: int, before: Tensor, theta: Tensor, theta_d: Tensor) -> Any:
+        """Angle and rate behind the openings that were passed since the angle `before`."""
         import torch
 
-        constant, waves, (centre, width, height) = self._floor[1], self._floor[2:8], self._floor[8:11]
-        total = torch.full_like(theta, constant)
-        for n in range(3):
-            total += waves[2 * n] * torch.cos((n + 1) * theta) + waves[2 * n + 1] * torch.sin((n + 1) * theta)
-        if height:
-            e = torch.atan2(torch.sin(theta - centre), torch.cos(theta - centre)) / width
-            total += height * e * torch.exp(0.5 - 0.5 * e * e)
-        return total
+        plate = self._plate(s, u, node)
+        for functions, numbers in self._openings:
+            angle = functions["angle"](before, theta_d, 0.0, plate, numbers)
+            turn, late = torch.floor((before - angle) / TURN), torch.floor((theta - angle) / TURN)
+            kept = 1.0 - functions["loss"](before, theta_d, 0.0, plate, numbers)
+            there, passed = angle + TURN * torch.maximum(turn, late), turn != late
+            theta = torch.where(passed, there + kept * (theta - there), theta)
+            theta_d = torch.where(passed, kept * theta_d, theta_d)
+        return theta, theta_d
 
     def step(self, s: Tensor, u: Tensor, extra: Tensor | float) -> Tensor:
         """States (6, B) one dt later; u (2, B); extra: theta_dd held over the step, (B,) or a number."""
@@ -144,6 +147,7 @@ class Ring:
         theta, theta_d, last = s[0], s[1], self._node(s, u, 0)
         for i in range(n):
             first, middle, last = last, self._node(s, u, 2 * i + 1), self._node(s, u, 2 * i + 2)
+            before = theta
             a1 = self._acceleration(first, theta, theta_d, extra)
             d2 = theta_d + 0.5 * h * a1
             a2 = self._acceleration(middle, theta + 0.5 * h * theta_d, d2, extra)
@@ -152,8 +156,9 @@ class Ring:
             a4 = self._acceleration(last, theta + h * d3, theta_d + h * a3, extra)
             theta = theta + h * theta_d + h * h / 6.0 * (a1 + a2 + a3)
             theta_d = theta_d + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-        beta, beta_d, _ = self._tilt(self._axes[0], 2 * n, s[2], s[3], u[0])
-        gamma, gamma_d, _ = self._tilt(self._axes[1], 2 * n, s[4], s[5], u[1])
+            if self._openings:
+                theta, theta_d = self._pass_openings(s, u, 2 * i + 1, before, theta, theta_d)
+        beta, beta_d, _, gamma, gamma_d, *_ = self._plate(s, u, 2 * n)
         return torch.stack([theta, theta_d, beta, beta_d, gamma, gamma_d])
 
 
@@ -197,7 +202,7 @@ def trajectories(
     """The states (B, T+1, 6), still on the device."""
     import torch
 
-    ring, servos = Ring(batch.parameters.pack()), Servos(batch.servos(), **where)
+    ring, servos = Ring(batch.parameters), Servos(batch.servos(), **where)
     process = None if batch.process is None else Process(batch.process, **where)
     dt, index = batch.parameters.dt, torch.tensor(which, device=where["device"])
     commands = torch.tensor(plans.commands, **where)

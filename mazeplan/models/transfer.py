@@ -12,11 +12,9 @@ from dataclasses import replace
 
 from mazeplan.maze.geometry import Maze, Ring
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import make_effect
 from mazeplan.models.modelfile import RigModel
 
 ALIKE = 1e-3  # m, of a ring's radii: a map that was measured again
-BY_RADIUS = {"rolling_inertia": 0, "viscous_friction": 0, "tilt_offset": 0, "dry_friction": -1, "quadratic_drag": 1}
 
 
 def same_rings(a: Maze, b: Maze) -> bool:
@@ -38,9 +36,9 @@ def carried_over(model: RigModel, home: Maze, maze: Maze) -> RigModel:
         like = min((r for r in home.rings if r.is_disc == ring.is_disc), key=lambda r: abs(_radius(r) - _radius(ring)))
         ratio = _radius(ring) / _radius(like)
         effects = [
-            make_effect(e.name, {k: value * ratio ** BY_RADIUS[e.name] for k, value in e.values().items()})
+            e.effect(**{k: value * ratio ** powers[k] for k, value in e.values().items()})
             for e in model.ball(like.number).effects
-            if e.name in BY_RADIUS
+            if (powers := e.effect.by_radius) is not None
         ]
         balls[ring.number] = BallModel(tuple(effects))
     return replace(model, balls=balls, kind="p" if model.kind == "p" else "pi", processes={})

@@ -18,7 +18,6 @@ from mazeplan.data.table import Table
 from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RingKinematics, RollingInertia, kinematic_terms
 from mazeplan.models.features import inputs
 from mazeplan.models.modelfile import RigModel, model_document
 from mazeplan.models.residual_map import residual_map
@@ -26,6 +25,8 @@ from mazeplan.models.rig_learning import planned
 from mazeplan.models.rollout import CHECKED, choose_windows, roll_out
 from mazeplan.models.samples import RingSamples, SampleOptions, joined, ring_samples
 from mazeplan.models.start import PAST, angle_noise, causal_start
+from mazeplan.physics.arrays import RingKinematics, kinematic_terms
+from mazeplan.physics.ball import rolling_inertia
 from mazeplan.records import Array
 from mazeplan.report import words
 from mazeplan.report.page import Table as Shown
@@ -45,7 +46,7 @@ def predictors(model: RigModel, ring: int) -> dict[str, Predict]:
         base = kinematic_terms(k) if model.kind == "np" else planned(ball, k)
         return base + process.mean(inputs(k))
 
-    return {"p": BallModel((RollingInertia(1.0),)).acceleration, "model": learned}
+    return {"p": BallModel((rolling_inertia(1.0),)).acceleration, "model": learned}
 
 
 def judged(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def test_bad_input_is_one_line_and_exit_2(call, log, arguments, message):
 def test_another_system_is_refused(monkeypatch, capsys, log):
     code, _, err = command(monkeypatch, capsys, "diagnose", log, "--system", "pendulum")
     assert code == 2
-    assert "--system: got 'pendulum', expected ring or emps" in err
+    assert "--system: got 'pendulum', expected ring, emps or MODULE:CLASS" in err
 
 
 def _with(**changed):

@@ -16,9 +16,9 @@ from mazeplan.collect import Collection, run_collection
 from mazeplan.data.table import read_table
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models import gp_training
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.resources import to_install
 
 MAZE = load_map("cme")

@@ -4,8 +4,9 @@ import math
 
 import pytest
 
+from mazeplan.constants import GRAVITY
 from mazeplan.control.gate import GateOptions, aligned, gate_command, gate_frame
-from mazeplan.control.tilt import GRAVITY, Plate
+from mazeplan.control.tilt import Plate
 from mazeplan.maze.geometry import Opening
 from mazeplan.records import State
 

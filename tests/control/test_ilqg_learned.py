@@ -9,20 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ilqg_problems import LIMIT, Ticking, ring_planner
+from ring_numbers import G, numbers_of, ring_of
 
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.stopwatch import Live
 from mazeplan.errors import ModelError
 from mazeplan.models import learned_dynamics, ring_dynamics
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.records import StopReason
 
 P = RingParameters(0.0689)
-STEEP = P.rolling_factor * 9.81 / P.radius  # rad/s^2 per rad of tilt along the ring
+STEEP = numbers_of(P).rolling_factor * G / P.radius  # rad/s^2 per rad of tilt along the ring
 WIDE = np.full(9, 20.0)  # length scales of what is nearly constant
 SCALES = np.array([3.0, 1.0, 1.0, 0.5, 0.5, 0.2, 0.05, 0.2, 0.05])
 
@@ -139,7 +140,7 @@ def test_a_push_costs_the_way_against_it():
 
 def test_without_physics_the_process_is_all_there_is():
     """kind np: the process that has learned gravity and friction plans as the effects do."""
-    p = replace(P, viscous=0.3)
+    p = ring_of(P.radius, viscous=0.3)
 
     def effects(s):
         return along(s[:, 0], s[:, 2], s[:, 4]) - 0.3 * s[:, 1]

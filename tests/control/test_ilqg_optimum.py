@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from ring_numbers import G, numbers_of, ring_of
 from scipy.linalg import expm
 
 from mazeplan.control.cost import CostParameters
@@ -14,7 +15,7 @@ from mazeplan.models.ring_parameters import SUBSTEPS, RingParameters
 from mazeplan.records import StopReason
 
 RING_2 = RingParameters(0.0689)
-RING_4_ROUGH = RingParameters(0.0287, viscous=0.3, dry=0.4, offset_beta=0.003, offset_gamma=-0.004)
+RING_4_ROUGH = ring_of(0.0287, viscous=0.3, dry=0.4, offset_beta=0.003, offset_gamma=-0.004)
 LIMIT = np.radians(5.0)
 LEVEL = np.zeros(6)
 
@@ -24,16 +25,17 @@ def acceleration(p, theta, theta_d, plate, commands):
     beta, beta_d, gamma, gamma_d = plate[0], plate[1], plate[2], plate[3]
     wn, zeta = p.beta.natural_frequency, p.beta.damping
     beta_dd = wn**2 * (p.beta.gain * commands[0] + p.beta.offset - beta) - 2 * zeta * wn * beta_d
-    g = p.rolling_factor * p.gravity / p.radius
-    b, c = beta + p.offset_beta, gamma + p.offset_gamma
+    n = numbers_of(p)
+    g = n.rolling_factor * G / p.radius
+    b, c = beta + n.offset_beta, gamma + n.offset_gamma
     return (
         beta_dd * ca.sin(gamma)
         - beta_d**2 * ca.sin(theta) * ca.cos(theta) * ca.cos(gamma) ** 2
         + 2 * beta_d * gamma_d * ca.cos(gamma) * ca.sin(theta) ** 2
         + 0.5 * gamma_d**2 * ca.sin(2 * theta)
         - g * (ca.sin(b) * ca.sin(theta) + ca.sin(c) * ca.cos(b) * ca.cos(theta))
-        - p.viscous * theta_d
-        - p.dry * ca.tanh(theta_d / p.dry_width)
+        - n.viscous * theta_d
+        - n.dry * ca.tanh(theta_d / p.dry_width)
     )
 
 

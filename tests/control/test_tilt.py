@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from mazeplan.control.tilt import GRAVITY, Plate
+from mazeplan.constants import GRAVITY
+from mazeplan.control.tilt import Plate
 
 PLATE = Plate(limit=math.radians(5.0), offset_beta=0.004, offset_gamma=-0.002)
 

@@ -9,14 +9,15 @@ import axisplant
 import numpy as np
 import pytest
 
-from mazeplan.data.drivelog import DriveLog, read_drive
-from mazeplan.diagnosis.axisdiagnose import diagnose_axis
-from mazeplan.diagnosis.axislibrary import LOAD, axis_anonymous, axis_library
-from mazeplan.diagnosis.axisscores import force_error, free_run
-from mazeplan.diagnosis.axissystem import scale_of, thinned
+from mazeplan.data.drivelog import MotionLog, read_drive
+from mazeplan.diagnosis.emps import EMPS
 from mazeplan.diagnosis.fit import Fit, Likelihood, best_q, fit
 from mazeplan.diagnosis.kalman import NODES
+from mazeplan.diagnosis.mechanismdiagnose import diagnose_mechanism
+from mazeplan.diagnosis.mechanismscores import course_of, free_run, relative_error, sized
+from mazeplan.diagnosis.mechanismsystem import thinned
 
+LOAD = EMPS.motion.name
 TRUE = {
     LOAD: {"mass": 95.0},
     "viscous_friction": {"coefficient": 200.0},
@@ -28,7 +29,7 @@ FRICTION = ("viscous_friction", "dry_friction")
 def record(**what):
     columns = axisplant.play(**what)
     gain = columns["gtau"]
-    return DriveLog(axisplant.DT, columns["qm"].ravel(), gain * columns["vir"].ravel(), gain)
+    return MotionLog(axisplant.DT, columns["qm"].ravel(), gain * columns["vir"], gain)
 
 
 def value(done, name, parameter):
@@ -37,13 +38,14 @@ def value(done, name, parameter):
 
 
 def whole(log, names, declared=None):
-    """Effects fitted to all of a record."""
-    scale = scale_of(log)
-    free = [c for c in axis_library(scale) if c.name in names]
-    system = thinned(log, declared or {}, scale)
-    likelihood = Likelihood(system, axis_library(scale), np.ones(len(system), dtype=bool))
+    """Effects fitted to all of a record; its course, too."""
+    course = course_of(EMPS, log, declared or {})
+    library, _, weakest = sized(course)
+    free = [c for c in library if c.name in names]
+    system = thinned(EMPS, log, declared or {}, weakest)
+    likelihood = Likelihood(system, library, np.ones(len(system), dtype=bool))
     start = {c.name: dict(zip(c.parameters, c.first()[0], strict=True)) for c in free}
-    return likelihood, fit(likelihood, free, start)
+    return course, likelihood, fit(likelihood, free, start)
 
 
 def test_the_plant_shares_nothing_with_the_models():
@@ -55,14 +57,14 @@ def test_the_plant_shares_nothing_with_the_models():
 
 @pytest.mark.parametrize("process", [0.0, 0.3, 2.0], ids=["quiet", "noisy", "very noisy"])
 def test_where_nothing_is_missing_it_says_so(process):
-    done = diagnose_axis(record(seed=1, process=process), TRUE)
+    done = diagnose_mechanism(EMPS, record(seed=1, process=process), TRUE)
     assert done.verdict == "nothing_missing", done.sentence()
     assert done.effects == ()
     assert done.sentence().startswith("Nothing is missing")
 
 
 def test_of_the_bare_mass_all_friction_is_found_with_its_direction():
-    done = diagnose_axis(record(seed=1, lopsided=-35.0), {})
+    done = diagnose_mechanism(EMPS, record(seed=1, lopsided=-35.0), {})
     assert done.verdict == "effect_found", done.sentence()
     assert sorted(e["name"] for e in done.effects) == ["dry_friction", "viscous_asymmetry", "viscous_friction"]
     for name, true in (("viscous_friction", 200.0), ("viscous_asymmetry", -35.0), ("dry_friction", 20.0)):
@@ -92,7 +94,7 @@ def test_of_the_bare_mass_all_friction_is_found_with_its_direction():
     ids=lambda x: x if isinstance(x, str) else None,
 )
 def test_one_effect_is_named_with_its_size(what, declared, along, name, parameter, true):
-    done = diagnose_axis(record(seed=1, **what), declared, along)
+    done = diagnose_mechanism(EMPS, record(seed=1, **what), declared, along)
     assert [e["name"] for e in done.effects] == [name], done.sentence()
     got, sigma = value(done, name, parameter)
     assert got == pytest.approx(true, abs=max(4.0 * sigma, 0.01 * abs(true)))
@@ -101,7 +103,7 @@ def test_one_effect_is_named_with_its_size(what, declared, along, name, paramete
 
 
 def test_what_swings_with_time_has_no_name_and_a_frequency():
-    done = diagnose_axis(record(seed=1, hum=(3.3, 6.0)), {}, FRICTION)
+    done = diagnose_mechanism(EMPS, record(seed=1, hum=(3.3, 6.0)), {}, FRICTION)
     assert done.verdict == "unknown_effect"
     document = done.document()
     assert document["unknown"]["depends_on"] == ["time"]
@@ -111,13 +113,13 @@ def test_what_swings_with_time_has_no_name_and_a_frequency():
 
 def test_a_dry_friction_that_is_smaller_forwards_is_as_good_a_find_as_one_that_is_larger():
     for offset in (3.0, -3.0):
-        _, found = whole(record(seed=2, seconds=8.0, offset=offset), [LOAD, *FRICTION])
+        _, _, found = whole(record(seed=2, seconds=8.0, offset=offset), [LOAD, *FRICTION])
         assert found.values["dry_friction"]["asymmetry"] == pytest.approx(offset, abs=0.5)
 
 
 def test_a_further_record_is_scored_whole_and_changes_nothing():
     log, other = record(seed=1, lopsided=-35.0, seconds=12.0), record(seed=7, lopsided=-35.0, seconds=6.0)
-    alone, both = (diagnose_axis(log, {}, FRICTION, test=test) for test in (None, other))
+    alone, both = (diagnose_mechanism(EMPS, log, {}, FRICTION, test=test) for test in (None, other))
     assert both.effects == alone.effects
     assert both.after == alone.after
     assert both.test is not None
@@ -130,7 +132,7 @@ def test_the_force_error_is_that_of_least_squares_on_derivatives():
     from scipy.signal import butter, decimate, filtfilt
 
     log = record(seed=3, seconds=8.0)
-    likelihood, found = whole(log, [LOAD, *FRICTION])
+    course, likelihood, found = whole(log, [LOAD, *FRICTION])
     b, a = butter(4, 100.0, fs=1000.0)
     q = filtfilt(b, a, log.position)
     v = np.gradient(q, 1e-3)
@@ -140,13 +142,17 @@ def test_the_force_error_is_that_of_least_squares_on_derivatives():
         found.values["viscous_friction"]["coefficient"],
     )
     needed = m * np.gradient(v, 1e-3) + c * v + dry["coefficient"] * np.sign(v) + dry["asymmetry"]
-    e, y = (decimate(x, 10, ftype="iir", zero_phase=True)[10:-10] for x in (needed - log.force, log.force))
-    assert force_error(log, likelihood, found, 0.0) == pytest.approx(np.linalg.norm(e) / np.linalg.norm(y), rel=0.03)
+    e, y = (
+        decimate(x, 10, ftype="iir", zero_phase=True)[10:-10] for x in (needed - log.inputs[:, 0], log.inputs[:, 0])
+    )
+    assert relative_error(course, likelihood, found, 0.0) == pytest.approx(
+        np.linalg.norm(e) / np.linalg.norm(y), rel=0.03
+    )
 
 
 def test_the_free_run_never_sees_the_position_again():
     log = record(seed=3, seconds=8.0, process=0.0)
-    likelihood, found = whole(log, [LOAD, *FRICTION])
+    _, likelihood, found = whole(log, [LOAD, *FRICTION])
     off = free_run(likelihood, found, 4.0)
     assert off < 1e-3
     system = likelihood.system
@@ -156,20 +162,22 @@ def test_the_free_run_never_sees_the_position_again():
 
 def test_terms_are_forces_over_the_mass():
     log = record(seed=3, seconds=2.0)
-    scale = scale_of(log)
-    library = [*axis_library(scale), *axis_anonymous(scale)]
-    system = thinned(log, {LOAD: {"mass": 50.0}}, scale)
+    declared = {LOAD: {"mass": 50.0}}
+    course = course_of(EMPS, log, declared)
+    named, nameless, weakest = sized(course)
+    library = [*named, *nameless]
+    system = thinned(EMPS, log, declared, weakest)
     for c in library:
         if c.name == LOAD or c.acts == "dry":
             continue
         _, p = system.build(library, {c.name: dict.fromkeys(c.parameters, 10.0)})
-        assert p[0] == pytest.approx(1 / 50.0)
+        assert p[0] == pytest.approx(50.0)
         assert p[1:] == pytest.approx(10.0 / 50.0 if c.named else 10.0)
     problem, _ = system.build(library, {})
     assert problem.w.shape == (len(system), NODES, 1)
     empty = Likelihood(system, library, np.ones(len(system), dtype=bool))
     q = best_q(empty, {})
-    assert np.isfinite(force_error(log, empty, Fit((), {}, 0.0, 0.0, q, {}, 0), 0.0))
+    assert np.isfinite(relative_error(course, empty, Fit((), {}, 0.0, 0.0, q, {}, 0), 0.0))
 
 
 def emps():
@@ -183,7 +191,7 @@ def emps():
 
 def test_the_published_friction_is_found_on_the_measured_axis():
     """Published: 4.08 % with symmetric, 3.11 % with direction-dependent friction, fitted to all of the record."""
-    done = diagnose_axis(emps(), {})
+    done = diagnose_mechanism(EMPS, emps(), {})
     assert done.verdict == "effect_found"
     assert sorted(e["name"] for e in done.effects) == ["dry_friction", "viscous_asymmetry", "viscous_friction"]
     assert done.after.nrmse < 0.032

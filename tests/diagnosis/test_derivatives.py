@@ -7,8 +7,8 @@ import pytest
 from plant import play
 
 from mazeplan.data.table import Table
+from mazeplan.diagnosis.candidates import ring_library, stage_errors
 from mazeplan.diagnosis.fit import Likelihood
-from mazeplan.diagnosis.library import ring_library, stage_errors
 from mazeplan.diagnosis.platemotion import fit_stage, plate_motion
 from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.ringsystem import RingSystem

@@ -9,12 +9,14 @@ import pytest
 from numba import njit
 
 from mazeplan.data.smoothing import derivatives
+from mazeplan.diagnosis.candidates import ring_library
 from mazeplan.diagnosis.fit import fit
-from mazeplan.diagnosis.library import Gates, closer_library, finer_library, ring_library, wall_library
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
 from mazeplan.diagnosis.scores import MATCHED
-from mazeplan.diagnosis.wallterms import LEAN_AT, struck
 from mazeplan.diagnosis.windows import WindowLikelihood, refined
+from mazeplan.physics.compiled import term_functions
+from mazeplan.physics.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.symbols import INPUTS
 
 RADIUS, DT = 0.0488, 1.0 / 30.0
 PULL = 9.81 / RADIUS
@@ -22,36 +24,38 @@ STILL = Tilt(DT * np.arange(9.0), np.zeros((9, 6)), "level")
 QUARTERS = tuple(0.5 * math.pi * i for i in range(4))
 
 
-def leaning(beta, gamma):
-    w = np.zeros(LEAN_AT + 2)
-    w[LEAN_AT:] = beta, gamma
-    return w
+def struck(theta, rate, late_beta, late_gamma, sinking, side):
+    """Share of its speed with which a ball runs against the far edge of an opening; side: 1 outer, -1 inner."""
+    (_, edges) = closer_library(Openings(QUARTERS, ()) if side > 0.0 else Openings((), QUARTERS))
+    told = {"radius": RADIUS, "late_beta": late_beta, "late_gamma": late_gamma}
+    values = {"rotation": 0.0, "loss": 1.0, "reach": 0.02, "sinking": sinking}
+    loss = term_functions(edges).vectorised(np)["loss"]
+    return loss(theta, rate, 0.0, [told.get(name, 0.0) for name in INPUTS], list(values.values()))
 
 
 def test_an_edge_takes_more_the_deeper_a_ball_has_sunk():
-    level = leaning(0.0, 0.0)
-    by_turning = struck(0.3, 2.0, level, PULL, 0.2, 1.0)
+    by_turning = struck(0.3, 2.0, 0.0, 0.0, 0.2, 1.0)
     assert by_turning == pytest.approx(1.0 - 0.8**2)
-    assert struck(0.3, -5.0, level, PULL, 0.2, 1.0) == pytest.approx(by_turning)  # a faster one has less time to sink
-    assert struck(0.3, 2.0, level, PULL, 0.2, -1.0) == 0.0  # nothing presses it inwards
-    outwards = leaning(0.05 * math.cos(0.3), -0.05 * math.sin(0.3))
+    assert struck(0.3, -5.0, 0.0, 0.0, 0.2, 1.0) == pytest.approx(by_turning)  # a faster one has less time to sink
+    assert struck(0.3, 2.0, 0.0, 0.0, 0.2, -1.0) == 0.0  # nothing presses it inwards
+    outwards = 0.05 * math.cos(0.3), -0.05 * math.sin(0.3)
     depth = 0.2 * (1.0 + 5.0 / 7.0 * PULL * 0.05 / 4.0)
-    assert struck(0.3, 2.0, outwards, PULL, 0.2, 1.0) == pytest.approx(1.0 - (1.0 - depth) ** 2, rel=1e-3)
-    assert struck(0.3, 0.1, outwards, PULL, 0.2, 1.0) == 1.0  # sunk in by its radius
-    inwards = leaning(-0.05 * math.cos(0.3), 0.05 * math.sin(0.3))
-    assert struck(0.3, 0.1, inwards, PULL, 0.2, 1.0) == 0.0
-    assert struck(0.3, 0.1, inwards, PULL, 0.2, -1.0) == 1.0
+    assert struck(0.3, 2.0, *outwards, 0.2, 1.0) == pytest.approx(1.0 - (1.0 - depth) ** 2, rel=1e-3)
+    assert struck(0.3, 0.1, *outwards, 0.2, 1.0) == 1.0  # sunk in by its radius
+    inwards = -outwards[0], -outwards[1]
+    assert struck(0.3, 0.1, *inwards, 0.2, 1.0) == 0.0
+    assert struck(0.3, 0.1, *inwards, 0.2, -1.0) == 1.0
 
 
 def test_edges_and_gates_of_a_wall_exclude_each_other():
-    gates = Gates(outer=QUARTERS, inner=(1.0,))
+    gates = Openings(outer=QUARTERS, inner=(1.0,))
     closer = closer_library(gates)
     for plain, same, edge in zip(wall_library(gates), closer[::2], closer[1::2], strict=True):
         assert (same.name, list(same.parameters)) == (plain.name, ["rotation", "loss", "width"])
         assert (edge.name in plain.rivals, plain.name in edge.rivals) == (True, True)
         assert (edge.side, edge.pattern) == (plain.side, plain.pattern)
         assert list(edge.parameters) == ["rotation", "loss", "reach", "sinking"]
-    assert closer_library(Gates()) == []
+    assert closer_library(Openings()) == []
 
 
 @njit
@@ -111,7 +115,7 @@ def found_in(system, *edges):
 
 
 def test_sizes_of_edges_are_found():
-    (_, edges) = closer_library(Gates(outer=QUARTERS))
+    (_, edges) = closer_library(Openings(outer=QUARTERS))
     _, found = found_in(table([0.6] * 4), edges)
     for name, value in {"rotation": 0.4, "loss": 0.6, "reach": 0.06, "sinking": 0.4}.items():
         near = 0.02 if name in ("rotation", "reach") else 0.06
@@ -121,7 +125,7 @@ def test_sizes_of_edges_are_found():
 
 @pytest.mark.parametrize(("losses", "differ"), [((0.3, 0.6, 0.9, 0.7), True), ((0.6, 0.6, 0.6, 0.6), False)])
 def test_openings_have_losses_of_their_own_only_where_blocks_bear_it_out(losses, differ):
-    gates = Gates(outer=QUARTERS)
+    gates = Openings(outer=QUARTERS)
     (_, edges), (own, ripple) = closer_library(gates), finer_library(gates)
     system = table(losses, noise=0.002)
     likelihood, plain = found_in(system, own, edges)
@@ -138,15 +142,26 @@ def test_openings_have_losses_of_their_own_only_where_blocks_bear_it_out(losses,
 
 
 def test_gates_change_walls_as_sharply_as_they_are_told():
+    """A ball that is pressed to the wall half as much as it takes to change walls lies against it by e / (1 + e)."""
+    (plain,), (same, _) = wall_library(Openings(inner=(1.0,))), closer_library(Openings(inner=(1.0,)))
+    pressed = 0.05  # m/s^2 inwards
+    told = {"radius": RADIUS, "beta": -math.asin(pressed / 9.81 * 9.0 / 5.0)}
+
+    def lost(c, **more):
+        values = {"rotation": 0.2, "loss": 0.5, **more}
+        w = [told.get(name, 0.0) for name in INPUTS]
+        return term_functions(c).vectorised(np)["loss"](0.0, 0.0, 0.0, w, list(values.values()))
+
+    assert lost(plain) == pytest.approx(0.5 / (1.0 + math.exp(-0.5)), rel=1e-9)
+    assert lost(same, width=0.1) == lost(plain)
+    assert lost(same, width=0.05) == pytest.approx(0.5 / (1.0 + math.exp(-1.0)), rel=1e-9)
+
+
+def test_an_opening_stands_at_its_place_in_the_map_and_is_turned_with_it():
     system = RingSystem(DT * np.arange(9.0), np.zeros(9), np.arange(9) == 0, RADIUS, STILL, {})
-    plain, same, edges = *wall_library(Gates(inner=(1.0,))), *closer_library(Gates(inner=(1.0,)))
-    usual = {"rotation": 0.2, "loss": 0.5}
-    for c, values, more in (
-        (plain, usual, 0.0),
-        (same, usual, 0.0),
-        (same, {**usual, "width": 0.03}, 1.0),
-        (edges, {**usual, "reach": 0.1, "sinking": 0.4}, 2.0),
-    ):
-        problem, p = system.build([c], {c.name: values})
-        assert problem.gate_at.tolist() == [[1.0, -1.0, more]]
-        assert p[problem.gates[0] :][: 2 + int(more)].tolist() == list(values.values())
+    (same, edges) = closer_library(Openings(inner=(1.0, 2.5)))
+    for c, values in ((same, (0.2, 0.5, 0.03)), (edges, (0.2, 0.5, 0.1, 0.4))):
+        problem, p = system.build([c], {c.name: dict(zip(c.parameters, values, strict=True))})
+        assert problem.beside.tolist() == [1.0, 2.5]
+        for _, _, place in problem.openings:
+            assert p[place : place + len(values)].tolist() == list(values)

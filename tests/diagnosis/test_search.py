@@ -7,9 +7,9 @@ import pytest
 from plant import commands, play
 
 from mazeplan.data.table import Table
-from mazeplan.diagnosis.anonymous import placebos
 from mazeplan.diagnosis.diagnose import diagnose
 from mazeplan.diagnosis.record import record_of
+from mazeplan.physics.nameless import PLACEBOS
 
 DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
 
@@ -26,7 +26,7 @@ def names(done):
 
 def test_placebos_run_along_and_lose():
     done = found(seed=3, dry=0.3)
-    known = {c.name for c in placebos()}
+    known = {c.name for c in PLACEBOS}
     gains = {t.candidate.name: t.gain for t in done.finding.ranked}
     tried = known & set(gains)
     assert tried

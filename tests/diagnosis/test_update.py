@@ -43,7 +43,8 @@ def changed(old, new, key=()):
         (effect("backlash", beta=(0.017, 1e-3), gamma=(0.0, 0.0)), {("stage", "beta", "backlash")}),
         (effect("command_delay", delay=(0.03, 0.001)),
          {("stage", axis, "dead_time") for axis in ("beta", "gamma")}),
-        (effect("friction_drift", rate=(1e-3, 1e-4), start=(0.0, 0.1)), set()),
+        (effect("friction_drift", rate=(1e-3, 1e-4), start=(0.0, 0.1)),
+         {("rings", 2, "viscous_friction")}),
     ],
     ids=lambda value: value["name"] if isinstance(value, dict) else "",
 )  # fmt: skip
@@ -69,6 +70,15 @@ def test_declared_by_the_new_model_is_what_was_found():
     declared = updated(TOY, MAZE, {3: found}).declared(3)
     for entry in found:
         assert declared[entry["name"]] == pytest.approx({k: p["value"] for k, p in entry["parameters"].items()})
+
+
+def test_friction_that_drifted_is_in_the_new_model_as_it_was_in_the_end():
+    had = TOY.ball(2).parameter("viscous_friction", "coefficient", 0.0)
+    found = {**effect("friction_drift", rate=(1e-3, 1e-4), start=(0.05, 0.01)), "until_s": 200.0}
+    new = updated(TOY, MAZE, {2: [found]})
+    assert new.ball(2).parameter("viscous_friction", "coefficient", 0.0) == pytest.approx(had + 0.05 + 0.2)
+    assert new.ball(2).stderr["viscous_friction"]["coefficient"] == pytest.approx(math.hypot(0.01, 0.02))
+    assert all(term.name != "friction_drift" for term in new.ball(2).effects)
 
 
 def test_the_mean_of_several_rings_is_weighted_by_their_errors():
@@ -107,5 +117,7 @@ def test_values_outside_what_a_model_may_have_become_the_nearest():
 def test_declarations_alone_make_a_model_of_one_ring():
     declared = {"rolling_inertia": {"factor": 0.6}, "sensor_delay": {"delay": 0.05}}
     model = base_model(MAZE, 2, declared, None)
-    assert model.declared(2) == declared
+    there = model.declared(2)
+    assert {name: there.pop(name) for name in declared} == declared
+    assert set(there) == {"servo_gain", "servo_lag"}, "a servo as in a textbook"
     assert list(model.balls) == [2]

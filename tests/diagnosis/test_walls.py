@@ -13,15 +13,19 @@ from plant import play
 from mazeplan.cli.diagnose import gates_of
 from mazeplan.data.smoothing import derivatives
 from mazeplan.data.table import Table, read_table
+from mazeplan.diagnosis.candidates import ring_library
 from mazeplan.diagnosis.diagnose import diagnose
 from mazeplan.diagnosis.geometry import as_seen, bending, unbent
 from mazeplan.diagnosis.holdout import seen_and_held
-from mazeplan.diagnosis.library import Gates, closer_library, finer_library, ring_library, wall_library
 from mazeplan.diagnosis.record import record_of, turned_round
 from mazeplan.diagnosis.scores import MATCHED
-from mazeplan.diagnosis.wallterms import WIDTH, against, fine_ripples, pressing, ripples
 from mazeplan.diagnosis.windows import spread_of, weights_of
 from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.ball import surface_ripple, wall_friction
+from mazeplan.physics.compiled import term_functions
+from mazeplan.physics.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.symbols import INPUTS
 
 DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
 QUARTERS = tuple(0.5 * math.pi * i for i in range(4))
@@ -37,23 +41,31 @@ def smoothed_record(seconds=240.0, seed=3, **what):
     return record_of(Table({**bare, "theta": theta, "theta_ddot": found.acceleration}), np.ones(len(theta), dtype=bool))
 
 
+def of_effect(effect, what, theta, rate, values, **told):
+    """A function of one effect at a state; told: inputs by name, the others nought."""
+    w = [told.get(name, 0.0) for name in INPUTS]
+    return term_functions(effect).vectorised(np)[what](theta, rate, 0.0, w, list(values))
+
+
 def test_a_ball_is_pressed_outwards_by_its_turning_and_by_the_tilt():
-    w = np.array([0.03, 0.0, 0.0, -0.02, 0.0, 0.0])
-    x, v, pull = 0.7, 2.0, 9.81 / RADIUS
-    expected = v * v + 5 / 9 * pull * (math.sin(0.03) * math.cos(x) + math.sin(0.02) * math.sin(x))
-    assert pressing(x, v, w, pull) == pytest.approx(expected, rel=1e-12)
-    assert against(expected, pull, 1.0, WIDTH) > 0.9
-    assert against(expected, pull, -1.0, WIDTH) == pytest.approx(1.0 - against(expected, pull, 1.0, WIDTH))
-    assert against(expected, pull, 0.0, WIDTH) == 1.0
+    x, v, tilt = 0.7, 2.0, {"beta": 0.03, "gamma": -0.02, "radius": RADIUS}
+    expected = v * v + 5 / 9 * 9.81 / RADIUS * (math.sin(0.03) * math.cos(x) + math.sin(0.02) * math.sin(x))
+    assert of_effect(wall_friction, "hold", x, v, [0.3], **tilt) == pytest.approx(0.3 * expected, rel=1e-12)
+    outer, inner = wall_library(Openings(QUARTERS, QUARTERS))
+    lost = [of_effect(gates, "loss", x, v, [0.0, 1.0], **tilt) for gates in (outer, inner)]
+    assert lost[0] > 0.9
+    assert lost[1] == pytest.approx(1.0 - lost[0])
 
 
 def test_ripples_are_harmonics_from_the_fourth_on():
     p = np.arange(1.0, 13.0)
     expected = sum(p[2 * i] * math.cos((4 + i) * 0.3) + p[2 * i + 1] * math.sin((4 + i) * 0.3) for i in range(6))
-    assert ripples(0.3, 0.0, 0.0, np.zeros(1), p) == pytest.approx(expected, rel=1e-12)
-    finer = np.concatenate([p, np.zeros(14), [0.5, 0.25]])
+    assert of_effect(surface_ripple, "term", 0.3, 0.0, p) == pytest.approx(expected, rel=1e-12)
+    finer = finer_library(Openings())[-1]
+    values = {**dict.fromkeys(finer.parameters, 0.0), **dict(zip(surface_ripple.parameters, p, strict=True))}
+    values |= {"cos17": 0.5, "sin17": 0.25}
     more = 0.5 * math.cos(17 * 0.3) + 0.25 * math.sin(17 * 0.3)
-    assert fine_ripples(0.3, 0.0, 0.0, np.zeros(1), finer) == pytest.approx(expected + more, rel=1e-12)
+    assert of_effect(finer, "term", 0.3, 0.0, values.values()) == pytest.approx(expected + more, rel=1e-12)
 
 
 def test_a_camera_off_the_centre_bends_angles_and_back():
@@ -68,11 +80,11 @@ def test_a_camera_off_the_centre_bends_angles_and_back():
 
 
 def test_gates_of_a_wall_are_looked_for_within_one_period():
-    outer, inner = wall_library(Gates(outer=QUARTERS, inner=(1.0,)))
+    outer, inner = wall_library(Openings(outer=QUARTERS, inner=(1.0,)))
     assert max(abs(start[0]) for start in outer.starts) < math.pi / 4
     assert max(abs(start[0]) for start in inner.starts) > 3.0
     assert (outer.side, inner.side) == (1.0, -1.0)
-    assert wall_library(Gates()) == []
+    assert wall_library(Openings()) == []
 
 
 def test_long_tails_do_not_widen_the_spread():
@@ -117,7 +129,7 @@ def test_records_in_pieces_hold_out_blocks_all_over():
     ids=lambda x: x if isinstance(x, str) else None,
 )
 def test_walls_gates_and_camera_are_named(what, name, parameter, true, asked):
-    gates = Gates(outer=QUARTERS, inner=tuple(a + math.pi / 4 for a in QUARTERS))
+    gates = Openings(outer=QUARTERS, inner=tuple(a + math.pi / 4 for a in QUARTERS))
     done = diagnose(smoothed_record(**what), RADIUS, DECLARED, gates=gates)
     assert len(asked) == 1
     assert name in [e["name"] for e in done.effects], done.sentence()
@@ -136,21 +148,19 @@ def test_what_no_effect_explains_is_learned_without_a_name():
     """Gates that are not among the effects looked for: a process knows most of what they do by the state."""
     pytest.importorskip("torch")
     record = smoothed_record(60.0, gates=(1.0, 0.3, 0.4))
-    done = diagnose(record, RADIUS, DECLARED, gates=Gates(outer=QUARTERS), without=("outer_gates", "outer_edges"))
+    done = diagnose(record, RADIUS, DECLARED, gates=Openings(outer=QUARTERS), without=("outer_gates", "outer_edges"))
     assert done.remainder is not None
     assert done.remainder.before == pytest.approx(done.after.nrmse)
     assert done.remainder.nrmse < 0.6 * done.remainder.before
     assert 1000 < done.remainder.rows < 1800
 
 
-def test_every_effect_is_listed_with_its_units():
-    text = (Path(__file__).parents[2] / "docs" / "effects.md").read_text()
-    lines = [line.split("|") for line in text.splitlines() if line.startswith("| ")]
-    listed = {name.strip(): line[2] for line in lines for name in line[1].split(",")}
-    walls = Gates(QUARTERS, QUARTERS)
+def test_every_candidate_of_a_ring_is_an_effect_that_can_be_listed():
+    walls = Openings(QUARTERS, QUARTERS)
     for c in (*ring_library(), *wall_library(walls), *closer_library(walls), *finer_library(walls)):
-        assert c.name in listed, c.name
-        assert all(f"({spec.unit})" in listed[c.name] for spec in c.parameters.values()), c.name
+        assert c.name in EFFECTS, c.name
+        known = EFFECTS[c.name].parameters
+        assert all(known[key].unit == p.unit for key, p in c.parameters.items() if key in known), c.name
 
 
 DATA = Path(os.environ.get("MAZEPLAN_DATA", Path(__file__).parents[3] / "shared" / "data")) / "cme-rig"

@@ -16,19 +16,20 @@ from mazeplan.errors import InputError, SettingsError
 from mazeplan.models import learned_dynamics, ring_dynamics
 from mazeplan.models.ball import BallModel
 from mazeplan.models.batch import Plans, RingBatch, choose_device
-from mazeplan.models.effects import DryFriction, RingKinematics, RollingInertia, SurfaceBump, SurfaceProfile, TiltOffset
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.stage import StageAxis, StageModel, passed_on
+from mazeplan.physics.arrays import RingKinematics
+from mazeplan.physics.ball import dry_friction, rolling_inertia, surface_bump, surface_profile, tilt_offset
 from mazeplan.resources import to_install
 
 MANY, STEPS, LIMIT, RADIUS = 2000, 40, 0.08, 0.0689
 SPREAD = np.array([math.pi, 4.0, 0.08, 0.5, 0.08, 0.5])  # of start states: rad, rad/s
 STAGE = StageModel(StageAxis(0.95, 24.0, 0.8, offset=0.002), StageAxis(1.1, 28.0, 1.4))
 LOOSE = StageModel(replace(STAGE.beta, backlash=0.01, deadband=0.003), replace(STAGE.gamma, deadband=0.01))
-BALL = BallModel((RollingInertia(0.55), DryFriction(0.4), TiltOffset(0.004, -0.006)))
-FLOOR = BallModel((*BALL.effects, SurfaceProfile(cos1=0.1, sin3=-0.3), SurfaceBump(1.0, 0.2, 0.5)))
+BALL = BallModel((rolling_inertia(0.55), dry_friction(0.4), tilt_offset(0.004, -0.006)))
+FLOOR = BallModel((*BALL.effects, surface_profile(cos1=0.1, sin3=-0.3), surface_bump(1.0, 0.2, 0.5)))
 KINDS = ("p", "pi", "np", "sp")
 
 
@@ -57,7 +58,7 @@ def model(kind):
     """p without friction; pi on a floor that is not flat; np with all nine inputs; sp with those that `learn` keeps."""
     columns = tuple(range(9)) if kind == "np" else (0, 1, 2, 3, 4, 5, 7)
     processes = {2: process(columns)} if kind in ("np", "sp") else {}
-    ball = BallModel((RollingInertia(0.55),)) if kind == "p" else FLOOR if kind == "pi" else BALL
+    ball = BallModel((rolling_inertia(0.55),)) if kind == "p" else FLOOR if kind == "pi" else BALL
     return RigModel(LOOSE if kind == "sp" else STAGE, {2: ball}, kind=kind, processes=processes)
 
 

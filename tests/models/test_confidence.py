@@ -19,13 +19,13 @@ from mazeplan.models.confidence import (
     leftovers,
     repeated,
 )
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import paper_features
 from mazeplan.models.fitting import Fitted, fit_kind
 from mazeplan.models.learned import LinearBall
 from mazeplan.models.linear import fit_linear
 from mazeplan.models.rollout import STEPS, choose_windows
 from mazeplan.models.samples import RingSamples
+from mazeplan.physics.arrays import RingKinematics
 
 BALL, TILT, NOISE = Ball(RADII[3], viscous=0.4), Tilt.drawn(4), 2e-3
 

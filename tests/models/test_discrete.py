@@ -9,11 +9,11 @@ import pytest
 from ring_record import DT, RADII, Ball, Tilt, motion
 
 from mazeplan.models.discrete import DiscreteMap, fit_discrete, roll_out_discrete
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.fitting import FitOptions, fit_kind
 from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.rollout import STEPS, choose_windows, roll_out
 from mazeplan.models.samples import RingSamples
+from mazeplan.physics.arrays import RingKinematics
 
 QUICK = FitOptions(most=200, training=TrainingOptions(first=80, rows=120, starts=1, iterations=12, refinement=4))
 

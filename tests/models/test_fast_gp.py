@@ -14,10 +14,10 @@ from numba import njit
 from mazeplan.errors import ModelError
 from mazeplan.maths.exponential import exp2_below, exp_below
 from mazeplan.models import fast_gp
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.fast_gp import BINS, HEAD, RANGES, D, evaluate, nearest_variance, pack
 from mazeplan.models.features import inputs, through_inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
+from mazeplan.physics.arrays import RingKinematics
 
 SPREAD = np.array([math.pi, 2.0, 0.08, 0.5, 0.08, 0.5])  # of states: rad, rad/s
 SCALES = np.array([1.5, 0.8, 0.8, 0.3, 0.3, 0.1, 0.02, 0.1, 0.02])  # length scales in the order of the inputs

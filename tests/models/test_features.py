@@ -9,15 +9,8 @@ import numpy as np
 import pytest
 from finite_differences import jacobian
 
+from mazeplan.constants import GRAVITY
 from mazeplan.models import features
-from mazeplan.models.effects import (
-    GRAVITY,
-    RingKinematics,
-    gravity_jacobian,
-    gravity_part,
-    kinematic_jacobian,
-    kinematic_terms,
-)
 from mazeplan.models.features import (
     EFFECTS,
     FEATURES,
@@ -38,6 +31,7 @@ from mazeplan.models.features import (
     wall_features,
 )
 from mazeplan.models.samples import MatchedKinematics
+from mazeplan.physics.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_jacobian, kinematic_terms
 
 RADIUS = 0.0689
 NAMES = {"paper": PAPER, "effects": EFFECTS, "wall": WALL}
@@ -258,4 +252,4 @@ def test_derivatives_through_inputs(name, past):
 def test_units_are_given_for_every_weight():
     assert set(PAPER.values()) <= {"1", "1/s", "1/s^2"}
     assert set(EFFECTS.values()) <= {"1", "1/s", "rad/s^2", "rad"}
-    np.testing.assert_allclose(features.ROLLING, 1.0 / (1.0 + 2.0 * 2.0 / 5.0))  # a solid sphere that spins two ways
+    np.testing.assert_allclose(features.WALL_ROLLING, 1.0 / (1.0 + 2.0 * 2.0 / 5.0))  # a solid sphere spins two ways

@@ -16,7 +16,6 @@ from sklearn.gaussian_process import kernels as sklearn_kernels
 
 from mazeplan.errors import InputError, SettingsError
 from mazeplan.models import gp_training
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.features import effect_features, inputs
 from mazeplan.models.gaussian_process import FAMILIES, GaussianProcess, Hyperparameters, Term, kernel
 from mazeplan.models.gp_training import (
@@ -28,6 +27,7 @@ from mazeplan.models.gp_training import (
     require_torch,
     train,
 )
+from mazeplan.physics.arrays import RingKinematics
 from mazeplan.resources import to_install
 
 KERNELS: Any = sklearn_kernels

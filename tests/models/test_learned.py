@@ -9,7 +9,6 @@ import pytest
 from finite_differences import jacobian
 
 from mazeplan.errors import InputError
-from mazeplan.models.effects import RingKinematics, gravity_part, kinematic_terms
 from mazeplan.models.features import (
     EFFECTS,
     FEATURES,
@@ -29,6 +28,7 @@ from mazeplan.models.gp_training import TrainingOptions, require_torch
 from mazeplan.models.learned import ForestBall, GaussianBall, LinearBall, PhysicsBall
 from mazeplan.models.linear import fit_linear
 from mazeplan.models.samples import MatchedKinematics, RingSamples
+from mazeplan.physics.arrays import RingKinematics, gravity_part, kinematic_terms
 
 RADIUS = 0.0892
 ROLLING, VISCOUS, DRY, NOISE = 0.58, 0.4, 0.5, 0.5

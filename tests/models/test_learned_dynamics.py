@@ -8,19 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from finite_differences import jacobian
+from ring_numbers import G, numbers_of, ring_of
 from scipy.integrate import solve_ivp
 
 from mazeplan.models import learned_dynamics, ring_dynamics
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import DryFriction, RingKinematics, RollingInertia, TiltOffset, ViscousFriction
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_parameters import AxisParameters, RingParameters
+from mazeplan.models.ring_parameters import PROCESS, AxisParameters, RingParameters
 from mazeplan.models.stage import StageModel
+from mazeplan.physics.arrays import RingKinematics
+from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 
 SPREAD = np.array([math.pi, 4.0, 0.09, 0.8, 0.09, 0.8])  # of start states: rad, rad/s
-FULL = RingParameters(
+FULL = ring_of(
     0.0487,
     rolling_factor=0.61,
     viscous=0.4,
@@ -68,10 +70,11 @@ def right_hand_side(t, s, u, p, held):
         + 2.0 * beta_d * gamma_d * math.cos(gamma) * math.sin(theta) ** 2
         + 0.5 * gamma_d**2 * math.sin(2.0 * theta)
     )
-    g = p.rolling_factor * 9.81 / p.radius
-    b, c = beta + p.offset_beta, gamma + p.offset_gamma
+    n = numbers_of(p)
+    g = n.rolling_factor * G / p.radius
+    b, c = beta + n.offset_beta, gamma + n.offset_gamma
     gravity = -g * (math.sin(b) * math.sin(theta) + math.sin(c) * math.cos(b) * math.cos(theta))
-    friction = p.viscous * theta_d + p.dry * math.tanh(theta_d / p.dry_width)
+    friction = n.viscous * theta_d + n.dry * math.tanh(theta_d / p.dry_width)
     effects = gravity - friction if p.physics else 0.0
     return [theta_d, turning + effects + held, beta_d, beta_dd, gamma_d, gamma_dd]
 
@@ -117,7 +120,7 @@ def test_derivatives_equal_finite_differences(p):
         learned_dynamics.linearise(s, u, packed, np.empty(6), A, B)
         numeric = jacobian(lambda x: stepped(x[:6], x[6:], packed), np.concatenate([s, u]), 1e-4)
         np.testing.assert_allclose(np.hstack([A, B]), numeric, rtol=1e-5, atol=1e-7)
-        ring_dynamics.linearise(s, u, packed[: learned_dynamics.PHYSICS].copy(), np.empty(6), plain_A, plain_B)
+        ring_dynamics.linearise(s, u, packed[: int(packed[PROCESS])].copy(), np.empty(6), plain_A, plain_B)
         apart = max(apart, float(np.abs(A - plain_A).max()))
     assert apart > 0.1  # the process takes part in the derivatives
 
@@ -187,7 +190,7 @@ def test_derivatives_by_the_held_part_equal_finite_differences():
 
 @pytest.mark.parametrize(("theta", "beta", "gamma"), [(1.0, 0.05, 0.0), (0.0, 0.0, 0.05), (2.0, -0.03, 0.04)])
 def test_without_physics_a_tilted_plate_does_not_pull(theta, beta, gamma):
-    p = RingParameters(0.0689, viscous=2.0, dry=2.0, offset_beta=0.02, physics=False)
+    p = ring_of(0.0689, viscous=2.0, dry=2.0, offset_beta=0.02, physics=False)
     s, u, out = np.array([theta, 0.7, beta, 0, gamma, 0]), np.array([beta, gamma]), np.empty(6)
     ring_dynamics.step(s, u, p.pack(), out)
     assert out == pytest.approx([theta + 0.7 / 30.0, 0.7, beta, 0.0, gamma, 0.0], abs=1e-12)  # neither pulls nor rubs
@@ -196,9 +199,10 @@ def test_without_physics_a_tilted_plate_does_not_pull(theta, beta, gamma):
 
 
 def test_which_models_have_no_physics():
-    ball = BallModel((RollingInertia(0.6), ViscousFriction(0.2), DryFriction(0.4), TiltOffset(0.01, -0.02)))
+    ball = BallModel((rolling_inertia(0.6), viscous_friction(0.2), dry_friction(0.4), tilt_offset(0.01, -0.02)))
     model = RigModel(StageModel(), {1: ball, 2: ball}, processes={1: GP})
     for kind, ring, physics in (("np", 1, False), ("np", 2, True), ("sp", 1, True), ("sp", 2, True)):
         p = RingParameters.from_model(replace(model, kind=kind), ring, 0.0689)
         assert p.physics is physics
-        assert (p.rolling_factor, p.viscous, p.dry) == (0.6, 0.2, 0.4)
+        n = numbers_of(p)
+        assert (n.rolling_factor, n.viscous, n.dry) == (0.6, 0.2, 0.4)

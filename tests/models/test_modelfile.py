@@ -11,14 +11,15 @@ import pytest
 from mazeplan.errors import ModelError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import EFFECTS, DryFriction, RollingInertia, make_effect
 from mazeplan.models.modelfile import RigModel, load_model, model_names, save_model
 from mazeplan.models.stage import StageAxis, StageModel
+from mazeplan.physics.ball import dry_friction, rolling_inertia
+from mazeplan.physics.registry import EFFECTS, make_term
 
 MAZE = load_map("cme")
 MODEL = RigModel(
     StageModel(StageAxis(1.01, 24.0, 0.8, 0.02, 0.001, {"gain": 0.01}), StageAxis()),
-    {1: BallModel((RollingInertia(0.58), DryFriction(0.3)), {"rolling_inertia": {"factor": 0.01}}), 3: BallModel()},
+    {1: BallModel((rolling_inertia(0.58), dry_friction(0.3)), {"rolling_inertia": {"factor": 0.01}}), 3: BallModel()},
     camera_delay=0.066,
     camera_delay_stderr=0.002,
     kind="pi",
@@ -158,12 +159,12 @@ def test_mistakes_of_a_person_name_file_line_and_key(tmp_path, old, new, where, 
 def test_values_and_errors_of_a_hand_written_file(tmp_path):
     (tmp_path / "model.yaml").write_text(HAND)
     ball = load_model(tmp_path).ball(1)
-    assert ball.effects == (RollingInertia(0.6), DryFriction(0.3))
+    assert ball.effects == (rolling_inertia(0.6), dry_friction(0.3))
     assert ball.stderr == {"rolling_inertia": {}, "dry_friction": {"coefficient": 0.1}}
 
 
 def test_the_nearest_ring_stands_in():
-    model = RigModel(StageModel(), {1: BallModel((RollingInertia(0.5),)), 4: BallModel((RollingInertia(0.7),))})
+    model = RigModel(StageModel(), {1: BallModel((rolling_inertia(0.5),)), 4: BallModel((rolling_inertia(0.7),))})
     factors = [model.ball(ring).parameter("rolling_inertia", "factor", 0.0) for ring in (1, 2, 3, 4, 5)]
     assert factors == [0.5, 0.5, 0.7, 0.7, 0.7]
 
@@ -172,7 +173,7 @@ def test_every_effect_survives_the_file(tmp_path):
     rng, effects = np.random.default_rng(0), []
     for name, kind in EFFECTS.items():
         values = {key: float(f"{rng.uniform(p.low, p.high):.6g}") for key, p in kind.parameters.items()}
-        effects.append(make_effect(name, values))
+        effects.append(make_term(name, values))
     model = replace(MODEL, balls={2: BallModel(tuple(effects))})
     save_model(model, tmp_path)
     assert load_model(tmp_path) == model

@@ -12,12 +12,12 @@ from mazeplan.data.table import Table
 from mazeplan.errors import InputError, ModelError, SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import QuadraticDrag
 from mazeplan.models.features import inputs
 from mazeplan.models.modelfile import RigModel, load_model, save_model
 from mazeplan.models.online_rig import ENDS, PACES, WATCHED, OnlineModel, OnlineOptions, accelerations, usual
 from mazeplan.models.onlinefile import ROWS, read_online, write_online
 from mazeplan.models.samples import SampleOptions, ring_samples
+from mazeplan.physics.ball import quadratic_drag
 
 MAZE = load_map("cme")
 QUICK = OnlineOptions(most=150)
@@ -173,7 +173,7 @@ def test_a_record_that_is_no_number_or_too_short_changes_nothing(toy):
 
 
 def test_effects_that_nothing_is_learned_of_stay(toy):
-    drag = QuadraticDrag(0.02)
+    drag = quadratic_drag(0.02)
     balls = {ring: BallModel((*ball.effects, drag), ball.stderr) for ring, ball in toy.balls.items()}
     online = OnlineModel(replace(toy, balls=balls), MAZE, QUICK)
     online.learn(driven(toy, seed=9))

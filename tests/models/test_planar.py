@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from planar_rig import known
 
+from mazeplan.constants import FREE_ROLLING, GRAVITY
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import FREE_ROLLING, GRAVITY, PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.models.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
 
 MAZE = load_map("cme")
 PLANAR = PlanarModel.build(MAZE, known(MAZE))
@@ -25,7 +26,7 @@ def at(r: float, theta: float, vr: float = 0.0, vt: float = 0.0) -> np.ndarray:
 def held_tilt(z: np.ndarray, duration: float, beta: float, gamma: float) -> None:
     p = PLANAR
     times, tilts = np.array([0.0]), np.array([[beta, gamma]])
-    predict_given_tilt(z, 0.0, duration, times, tilts, p.scalars, p.bias, p.rings, p.walls, p.gaps)
+    predict_given_tilt(z, 0.0, duration, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def at(ring: int, theta: float, along: float = 0.0) -> np.ndarray:
 def tilted(z: np.ndarray, duration: float, beta: float, gamma: float) -> None:
     p = PLANAR
     times, tilts = np.array([0.0]), np.array([[beta, gamma]])
-    predict_given_tilt(z, 0.0, duration, times, tilts, p.scalars, p.bias, p.rings, p.walls, p.gaps)
+    predict_given_tilt(z, 0.0, duration, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
 
 def across(z: np.ndarray, angle: float) -> float:

@@ -16,14 +16,6 @@ from mazeplan.data.table import Table
 from mazeplan.errors import TableError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import (
-    DryFriction,
-    RingKinematics,
-    RollingInertia,
-    TiltOffset,
-    ViscousFriction,
-    kinematic_terms,
-)
 from mazeplan.models.features import DRY_WIDTH, inputs
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.gaussian_process import Hyperparameters
@@ -32,6 +24,8 @@ from mazeplan.models.modelfile import RigModel, load_model, save_model
 from mazeplan.models.rig_learning import FEWEST, _condition, learn_processes, planned
 from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.models.stage import StageModel
+from mazeplan.physics.arrays import RingKinematics, kinematic_terms
+from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 
 pytest.importorskip("gpytorch", reason="learning needs torch and gpytorch")
 
@@ -99,7 +93,7 @@ def table(*parts):
 
 
 # what identification may have found: near the truth, not at it
-BALL = BallModel((RollingInertia(0.55), ViscousFriction(0.6), DryFriction(0.2), TiltOffset(0.002, 0.0)))
+BALL = BallModel((rolling_inertia(0.55), viscous_friction(0.6), dry_friction(0.2), tilt_offset(0.002, 0.0)))
 MODEL = RigModel(StageModel(), {1: BALL, 2: BALL, 3: BALL}, camera_delay=TRUE["delay"], kind="pi", scores={"a": 1})
 OPTIONS = FitOptions(most=900, training=TrainingOptions(first=250, rows=400, starts=1, iterations=20, refinement=8))
 
@@ -231,7 +225,7 @@ def test_the_effects_as_the_planner_has_them():
     inertial = bdd * np.sin(c) - bd**2 * s * o * np.cos(c) ** 2 + 2 * bd * cd * np.cos(c) * s**2 + cd**2 * s * o
     pull = np.sin(b0) * s + np.sin(c0) * np.cos(b0) * o
     wanted = inertial - 0.6 * 9.81 / 0.07 * pull - 0.4 * speed - 0.3 * np.tanh(speed / DRY_WIDTH)
-    ball = BallModel((RollingInertia(0.6), ViscousFriction(0.4), DryFriction(0.3), TiltOffset(0.004, -0.003)))
+    ball = BallModel((rolling_inertia(0.6), viscous_friction(0.4), dry_friction(0.3), tilt_offset(0.004, -0.003)))
     np.testing.assert_allclose(planned(ball, k), wanted, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(kinematic_terms(k), inertial, rtol=1e-10, atol=1e-12)
 

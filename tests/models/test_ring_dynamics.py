@@ -7,19 +7,21 @@ import numpy as np
 import pytest
 import sympy as sp
 from finite_differences import jacobian
+from ring_numbers import G, numbers_of, ring_of
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mazeplan.errors import ModelError
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RollingInertia, TiltOffset, ViscousFriction, make_effect
 from mazeplan.models.modelfile import RigModel
 from mazeplan.models.ring_dynamics import linearise, step
 from mazeplan.models.ring_parameters import FASTEST, AxisParameters, RingParameters, resolved, stage_transition
 from mazeplan.models.stage import StageAxis, StageModel
+from mazeplan.physics.ball import rolling_inertia, table_rocking, tilt_offset, viscous_friction
+from mazeplan.physics.registry import make_term
 
 PLAIN = RingParameters(0.0689)
-FULL = RingParameters(
+FULL = ring_of(
     0.0487,
     rolling_factor=0.61,
     viscous=0.4,
@@ -30,6 +32,8 @@ FULL = RingParameters(
     beta=AxisParameters(0.95, 24.0, 0.8, 0.002),
     gamma=AxisParameters(1.1, 28.0, 1.4, -0.003),
 )
+COUPLED = replace(FULL, beta=replace(FULL.beta, coupling=0.12), gamma=replace(FULL.gamma, coupling=-0.07))
+KINDS = pytest.mark.parametrize("p", [PLAIN, FULL, COUPLED], ids=["plain", "full", "coupled"])
 SPREAD = np.array([math.pi, 8.0, 0.09, 1.0, 0.09, 1.0])  # of start states: rad, rad/s
 
 
@@ -41,10 +45,11 @@ def axis_acceleration(axis, angle, rate, u):
 def right_hand_side(t, s, u, p):
     """The equation term by term, as it stands in the derivation."""
     theta, theta_d, beta, beta_d, gamma, gamma_d = s
-    beta_dd = axis_acceleration(p.beta, beta, beta_d, u[0])
-    gamma_dd = axis_acceleration(p.gamma, gamma, gamma_d, u[1])
-    g = p.rolling_factor * p.gravity / p.radius
-    b, c = beta + p.offset_beta, gamma + p.offset_gamma
+    beta_dd = axis_acceleration(p.beta, beta, beta_d, u[0] + p.beta.coupling * u[1])
+    gamma_dd = axis_acceleration(p.gamma, gamma, gamma_d, u[1] + p.gamma.coupling * u[0])
+    n = numbers_of(p)
+    g = n.rolling_factor * G / p.radius
+    b, c = beta + n.offset_beta, gamma + n.offset_gamma
     theta_dd = (
         beta_dd * np.sin(gamma)
         - beta_d**2 * np.sin(theta) * np.cos(theta) * np.cos(gamma) ** 2
@@ -53,8 +58,8 @@ def right_hand_side(t, s, u, p):
         + 0.5 * gamma_d**2 * np.sin(2.0 * theta)
         - g * np.sin(b) * np.sin(theta)
         - g * np.sin(c) * np.cos(b) * np.cos(theta)
-        - p.viscous * theta_d
-        - p.dry * np.tanh(theta_d / p.dry_width)
+        - n.viscous * theta_d
+        - n.dry * np.tanh(theta_d / p.dry_width)
     )
     return [theta_d, theta_dd, beta_d, beta_dd, gamma_d, gamma_dd]
 
@@ -81,18 +86,18 @@ def lagrange():
     return sp.lambdify((r, *names), (inertial, gravity))
 
 
-@pytest.mark.parametrize("p", [PLAIN, FULL], ids=["plain", "full"])
+@KINDS
 def test_the_equation_is_that_of_a_point_in_a_tilting_plate(p):
     """The reference of the tests below: inertia and gravity derived anew, friction and table off level put to it."""
-    rng, derived = np.random.default_rng(7), lagrange()
+    rng, derived, n = np.random.default_rng(7), lagrange(), numbers_of(p)
     for _ in range(50):
         s, u = SPREAD * rng.uniform(-1, 1, 6), 0.09 * rng.uniform(-1, 1, 2)
         rates = right_hand_side(0.0, s, u, p)
         theta, theta_d, b, b_d, c, c_d = s
         inertial = derived(p.radius, theta, theta_d, b, b_d, rates[3], c, c_d, rates[5])[0]
-        gravity = derived(p.radius, theta, 0.0, b + p.offset_beta, 0.0, 0.0, c + p.offset_gamma, 0.0, 0.0)[1]
-        friction = p.viscous * theta_d + p.dry * np.tanh(theta_d / p.dry_width)
-        expected = inertial + p.rolling_factor * p.gravity * gravity - friction
+        gravity = derived(p.radius, theta, 0.0, b + n.offset_beta, 0.0, 0.0, c + n.offset_gamma, 0.0, 0.0)[1]
+        friction = n.viscous * theta_d + n.dry * np.tanh(theta_d / p.dry_width)
+        expected = inertial + n.rolling_factor * G * gravity - friction
         assert rates[1] == pytest.approx(expected, rel=1e-11, abs=1e-11)
 
 
@@ -106,7 +111,7 @@ def integrated(s, u, p):
     return solve_ivp(right_hand_side, (0.0, p.dt), s, args=(u, p), rtol=1e-11, atol=1e-13, method="DOP853").y[:, -1]
 
 
-@pytest.mark.parametrize("p", [PLAIN, FULL], ids=["plain", "full"])
+@KINDS
 def test_a_step_equals_an_adaptive_integrator(p):
     rng = np.random.default_rng(1)
     worst = np.zeros(6)
@@ -130,7 +135,7 @@ def test_forty_steps_equal_an_adaptive_integrator():
         assert abs(s[0] - reference[0]) < 1e-3
 
 
-@pytest.mark.parametrize("p", [PLAIN, FULL], ids=["plain", "full"])
+@KINDS
 def test_derivatives_equal_finite_differences(p):
     rng = np.random.default_rng(3)
     A, B = np.full((6, 6), np.nan), np.full((6, 2), np.nan)
@@ -139,6 +144,21 @@ def test_derivatives_equal_finite_differences(p):
         linearise(x[:6], x[6:], p.pack(), np.empty(6), A, B)
         numeric = jacobian(lambda x: stepped(x[:6], x[6:], p), x, 1e-5)
         np.testing.assert_allclose(np.hstack([A, B]), numeric, rtol=1e-6, atol=2e-9)
+
+
+def test_a_share_of_a_command_reaches_the_other_axis():
+    """One command on both axes' way: what the other does of it, is its share of what the own one would."""
+    A, B, own_A, own_B = np.empty((6, 6)), np.empty((6, 2)), np.empty((6, 6)), np.empty((6, 2))
+    s, u = np.array([0.7, 1.2, 0.03, 0.2, -0.02, -0.3]), np.array([0.05, -0.04])
+    linearise(s, u, COUPLED.pack(), np.empty(6), A, B)
+    reached = np.array([u[0] + 0.12 * u[1], u[1] - 0.07 * u[0]])
+    linearise(s, reached, FULL.pack(), np.empty(6), own_A, own_B)
+    assert stepped(s, u, COUPLED) == pytest.approx(stepped(s, reached, FULL), abs=1e-15)
+    np.testing.assert_allclose(A, own_A, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(B, own_B @ [[1.0, 0.12], [-0.07, 1.0]], rtol=0, atol=1e-15)
+    assert B[2, 1] == pytest.approx(0.12 * B[2, 0]) != 0.0
+    assert B[4, 0] == pytest.approx(-0.07 * B[4, 1]) != 0.0
+    assert own_B[2, 1] == own_B[4, 0] == 0.0
 
 
 @pytest.mark.parametrize("zeta", [0.05, 0.9, 1.0, 1.0 + 1e-12, 1.7, 40.0])
@@ -158,7 +178,7 @@ def test_signs_of_the_tilt():
 
 
 def test_a_table_off_level_is_undone_by_the_opposite_tilt():
-    p = replace(PLAIN, offset_beta=0.01, offset_gamma=-0.02)
+    p = ring_of(PLAIN.radius, offset_beta=0.01, offset_gamma=-0.02)
     s = np.array([0.7, 0.0, -0.01, 0.0, 0.02, 0.0])
     assert stepped(s, np.array([-0.01, 0.02]), p) == pytest.approx(s, abs=1e-15)
 
@@ -169,9 +189,9 @@ def test_a_table_off_level_is_undone_by_the_opposite_tilt():
         ({"radius": 0.0}, "radius: got 0.0, expected a number > 0"),
         ({"radius": math.nan}, "radius"),
         ({"dry_width": -1.0}, "dry_width"),
-        ({"viscous": -0.1}, "viscous: got -0.1, expected a number >= 0"),
-        ({"dry": math.inf}, "dry"),
-        ({"offset_beta": math.nan}, "offset_beta: got nan, expected a finite number"),
+        ({"dt": 0.0}, "dt"),
+        ({"ball_radius": math.inf}, "ball_radius"),
+        ({"effects": (rolling_inertia(0.6), table_rocking())}, "table_rocking: cannot be planned with: its phase"),
     ],
 )
 def test_values_out_of_range_are_refused(change, message):
@@ -180,7 +200,22 @@ def test_values_out_of_range_are_refused(change, message):
 
 
 @pytest.mark.parametrize(
-    "change", [{"gain": 0.0}, {"natural_frequency": -1.0}, {"damping": math.nan}, {"offset": math.inf}]
+    ("change", "message"),
+    [
+        ({"rolling_factor": 0.0}, "factor: got 0.0, expected 0.05 to 1.5"),
+        ({"viscous": -0.1}, "coefficient: got -0.1, expected 0.0 to 20.0 1/s"),
+        ({"dry": math.inf}, "coefficient: got inf"),
+        ({"offset_beta": math.nan}, "beta: got nan, expected -0.2 to 0.2 rad"),
+    ],
+)
+def test_effects_out_of_range_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        ring_of(PLAIN.radius, **change)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"coupling": math.nan}, {"gain": 0.0}, {"natural_frequency": -1.0}, {"damping": math.nan}, {"offset": math.inf}],
 )
 def test_a_stage_out_of_range_is_refused(change):
     with pytest.raises(ModelError, match=next(iter(change))):
@@ -191,23 +226,25 @@ def test_parameters_come_from_a_fitted_model():
     balls = {
         2: BallModel(
             (
-                RollingInertia(0.6),
-                ViscousFriction(0.2),
-                make_effect("dry_friction", {"coefficient": 0.4}),
-                TiltOffset(0.01, -0.02),
+                rolling_inertia(0.6),
+                viscous_friction(0.2),
+                make_term("dry_friction", {"coefficient": 0.4}),
+                tilt_offset(0.01, -0.02),
             )
         )
     }
-    stage = StageModel(beta=StageAxis(gain=0.9, natural_frequency=20.0), gamma=StageAxis(damping=1.2, offset=0.003))
+    stage = StageModel(
+        beta=StageAxis(gain=0.9, natural_frequency=20.0, coupling=0.03), gamma=StageAxis(damping=1.2, offset=0.003)
+    )
     p = RingParameters.from_model(RigModel(stage, balls), 2, 0.0689)
-    assert p == RingParameters(
+    assert p == ring_of(
         0.0689,
         rolling_factor=0.6,
         viscous=0.2,
         dry=0.4,
         offset_beta=0.01,
         offset_gamma=-0.02,
-        beta=AxisParameters(0.9, 20.0, stage.beta.damping, stage.beta.offset),
+        beta=AxisParameters(0.9, 20.0, stage.beta.damping, stage.beta.offset, 0.03),
         gamma=AxisParameters(stage.gamma.gain, stage.gamma.natural_frequency, 1.2, 0.003),
     )
 
@@ -216,7 +253,7 @@ def test_parameters_come_from_a_fitted_model():
 def test_a_plate_that_answers_like_a_lag_of_first_order(natural_frequency, damping):
     """What `learn` finds then has a pole faster than any sample shows; it must not push the ball."""
     axis = StageAxis(natural_frequency=natural_frequency, damping=damping)
-    model = RigModel(StageModel(axis, axis), {1: BallModel((RollingInertia(0.6),))})
+    model = RigModel(StageModel(axis, axis), {1: BallModel((rolling_inertia(0.6),))})
     p = RingParameters.from_model(model, 1, 0.0689)
     as_found = replace(p, beta=AxisParameters(1.0, natural_frequency, damping))
     as_found = replace(as_found, gamma=as_found.beta)
@@ -247,4 +284,9 @@ def test_a_stage_that_can_be_resolved_is_as_it_is():
 
 
 def test_without_a_rolling_effect_the_ball_slides():
-    assert RingParameters.from_model(RigModel(StageModel(), {1: BallModel(())}), 1, 0.08).rolling_factor == 1.0
+    p = RingParameters.from_model(RigModel(StageModel(), {1: BallModel(())}), 1, 0.08)
+    assert p == RingParameters(0.08, ())
+    s, u = np.array([math.pi / 2, 0, 0.05, 0, 0, 0]), np.array([0.05, 0.0])
+    tilted = stepped(s, u, p)
+    assert tilted == pytest.approx(stepped(s, u, ring_of(0.08, rolling_factor=1.0)), abs=1e-15)
+    assert tilted[1] == pytest.approx(-G / 0.08 * math.sin(0.05) / 30.0, rel=1e-3)

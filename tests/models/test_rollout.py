@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from ring_record import DT, RADII, Ball, Tilt, motion
 
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.rollout import (
     FEWEST,
     MOST,
@@ -20,6 +19,7 @@ from mazeplan.models.rollout import (
     roll_out_delayed,
 )
 from mazeplan.models.samples import RingSamples
+from mazeplan.physics.arrays import RingKinematics
 
 BALL = Ball(RADII[3], viscous=0.4, wave=0.5)
 TILT = Tilt.drawn(4)

@@ -18,7 +18,7 @@ from mazeplan.records import Observation
 
 MAZE = load_map("cme")
 OFF = replace(
-    load_model("ideal"), camera=Camera(0.001, -0.002, 0.03, {"angle": 0.001}), tilt_sensor=TiltSensor(1.1, 0.9),
+    load_model("ideal"), camera=Camera(0.001, -0.002, 0.03, stderr={"angle": 0.001}), tilt_sensor=TiltSensor(1.1, 0.9),
     stage=StageModel(StageAxis(1.1, backlash=0.01), StageAxis(0.9, offset=0.009)),
 )  # fmt: skip
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from ring_record import DT, RADII, Ball, Tilt, motion
 
-from mazeplan.models.effects import RingKinematics
 from mazeplan.models.samples import RingSamples
 from mazeplan.models.start import PAST, angle_noise, causal_start
+from mazeplan.physics.arrays import RingKinematics
 
 BALL, TILT, N = Ball(RADII[3], viscous=0.4, wave=0.5), Tilt.drawn(4), 600
 START = np.arange(80, 560, 7)

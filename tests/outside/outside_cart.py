@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import ClassVar
 
-from numba import njit
-
 from mazeplan import MazeLeaf, Port, Status
-from mazeplan.diagnosis.library import Candidate, Spec
+from mazeplan.physics import Effect, Parameter, sin
 from mazeplan.testing.lightrig import LightRig
 
 SLOW = Path(__file__).with_name("slow_cart.yaml")
@@ -33,10 +30,12 @@ class Nap(MazeLeaf):
         return Status.RUNNING if self.left else Status.SUCCESS
 
 
-@njit(cache=True)
-def _wind(x, v, t, w, p):
-    return -p[0] * math.sin(x)
-
-
 def wind_of_a_fan():
-    return [Candidate("wind", {"force": Spec("rad/s^2", 0.0, -5.0, 5.0, 1e-3, 0.05)}, term=_wind)]
+    return [
+        Effect(
+            "wind",
+            {"force": Parameter("rad/s^2", 0.0, -5.0, 5.0, smallest=0.05)},
+            formula=lambda s, p: -p.force * sin(s.theta),
+            text="a fan that blows towards +x",
+        )
+    ]

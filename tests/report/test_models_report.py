@@ -20,11 +20,11 @@ from mazeplan.data.table import Table as Record
 from mazeplan.data.table import read_table
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RollingInertia
 from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.residual_map import ANGLES, FEWEST, residual_map
 from mazeplan.models.rollout import Rollout
 from mazeplan.models.stage import StageModel
+from mazeplan.physics.ball import rolling_inertia
 from mazeplan.report.inputs import Input, of_document
 from mazeplan.report.learned import effects_table, judged, learned_from
 from mazeplan.report.models import around, best_kind, model_section, models_section
@@ -134,7 +134,7 @@ def test_the_heat_map_shows_the_cell_and_its_sign():
 def test_a_model_is_judged_on_a_table_as_the_equation_says():
     """A model that is the truth leaves next to nothing, and the bare equation the share that it lacks."""
     ball = Ball(RADII[2], factor=0.6)
-    model = RigModel(StageModel(), {2: BallModel((RollingInertia(0.6),), {"rolling_inertia": {"factor": 0.01}})})
+    model = RigModel(StageModel(), {2: BallModel((rolling_inertia(0.6),), {"rolling_inertia": {"factor": 0.01}})})
     record = Record({**columns(ball, 40.0), "ring": np.full(1200, 2.0)})
     scores = judged(model, [record], load_map("cme"))["ring2"]
     assert scores["nrmse_test"]["model"] < 0.25 * scores["nrmse_test"]["p"]
@@ -168,7 +168,7 @@ def test_of_document_knows_it():
 
 def test_a_model_on_the_log_that_it_was_learned_from_carries_a_warning(tmp_path):
     """It is known by what is in it, under whatever name; another of the same name is another."""
-    ball = BallModel((RollingInertia(0.5),))
+    ball = BallModel((rolling_inertia(0.5),))
     write_csv(ring_table((2,), 20.0), tmp_path / "log.csv")
     write_csv(ring_table((2,), 19.0), tmp_path / "new.csv")
     source = read_table(tmp_path / "log.csv").source

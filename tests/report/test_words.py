@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mazeplan.diagnosis.library import ring_library
+from mazeplan.diagnosis.candidates import ring_library
 from mazeplan.report import words
 
 

@@ -8,9 +8,9 @@ from bench_baselines import as_seen
 from bench_plant import DECLARED, RADII
 from scipy.integrate import solve_ivp
 
+from mazeplan.diagnosis.candidates import ring_library
 from mazeplan.diagnosis.fit import Likelihood
 from mazeplan.diagnosis.kalman import NODES, roll_out
-from mazeplan.diagnosis.library import ring_library
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
 from mazeplan.diagnosis.scores import score_starts
 from mazeplan.maths.angles import difference

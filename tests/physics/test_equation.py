@@ -8,7 +8,8 @@ import pytest
 import sympy as sp
 
 from mazeplan.models.ball import BallModel
-from mazeplan.models.effects import RingKinematics, RollingInertia, TiltOffset
+from mazeplan.physics.arrays import RingKinematics
+from mazeplan.physics.ball import rolling_inertia, tilt_offset
 
 GRAVITY = 9.81
 NAMES = ("theta", "theta_dot", "beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot", "gamma_ddot")
@@ -63,7 +64,7 @@ def test_gravity_part_is_scaled_and_offset(lagrange):
         still = [motion.theta, zero, motion.beta, zero, zero, motion.gamma, zero, zero]
         return lagrange(k.radius, GRAVITY, *still)
 
-    model = BallModel((RollingInertia(0.6), TiltOffset(0.02, -0.01)))
+    model = BallModel((rolling_inertia(0.6), tilt_offset(0.02, -0.01)))
     without = lagrange(k.radius, GRAVITY, *(getattr(k, name) for name in NAMES)) - gravity(k)
     assert np.allclose(model.acceleration(k), without + 0.6 * gravity(tilted), atol=1e-10)
 
