@@ -20,6 +20,7 @@ import numpy as np
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
+from mazeplan.rigs.drags import Drags, stage_mix
 from mazeplan.rigs.faults import FaultBox
 from mazeplan.rigs.forces import PlateForces
 from mazeplan.rigs.gimbal import Gimbal, MazeGimbal
@@ -73,7 +74,8 @@ class Machine:
             math.radians(self.settings.backlash_deg) * (both or self.settings.backlash_axis == axis) for axis in AXES
         ]
         self._half_play = 0.5 * np.array(play)
-        self._forces = PlateForces(self.settings, self.maze)
+        self._forces, self._drags = PlateForces(self.settings, self.maze), Drags(self.settings, self.maze)
+        self._mixed = stage_mix(self.settings)
         self._faults = FaultBox(self.settings.faults, self._gimbal, self.maze)
 
     def close(self) -> None:
@@ -118,13 +120,31 @@ class Machine:
         # not np.clip, which takes many times as long for two numbers
         self._ctrl = self._ctrl + np.minimum(np.maximum(self._target - self._ctrl, -most), most)
         self._played = np.minimum(np.maximum(self._played, self._ctrl - self._half_play), self._ctrl + self._half_play)
-        gimbal.drive(self._faults.servo(now, self._played))
+        told = self._played if self._mixed is None else self._mixed @ self._played
+        gimbal.drive(self._faults.servo(now, told))
         self._faults.before_step(now)
-        if self._forces:
-            plate, _ = gimbal.plate()
-            gimbal.pull(plate @ self._forces.on(plate.T @ gimbal.place()))
+        self._push(now)
+        before = self._drags.angle(gimbal) if self._drags.kerb else 0.0
         gimbal.advance()
+        if self._drags.kerb and self._drags.met(gimbal, before):
+            position, velocity, spin = self.ball()
+            kept = 1.0 - self.settings.kerb_loss
+            self.set_ball(position, kept * velocity, kept * spin)
         self._faults.after_step(self.time)
+
+    def _push(self, now: float) -> None:
+        """Forces on the ball for one chunk."""
+        gimbal = self.gimbal
+        if not (self._forces or self._drags):
+            return
+        plate, _ = gimbal.plate()
+        force = np.zeros(3)
+        if self._forces:
+            force = plate @ self._forces.on(plate.T @ gimbal.place())
+        if self._drags:
+            position, velocity, _ = self.ball()
+            force = force + plate @ self._drags.on(position, velocity, now) + self._drags.in_room(now)
+        gimbal.pull(force)
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Have the servos hold this tilt, rad, once the command delay is over."""

@@ -52,6 +52,8 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
     """MJCF text: boxes stand on the plate's floor."""
     wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
     kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
+    other = wn if settings.servo_frequency_gamma_rad_s is None else settings.servo_frequency_gamma_rad_s
+    kp2, kv2 = ARMATURE * other**2, 2.0 * zeta * other * ARMATURE
     x, y = math.radians(settings.table_x_deg), math.radians(settings.table_y_deg)
     gravity = f"{GRAVITY * math.sin(y)} {-GRAVITY * math.sin(x) * math.cos(y)} {-GRAVITY * math.cos(x) * math.cos(y)}"
     timestep = 1.0 / (settings.rate_hz * SUBSTEPS)
@@ -60,9 +62,10 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
     geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>', *boxes]
     radius, mass = maze.ball.radius, maze.ball.mass
     inertia = ""  # MuJoCo's own, of a solid sphere
-    if settings.ball_inertia != SOLID:
+    if settings.ball_inertia != SOLID or settings.imbalance_mm > 0.0:
         about = settings.ball_inertia * mass * radius**2
-        inertia = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
+        off = 1e-3 * settings.imbalance_mm
+        inertia = f'<inertial pos="{off:g} 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
     return f"""<mujoco model="{_safe(maze.name)}">
 <compiler angle="radian"/>
 <option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="elliptic" impratio="10"
@@ -78,7 +81,7 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
 <body name="ball">{inertia}<freejoint name="ball"/>
 <geom name="ball" type="sphere" size="{radius}" mass="{mass}" friction="0 0 0"/></body>
 </worldbody>
-<actuator><position joint="beta" kp="{kp}" kv="{kv}"/><position joint="gamma" kp="{kp}" kv="{kv}"/></actuator>
+<actuator><position joint="beta" kp="{kp}" kv="{kv}"/><position joint="gamma" kp="{kp2}" kv="{kv2}"/></actuator>
 </mujoco>"""
 
 

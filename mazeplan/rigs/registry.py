@@ -1,7 +1,8 @@
 """From what a user writes after `--rig` to a rig: a packaged name, a YAML file, module:Class, or the name by which an
 installed package offers one (entry point `mazeplan.rigs`: its class, or the path of its YAML file).
 
-Behind a name or file whose settings hold a surprise, @N is the seed of what is drawn: surprise@3.
+Behind a name or file whose settings hold a surprise, @N is the seed of what is drawn: surprise@3; @KIND says what it
+is: surprise@gain.
 """
 
 from __future__ import annotations
@@ -83,12 +84,12 @@ def rig_file(spec: str) -> Path | None:
     raise SettingsError(f"got rig {shown(spec)}{what}, expected one of {names}, a YAML file, or module:Class")
 
 
-def seeded(spec: str) -> tuple[str, int | None]:
-    """The name or file, and the seed of its surprise where one is written behind it."""
-    found = re.fullmatch(r"(.+)@([0-9]{1,9})", spec)
+def seeded(spec: str) -> tuple[str, str | None]:
+    """The name or file, and the seed or the kind of its surprise where one is written behind it."""
+    found = re.fullmatch(r"(.+)@([0-9]{1,9}|[a-z_]+)", spec)
     if found is None or Path(spec).is_file():
         return spec, None
-    return found[1], int(found[2])
+    return found[1], found[2]
 
 
 def with_seed(spec: str, seed: int) -> str:
@@ -174,7 +175,8 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
     if seed is not None:
         if settings.surprise is None:
             raise SettingsError(f"got @{seed}, but there is no surprise in these settings", file=path)
-        settings = settings.model_copy(update={"surprise_seed": seed})
+        told = {"surprise_seed": int(seed)} if seed.isdecimal() else {"surprise": seed}
+        settings = settings_from({**data, **told}, file=path, tree=tree)
     if sense is not None:
         settings = settings.model_copy(update={"sense": sense})
     return SimulatedRig(maze if settings.map is None else load_map(_beside(path, settings.map)), settings)

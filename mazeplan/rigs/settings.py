@@ -12,7 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from mazeplan.errors import SettingsError
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 
-Surprise = Literal["drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp"]
+Surprise = Literal[
+    "drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp",
+    "drag", "thick_air", "wet_paint", "grip", "torque", "one_way", "dirt", "kerb", "ripple", "draught", "rocking",
+    "unbalanced", "gain", "slow", "coupling", "command", "sticky", "sensor", "turned", "moved", "scale", "lens",
+]  # fmt: skip
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -85,14 +89,28 @@ class SimulatedSettings(Section):
     outlier_mm: float = Field(default=30.0, ge=0.0, le=200.0, description="1 sigma of a wrong position")
     camera_offset_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="x, y of the picture's centre")
     camera_rotation_deg: float = Field(default=0.0, ge=-10.0, le=10.0, description="of the picture against the plate")
+    camera_scale: float = Field(default=1.0, ge=0.5, le=2.0, description="of the picture: measured over true")
+    lens_per_m2: float = Field(default=0.0, ge=-20.0, le=20.0, description="share by which it is off, a metre away")
     # tilt
+    tilt_scale_beta: float = Field(default=1.0, ge=0.3, le=3.0, description="of the tilt sensor: measured over true")
+    tilt_scale_gamma: float = Field(default=1.0, ge=0.3, le=3.0, description="the same of the other axis")
     tilt_noise_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="1 sigma of the tilt sensor")
     table_x_deg: float = Field(default=0.0, ge=-4.0, le=4.0, description="table off level about x; + lifts the +y side")
     table_y_deg: float = Field(
         default=0.0, ge=-4.0, le=4.0, description="table off level about y; + lowers the +x side"
     )
+    rocking_x_deg: float = Field(default=0.0, ge=-2.0, le=2.0, description="the table swings so far about x ...")
+    rocking_y_deg: float = Field(default=0.0, ge=-2.0, le=2.0, description="... and about y, ...")
+    rocking_hz: float = Field(default=0.7, ge=0.01, le=10.0, description="... so often a second")
     # servo
     servo_frequency_rad_s: float = Field(default=26.0, ge=5.0, le=100.0, description="natural frequency")
+    servo_frequency_gamma_rad_s: float | None = Field(
+        default=None, ge=5.0, le=100.0, description="of the second axis, where it is another"
+    )
+    servo_gain_beta: float = Field(default=1.0, ge=0.1, le=3.0, description="tilt per command")
+    servo_gain_gamma: float = Field(default=1.0, ge=0.1, le=3.0, description="the same of the other axis")
+    coupling_beta_from_gamma: float = Field(default=0.0, ge=-0.5, le=0.5, description="share of the other's command")
+    coupling_gamma_from_beta: float = Field(default=0.0, ge=-0.5, le=0.5, description="the other way round")
     servo_damping: float = Field(default=0.9, ge=0.3, le=3.0)
     servo_slew_deg_s: float = Field(default=120.0, ge=5.0, le=2000.0, description="fastest change of the set point")
     command_delay_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="before the servo hears a command")
@@ -106,6 +124,21 @@ class SimulatedSettings(Section):
     magnet_depth_mm: float = Field(default=15.0, ge=3.0, le=50.0, description="below the ball's centre")
     warp_mm: float = Field(default=0.0, ge=0.0, le=5.0, description="height at the edge of a plate bent to a saddle")
     warp_deg: float = Field(default=0.0, ge=-180.0, le=180.0, description="direction in which the edge is highest")
+    imbalance_mm: float = Field(default=0.0, ge=0.0, le=3.0, description="centre of mass off the ball's middle")
+    drag_per_s: float = Field(default=0.0, ge=0.0, le=10.0, description="drag on the ball over its mass and speed")
+    drag_per_m: float = Field(default=0.0, ge=0.0, le=100.0, description="drag over its mass and speed squared")
+    drag_growth_per_s2: float = Field(default=0.0, ge=0.0, le=0.1, description="by which drag_per_s grows each second")
+    torque_m_s2: float = Field(default=0.0, ge=-2.0, le=2.0, description="push around the maze, counter-clockwise")
+    one_way_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="friction counter-clockwise only")
+    dirt_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="friction where it is dirty: in ...")
+    dirt_ring: int = Field(default=1, ge=1, le=100, description="... this ring ...")
+    dirt_deg: tuple[float, float] = Field(default=(0.0, 40.0), description="... from here counter-clockwise to there")
+    kerb_loss: float = Field(default=0.0, ge=0.0, le=0.9, description="share of its speed that a kerb takes, in ...")
+    kerb_ring: int = Field(default=1, ge=1, le=100, description="... this ring ...")
+    kerb_deg: float = Field(default=0.0, ge=-360.0, le=360.0, description="... at this angle")
+    ripple_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="largest slope of a wavy floor, times gravity")
+    ripple_waves: int = Field(default=5, ge=1, le=40, description="of it, around the maze")
+    draught_m_s2: tuple[float, float] = Field(default=(0.0, 0.0), description="pull in the room, towards +x and +y")
     # contact
     rolling_friction_m: float = Field(default=2e-5, ge=0.0, le=1e-3, description="stiction angle = this / ball radius")
     floor_friction: float = Field(default=0.3, ge=0.0, le=2.0, description="sliding; low: the ball slips")

@@ -87,6 +87,7 @@ class SimulatedRig:
         x, y = self._picture(t)
         noise = math.radians(self.settings.tilt_noise_deg) * self._rng.standard_normal(2)
         beta, gamma = machine.tilt
+        beta, gamma = self.settings.tilt_scale_beta * beta, self.settings.tilt_scale_gamma * gamma
         return Observation(t, x, y, float(beta + noise[0]), float(gamma + noise[1]))
 
     def command(self, u_beta: float, u_gamma: float) -> None:
@@ -123,9 +124,11 @@ class SimulatedRig:
             place, noise, outlier = self._found(), np.zeros(2), 1.0
         if place is None or math.isnan(place[0]):  # there was no ball when the picture was taken
             return None, None
-        x, y = place
+        x, y = (settings.camera_scale * value for value in place)
         position = np.array([math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y])
         position = position + 1e-3 * (np.array(settings.camera_offset_mm) + settings.camera_noise_mm * noise)
+        if settings.lens_per_m2 != 0.0:
+            position = position * (1.0 + settings.lens_per_m2 * float(position @ position))
         if outlier < settings.outlier_probability:
             position = position + 1e-3 * settings.outlier_mm * wrong
         return float(position[0]), float(position[1])
