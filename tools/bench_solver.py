@@ -12,13 +12,12 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from bench_solver_others import SOLVERS, Answer, Problem, ipopt_from
+from bench_solver_rows import SAME_COMMANDS, other_rows, problem_of
 
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
@@ -36,11 +35,9 @@ RINGS, MEASURED = (1, 2, 3, 4), 1  # the ring on which solvers are compared
 HORIZON, WARM_STEPS, MOVE = 40, 8, math.pi / 4
 SPREAD = np.array([0.3, 0.01, 0.05, 0.01, 0.05])  # of start rates and tilts: rad/s, then rad, rad/s for either axis
 DISTURBANCE = np.array([0.002, 0.02, 0.0005, 0.005, 0.0005, 0.005])  # per warm step, as SPREAD with the angle first
-SAME_COMMANDS = math.radians(0.5)  # plans whose commands differ by less belong to the same minimum
 NEAR = 0.02  # how far random states near a row are off it, of the spread of all states
-OTHER_COST = 1e-2  # relative: so far apart is another local minimum for certain
 ASKED = {"cold": (3.0, 10.0), "warm": (0.5, 2.0)}  # ms, p50 and p99
-ASKED_MEAN, ASKED_COST, ASKED_FASTER = 1e-6, 1e-4, 10.0  # rad/s^2; relative; times BoxFDDP
+ASKED_MEAN = 1e-6  # rad/s^2
 
 
 class Case(NamedTuple):
@@ -122,14 +119,9 @@ def measure(planner: RingPlanner, problems: list[Case], seed: int) -> tuple[Time
     return cold, warm
 
 
-def problem_of(planner: RingPlanner, case: Case) -> Problem:
-    """For other solvers."""
-    return Problem(planner.dynamics, HORIZON, case.s0, planner.cost.pack(case.goal), planner.tilt_limit)
-
-
 def passes(planner: RingPlanner, case: Case) -> tuple[float, float]:
     """Least ms of one roll-out and of one linearisation of all steps: what an iteration takes at the very least."""
-    problem = problem_of(planner, case)
+    problem = problem_of(planner, *case)
     zeros = np.zeros((HORIZON, 2))
     states = problem.roll_out(zeros)[1].copy()
 
@@ -209,87 +201,12 @@ def culling_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
     ]
 
 
-@dataclass
-class Score:
-    """One solver on all problems."""
-
-    ms: list[float] = field(default_factory=list)
-    inside: list[float] = field(default_factory=list)
-    off: list[float] = field(default_factory=list)  # (its cost - iLQG's) / iLQG's
-    same: list[bool] = field(default_factory=list)  # whether it found the minimum of iLQG
-    converged: list[bool] = field(default_factory=list)
-
-    def add(self, problem: Problem, answer: Answer, plan: Plan, seconds: float) -> None:
-        self.ms.append(1e3 * seconds)
-        self.inside.append(1e3 * problem.inside_s)
-        self.off.append(problem.roll_out(answer.controls)[0] / plan.cost - 1.0)
-        self.same.append(float(np.max(np.abs(answer.controls - plan.controls))) < SAME_COMMANDS)
-        self.converged.append(answer.converged)
-
-    def row(self, name: str) -> str:
-        off, n = np.array(self.off), len(self.off)
-        same = np.abs(off[np.array(self.same)])
-        cells = [
-            name,
-            f"{np.median(self.ms):.0f}",
-            f"{np.median(np.divide(self.inside, self.ms)):.0%}",
-            f"{sum(self.converged)}/{n}",
-            f"{np.median(off):+.1e}",
-            f"{off[np.argmax(np.abs(off))]:+.1e}",
-            f"{np.sum(off > OTHER_COST)} / {np.sum(off < -OTHER_COST)}",
-            f"{len(same)}/{n}" + (f", {same.max():.0e}" if len(same) else ""),
-        ]
-        return f"| {' | '.join(cells)} |"
-
-
-def other_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
-    """The table against the other solvers, and what follows from it."""
-    planner, problems = planner_of(maze, model, MEASURED), cases(count, 100)
-    planner.warm_up()
-    plans = [sorted((planner.plan(*case) for _ in range(3)), key=lambda plan: plan.ms)[1] for case in problems]
-    rows = [
-        "| solver | median ms | in dynamics and cost | says it converged | cost to iLQG's: median | worst "
-        f"| {OTHER_COST:.0%} dearer / cheaper | same minimum, and worst difference there |",
-        "|---" * 8 + "|",
-        f"| iLQG | {np.median([plan.ms for plan in plans]):.0f} | - "
-        f"| {sum(plan.reason is StopReason.CONVERGED for plan in plans)}/{count} | - | - | - | - |",
-    ]
-    missing, medians = [], {}
-    for name, solve in SOLVERS.items():
-        try:
-            score = score_of(lambda problem, _, solve=solve: solve(problem), planner, problems, plans)
-        except ImportError as problem:
-            missing.append(f"{name} ({problem.name} is not installed)")
-            continue
-        rows.append(score.row(name))
-        medians[name] = float(np.median(np.divide(score.ms, [plan.ms for plan in plans])))
-    with suppress(ImportError):
-        near = score_of(lambda problem, plan: ipopt_from(problem, plan.controls), planner, problems, plans)
-        rows.append(near.row("IPOPT begun at iLQG's plan"))
-    rows += ["", f"Asked: cost within {ASKED_COST:.0e} of IPOPT's where both found the same minimum."]
-    if "BoxFDDP" in medians:
-        rows.append(f"BoxFDDP takes {medians['BoxFDDP']:.1f} times as long as iLQG (median; asked: {ASKED_FASTER:g}).")
-    return [*rows, *(f"Left out: {one}." for one in missing)]
-
-
-def score_of(
-    solve: Callable[[Problem, Plan], Answer], planner: RingPlanner, problems: list[Case], plans: list[Plan]
-) -> Score:
-    """One solver on all problems; what it must load is loaded before. Raises ImportError where it is missing."""
-    solve(problem_of(planner, problems[0]), plans[0])
-    score = Score()
-    for case, plan in zip(problems, plans, strict=True):
-        problem = problem_of(planner, case)
-        began = time.perf_counter()
-        answer = solve(problem, plan)
-        score.add(problem, answer, plan, time.perf_counter() - began)
-    return score
-
-
 def solver_section(model: Path | None, quick: bool) -> list[str]:
     """Everything, as lines of Markdown."""
     maze, name = load_map("cme"), "toy" if model is None else str(model)
     learned, count, few = load_model(name), 10 if quick else 100, 3 if quick else 10
+    rng = np.random.default_rng(100)
+    disturbances = DISTURBANCE * rng.standard_normal((few, WARM_STEPS, 6))
     asked = "; ".join(f"{kind} p50 {p50:g}, p99 {p99:g}" for kind, (p50, p99) in ASKED.items())
     return [
         "## The solver alone",
@@ -308,13 +225,20 @@ def solver_section(model: Path | None, quick: bool) -> list[str]:
         "",
         "### Against other solvers",
         "",
-        f"{few} of these problems on ring {MEASURED}, cold, on the same compiled dynamics and cost. All start from "
-        "level commands.",
-        "The second derivatives of IPOPT are true ones, those of BoxFDDP as iLQG's (Gauss-Newton); SLSQP and L-BFGS-B",
-        "shoot with exact gradients. In dynamics and cost: share of the time, the rest is the solver and Python around",
-        f"it. Same minimum: all commands within {math.degrees(SAME_COMMANDS):g} deg of iLQG's.",
+        f"{few} of these problems on ring {MEASURED} cold, then warm ones after each as above; every solver is given "
+        "iLQG's former plan there,",
+        "and ends by iLQG's rules (IPOPT, SLSQP and L-BFGS-B have their own). One thread, the same compiled dynamics "
+        "and cost, side by side.",
+        "Model: compiled, the solver calls them from C++ and has the stopwatch inside; Python, from a Python class, "
+        "which is counted.",
+        "Starts: level commands; the commands of iLQG's first guess; iLQG's plan on the effects alone, the time of "
+        "which is counted;",
+        "warm, the former plan shifted. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP and RTI, true ones "
+        "for IPOPT; SLSQP",
+        "and L-BFGS-B shoot with exact gradients. Costs are those of the commands rolled out by the planner. Same "
+        f"minimum: all commands within {math.degrees(SAME_COMMANDS):g} deg of iLQG's.",
         "",
-        *other_rows(maze, learned, few),
+        *other_rows(planner_of(maze, learned, MEASURED), [tuple(case) for case in cases(few, 100)], disturbances),
     ]
 
 

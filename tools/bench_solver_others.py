@@ -33,10 +33,14 @@ DIFFERENCE = 1e-6  # rad or rad/s, for second derivatives; a process may be roug
 
 @dataclass(frozen=True)
 class Answer:
-    """controls (T, 2); whether the solver itself calls them optimal."""
+    """controls (T, 2); whether the solver itself calls them optimal; where it has a stopwatch of its own, ms of the
+    solve, its iterations, and ms of the quadratic problems inside it."""
 
     controls: Array
     converged: bool
+    ms: float | None = None
+    iterations: int | None = None
+    qp_ms: float = 0.0
 
 
 @njit(cache=True)
