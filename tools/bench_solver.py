@@ -206,6 +206,7 @@ def solver_section(model: Path | None, quick: bool) -> list[str]:
     maze, name = load_map("cme"), "toy" if model is None else str(model)
     learned, count, few = load_model(name), 10 if quick else 100, 3 if quick else 10
     rng = np.random.default_rng(100)
+    problems = [(case.s0, case.goal) for case in cases(few, 100)]
     disturbances = DISTURBANCE * rng.standard_normal((few, WARM_STEPS, 6))
     asked = "; ".join(f"{kind} p50 {p50:g}, p99 {p99:g}" for kind, (p50, p99) in ASKED.items())
     return [
@@ -233,12 +234,12 @@ def solver_section(model: Path | None, quick: bool) -> list[str]:
         "which is counted.",
         "Starts: level commands; the commands of iLQG's first guess; iLQG's plan on the effects alone, the time of "
         "which is counted;",
-        "warm, the former plan shifted. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP and RTI, true ones "
-        "for IPOPT; SLSQP",
-        "and L-BFGS-B shoot with exact gradients. Costs are those of the commands rolled out by the planner. Same "
-        f"minimum: all commands within {math.degrees(SAME_COMMANDS):g} deg of iLQG's.",
+        "warm, the former plan shifted. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP and RTI, true "
+        "ones for IPOPT;",
+        "SLSQP and L-BFGS-B shoot with exact gradients. Costs are those of the commands rolled out by the planner.",
+        f"Same minimum: all commands within {math.degrees(SAME_COMMANDS):g} deg of iLQG's.",
         "",
-        *other_rows(planner_of(maze, learned, MEASURED), [tuple(case) for case in cases(few, 100)], disturbances),
+        *other_rows(planner_of(maze, learned, MEASURED), problems, disturbances),
     ]
 
 

@@ -18,7 +18,9 @@ def box_fddp_library() -> ctypes.CDLL:
     """Compiled and loaded; raises ImportError for what is missing."""
     import crocoddyl  # pyright: ignore[reportMissingImports]
 
-    prefix = Path(crocoddyl.__file__).resolve().parents[4]  # PREFIX/lib/python3.x/site-packages/crocoddyl/__init__.py
+    prefix = (
+        Path(str(crocoddyl.__file__)).resolve().parents[4]
+    )  # PREFIX/lib/python3.x/site-packages/crocoddyl/__init__.py
     if not (prefix / "include" / "crocoddyl").is_dir():
         raise ImportError("crocoddyl came without its headers", name="crocoddyl's headers")
     headers = [str(prefix / "include"), str(_eigen(prefix))]

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 from bench_solver_others import Answer, M, N, functions_of
-from numba import carray, cfunc, types
+from numba import cfunc, types
+from numba.np.numpy_support import carray
 
 from mazeplan.control import ilqg_workspace as workspace
 from mazeplan.control.cost import CostParameters

@@ -3,8 +3,8 @@
 All start from level commands, all may use exact first derivatives, and the final cost is in every case that of the
 commands they return, rolled out by the planner's own code. Second derivatives are those of the cost alone
 (Gauss-Newton) for BoxFDDP, as in the planner; IPOPT is given true ones, without which it did not converge on a rough
-process. Casadi, crocoddyl and scipy are no dependencies of the package: each solver imports
-what it needs when it is called, and is left out where that is missing. Used by tools/bench_solver.py.
+process. Casadi, crocoddyl and scipy are no dependencies of the package: each solver imports what it needs when it is
+called, and is left out where that is missing. Those in C++ stand in tools/solvers. Used by tools/bench_solver.py.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numba import njit
 
 from mazeplan.control import ilqg_core as core
 from mazeplan.control import ilqg_workspace as workspace
-from mazeplan.control.ilqg import Cost, Dynamics
+from mazeplan.control.ilqg import PATIENCE, Cost, Dynamics, IlqgOptions
 from mazeplan.control.ring_planner import RING_COST
 from mazeplan.maths.compiled import address_of
 from mazeplan.records import Array, IntArray
@@ -27,7 +27,7 @@ from mazeplan.records import Array, IntArray
 N, M = 6, 2  # states and controls
 STAGE = N + M
 ITERATIONS = 1000  # most of any solver
-TOLERANCE = 1e-6  # relative, of the cost: the planner's own
+TOLERANCE = 1e-6  # relative, of the cost, for those that know gradients alone: with the planner's own they end early
 DIFFERENCE = 1e-6  # rad or rad/s, for second derivatives; a process may be rough over 0.003 rad of tilt
 
 
@@ -160,7 +160,8 @@ def lbfgsb(problem: Problem) -> Answer:
 
 
 def box_fddp(problem: Problem) -> Answer:
-    """BoxFDDP of crocoddyl, models in Python around the compiled functions, from the roll-out of level commands."""
+    """BoxFDDP of crocoddyl, models in Python around the compiled functions, from the roll-out of level commands.
+    It ends by the planner's rules, as tools/solvers/box_fddp.cpp does."""
     import crocoddyl  # pyright: ignore[reportMissingImports]
 
     # its base comes from a compiled module without types, and crocoddyl names the methods it calls (calc, calcDiff)
@@ -189,9 +190,23 @@ def box_fddp(problem: Problem) -> Answer:
             data.Fx, data.Fu = self.A, self.B
             data.Lx, data.Lu, data.Lxx, data.Luu = self.lx, self.lu, self.lxx, self.luu
 
+    class Ending(crocoddyl.CallbackAbstract):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.costs: list[float] = []
+
+        def __call__(self, solver: Any) -> None:
+            small = IlqgOptions().tolerance * (1.0 + abs(solver.cost))
+            self.costs.append(solver.cost)
+            stalls = len(self.costs) > PATIENCE and abs(self.costs[-1 - PATIENCE] - solver.cost) < small
+            solver.th_stop = np.inf if stalls else small
+
     steps = [Step(t) for t in range(problem.horizon + 1)]
-    solver = crocoddyl.SolverBoxFDDP(crocoddyl.ShootingProblem(problem.s0, steps[:-1], steps[-1]))
-    solver.th_stop = TOLERANCE
+    shooting = crocoddyl.ShootingProblem(problem.s0, steps[:-1], steps[-1])
+    shooting.nthreads = 1  # as the planner
+    solver = crocoddyl.SolverBoxFDDP(shooting)
+    solver.th_stop = np.finfo(float).tiny
+    solver.setCallbacks([Ending()])
     zeros = np.zeros((problem.horizon, M))
     _, states = problem.roll_out(zeros)
     converged = solver.solve([s.copy() for s in states], list(zeros), ITERATIONS, True)

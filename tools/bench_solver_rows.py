@@ -9,13 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from bench_solver_crocoddyl import box_fddp_library
 from bench_solver_native import NativeSolver
 from bench_solver_others import ITERATIONS, SOLVERS, Answer, Problem, ipopt_from
 from bench_solver_sqp import hpipm_target, sqp_library
-from bench_solver_starts import EFFECTS, GUESS, LEVEL, WARM, Task, start_of, tasks_of
+from bench_solver_starts import EFFECTS, GUESS, LEVEL, WARM, Task, guess_of, start_of, tasks_of
 
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.records import Array, StopReason
@@ -126,6 +127,21 @@ def _solve(
     return solve
 
 
+def own_rivals(planner: RingPlanner) -> list[Rival]:
+    """The planner's solver without what the planner does before: from level commands, and from the first guess."""
+
+    def solve(task: Task, start: str) -> Answer | None:
+        if task.former is not None:
+            return None
+        guess = guess_of(planner, task.s0, task.goal) if start == GUESS else None
+        q = planner.cost.pack(task.goal)
+        plans = [planner._planner.solve(task.s0, q, guess) for _ in range(CALLS)]
+        plan = sorted(plans, key=lambda plan: plan.ms)[CALLS // 2]
+        return Answer(plan.controls, plan.reason is StopReason.CONVERGED, plan.ms, plan.iterations)
+
+    return [Rival("iLQG", "compiled", start, partial(solve, start=start)) for start in (LEVEL, GUESS)]
+
+
 def _why(problem: ImportError) -> str:
     return f"{problem.name} is not installed" if isinstance(problem, ModuleNotFoundError) else str(problem)
 
@@ -173,7 +189,7 @@ def other_rows(planner: RingPlanner, cases: list[tuple[Array, float]], disturban
     steps, 6): of the states that the warm ones after each begin at."""
     planner.warm_up()
     missing: list[str] = []
-    rivals = compiled_rivals(planner, missing)
+    rivals = own_rivals(planner) + compiled_rivals(planner, missing)
     tasks, scores = compiled_scores(planner, tasks_of(planner, cases, disturbances), rivals)
     cold, warm = ([task for task in tasks if (task.former is not None) == later] for later in (False, True))
     rows = {rival: score for rival, score in zip(rivals, scores, strict=True) if score.ms}

@@ -21,7 +21,7 @@ def hpipm_place() -> tuple[Path, Path]:
     else:
         import casadi  # pyright: ignore[reportMissingImports]
 
-        libraries = Path(casadi.__file__).resolve().parent
+        libraries = Path(str(casadi.__file__)).resolve().parent
         headers = libraries / "include"
     if not (headers / "hpipm_d_ocp_qp.h").exists() or not list(libraries.glob("libhpipm*")):
         raise ImportError(f"no HPIPM in {libraries}", name="HPIPM")

@@ -26,7 +26,9 @@ class Step : public crocoddyl::ActionModelAbstract {
 
  public:
   Step(const Model &model, int64_t number)
-      : crocoddyl::ActionModelAbstract(std::make_shared<crocoddyl::StateVector>(N), M, 0), model(model), number(number) {
+      : crocoddyl::ActionModelAbstract(std::make_shared<crocoddyl::StateVector>(N), M, 0),
+        model(model),
+        number(number) {
     set_u_lb(VectorXd::Constant(M, -model.limit));
     set_u_ub(VectorXd::Constant(M, model.limit));
   }
