@@ -198,7 +198,8 @@ def box_fddp(problem: Problem) -> Answer:
         def __call__(self, solver: Any) -> None:
             small = IlqgOptions().tolerance * (1.0 + abs(solver.cost))
             self.costs.append(solver.cost)
-            stalls = len(self.costs) > PATIENCE and abs(self.costs[-1 - PATIENCE] - solver.cost) < small
+            plain = len(self.costs) > PATIENCE and solver.preg <= IlqgOptions().mu_min
+            stalls = plain and abs(self.costs[-1 - PATIENCE] - solver.cost) < small
             solver.th_stop = np.inf if stalls else small
 
     steps = [Step(t) for t in range(problem.horizon + 1)]

@@ -19,6 +19,8 @@ using Eigen::VectorXd;
 using Vector = Eigen::Ref<const VectorXd>;
 using ByRows = Eigen::Matrix<double, N, N, Eigen::RowMajor>;
 
+constexpr double REGULARISED = 1e-6;  // more than this is worth naming, as in the planner
+
 class Step : public crocoddyl::ActionModelAbstract {
   using Data = std::shared_ptr<crocoddyl::ActionDataAbstract>;
   const Model &model;
@@ -72,7 +74,8 @@ class Ending : public crocoddyl::CallbackAbstract {
     const double cost = solver.get_cost(), small = rules.tolerance * (1.0 + std::abs(cost));
     costs.push_back(cost);
     const std::size_t n = costs.size(), back = static_cast<std::size_t>(rules.patience);
-    const bool stalls = n > back && solver.get_is_feasible() && std::abs(costs[n - 1 - back] - cost) < small;
+    const bool plain = solver.get_is_feasible() && solver.get_preg() <= REGULARISED;
+    const bool stalls = plain && n > back && std::abs(costs[n - 1 - back] - cost) < small;
     solver.set_th_stop(stalls ? std::numeric_limits<double>::infinity() : small);
   }
 };
