@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from bench_solver_rows import SAME_COMMANDS, other_rows, problem_of
+from bench_solver_rows import how_compared, other_rows, problem_of
 
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
@@ -226,19 +226,7 @@ def solver_section(model: Path | None, quick: bool) -> list[str]:
         "",
         "### Against other solvers",
         "",
-        f"{few} of these problems on ring {MEASURED} cold, then warm ones after each as above; every solver is given "
-        "iLQG's former plan there,",
-        "and ends by iLQG's rules (IPOPT, SLSQP and L-BFGS-B have their own). One thread, the same compiled dynamics "
-        "and cost, side by side.",
-        "Model: compiled, the solver calls them from C++ and has the stopwatch inside; Python, from a Python class, "
-        "which is counted.",
-        "Starts: level commands; the commands of iLQG's first guess; iLQG's plan on the effects alone, the time of "
-        "which is counted;",
-        "warm, the former plan shifted. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP and RTI, true "
-        "ones for IPOPT;",
-        "SLSQP and L-BFGS-B shoot with exact gradients. Costs are those of the commands rolled out by the planner.",
-        f"Same minimum: all commands within {math.degrees(SAME_COMMANDS):g} deg of iLQG's.",
-        "",
+        *how_compared(few, MEASURED),
         *other_rows(planner_of(maze, learned, MEASURED), problems, disturbances),
     ]
 

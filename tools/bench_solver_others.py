@@ -203,8 +203,7 @@ def box_fddp(problem: Problem) -> Answer:
             solver.th_stop = np.inf if stalls else small
 
     steps = [Step(t) for t in range(problem.horizon + 1)]
-    shooting = crocoddyl.ShootingProblem(problem.s0, steps[:-1], steps[-1])
-    shooting.nthreads = 1  # as the planner
+    shooting = crocoddyl.ShootingProblem(problem.s0, steps[:-1], steps[-1])  # in Python it has one thread
     solver = crocoddyl.SolverBoxFDDP(shooting)
     solver.th_stop = np.finfo(float).tiny
     solver.setCallbacks([Ending()])

@@ -87,6 +87,21 @@ HEAD = [
 ]
 
 
+def how_compared(count: int, ring: int) -> list[str]:
+    """What the table is about, in front of it."""
+    return [
+        f"{count} of these problems on ring {ring} cold, then warm ones after each as above; every solver is given iLQG's",
+        "former plan there, and ends by iLQG's rules (IPOPT, SLSQP and L-BFGS-B have their own). One thread, the same",
+        "compiled dynamics and cost, side by side. Model: compiled, the solver calls them from C++ and has the stopwatch",
+        "inside; Python, from a Python class, which is counted. Starts: level commands; the commands of iLQG's first guess;",
+        "iLQG's plan on the effects alone, the time of which is counted; warm, the former plan shifted, followed with its",
+        "gains but for RTI. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP and RTI, true ones for IPOPT;",
+        "SLSQP and L-BFGS-B shoot with exact gradients. Costs are those of the commands rolled out by the planner. Same",
+        f"minimum: all commands within {np.degrees(SAME_COMMANDS):g} deg of iLQG's.",
+        "",
+    ]
+
+
 def problem_of(planner: RingPlanner, s0: Array, goal: float) -> Problem:
     """For other solvers."""
     return Problem(planner.dynamics, planner.options.horizon, s0, planner.cost.pack(goal), planner.tilt_limit)
@@ -101,8 +116,8 @@ def compiled_rivals(planner: RingPlanner, missing: list[str]) -> list[Rival]:
         except ImportError as problem:
             missing.append(f"{name}, compiled ({_why(problem)})")
             continue
-        rivals += [Rival(name, "compiled", start, _solve(planner, solver, start)) for start in (LEVEL, GUESS, EFFECTS)]
-        rivals.append(Rival(name, "compiled", WARM, _solve(planner, solver, WARM, feasible=name == FDDP)))
+        starts = (LEVEL, GUESS, EFFECTS, WARM)
+        rivals += [Rival(name, "compiled", start, _solve(planner, solver, start)) for start in starts]
         if name == SQP:
             once = _solve(planner, solver, WARM, feasible=False, entry="step_once")
             rivals.append(Rival(RTI, "compiled", WARM, once))
