@@ -6,6 +6,7 @@ a model in Python once, Python included. Used by tools/bench_solver.py.
 
 from __future__ import annotations
 
+import textwrap
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -89,17 +90,18 @@ HEAD = [
 
 def how_compared(count: int, ring: int) -> list[str]:
     """What the table is about, in front of it."""
-    return [
-        f"{count} of these problems on ring {ring} cold, then warm ones after each as above; every solver is given iLQG's",
-        "former plan there, and ends by iLQG's rules (IPOPT, SLSQP and L-BFGS-B have their own). One thread, the same",
-        "compiled dynamics and cost, side by side. Model: compiled, the solver calls them from C++ and has the stopwatch",
-        "inside; Python, from a Python class, which is counted. Starts: level commands; the commands of iLQG's first guess;",
-        "iLQG's plan on the effects alone, the time of which is counted; warm, the former plan shifted, followed with its",
-        "gains but for RTI. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP and RTI, true ones for IPOPT;",
-        "SLSQP and L-BFGS-B shoot with exact gradients. Costs are those of the commands rolled out by the planner. Same",
-        f"minimum: all commands within {np.degrees(SAME_COMMANDS):g} deg of iLQG's.",
-        "",
-    ]
+    text = (
+        f"{count} of these problems on ring {ring} cold, then warm ones after each as above; every solver is given "
+        "iLQG's former plan there, and ends by iLQG's rules (IPOPT, SLSQP and L-BFGS-B have their own). One thread, "
+        "the same compiled dynamics and cost, side by side. Model: compiled, the solver calls them from C++, has the "
+        "stopwatch inside; Python, from a Python class, which is counted. Starts: level commands; the commands of "
+        "iLQG's first guess; iLQG's plan on the effects alone, the time of which is counted; warm, the former plan "
+        "shifted, followed with its gains but for RTI. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP "
+        "and RTI, true ones for IPOPT; SLSQP and L-BFGS-B shoot with exact gradients. Costs are those of the commands "
+        "rolled out by the planner. Same minimum: all commands within "
+        f"{np.degrees(SAME_COMMANDS):g} deg of iLQG's."
+    )
+    return [*textwrap.wrap(text, 118), ""]
 
 
 def problem_of(planner: RingPlanner, s0: Array, goal: float) -> Problem:
