@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import os
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -170,7 +171,7 @@ def compiled(source: str, flags: Sequence[str]) -> ctypes.CDLL:
     library = BUILT / f"{Path(source).stem}-{mark}.so"
     if not library.exists():
         BUILT.mkdir(parents=True, exist_ok=True)
-        made = library.with_suffix(".new")
+        made = library.with_suffix(f".{os.getpid()}")  # others may be at it, too
         command = [compiler, "-std=c++17", "-O2", "-fPIC", "-shared", str(SOURCES / source), "-o", str(made), *flags]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
