@@ -93,8 +93,8 @@ def how_compared(count: int, ring: int) -> list[str]:
     text = (
         f"{count} of these problems on ring {ring} cold, then warm ones after each as above; every solver is given "
         "iLQG's former plan there, and ends by iLQG's rules (IPOPT, SLSQP and L-BFGS-B have their own). One thread, "
-        "the same compiled dynamics and cost, side by side. Model: compiled, the solver calls them from C++ and "
-        "its stopwatch is inside; Python, from a Python class, which is counted. Starts: level commands; the commands of "
+        "the same compiled dynamics and cost, side by side. Model: compiled, the solver calls them from C++, and "
+        "its stopwatch is inside; Python, from a Python class, which is counted. Starts: level commands; commands of "
         "iLQG's first guess; iLQG's plan on the effects alone, the time of which is counted; warm, the former plan "
         "shifted, followed with its gains but for RTI. Second derivatives: as iLQG's (Gauss-Newton) for BoxFDDP, SQP "
         "and RTI, true ones for IPOPT; SLSQP and L-BFGS-B shoot with exact gradients. Costs are those of the commands "
