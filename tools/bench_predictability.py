@@ -26,6 +26,7 @@ from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_tour
 from mazeplan.compare import by_ring, prepare
 from mazeplan.comparison import THOROUGH, CompareOptions, RingData
+from mazeplan.constants import GRAVITY
 from mazeplan.data.table import read_table
 from mazeplan.job import Setup
 from mazeplan.maths.angles import difference
@@ -40,7 +41,6 @@ from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.settings import SimulatedSettings
 from mazeplan.rigs.simulated import SimulatedRig, Snapshot
 
-GRAVITY = 9.81
 RINGS = (1, 2, 3, 4)
 CASES = ("start estimated", "spin, place unknown", "both")
 LATE = 2  # samples that the toy's picture is late: row i shows the ball of sample i - 2

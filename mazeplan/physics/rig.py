@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from mazeplan.physics.effect import CAMERA, STAGE, TILT_SENSOR, Effect, Parameter
 
@@ -62,7 +63,11 @@ deadband = _part(
     "change of a command below which a servo stays where it is", source="dead band",
 )  # fmt: skip
 tilt_gain = _part(
-    "tilt_gain", TILT_SENSOR, {axis: (_SCALE, f"tilt_sensor.gain_{axis}") for axis in ("beta", "gamma")},
+    "tilt_gain", TILT_SENSOR,
+    {
+        "beta": (replace(_SCALE, words="scale, tilt down at +x"), "tilt_sensor.gain_beta"),
+        "gamma": (replace(_SCALE, words="scale, tilt up at +y"), "tilt_sensor.gain_gamma"),
+    },
     "scale of the tilt sensor: measured over true", source="linear sensor",
 )  # fmt: skip
 axis_misalignment = _part(

@@ -9,6 +9,8 @@ import math
 import re
 from typing import Any
 
+from mazeplan.physics.registry import EFFECTS
+
 MISSING = "–"
 HARD = "\u00a0"  # a space at which no line ends
 DEG = 180.0 / math.pi
@@ -23,13 +25,6 @@ SCORES = {
 KINDS = {
     "rf": "random forest", "p": "bare equation", "pi": "weighted terms", "np": "Gaussian process",
     "npd": "discrete process", "sp": "terms and process", "model": "the model",
-}  # fmt: skip
-PARAMETERS = {
-    ("rolling_inertia", "factor"): "factor of the gravity part", ("tilt_offset", "beta"): "down at +x",
-    ("tilt_offset", "gamma"): "up at +y", ("tilt_gain", "beta"): "scale, tilt down at +x",
-    ("tilt_gain", "gamma"): "scale, tilt up at +y", ("sensor_delay", "delay"): "camera behind the tilt sensor",
-    ("gate_loss", "loss"): "share of the speed lost", ("outer_gates", "loss"): "share of the speed lost",
-    ("inner_gates", "loss"): "share of the speed lost",
 }  # fmt: skip
 CANDIDATES = {
     "placebo: friction with it": "placebo: friction by tilt played backwards",
@@ -63,7 +58,8 @@ def parameter(effect: str, name: str) -> str:
     wave = re.fullmatch(r"(cos|sin)([0-9]+)", name)
     if wave is not None:
         return f"harmonic {wave[2]}, {'cosine' if wave[1] == 'cos' else 'sine'}"
-    return PARAMETERS.get((effect, name), spoken(name))
+    known = EFFECTS[effect].parameters.get(name) if effect in EFFECTS else None
+    return known.words if known is not None and known.words else spoken(name)
 
 
 def kind(name: str) -> str:
