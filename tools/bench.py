@@ -25,6 +25,7 @@ from bench_camera import camera_section
 from bench_campaign import campaign_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
+from bench_effects import effects_section
 from bench_emps import emps_section
 from bench_faults import faults_section
 from bench_firmware import firmware_section
@@ -197,7 +198,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
-    "baselines": baselines_section, "improve": improve_section, "learning": learning_section, "real": real_section,
+    "baselines": baselines_section, "improve": improve_section, "effects": effects_section, "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,
     "trees": trees_section, "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,

@@ -89,10 +89,10 @@ def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
         "",
         f"`mazeplan improve --rig surprise@KIND --seconds {options.seconds:g} --runs {options.runs}`: the toy with one "
         "hidden change for every effect that has a name;",
-        "one record, one round, the same starts before and after, seed 0. Errors are on the last 30 % of the record. True "
-        "values marked (m) are",
-        "along the ring in m/s^2, 1/s or 1/m, for a ball that rolls on the floor alone: rad/s^2 are so many over the "
-        "radius of the ring.",
+        "one record, one round, the same starts before and after, seed 0. Errors are on the last 30 % of the record. "
+        "True values",
+        "marked (m) are along the ring in m/s^2, 1/s or 1/m, for a ball that rolls on the floor alone: rad/s^2 are so "
+        "many over the radius of the ring.",
         "",
         head, "|---" * 8 + "|", *(done.line for done in rows),
         "",
