@@ -1,0 +1,291 @@
+"""Cubature Kalman filter of a ball with a body: it follows (x, y, vx, vy, w) of `physics.body` from picture to picture.
+
+    points     mean +- sqrt(5) times the columns of the Cholesky factor of P: ten, all of the same weight
+    motion     each point through `physics.body.step` at the moments that the camera shows: t - delay
+    picture    y = scale Rot(angle) (x, y) + offset + noise; linear, so the update is the exact one
+    noise      white accelerations of intensity q (m^2/s^3) in x and y, q_spin in w
+
+(the third-degree cubature rule; Arasaratnam and Haykin, IEEE Trans. Automatic Control 54, 2009). A lost picture leaves
+the update out; the prediction goes on for up to `BRIDGED` s. A picture far off counts as one at the edge of what is
+believed and moves nothing; several of those in a row start the filter again.
+
+    -2 log L = sum over pictures of nu' S^-1 nu + log det S
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mazeplan.maths.compiled import pointer_to
+from mazeplan.physics.body import STATE, Ball, Effects, body_core, no_effects, numbers_of, step
+from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
+from mazeplan.physics.walls import Walls
+from mazeplan.records import Array
+
+SUBSTEPS = 10  # a picture
+POINTS = 2 * STATE
+BRIDGED = 0.5  # s without a picture after which the filter starts again
+SETTLING = 8  # pictures after a start that do not count
+FAR = 36.0  # of nu' S^-1 nu; a picture beyond is not believed
+TWICE = 3  # pictures in a row that are not believed: the filter starts again
+START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
+LEAST = 1e-18  # of a variance, so that a Cholesky factor exists
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the camera sees what. offset_x, offset_y: m; angle: rad; scale; delay: s; noise: m, one sigma."""
+
+    offset_x: float = 0.0
+    offset_y: float = 0.0
+    angle: float = 0.0
+    scale: float = 1.0
+    delay: float = 0.0
+    noise: float = 0.5e-3
+
+
+@dataclass(frozen=True)
+class Wander:
+    """What the model does not explain: intensity of white accelerations, m^2/s^3, in the plane and of the spin."""
+
+    plane: float = 1e-6
+    spin: float = 1e-5
+    strike: float = 0.05
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What was seen. y (N, 2): m, NaN where the picture was lost; first (N,): a stretch begins; t (N,), dt: s."""
+
+    t: Array
+    dt: float
+    y: Array
+    first: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True)
+class Model:
+    """Everything that the filter goes by."""
+
+    ball: Ball = field(default_factory=Ball)
+    tilting: Tilting = field(default_factory=Tilting)
+    camera: Camera = field(default_factory=Camera)
+    wander: Wander = field(default_factory=Wander)
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """nu (N, 2): innovations in m, in the plate's axes, NaN where nothing counts; S (N, 3): their variances and the
+    covariance between (xx, yy, xy); state (N, 5), cov (N, 5, 5): behind each picture; starts: how often the filter
+    started; left_out: pictures that it did not believe; minus2: -2 log L."""
+
+    nu: Array
+    S: Array
+    state: Array
+    cov: Array
+    starts: int
+    left_out: int
+    minus2: float
+
+    def whitened(self) -> Array:
+        """Innovations (K, 2) of those that count, each pair turned into two independent numbers of variance 1."""
+        keep = np.isfinite(self.nu[:, 0])
+        (a, b), (xx, yy, xy) = self.nu[keep].T, self.S[keep].T
+        first = a / np.sqrt(xx)
+        return np.column_stack([first, (b - xy / xx * a) / np.sqrt(yy - xy * xy / xx)])
+
+
+class _Lens(NamedTuple):
+    """`Camera` and `Wander` for compiled code."""
+
+    offset_x: float
+    offset_y: float
+    cos: float
+    sin: float
+    scale: float
+    variance: float
+    plane: float
+    spin: float
+    strike: float
+
+
+@njit(cache=True, error_model="numpy")
+def _cholesky(P, L):
+    """Lower factor L (5, 5) of P (5, 5)."""
+    for i in range(STATE):
+        for j in range(i + 1):
+            total = P[i, j]
+            for n in range(j):
+                total -= L[i, n] * L[j, n]
+            L[i, j] = math.sqrt(max(total, LEAST)) if i == j else total / L[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _predict(core, rows, first, count, h, mean, P, L, points):
+    """Carry mean (5,) and P (5, 5) through `count` sub-steps whose rows begin at row `first`; points (10, 5), L: room
+    to work in."""
+    _cholesky(P, L)
+    spread, width, hits = math.sqrt(float(STATE)), rows.shape[1], 0.0
+    for n in range(POINTS):
+        sign, column = (spread, n) if n < STATE else (-spread, n - STATE)
+        x, y = mean[0] + sign * L[0, column], mean[1] + sign * L[1, column]
+        vx, vy = mean[2] + sign * L[2, column], mean[3] + sign * L[3, column]
+        w = mean[4] + sign * L[4, column]
+        for j in range(first, first + count):
+            x, y, vx, vy, w, hit = step(core, pointer_to(rows, j * width), h, x, y, vx, vy, w)
+            hits += hit
+        points[n, 0], points[n, 1], points[n, 2], points[n, 3], points[n, 4] = x, y, vx, vy, w
+    for i in range(STATE):
+        total = 0.0
+        for n in range(POINTS):
+            total += points[n, i]
+        mean[i] = total / POINTS
+    for i in range(STATE):
+        for j in range(i + 1):
+            total = 0.0
+            for n in range(POINTS):
+                total += (points[n, i] - mean[i]) * (points[n, j] - mean[j])
+            P[i, j] = P[j, i] = total / POINTS
+    return hits / POINTS
+
+
+@njit(cache=True, error_model="numpy")
+def _wander(P, lens, dt, hit):
+    """White accelerations over dt s, added to P (5, 5)."""
+    for i in range(2):
+        P[i, i] += lens.plane * dt * dt * dt / 3.0
+        P[i, i + 2] += lens.plane * dt * dt / 2.0
+        P[i + 2, i] += lens.plane * dt * dt / 2.0
+        P[i + 2, i + 2] += lens.plane * dt
+    P[4, 4] += lens.spin * dt
+    rough = lens.strike * lens.strike * hit * hit
+    P[2, 2] += rough
+    P[3, 3] += rough
+    P[4, 4] += rough
+
+
+@njit(cache=True, error_model="numpy")
+def _correct(mean, P, gain, scale, a, b, xx, yy, xy):
+    """Update mean (5,) and P (5, 5) by innovations (a, b) with variances (xx, yy) and covariance xy; gain (5, 2): room
+    to work in."""
+    det = xx * yy - xy * xy
+    for i in range(STATE):
+        c, d = scale * P[i, 0], scale * P[i, 1]
+        gain[i, 0], gain[i, 1] = (c * yy - d * xy) / det, (d * xx - c * xy) / det
+    for i in range(STATE):
+        mean[i] += gain[i, 0] * a + gain[i, 1] * b
+    for i in range(STATE):  # P - K S K'
+        u = gain[i, 0] * xx + gain[i, 1] * xy
+        v = gain[i, 0] * xy + gain[i, 1] * yy
+        for j in range(i + 1):
+            P[i, j] -= u * gain[j, 0] + v * gain[j, 1]
+    for i in range(STATE):
+        for j in range(i):
+            P[j, i] = P[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _begin(mean, P, lens, a, b):
+    """Start at the place (a, b), in the plate's axes times the scale."""
+    mean[:], P[:] = 0.0, 0.0
+    mean[0], mean[1] = a / lens.scale, b / lens.scale
+    P[0, 0] = P[1, 1] = lens.variance / (lens.scale * lens.scale)
+    P[2, 2] = P[3, 3] = START_SPEED * START_SPEED
+    P[4, 4] = START_SPIN * START_SPIN
+
+
+@njit(cache=True, error_model="numpy")
+def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state, cov):
+    """Filter pictures y (N, 2); results as in `Filtered` into nu, S, state, cov; (starts, pictures left out, -2 log
+    L)."""
+    core = body_core(ball, walls, effects)
+    mean, P, L = np.zeros(STATE), np.zeros((STATE, STATE)), np.zeros((STATE, STATE))
+    points, gain = np.empty((POINTS, STATE)), np.empty((STATE, 2))
+    h, gap = dt / per, int(BRIDGED / dt + 0.5)
+    starts = left_out = 0
+    unseen, age, doubted, since, minus2, running = 0, 0, 0, 0, 0.0, False
+    for k in range(len(y)):
+        nu[k, 0] = nu[k, 1] = math.nan
+        S[k, 0] = S[k, 1] = 1.0
+        S[k, 2] = 0.0
+        running = running and not first[k]
+        since = 0 if first[k] else since + 1
+        if running:
+            hit = _predict(core, rows, (k - 1) * per, per, h, mean, P, L, points)
+            _wander(P, lens, dt, hit)
+        unseen += 1
+        if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
+            u, v = y[k, 0] - lens.offset_x, y[k, 1] - lens.offset_y
+            a, b = lens.cos * u + lens.sin * v, lens.cos * v - lens.sin * u
+            if not running or unseen > gap or doubted >= TWICE:
+                _begin(mean, P, lens, a, b)
+                starts += 1
+                unseen, age, doubted, running = 0, 0, 0, True
+            else:
+                a, b = a - lens.scale * mean[0], b - lens.scale * mean[1]
+                square = lens.scale * lens.scale
+                xx, yy, xy = square * P[0, 0] + lens.variance, square * P[1, 1] + lens.variance, square * P[0, 1]
+                det = xx * yy - xy * xy
+                size = (a * a * yy - 2.0 * a * b * xy + b * b * xx) / det
+                age += 1
+                if age > SETTLING:
+                    minus2 += math.log(det) + min(size, FAR)
+                if size > FAR and age > SETTLING:
+                    doubted += 1
+                    left_out += 1
+                else:
+                    unseen, doubted = 0, 0
+                    _correct(mean, P, gain, lens.scale, a, b, xx, yy, xy)
+                    if age > SETTLING:
+                        nu[k, 0], nu[k, 1], S[k, 0], S[k, 1], S[k, 2] = a, b, xx, yy, xy
+        state[k], cov[k] = mean, P
+    return starts, left_out, minus2
+
+
+class BodyFilter:
+    """Pictures, the plate's motion and walls, ready to be filtered under any `Model`."""
+
+    def __init__(
+        self, pictures: Pictures, plate: PlateMotion, walls: Walls, effects: Effects | None = None,
+        substeps: int = SUBSTEPS,
+    ) -> None:  # fmt: skip
+        self.pictures, self.plate, self.walls, self.substeps = pictures, plate, walls, substeps
+        self.effects = effects or no_effects()
+        n = len(pictures)
+        self._rows, self._key = np.empty((n * substeps, ROW)), None
+        self._y, self._first = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.first)
+        self._t = np.ascontiguousarray(pictures.t)
+
+    def rows(self, tilting: Tilting, delay: float) -> Array:
+        """Rows (N substeps, ROW) of `physics.plate` between the pictures, as the camera shows them `delay` s later."""
+        key = (tilting, delay)
+        if key != self._key:
+            h = self.pictures.dt / self.substeps
+            plate_rows(self.plate, tilting, self._t - delay, h, self.substeps, self._rows)
+            self._key = key
+        return self._rows
+
+    def run(self, model: Model) -> Filtered:
+        """Filter all pictures."""
+        n, camera = len(self.pictures), model.camera
+        nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
+        lens = _Lens(
+            camera.offset_x, camera.offset_y, math.cos(camera.angle), math.sin(camera.angle), camera.scale,
+            camera.noise**2, model.wander.plane, model.wander.spin, model.wander.strike,
+        )  # fmt: skip
+        rows = self.rows(model.tilting, camera.delay)
+        late = math.ceil(camera.delay / self.pictures.dt - 1e-9)  # pictures from before their stretch began
+        numbers = numbers_of(model.ball, self.walls.radius)
+        found = _run(
+            numbers, self.walls, self.effects, lens, self._y, self._first, rows, self.pictures.dt, self.substeps, late,
+            nu, S, state, cov,
+        )  # fmt: skip
+        return Filtered(nu, S, state, cov, *found)

@@ -1,0 +1,229 @@
+"""Parameters of a ball with a body by maximum likelihood over the innovations of a whole record, all rings at once.
+
+The filter (`bodyfilter`) gives innovations nu_k with covariances S_k under parameters p; -2 log L is the sum of
+nu' S^-1 nu + log det S. Fisher scoring, damped as by Levenberg and Marquardt, with finite differences of nu and S:
+
+    F_ij = sum_k nu_i' S^-1 nu_j + tr(S^-1 S_i S^-1 S_j) / 2,     (F + damping diag F) dp = -gradient / 2
+
+(an index stands for the derivative by that parameter). So noise is found by the same steps as physics, and the inverse
+of F holds the variances of all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mazeplan.estimation.bodyfilter import BodyFilter, Filtered, Model, Pictures
+from mazeplan.physics.body import Effects
+from mazeplan.physics.plate import PlateMotion
+from mazeplan.physics.walls import Walls
+from mazeplan.records import Array
+
+STEPS, ENOUGH = 25, 0.05  # scoring steps; of -2 log L, that a further one must bring
+DAMPING = (1e-4, 1e6)
+FLOOR = 1e-12  # of a variance in the information, so that a parameter that changes nothing does no harm
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of `Model`: `part` and `field` say where. unit; bounds low, high; step: of finite differences; log:
+    whether it is searched for by its logarithm (step and standard error are relative then)."""
+
+    part: str
+    field: str
+    unit: str
+    low: float
+    high: float
+    step: float
+    log: bool = False
+
+
+PARAMETERS = {
+    "rolling": Parameter("ball", "rolling", "m/s^2", 0.0, 2.0, 1e-4),
+    "viscous": Parameter("ball", "viscous", "1/s", -1.0, 5.0, 1e-3),
+    "quadratic": Parameter("ball", "quadratic", "1/m", -5.0, 50.0, 1e-2),
+    "inertia": Parameter("ball", "inertia", "1", 0.05, 1.0, 1e-3),
+    "wall": Parameter("ball", "wall", "1", 0.0, 2.0, 1e-3),
+    "restitution": Parameter("ball", "restitution", "1", 0.0, 0.95, 1e-3),
+    "spin": Parameter("ball", "spin", "m/s^2", 0.0, 2.0, 1e-4),
+    "height": Parameter("ball", "height", "m", -0.2, 0.2, 1e-4),
+    "gain_beta": Parameter("tilting", "gain_beta", "1", 0.3, 3.0, 1e-4),
+    "gain_gamma": Parameter("tilting", "gain_gamma", "1", 0.3, 3.0, 1e-4),
+    "cross_beta": Parameter("tilting", "cross_beta", "1", -0.5, 0.5, 1e-4),
+    "cross_gamma": Parameter("tilting", "cross_gamma", "1", -0.5, 0.5, 1e-4),
+    "tilt_beta": Parameter("tilting", "tilt_beta", "rad", -0.1, 0.1, 1e-5),
+    "tilt_gamma": Parameter("tilting", "tilt_gamma", "rad", -0.1, 0.1, 1e-5),
+    "offset_x": Parameter("camera", "offset_x", "m", -0.05, 0.05, 1e-6),
+    "offset_y": Parameter("camera", "offset_y", "m", -0.05, 0.05, 1e-6),
+    "angle": Parameter("camera", "angle", "rad", -0.8, 0.8, 1e-5),
+    "scale": Parameter("camera", "scale", "1", 0.7, 1.4, 1e-5),
+    "delay": Parameter("camera", "delay", "s", 0.0, 0.5, 1e-4),
+    "noise": Parameter("camera", "noise", "m", 1e-5, 2e-2, 1e-3, log=True),
+    "plane": Parameter("wander", "plane", "m^2/s^3", 1e-9, 10.0, 1e-2, log=True),
+    "spin_wander": Parameter("wander", "spin", "m^2/s^3", 1e-9, 10.0, 1e-2, log=True),
+    "strike": Parameter("wander", "strike", "1", 1e-4, 1.0, 1e-2, log=True),
+}  # fmt: skip
+ORDINARY = (
+    "rolling", "wall", "restitution", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay", "noise", "plane",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BodyFit:
+    """model: with the values that were found; stderr: of the free ones, in their units; free: their names; cov: of the
+    search's own coordinates (J, J); minus2: -2 log L; filtered: under that model; steps, passes: of the search and of
+    the filter."""
+
+    model: Model
+    stderr: dict[str, float]
+    free: tuple[str, ...]
+    cov: Array
+    minus2: float
+    filtered: Filtered
+    steps: int
+    passes: int
+
+    def value(self, name: str) -> float:
+        """A parameter by its name, in its unit."""
+        return value_of(self.model, name)
+
+
+def value_of(model: Model, name: str) -> float:
+    """A parameter of a model by its name, in its unit."""
+    where = PARAMETERS[name]
+    return float(getattr(getattr(model, where.part), where.field))
+
+
+def with_values(model: Model, values: Mapping[str, float]) -> Model:
+    """The model with other values of some parameters, in their units."""
+    parts = {name: getattr(model, name) for name in ("ball", "tilting", "camera", "wander")}
+    for name, value in values.items():
+        where = PARAMETERS[name]
+        part = parts[where.part]
+        changed = {where.field: value}
+        parts[where.part] = part._replace(**changed) if hasattr(part, "_replace") else replace(part, **changed)
+    return Model(**parts)
+
+
+def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
+    """Of the whitened innovations at lags 1 to `lags`, (lags,); those of pictures next to one another only."""
+    e = np.full(filtered.nu.shape, np.nan)
+    e[np.isfinite(filtered.nu[:, 0])] = filtered.whitened()
+    power = float(np.nanmean(e * e))
+    return np.array([np.nanmean(e[lag:] * e[:-lag]) / power for lag in range(1, lags + 1)])
+
+
+class _Search:
+    """The filter in the coordinates x (J,) of the search: values, or their logarithms."""
+
+    def __init__(self, body: BodyFilter, model: Model, free: Sequence[str]) -> None:
+        self.body, self.model, self.free = body, model, tuple(free)
+        self.kinds, self.passes = [PARAMETERS[name] for name in free], 0
+        self.low, self.high = (
+            np.array([math.log(getattr(k, end)) if k.log else getattr(k, end) for k in self.kinds])
+            for end in ("low", "high")
+        )
+        self.step = np.array([k.step for k in self.kinds])
+
+    def point(self) -> Array:
+        values = (value_of(self.model, name) for name in self.free)
+        x = [math.log(v) if k.log else v for v, k in zip(values, self.kinds, strict=True)]
+        return np.clip(np.array(x), self.low, self.high)
+
+    def model_at(self, x: Array) -> Model:
+        values = (math.exp(v) if k.log else float(v) for v, k in zip(x, self.kinds, strict=True))
+        return with_values(self.model, dict(zip(self.free, values, strict=True)))
+
+    def run(self, x: Array) -> Filtered:
+        self.passes += 1
+        return self.body.run(self.model_at(x))
+
+    def scores(self, x: Array, here: Filtered) -> tuple[Array, Array]:
+        """Half of the gradient of -2 log L (J,), and the Fisher information (J, J), where the filter gives `here`."""
+        keep, moved = np.isfinite(here.nu[:, 0]), []
+        for j, step in enumerate(self.step):
+            forward = step if x[j] + step <= self.high[j] else -step
+            there = self.run(x + forward * np.eye(len(x))[j])
+            both = np.isfinite(there.nu[:, :1])
+            slopes = (there.nu - here.nu) / forward, (there.S - here.S) / forward
+            moved.append([np.where(both, slope, 0.0)[keep] for slope in slopes])
+        (a, b), (xx, yy, xy) = here.nu[keep].T, here.S[keep].T
+        det = xx * yy - xy * xy
+        u, v = (yy * a - xy * b) / det, (xx * b - xy * a) / det  # S^-1 nu
+        inverse = np.stack([yy, xx, -xy]) / det
+        count = len(self.free)
+        gradient, information = np.zeros(count), np.zeros((count, count))
+        white = [_over(inverse, dS) for _, dS in moved]  # S^-1 dS, four numbers each
+        for i, (dn, dS) in enumerate(moved):
+            quadratic = dS[:, 0] * u * u + dS[:, 1] * v * v + 2.0 * dS[:, 2] * u * v
+            gradient[i] = np.sum(dn[:, 0] * u + dn[:, 1] * v + 0.5 * (white[i][0] + white[i][3] - quadratic))
+            for j in range(i + 1):
+                other, (c, d, e, f), (p, q, r, s) = moved[j][0], white[i], white[j]
+                means = dn[:, 0] * (inverse[0] * other[:, 0] + inverse[2] * other[:, 1])
+                means += dn[:, 1] * (inverse[2] * other[:, 0] + inverse[1] * other[:, 1])
+                spreads = 0.5 * (c * p + d * r + e * q + f * s)
+                information[i, j] = information[j, i] = np.sum(means + spreads)
+        return gradient, information
+
+
+def _over(inverse: Array, dS: Array) -> tuple[Array, Array, Array, Array]:
+    """S^-1 dS as (11, 12, 21, 22), each (K,); inverse (3, K): xx, yy, xy of S^-1; dS (K, 3)."""
+    (ixx, iyy, ixy), (xx, yy, xy) = inverse, dS.T
+    return ixx * xx + ixy * xy, ixx * xy + ixy * yy, ixy * xx + iyy * xy, ixy * xy + iyy * yy
+
+
+def fit_body(body: BodyFilter, model: Model, free: Sequence[str] = ORDINARY, steps: int = STEPS) -> BodyFit:
+    """The likeliest values of the `free` parameters, from `model` on. Raises KeyError for a name that is none."""
+    search = _Search(body, model, free)
+    x, damping, taken = search.point(), 1e-2, 0
+    best = search.run(x)
+    gradient, information = search.scores(x, best)
+    for taken in range(1, steps + 1):
+        gained = 0.0
+        while damping <= DAMPING[1]:
+            new = _stepped(search, x, gradient, information, damping)
+            there = search.run(new)
+            if there.minus2 < best.minus2:
+                gained, x, best = best.minus2 - there.minus2, new, there
+                damping = max(damping / 10.0, DAMPING[0])
+                break
+            damping *= 10.0
+        damping = min(damping, 1.0)
+        if gained < ENOUGH:
+            break
+        gradient, information = search.scores(x, best)
+    cov = _inverse(information)
+    found = search.model_at(x)
+    sigma = np.sqrt(np.diag(cov))
+    scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]
+    stderr = {name: float(s * k) for name, s, k in zip(free, sigma, scale, strict=True)}
+    return BodyFit(found, stderr, tuple(free), cov, best.minus2, best, taken, search.passes)
+
+
+def _stepped(search: _Search, x: Array, gradient: Array, information: Array, damping: float) -> Array:
+    """The next point, inside the bounds; a parameter at a bound that is pulled against it stays there."""
+    scale = np.sqrt(np.maximum(np.diag(information), FLOOR))
+    A, g = information / np.outer(scale, scale), gradient / scale
+    held = ((x <= search.low) & (g > 0.0)) | ((x >= search.high) & (g < 0.0))
+    A[held], A[:, held], g[held] = 0.0, 0.0, 0.0
+    move = np.linalg.solve(A + damping * np.eye(len(x)), g) / scale
+    return np.clip(x - move, search.low, search.high)
+
+
+def _inverse(information: Array) -> Array:
+    """The covariance: the inverse of the information, infinite where it says nothing."""
+    scale = np.sqrt(np.maximum(np.diag(information), FLOOR))
+    sizes, axes = np.linalg.eigh(information / np.outer(scale, scale))
+    return (axes / np.maximum(sizes, 1e-12)) @ axes.T / np.outer(scale, scale)
+
+
+def fit_record(
+    pictures: Pictures, plate: PlateMotion, walls: Walls, model: Model, free: Sequence[str] = ORDINARY,
+    effects: Effects | None = None,
+) -> BodyFit:  # fmt: skip
+    """`fit_body` of pictures under the plate's motion in a maze."""
+    return fit_body(BodyFilter(pictures, plate, walls, effects), model, free)

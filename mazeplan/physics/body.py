@@ -1,0 +1,231 @@
+"""A ball with a body: how it rolls on the moving floor and meets walls, with its spin about the vertical.
+
+State (x, y, vx, vy, w) in the plate's frame, m and m/s; w is the spin about the vertical (against the plate) times the
+radius R. Inertia k m R^2, f = 1 / (1 + k). Newton and Euler for a ball that rolls without slip on a plate with angular
+velocity O, its centre H above the pivot, p = (x, y, H), v = (vx, vy, 0):
+
+    v'  = f (g - O' x p - 2 O x v - O x (O x p) - k (R O'_y - O_z vy - O_x w, -R O'_x - O_y w + O_z vx)) - drag v / |v|
+    w'  = -R O'_z - O_x vx - O_y vy - (c_s / k) sign w
+    drag = f (c N / (m g) + viscous |v| + quadratic |v|^2),        c = g mu_roll / R
+
+v is 0 where a step of the drag could end it. Against a wall with normal n (Coulomb's law for impulses per mass): the
+approach v_n < 0 becomes -e v_n by dv = -(1 + e) v_n; normal impulse (1 + k) dv. The tangential impulse that would end
+the slip s = v_t - w is -s / (f + 1 / k); it is limited to mu_wall times the normal one. v_t changes by f, w by -1 / k of
+it. From these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rolls on, and all between.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
+from mazeplan.physics.plate import FELT_AT, GRAVITY, RADIUS_AT, TIME_AT
+from mazeplan.physics.walls import WallCore, gap_of, into_face, into_side, into_slab, near_wall, outside_rim, wall_core
+from mazeplan.records import Array, IntArray
+
+STATE = 5
+TERM = REAL(REAL, REAL, REAL, POINTER, POINTER)  # theta, theta_dot, t, w, p
+FORCE, FRICTION = 0, 1  # kinds of an effect
+MIDDLE = 1e-3  # m; nearer to the middle of the plate than this an angle says nothing
+addresses = types.int64[::1]
+
+_term = caller(TERM)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """What a ball is like. inertia: k of k m R^2; rolling: c, m/s^2; viscous 1/s; quadratic 1/m; wall: Coulomb's number
+    at a wall; restitution: of the speed into a wall; spin: c_s, m/s^2; height: of the centre above the pivot, m; NaN:
+    the radius, as if the plate turned about its surface."""
+
+    inertia: float = 0.4
+    rolling: float = 0.03
+    viscous: float = 0.0
+    quadratic: float = 0.0
+    wall: float = 0.2
+    restitution: float = 0.1
+    spin: float = 0.0
+    height: float = math.nan
+
+
+class Effects(NamedTuple):
+    """What acts on the ball besides. address (E,): of compiled functions value(theta, theta_dot, t, w, p) in rad/s^2, w
+    as (beta, its rate and acceleration, gamma's, distance from the middle), 0: none; kind (E,): FORCE: times the
+    distance from the middle along the ring, FRICTION: times the distance against the motion, with speed over distance
+    for theta_dot; place (E,): where in p (P,) the parameters of each begin. The caller keeps the functions alive."""
+
+    address: IntArray
+    kind: IntArray
+    place: IntArray
+    p: Array
+
+
+def no_effects() -> Effects:
+    """Nothing besides."""
+    none = np.zeros(0, dtype=np.int64)
+    return Effects(none, none, none, np.zeros(1))
+
+
+class BodyCore(NamedTuple):
+    """What a step needs: the numbers of `Ball`, f, pointers to effects, and walls."""
+
+    inertia: float
+    factor: float
+    rolling: float
+    viscous: float
+    quadratic: float
+    wall: float
+    restitution: float
+    spin: float
+    height: float
+    address: Any
+    kind: Any
+    place: Any
+    p: Any
+    n_effects: int
+    walls: WallCore
+
+
+class BallNumbers(NamedTuple):
+    """`Ball` for compiled code."""
+
+    inertia: float
+    rolling: float
+    viscous: float
+    quadratic: float
+    wall: float
+    restitution: float
+    spin: float
+    height: float
+
+
+def numbers_of(ball: Ball, radius: float) -> BallNumbers:
+    """A ball of some radius (m) for compiled code."""
+    height = radius if math.isnan(ball.height) else ball.height
+    return BallNumbers(
+        ball.inertia, ball.rolling, ball.viscous, ball.quadratic, ball.wall, ball.restitution, ball.spin, height
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def body_core(ball, walls, effects):
+    """The core for `BallNumbers`, `Walls` and `Effects`, which the caller keeps alive."""
+    return BodyCore(
+        ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
+        ball.restitution, ball.spin, ball.height, pointer_to(effects.address, 0), pointer_to(effects.kind, 0),
+        pointer_to(effects.place, 0), pointer_to(effects.p, 0), len(effects.address), wall_core(walls),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit):
+    """The state after the ball, which overlaps a wall by `depth` m at the end of a step of h s, has met it.
+
+    It met it `late` s ago, and has gone on since then as the contact sent it: so the state behind a step depends
+    continuously on the one before, whatever step the contact falls into."""
+    vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
+    if vn >= 0.0:
+        return x + depth * nx, y + depth * ny, vx, vy, w, hit
+    late = min(depth / -vn, h)
+    jump = -(1.0 + core.restitution) * vn
+    most = core.wall * (1.0 + core.inertia) * jump
+    grip = -(vt - w) / (core.factor + 1.0 / core.inertia)
+    grip = min(max(grip, -most), most)
+    out, along = depth - late * core.restitution * vn, late * core.factor * grip
+    x, y = x + out * nx - along * ny, y + out * ny + along * nx
+    vn, vt, w = vn + jump, vt + core.factor * grip, w - grip / core.inertia
+    return x, y, vn * nx - vt * ny, vn * ny + vt * nx, w, hit + jump
+
+
+@njit(cache=True, error_model="numpy")
+def meet_walls(core, h, x, y, vx, vy, w):
+    """The state after all walls that the ball overlaps at the end of a step of h s have been met."""
+    walls, hit = core.walls, 0.0
+    depth, nx, ny = outside_rim(walls, x, y)
+    if depth > 0.0:
+        x, y, vx, vy, w, hit = _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit)
+    for b in range(walls.n_slabs):
+        depth, nx, ny = into_slab(walls, b, x, y)
+        if depth > 0.0:
+            x, y, vx, vy, w, hit = _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit)
+    for i in range(walls.n_walls):
+        if not near_wall(walls, i, x, y):
+            continue
+        j = gap_of(walls, i, x, y)
+        for side in range(1 if j < 0 else 2):
+            depth, nx, ny = into_face(walls, i, x, y) if j < 0 else into_side(walls, j, 2.0 * side - 1.0, x, y)
+            if depth > 0.0:
+                x, y, vx, vy, w, hit = _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit)
+    return x, y, vx, vy, w, hit
+
+
+@njit(cache=True, error_model="numpy")
+def _besides(core, row, x, y, vx, vy):
+    """(ax, ay, drag) of the effects, m/s^2; row: of `plate`."""
+    ax = ay = drag = 0.0
+    r = math.sqrt(x * x + y * y)
+    if r < MIDDLE:
+        return ax, ay, drag
+    row[RADIUS_AT] = r
+    theta, speed = math.atan2(y, x), math.sqrt(vx * vx + vy * vy)
+    for i in range(core.n_effects):
+        if core.address[i] == 0:
+            continue
+        rubs = core.kind[i] == FRICTION
+        rate = speed / r if rubs else (x * vy - y * vx) / (r * r)
+        value = _term(core.address[i], (theta, rate, row[TIME_AT], row, shifted(core.p, core.place[i])))
+        if rubs:
+            drag += r * max(value, 0.0)
+        else:
+            ax, ay = ax - y * value, ay + x * value
+    return ax, ay, drag
+
+
+@njit(cache=True, error_model="numpy")
+def accelerated(core, row, x, y, vx, vy, w):
+    """(ax, ay, aw, n): acceleration without friction, m/s^2, and the floor's force per mass, m/s^2; row: of `plate`."""
+    k, radius, height = core.inertia, core.walls.radius, core.height
+    felt = shifted(row, FELT_AT)
+    ox, oy, oz, qx, qy, qz = felt[3], felt[4], felt[5], felt[6], felt[7], felt[8]
+    along, square = ox * x + oy * y + oz * height, ox * ox + oy * oy + oz * oz
+    ax = felt[0] - (qy * height - qz * y) + 2.0 * oz * vy - (ox * along - square * x)
+    ay = felt[1] - (qz * x - qx * height) - 2.0 * oz * vx - (oy * along - square * y)
+    ax -= k * (radius * qy - oz * vy - ox * w)
+    ay += k * (radius * qx + oy * w - oz * vx)
+    n = -felt[2] + (qx * y - qy * x) + 2.0 * (ox * vy - oy * vx) + oz * along - square * height
+    return core.factor * ax, core.factor * ay, -radius * qz - ox * vx - oy * vy, n
+
+
+@njit(cache=True, error_model="numpy")
+def step(core, row, h, x, y, vx, vy, w):
+    """The state h s later; row: pointer to the row of `plate` in the middle of this step."""
+    ax, ay, aw, n = accelerated(core, row, x, y, vx, vy, w)
+    more = 0.0
+    if core.n_effects > 0:
+        bx, by, more = _besides(core, row, x, y, vx, vy)
+        ax, ay = ax + bx, ay + by
+    ux, uy, w = vx + h * ax, vy + h * ay, w + h * aw
+    speed = math.sqrt(ux * ux + uy * uy)
+    floor = core.rolling * max(n, 0.0) / GRAVITY + speed * (core.viscous + speed * core.quadratic)
+    lost = h * (core.factor * floor + more)
+    keep = 1.0 - lost / speed if speed > lost else 0.0
+    ux, uy = ux * keep, uy * keep
+    slower = h * core.spin / core.inertia
+    w = 0.0 if abs(w) <= slower else w - math.copysign(slower, w)
+    x, y = x + 0.5 * h * (vx + ux), y + 0.5 * h * (vy + uy)
+    return meet_walls(core, h, x, y, ux, uy, w)
+
+
+@njit(cache=True, error_model="numpy")
+def advance(ball, walls, effects, rows, h, state, out):
+    """States (M, 5) after each of M steps of h s from `state` (5,), into out; rows (M, ROW): of `plate.plate_rows`."""
+    core = body_core(ball, walls, effects)
+    x, y, vx, vy, w = state[0], state[1], state[2], state[3], state[4]
+    for i in range(len(rows)):
+        x, y, vx, vy, w, _ = step(core, pointer_to(rows, i * rows.shape[1]), h, x, y, vx, vy, w)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, vx, vy, w

@@ -1,0 +1,88 @@
+"""What a moving plate does to things on it: gravity, angular velocity and acceleration in the plate's own frame.
+
+The plate stands as Ry(beta) Rx(gamma) on a table that is tilted by (b, c). With B = beta + b, C = gamma + c:
+
+    gravity   = g (sin B, -cos B sin C, -cos B cos C)
+    Omega     = (C', B' cos C, -B' sin C)
+    Omega'    = (C'', B'' cos C - B' C' sin C, -B'' sin C - B' C' cos C)
+
+(by hand from R^T (0, 0, -g) and R^T R'). A row of numbers is made for the middle of each sub-step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mazeplan.records import Array
+
+GRAVITY = 9.81  # m/s^2
+RADIUS_AT, TIME_AT, FELT_AT, ROW = 6, 7, 8, 17  # where in a row the numbers are; its length
+
+
+class PlateMotion(NamedTuple):
+    """Motion of the plate on an even grid: start, step in s; motion (M, 6): beta, its rate and acceleration, then
+    gamma's, in rad, rad/s, rad/s^2."""
+
+    start: float
+    step: float
+    motion: Array
+
+
+class Tilting(NamedTuple):
+    """How the plate's tilt differs from what is said of it: true beta = gain_beta beta + cross_beta gamma + tilt_beta,
+    and gamma alike; tilt_beta, tilt_gamma: of the table, rad."""
+
+    gain_beta: float = 1.0
+    gain_gamma: float = 1.0
+    cross_beta: float = 0.0
+    cross_gamma: float = 0.0
+    tilt_beta: float = 0.0
+    tilt_gamma: float = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def motion_at(motion, start, step, t, out):
+    """Motion (M, 6) at the time t by cubic Hermite interpolation, accelerations by a straight line, into out[:6]; held
+    beyond the ends."""
+    place = min(max((t - start) / step, 0.0), len(motion) - 1.000001)
+    i = int(place)
+    s = place - i
+    s2, r2 = s * s, (1.0 - s) * (1.0 - s)
+    a0, a1 = (1.0 + 2.0 * s) * r2, s2 * (3.0 - 2.0 * s)
+    b0, b1 = s * r2 * step, s2 * (s - 1.0) * step
+    for axis in range(0, 6, 3):
+        for c in range(axis, axis + 2):  # a number, and its slope from the next column
+            here, next_ = motion[i, c], motion[i + 1, c]
+            out[c] = a0 * here + a1 * next_ + b0 * motion[i, c + 1] + b1 * motion[i + 1, c + 1]
+        out[axis + 2] = motion[i, axis + 2] + s * (motion[i + 1, axis + 2] - motion[i, axis + 2])
+
+
+@njit(cache=True, error_model="numpy")
+def plate_rows(plate, tilting, times, h, per, out):
+    """Rows (N per, ROW) of the middles of `per` sub-steps of h s that follow each of the times (N,), s, into out."""
+    raw = np.empty(6)
+    for k in range(len(times)):
+        for j in range(per):
+            t, row = times[k] + (j + 0.5) * h, out[k * per + j]
+            motion_at(plate.motion, plate.start, plate.step, t, raw)
+            for c in range(3):
+                row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
+                row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
+            row[RADIUS_AT], row[TIME_AT] = 0.0, t
+            _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
+
+
+@njit(cache=True, error_model="numpy")
+def _felt(row, beta, gamma):
+    """Gravity (3 numbers), Omega (3) and its rate (3) for the tilt of the plate and the rates in a row, into it."""
+    sb, cb, sc, cc = math.sin(beta), math.cos(beta), math.sin(gamma), math.cos(gamma)
+    b1, b2, c1, c2 = row[1], row[2], row[4], row[5]
+    row[FELT_AT], row[FELT_AT + 1], row[FELT_AT + 2] = GRAVITY * sb, -GRAVITY * cb * sc, -GRAVITY * cb * cc
+    row[FELT_AT + 3], row[FELT_AT + 4], row[FELT_AT + 5] = c1, b1 * cc, -b1 * sc
+    row[FELT_AT + 6] = c2
+    row[FELT_AT + 7] = b2 * cc - b1 * c1 * sc
+    row[FELT_AT + 8] = -b2 * sc - b1 * c1 * cc
