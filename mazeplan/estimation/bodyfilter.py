@@ -31,6 +31,7 @@ SUBSTEPS = 10  # a picture
 POINTS = 2 * STATE
 BRIDGED = 0.5  # s without a picture after which the filter starts again
 SETTLING = 8  # pictures after a start that do not count
+EARLY = 24  # pictures of a stretch that do not count: more than those whose moment lies before it
 FAR = 36.0  # of nu' S^-1 nu; a picture beyond is not believed
 TWICE = 3  # pictures in a row that are not believed: the filter starts again
 START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
@@ -236,7 +237,8 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
                 det = xx * yy - xy * xy
                 size = (a * a * yy - 2.0 * a * b * xy + b * b * xx) / det
                 age += 1
-                if age > SETTLING:
+                counts = age > SETTLING and since >= EARLY
+                if counts:
                     minus2 += math.log(det) + min(size, FAR)
                 if size > FAR and age > SETTLING:
                     doubted += 1
@@ -244,7 +246,7 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
                 else:
                     unseen, doubted = 0, 0
                     _correct(mean, P, gain, lens.scale, a, b, xx, yy, xy)
-                    if age > SETTLING:
+                    if counts:
                         nu[k, 0], nu[k, 1], S[k, 0], S[k, 1], S[k, 2] = a, b, xx, yy, xy
         state[k], cov[k] = mean, P
     return starts, left_out, minus2

@@ -4,14 +4,22 @@ State (x, y, vx, vy, w) in the plate's frame, m and m/s; w is the spin about the
 radius R. Inertia k m R^2, f = 1 / (1 + k). Newton and Euler for a ball that rolls without slip on a plate with angular
 velocity O, its centre H above the pivot, p = (x, y, H), v = (vx, vy, 0):
 
-    v'  = f (g - O' x p - 2 O x v - O x (O x p) - k (R O'_y - O_z vy - O_x w, -R O'_x - O_y w + O_z vx)) - drag v / |v|
-    w'  = -R O'_z - O_x vx - O_y vy - (c_s / k) sign w
-    drag = f (c N / (m g) + viscous |v| + quadratic |v|^2),        c = g mu_roll / R
+    v' = f (g - O' x p - 2 O x v - O x (O x p) - k (R O'_y - O_z vy - O_x w, -R O'_x - O_y w + O_z vx)) - drag v / |v|
+    w' = -R O'_z - O_x vx - O_y vy - c_s (N / m g) b / k
+    drag = f (c (N / m g) a + viscous |v| + quadratic |v|^2),      (a, b) = (c |v|, c_s w) / |(c |v|, c_s w)|
 
-v is 0 where a step of the drag could end it. Against a wall with normal n (Coulomb's law for impulses per mass): the
-approach v_n < 0 becomes -e v_n by dv = -(1 + e) v_n; normal impulse (1 + k) dv. The tangential impulse that would end
-the slip s = v_t - w is -s / (f + 1 / k); it is limited to mu_wall times the normal one. v_t changes by f, w by -1 / k of
-it. From these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rolls on, and all between.
+c = g mu_roll / R, c_s = g mu_spin / R. Rolling and spinning share one patch of contact, and its friction points against
+both together (Contensou). v is 0 where a step of the drag could end it.
+
+Against a wall with normal n (Coulomb's law for impulses per mass): the approach u = -v_n becomes -e' u,
+
+    e' = min(e, (e - k + J / u) / (1 + k))
+
+A slow ball keeps rolling and comes back with e. In a fast impact the floor holds the ball's spin back only by the
+impulse J; the rest of the spin goes on into the wall and takes speed away when the ball rolls again (momentum of v and
+spin before and after). The wall gives (1 + k) (1 + e') u in all. The tangential impulse that would end the slip s =
+v_t - w is -s / (f + 1 / k); it is limited to mu_wall times the normal one. v_t changes by f, w by -1 / k of it. From
+these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rolls on, and all between.
 """
 
 from __future__ import annotations
@@ -31,6 +39,7 @@ from mazeplan.records import Array, IntArray
 STATE = 5
 TERM = REAL(REAL, REAL, REAL, POINTER, POINTER)  # theta, theta_dot, t, w, p
 FORCE, FRICTION = 0, 1  # kinds of an effect
+TINY = 1e-12  # m^2/s^3, so that a ball at rest has a direction
 MIDDLE = 1e-3  # m; nearer to the middle of the plate than this an angle says nothing
 addresses = types.int64[::1]
 
@@ -40,16 +49,17 @@ _term = caller(TERM)
 @dataclass(frozen=True)
 class Ball:
     """What a ball is like. inertia: k of k m R^2; rolling: c, m/s^2; viscous 1/s; quadratic 1/m; wall: Coulomb's number
-    at a wall; restitution: of the speed into a wall; spin: c_s, m/s^2; height: of the centre above the pivot, m; NaN:
-    the radius, as if the plate turned about its surface."""
+    at a wall; restitution: e of the speed into a wall; hold: J, m/s; spin: c_s, m/s^2; height: of the centre above the
+    pivot, m; NaN: the radius, as if the plate turned about its surface."""
 
     inertia: float = 0.4
     rolling: float = 0.03
     viscous: float = 0.0
     quadratic: float = 0.0
     wall: float = 0.2
-    restitution: float = 0.1
-    spin: float = 0.0
+    restitution: float = 0.3
+    hold: float = 0.02
+    spin: float = 0.02
     height: float = math.nan
 
 
@@ -81,6 +91,7 @@ class BodyCore(NamedTuple):
     quadratic: float
     wall: float
     restitution: float
+    hold: float
     spin: float
     height: float
     address: Any
@@ -100,6 +111,7 @@ class BallNumbers(NamedTuple):
     quadratic: float
     wall: float
     restitution: float
+    hold: float
     spin: float
     height: float
 
@@ -108,7 +120,7 @@ def numbers_of(ball: Ball, radius: float) -> BallNumbers:
     """A ball of some radius (m) for compiled code."""
     height = radius if math.isnan(ball.height) else ball.height
     return BallNumbers(
-        ball.inertia, ball.rolling, ball.viscous, ball.quadratic, ball.wall, ball.restitution, ball.spin, height
+        ball.inertia, ball.rolling, ball.viscous, ball.quadratic, ball.wall, ball.restitution, ball.hold, ball.spin, height
     )
 
 
@@ -117,7 +129,7 @@ def body_core(ball, walls, effects):
     """The core for `BallNumbers`, `Walls` and `Effects`, which the caller keeps alive."""
     return BodyCore(
         ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
-        ball.restitution, ball.spin, ball.height, pointer_to(effects.address, 0), pointer_to(effects.kind, 0),
+        ball.restitution, ball.hold, ball.spin, ball.height, pointer_to(effects.address, 0), pointer_to(effects.kind, 0),
         pointer_to(effects.place, 0), pointer_to(effects.p, 0), len(effects.address), wall_core(walls),
     )  # fmt: skip
 
@@ -132,11 +144,12 @@ def _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit):
     if vn >= 0.0:
         return x + depth * nx, y + depth * ny, vx, vy, w, hit
     late = min(depth / -vn, h)
-    jump = -(1.0 + core.restitution) * vn
+    e = min(core.restitution, (core.restitution - core.inertia - core.hold / vn) * core.factor)
+    jump = -(1.0 + e) * vn
     most = core.wall * (1.0 + core.inertia) * jump
     grip = -(vt - w) / (core.factor + 1.0 / core.inertia)
     grip = min(max(grip, -most), most)
-    out, along = depth - late * core.restitution * vn, late * core.factor * grip
+    out, along = depth - late * e * vn, late * core.factor * grip
     x, y = x + out * nx - along * ny, y + out * ny + along * nx
     vn, vt, w = vn + jump, vt + core.factor * grip, w - grip / core.inertia
     return x, y, vn * nx - vt * ny, vn * ny + vt * nx, w, hit + jump
@@ -211,11 +224,12 @@ def step(core, row, h, x, y, vx, vy, w):
         ax, ay = ax + bx, ay + by
     ux, uy, w = vx + h * ax, vy + h * ay, w + h * aw
     speed = math.sqrt(ux * ux + uy * uy)
-    floor = core.rolling * max(n, 0.0) / GRAVITY + speed * (core.viscous + speed * core.quadratic)
-    lost = h * (core.factor * floor + more)
+    press, a, b = max(n, 0.0) / GRAVITY, core.rolling * speed, core.spin * abs(w)
+    both = math.sqrt(a * a + b * b) + TINY
+    floor = core.rolling * press * a / both + speed * (core.viscous + speed * core.quadratic)
+    lost, slower = h * (core.factor * floor + more), h * core.spin * press * b / both / core.inertia
     keep = 1.0 - lost / speed if speed > lost else 0.0
     ux, uy = ux * keep, uy * keep
-    slower = h * core.spin / core.inertia
     w = 0.0 if abs(w) <= slower else w - math.copysign(slower, w)
     x, y = x + 0.5 * h * (vx + ux), y + 0.5 * h * (vy + uy)
     return meet_walls(core, h, x, y, ux, uy, w)
