@@ -3,7 +3,8 @@
     points     mean +- sqrt(5) times the columns of the Cholesky factor of P: ten, all of the same weight
     motion     each point through `physics.body.step` at the moments that the camera shows: t - delay
     picture    y = scale Rot(angle) (x, y) + offset + noise; linear, so the update is the exact one
-    noise      white accelerations of intensity q (m^2/s^3) in x and y, q_spin in w
+    noise      white accelerations in x and y, and in w; behind a contact with a wall, velocities are as unsure as a
+               share of what the contact changed
 
 (the third-degree cubature rule; Arasaratnam and Haykin, IEEE Trans. Automatic Control 54, 2009). A lost picture leaves
 the update out; the prediction goes on for up to `BRIDGED` s. A picture far off counts as one at the edge of what is
@@ -15,19 +16,19 @@ believed and moves nothing; several of those in a row start the filter again.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from mazeplan.maths.compiled import pointer_to
-from mazeplan.physics.body import STATE, Ball, Effects, body_core, no_effects, numbers_of, step
+from mazeplan.physics.body import STATE, Ball, Effects, advance, body_core, no_effects, step
 from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.walls import Walls
 from mazeplan.records import Array
 
-SUBSTEPS = 10  # a picture
+SUBSTEPS = 5  # a picture: 1/150 s; with ten or twenty the likelihood is the same but for its roughness
 POINTS = 2 * STATE
 BRIDGED = 0.5  # s without a picture after which the filter starts again
 SETTLING = 8  # pictures after a start that do not count
@@ -38,24 +39,23 @@ START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
 LEAST = 1e-18  # of a variance, so that a Cholesky factor exists
 
 
-@dataclass(frozen=True)
-class Camera:
+class View(NamedTuple):
     """Where the camera sees what. offset_x, offset_y: m; angle: rad; scale; delay: s; noise: m, one sigma."""
 
     offset_x: float = 0.0
     offset_y: float = 0.0
     angle: float = 0.0
     scale: float = 1.0
-    delay: float = 0.0
-    noise: float = 0.5e-3
+    delay: float = 0.06
+    noise: float = 1e-3
 
 
-@dataclass(frozen=True)
-class Wander:
-    """What the model does not explain: intensity of white accelerations, m^2/s^3, in the plane and of the spin."""
+class Wander(NamedTuple):
+    """What the model does not explain. plane, spin: intensity of white accelerations in the plane and of the spin,
+    m^2/s^3; strike: standard deviation of the velocity behind a contact, over the speed that the wall took away."""
 
-    plane: float = 1e-6
-    spin: float = 1e-5
+    plane: float = 1e-4
+    spin: float = 1e-8
     strike: float = 0.05
 
 
@@ -72,14 +72,13 @@ class Pictures:
         return len(self.t)
 
 
-@dataclass(frozen=True)
-class Model:
+class BodyModel(NamedTuple):
     """Everything that the filter goes by."""
 
-    ball: Ball = field(default_factory=Ball)
-    tilting: Tilting = field(default_factory=Tilting)
-    camera: Camera = field(default_factory=Camera)
-    wander: Wander = field(default_factory=Wander)
+    ball: Ball = Ball()
+    tilting: Tilting = Tilting()
+    view: View = View()
+    wander: Wander = Wander()
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ class Filtered:
 
 
 class _Lens(NamedTuple):
-    """`Camera` and `Wander` for compiled code."""
+    """`View` and `Wander` for compiled code."""
 
     offset_x: float
     offset_y: float
@@ -132,7 +131,7 @@ def _cholesky(P, L):
 @njit(cache=True, error_model="numpy")
 def _predict(core, rows, first, count, h, mean, P, L, points):
     """Carry mean (5,) and P (5, 5) through `count` sub-steps whose rows begin at row `first`; points (10, 5), L: room
-    to work in."""
+    to work in. How much walls changed the speed, m/s, on average over the points."""
     _cholesky(P, L)
     spread, width, hits = math.sqrt(float(STATE)), rows.shape[1], 0.0
     for n in range(POINTS):
@@ -160,7 +159,7 @@ def _predict(core, rows, first, count, h, mean, P, L, points):
 
 @njit(cache=True, error_model="numpy")
 def _wander(P, lens, dt, hit):
-    """White accelerations over dt s, added to P (5, 5)."""
+    """White accelerations over dt s, and the noise of contacts that took `hit` m/s away, added to P (5, 5)."""
     for i in range(2):
         P[i, i] += lens.plane * dt * dt * dt / 3.0
         P[i, i + 2] += lens.plane * dt * dt / 2.0
@@ -253,7 +252,7 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
 
 
 class BodyFilter:
-    """Pictures, the plate's motion and walls, ready to be filtered under any `Model`."""
+    """Pictures, the plate's motion and walls, ready to be filtered under any `BodyModel`."""
 
     def __init__(
         self, pictures: Pictures, plate: PlateMotion, walls: Walls, effects: Effects | None = None,
@@ -275,19 +274,32 @@ class BodyFilter:
             self._key = key
         return self._rows
 
-    def run(self, model: Model) -> Filtered:
+    def run(self, model: BodyModel) -> Filtered:
         """Filter all pictures."""
-        n, camera = len(self.pictures), model.camera
+        n, view = len(self.pictures), model.view
         nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
         lens = _Lens(
-            camera.offset_x, camera.offset_y, math.cos(camera.angle), math.sin(camera.angle), camera.scale,
-            camera.noise**2, model.wander.plane, model.wander.spin, model.wander.strike,
+            view.offset_x, view.offset_y, math.cos(view.angle), math.sin(view.angle), view.scale,
+            view.noise**2, model.wander.plane, model.wander.spin, model.wander.strike,
         )  # fmt: skip
-        rows = self.rows(model.tilting, camera.delay)
-        late = math.ceil(camera.delay / self.pictures.dt - 1e-9)  # pictures from before their stretch began
-        numbers = numbers_of(model.ball, self.walls.radius)
+        rows = self.rows(model.tilting, view.delay)
+        late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures from before their stretch began
+        numbers = Ball(*map(float, model.ball))
         found = _run(
             numbers, self.walls, self.effects, lens, self._y, self._first, rows, self.pictures.dt, self.substeps, late,
             nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
+
+    def rolled_out(self, model: BodyModel, states: Array, starts: Array, steps: int) -> Array:
+        """Where the camera would see the ball, (W, steps + 1, 2) in m: from the states (N, 5) of some pictures
+        `starts` (W,) on, by the model alone, along the plate's motion."""
+        rows, per, view = self.rows(model.tilting, model.view.delay), self.substeps, model.view
+        ball, out = Ball(*map(float, model.ball)), np.empty((steps * per, STATE))
+        places = np.empty((len(starts), steps + 1, 2))
+        for places_, start in zip(places, starts, strict=True):
+            part = rows[start * per : (start + steps) * per]
+            advance(ball, self.walls, self.effects, part, self.pictures.dt / per, states[start], out)
+            places_[0], places_[1:] = states[start, :2], out[per - 1 :: per, :2]
+        turn = np.array([[math.cos(view.angle), -math.sin(view.angle)], [math.sin(view.angle), math.cos(view.angle)]])
+        return view.scale * places @ turn.T + np.array([view.offset_x, view.offset_y])

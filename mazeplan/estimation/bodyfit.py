@@ -1,37 +1,41 @@
 """Parameters of a ball with a body by maximum likelihood over the innovations of a whole record, all rings at once.
 
 The filter (`bodyfilter`) gives innovations nu_k with covariances S_k under parameters p; -2 log L is the sum of
-nu' S^-1 nu + log det S. Fisher scoring, damped as by Levenberg and Marquardt, with finite differences of nu and S:
+nu' S^-1 nu + log det S. Fisher scoring, damped as by Levenberg and Marquardt (an index: the derivative by a parameter):
 
-    F_ij = sum_k nu_i' S^-1 nu_j + tr(S^-1 S_i S^-1 S_j) / 2,     (F + damping diag F) dp = -gradient / 2
+    F_ij = sum_k nu_i' S^-1 nu_j + tr(S^-1 S_i S^-1 S_j) / 2,     (F + damping diag F) dp = -sum_k g_k
+    cov  = F^-1 (sum over blocks of s s') F^-1,                   s = sum of g_k over a block of BLOCK_S
 
-(an index stands for the derivative by that parameter). So noise is found by the same steps as physics, and the inverse
-of F holds the variances of all of them.
+with g_k half of the gradient of picture k. So noise is found by the same steps as physics, and standard errors hold for
+residuals that are not quite white (the sandwich; White, Econometrica 50, 1982).
+
+A ball that just misses an edge goes another way than one that just hits it, so -2 log L is rough: it jumps by about 10
+between near points. Derivatives are central differences over steps about as long as a standard error, which smooth
+that; a gain below 10 or so says nothing, and values move by more than their standard error from one start to another.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from mazeplan.estimation.bodyfilter import BodyFilter, Filtered, Model, Pictures
-from mazeplan.physics.body import Effects
-from mazeplan.physics.plate import PlateMotion
-from mazeplan.physics.walls import Walls
+from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Filtered
 from mazeplan.records import Array
 
-STEPS, ENOUGH = 25, 0.05  # scoring steps; of -2 log L, that a further one must bring
+STEPS, ENOUGH = 20, 1.0  # scoring steps; of -2 log L, that a further one must bring
 DAMPING = (1e-4, 1e6)
+BLOCK_S = 10.0  # s; blocks as long as this are independent of one another
 FLOOR = 1e-12  # of a variance in the information, so that a parameter that changes nothing does no harm
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of `Model`: `part` and `field` say where. unit; bounds low, high; step: of finite differences; log:
-    whether it is searched for by its logarithm (step and standard error are relative then)."""
+    """One number of `BodyModel`: `part` and `field` say where. unit; bounds low, high; step: of finite differences;
+    log: whether it is searched for by its logarithm (the step is relative then)."""
 
     part: str
     field: str
@@ -43,49 +47,48 @@ class Parameter:
 
 
 PARAMETERS = {
-    "rolling": Parameter("ball", "rolling", "m/s^2", 0.0, 2.0, 1e-3),
-    "viscous": Parameter("ball", "viscous", "1/s", -1.0, 5.0, 1e-2),
-    "quadratic": Parameter("ball", "quadratic", "1/m", -5.0, 50.0, 0.05),
-    "inertia": Parameter("ball", "inertia", "1", 0.05, 1.0, 5e-3),
-    "wall": Parameter("ball", "wall", "1", 0.0, 2.0, 1e-2),
-    "restitution": Parameter("ball", "restitution", "1", 0.0, 0.95, 1e-2),
-    "hold": Parameter("ball", "hold", "m/s", 0.0, 1.0, 2e-3),
-    "spin": Parameter("ball", "spin", "m/s^2", 0.0, 2.0, 1e-3),
-    "height": Parameter("ball", "height", "m", -0.2, 0.2, 5e-4),
-    "gain_beta": Parameter("tilting", "gain_beta", "1", 0.3, 3.0, 2e-3),
-    "gain_gamma": Parameter("tilting", "gain_gamma", "1", 0.3, 3.0, 2e-3),
-    "cross_beta": Parameter("tilting", "cross_beta", "1", -0.5, 0.5, 2e-3),
-    "cross_gamma": Parameter("tilting", "cross_gamma", "1", -0.5, 0.5, 2e-3),
-    "tilt_beta": Parameter("tilting", "tilt_beta", "rad", -0.1, 0.1, 2e-4),
-    "tilt_gamma": Parameter("tilting", "tilt_gamma", "rad", -0.1, 0.1, 2e-4),
-    "offset_x": Parameter("camera", "offset_x", "m", -0.05, 0.05, 2e-5),
-    "offset_y": Parameter("camera", "offset_y", "m", -0.05, 0.05, 2e-5),
-    "angle": Parameter("camera", "angle", "rad", -0.8, 0.8, 3e-4),
-    "scale": Parameter("camera", "scale", "1", 0.7, 1.4, 3e-4),
-    "delay": Parameter("camera", "delay", "s", 0.0, 0.5, 5e-4),
-    "noise": Parameter("camera", "noise", "m", 1e-5, 2e-2, 1e-2, log=True),
-    "plane": Parameter("wander", "plane", "m^2/s^3", 1e-9, 10.0, 0.1, log=True),
-    "spin_wander": Parameter("wander", "spin", "m^2/s^3", 1e-9, 10.0, 0.1, log=True),
-    "strike": Parameter("wander", "strike", "1", 1e-4, 1.0, 0.1, log=True),
+    "rolling": Parameter("ball", "rolling", "m/s^2", 0.0, 2.0, 4e-3),
+    "viscous": Parameter("ball", "viscous", "1/s", -1.0, 5.0, 2e-2),
+    "quadratic": Parameter("ball", "quadratic", "1/m", -5.0, 50.0, 0.2),
+    "inertia": Parameter("ball", "inertia", "1", 0.05, 1.0, 1e-2),
+    "wall": Parameter("ball", "wall", "1", 0.0, 2.0, 2e-2),
+    "restitution": Parameter("ball", "restitution", "1", 0.0, 0.95, 4e-2),
+    "hold": Parameter("ball", "hold", "m/s", 0.0, 1.0, 3e-3),
+    "spin": Parameter("ball", "spin", "m/s^2", 0.0, 2.0, 4e-3),
+    "height": Parameter("ball", "height", "m", -0.2, 0.2, 1e-3),
+    "gain_beta": Parameter("tilting", "gain_beta", "1", 0.3, 3.0, 5e-3),
+    "gain_gamma": Parameter("tilting", "gain_gamma", "1", 0.3, 3.0, 5e-3),
+    "cross_beta": Parameter("tilting", "cross_beta", "1", -0.5, 0.5, 5e-3),
+    "cross_gamma": Parameter("tilting", "cross_gamma", "1", -0.5, 0.5, 5e-3),
+    "tilt_beta": Parameter("tilting", "tilt_beta", "rad", -0.1, 0.1, 5e-4),
+    "tilt_gamma": Parameter("tilting", "tilt_gamma", "rad", -0.1, 0.1, 5e-4),
+    "offset_x": Parameter("view", "offset_x", "m", -0.05, 0.05, 5e-5),
+    "offset_y": Parameter("view", "offset_y", "m", -0.05, 0.05, 5e-5),
+    "angle": Parameter("view", "angle", "rad", -0.8, 0.8, 1e-3),
+    "scale": Parameter("view", "scale", "1", 0.7, 1.4, 5e-4),
+    "delay": Parameter("view", "delay", "s", 0.0, 0.5, 1e-3),
+    "noise": Parameter("view", "noise", "m", 1e-5, 2e-2, 2e-2, log=True),
+    "plane": Parameter("wander", "plane", "m^2/s^3", 1e-9, 10.0, 0.3, log=True),
+    "spin_wander": Parameter("wander", "spin", "m^2/s^3", 1e-9, 10.0, 0.3, log=True),
+    "strike": Parameter("wander", "strike", "1", 1e-4, 1.0, 0.3, log=True),
 }  # fmt: skip
 ORDINARY = (
-    "rolling", "wall", "restitution", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay", "noise", "plane",
+    "rolling", "spin", "wall", "restitution", "hold", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay",
+    "noise", "plane", "strike",
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class BodyFit:
     """model: with the values that were found; stderr: of the free ones, in their units; free: their names; cov: of the
-    search's own coordinates (J, J); minus2: -2 log L; filtered: under that model; steps, passes: of the search and of
-    the filter."""
+    search's own coordinates (J, J); minus2: -2 log L; filtered: under that model; passes: of the filter."""
 
-    model: Model
+    model: BodyModel
     stderr: dict[str, float]
     free: tuple[str, ...]
     cov: Array
     minus2: float
     filtered: Filtered
-    steps: int
     passes: int
 
     def value(self, name: str) -> float:
@@ -93,21 +96,19 @@ class BodyFit:
         return value_of(self.model, name)
 
 
-def value_of(model: Model, name: str) -> float:
+def value_of(model: BodyModel, name: str) -> float:
     """A parameter of a model by its name, in its unit."""
     where = PARAMETERS[name]
     return float(getattr(getattr(model, where.part), where.field))
 
 
-def with_values(model: Model, values: Mapping[str, float]) -> Model:
+def with_values(model: BodyModel, values: Mapping[str, float]) -> BodyModel:
     """The model with other values of some parameters, in their units."""
-    parts = {name: getattr(model, name) for name in ("ball", "tilting", "camera", "wander")}
+    parts = {name: getattr(model, name) for name in ("ball", "tilting", "view", "wander")}
     for name, value in values.items():
         where = PARAMETERS[name]
-        part = parts[where.part]
-        changed = {where.field: value}
-        parts[where.part] = part._replace(**changed) if hasattr(part, "_replace") else replace(part, **changed)
-    return Model(**parts)
+        parts[where.part] = parts[where.part]._replace(**{where.field: value})
+    return BodyModel(**parts)
 
 
 def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
@@ -115,13 +116,25 @@ def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
     e = np.full(filtered.nu.shape, np.nan)
     e[np.isfinite(filtered.nu[:, 0])] = filtered.whitened()
     power = float(np.nanmean(e * e))
-    return np.array([np.nanmean(e[lag:] * e[:-lag]) / power for lag in range(1, lags + 1)])
+    return np.array([float(np.nanmean(e[lag:] * e[:-lag])) / power for lag in range(1, lags + 1)])
+
+
+class Scores(NamedTuple):
+    """each (N, J): half of the gradient of -2 log L, picture by picture; information (J, J): Fisher's."""
+
+    each: Array
+    information: Array
+
+    def between_blocks(self, rows: int) -> Array:
+        """How much the gradient varies from one block of so many pictures to the next, added up, (J, J)."""
+        sums = np.add.reduceat(self.each, np.arange(0, len(self.each), rows), axis=0)
+        return sums.T @ sums
 
 
 class _Search:
     """The filter in the coordinates x (J,) of the search: values, or their logarithms."""
 
-    def __init__(self, body: BodyFilter, model: Model, free: Sequence[str]) -> None:
+    def __init__(self, body: BodyFilter, model: BodyModel, free: Sequence[str]) -> None:
         self.body, self.model, self.free = body, model, tuple(free)
         self.kinds, self.passes = [PARAMETERS[name] for name in free], 0
         self.low, self.high = (
@@ -135,7 +148,7 @@ class _Search:
         x = [math.log(v) if k.log else v for v, k in zip(values, self.kinds, strict=True)]
         return np.clip(np.array(x), self.low, self.high)
 
-    def model_at(self, x: Array) -> Model:
+    def model_at(self, x: Array) -> BodyModel:
         values = (math.exp(v) if k.log else float(v) for v, k in zip(x, self.kinds, strict=True))
         return with_values(self.model, dict(zip(self.free, values, strict=True)))
 
@@ -143,32 +156,32 @@ class _Search:
         self.passes += 1
         return self.body.run(self.model_at(x))
 
-    def scores(self, x: Array, here: Filtered) -> tuple[Array, Array]:
-        """Half of the gradient of -2 log L (J,), and the Fisher information (J, J), where the filter gives `here`."""
+    def scores(self, x: Array, here: Filtered) -> Scores:
+        """Scores at x, where the filter gives `here`."""
         keep, moved = np.isfinite(here.nu[:, 0]), []
         for j, step in enumerate(self.step):
-            forward = step if x[j] + step <= self.high[j] else -step
-            there = self.run(x + forward * np.eye(len(x))[j])
-            both = np.isfinite(there.nu[:, :1])
-            slopes = (there.nu - here.nu) / forward, (there.S - here.S) / forward
+            up, down = (np.clip(x[j] + sign * step, self.low[j], self.high[j]) for sign in (1.0, -1.0))
+            ends = [self.run(np.where(np.arange(len(x)) == j, at, x)) for at in (up, down)]
+            both = np.isfinite(ends[0].nu[:, :1]) & np.isfinite(ends[1].nu[:, :1])
+            slopes = ((ends[0].nu - ends[1].nu) / (up - down), (ends[0].S - ends[1].S) / (up - down))
             moved.append([np.where(both, slope, 0.0)[keep] for slope in slopes])
         (a, b), (xx, yy, xy) = here.nu[keep].T, here.S[keep].T
         det = xx * yy - xy * xy
         u, v = (yy * a - xy * b) / det, (xx * b - xy * a) / det  # S^-1 nu
         inverse = np.stack([yy, xx, -xy]) / det
         count = len(self.free)
-        gradient, information = np.zeros(count), np.zeros((count, count))
-        white = [_over(inverse, dS) for _, dS in moved]  # S^-1 dS, four numbers each
+        each, information = np.zeros((len(keep), count)), np.zeros((count, count))
+        white = [_over(inverse, dS) for _, dS in moved]
         for i, (dn, dS) in enumerate(moved):
             quadratic = dS[:, 0] * u * u + dS[:, 1] * v * v + 2.0 * dS[:, 2] * u * v
-            gradient[i] = np.sum(dn[:, 0] * u + dn[:, 1] * v + 0.5 * (white[i][0] + white[i][3] - quadratic))
+            each[keep, i] = dn[:, 0] * u + dn[:, 1] * v + 0.5 * (white[i][0] + white[i][3] - quadratic)
             for j in range(i + 1):
                 other, (c, d, e, f), (p, q, r, s) = moved[j][0], white[i], white[j]
                 means = dn[:, 0] * (inverse[0] * other[:, 0] + inverse[2] * other[:, 1])
                 means += dn[:, 1] * (inverse[2] * other[:, 0] + inverse[1] * other[:, 1])
                 spreads = 0.5 * (c * p + d * r + e * q + f * s)
                 information[i, j] = information[j, i] = np.sum(means + spreads)
-        return gradient, information
+        return Scores(each, information)
 
 
 def _over(inverse: Array, dS: Array) -> tuple[Array, Array, Array, Array]:
@@ -177,16 +190,16 @@ def _over(inverse: Array, dS: Array) -> tuple[Array, Array, Array, Array]:
     return ixx * xx + ixy * xy, ixx * xy + ixy * yy, ixy * xx + iyy * xy, ixy * xy + iyy * yy
 
 
-def fit_body(body: BodyFilter, model: Model, free: Sequence[str] = ORDINARY, steps: int = STEPS) -> BodyFit:
+def fit_body(body: BodyFilter, model: BodyModel, free: Sequence[str] = ORDINARY, steps: int = STEPS) -> BodyFit:
     """The likeliest values of the `free` parameters, from `model` on. Raises KeyError for a name that is none."""
     search = _Search(body, model, free)
-    x, damping, taken = search.point(), 1e-2, 0
+    x, damping = search.point(), 1e-2
     best = search.run(x)
-    gradient, information = search.scores(x, best)
-    for taken in range(1, steps + 1):
+    scores = search.scores(x, best)
+    for _ in range(steps):
         gained = 0.0
         while damping <= DAMPING[1]:
-            new = _stepped(search, x, gradient, information, damping)
+            new = _stepped(search, x, scores, damping)
             there = search.run(new)
             if there.minus2 < best.minus2:
                 gained, x, best = best.minus2 - there.minus2, new, there
@@ -196,19 +209,20 @@ def fit_body(body: BodyFilter, model: Model, free: Sequence[str] = ORDINARY, ste
         damping = min(damping, 1.0)
         if gained < ENOUGH:
             break
-        gradient, information = search.scores(x, best)
-    cov = _inverse(information)
+        scores = search.scores(x, best)
+    plain = _inverse(scores.information)
+    cov = plain @ scores.between_blocks(round(BLOCK_S / body.pictures.dt)) @ plain
     found = search.model_at(x)
     sigma = np.sqrt(np.diag(cov))
     scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]
     stderr = {name: float(s * k) for name, s, k in zip(free, sigma, scale, strict=True)}
-    return BodyFit(found, stderr, tuple(free), cov, best.minus2, best, taken, search.passes)
+    return BodyFit(found, stderr, tuple(free), cov, best.minus2, best, search.passes)
 
 
-def _stepped(search: _Search, x: Array, gradient: Array, information: Array, damping: float) -> Array:
+def _stepped(search: _Search, x: Array, scores: Scores, damping: float) -> Array:
     """The next point, inside the bounds; a parameter at a bound that is pulled against it stays there."""
-    scale = np.sqrt(np.maximum(np.diag(information), FLOOR))
-    A, g = information / np.outer(scale, scale), gradient / scale
+    scale = np.sqrt(np.maximum(np.diag(scores.information), FLOOR))
+    A, g = scores.information / np.outer(scale, scale), scores.each.sum(axis=0) / scale
     held = ((x <= search.low) & (g > 0.0)) | ((x >= search.high) & (g < 0.0))
     A[held], A[:, held], g[held] = 0.0, 0.0, 0.0
     move = np.linalg.solve(A + damping * np.eye(len(x)), g) / scale
@@ -220,11 +234,3 @@ def _inverse(information: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(information), FLOOR))
     sizes, axes = np.linalg.eigh(information / np.outer(scale, scale))
     return (axes / np.maximum(sizes, 1e-12)) @ axes.T / np.outer(scale, scale)
-
-
-def fit_record(
-    pictures: Pictures, plate: PlateMotion, walls: Walls, model: Model, free: Sequence[str] = ORDINARY,
-    effects: Effects | None = None,
-) -> BodyFit:  # fmt: skip
-    """`fit_body` of pictures under the plate's motion in a maze."""
-    return fit_body(BodyFilter(pictures, plate, walls, effects), model, free)

@@ -21,12 +21,14 @@ LOOKED_AT = 0.4  # s of the sensor behind a start
 SETTLED = 1.5  # s after which nothing is left of a start
 
 
-def with_true_starts(plate: PlateMotion, tilts: Array, first: np.ndarray, dt: float, axes: Sequence[StageAxis]) -> PlateMotion:
+def with_true_starts(
+    plate: PlateMotion, tilts: Array, first: np.ndarray, dt: float, axes: Sequence[StageAxis]
+) -> PlateMotion:
     """The motion with the free motion behind each start put in. tilts (N, 2): measured beta, gamma, rad; first (N,): a
     stretch begins; dt: s; axes: of beta, gamma; the grid of `plate` begins with the first row."""
     per, motion = round(dt / plate.step), plate.motion.copy()
     rows, fine = max(round(LOOKED_AT / dt), 3), round(SETTLED / plate.step)
-    for a, b in pairwise([*np.flatnonzero(first), len(tilts)]):
+    for a, b in pairwise([*np.flatnonzero(first).tolist(), len(tilts)]):
         for i, axis in enumerate(axes):
             free = _free(axis, plate.step, min(fine, (b - a) * per))
             n = min(rows, b - a)

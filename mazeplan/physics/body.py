@@ -25,11 +25,10 @@ these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rol
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
 from mazeplan.physics.plate import FELT_AT, GRAVITY, RADIUS_AT, TIME_AT
@@ -40,14 +39,13 @@ STATE = 5
 TERM = REAL(REAL, REAL, REAL, POINTER, POINTER)  # theta, theta_dot, t, w, p
 FORCE, FRICTION = 0, 1  # kinds of an effect
 TINY = 1e-12  # m^2/s^3, so that a ball at rest has a direction
+EDGES = 5.0  # how much less sure the way out of a contact at an edge is: a little aside turns it far
 MIDDLE = 1e-3  # m; nearer to the middle of the plate than this an angle says nothing
-addresses = types.int64[::1]
 
 _term = caller(TERM)
 
 
-@dataclass(frozen=True)
-class Ball:
+class Ball(NamedTuple):
     """What a ball is like. inertia: k of k m R^2; rolling: c, m/s^2; viscous 1/s; quadratic 1/m; wall: Coulomb's number
     at a wall; restitution: e of the speed into a wall; hold: J, m/s; spin: c_s, m/s^2; height: of the centre above the
     pivot, m; NaN: the radius, as if the plate turned about its surface."""
@@ -102,47 +100,27 @@ class BodyCore(NamedTuple):
     walls: WallCore
 
 
-class BallNumbers(NamedTuple):
-    """`Ball` for compiled code."""
-
-    inertia: float
-    rolling: float
-    viscous: float
-    quadratic: float
-    wall: float
-    restitution: float
-    hold: float
-    spin: float
-    height: float
-
-
-def numbers_of(ball: Ball, radius: float) -> BallNumbers:
-    """A ball of some radius (m) for compiled code."""
-    height = radius if math.isnan(ball.height) else ball.height
-    return BallNumbers(
-        ball.inertia, ball.rolling, ball.viscous, ball.quadratic, ball.wall, ball.restitution, ball.hold, ball.spin, height
-    )
-
-
 @njit(cache=True, error_model="numpy")
 def body_core(ball, walls, effects):
-    """The core for `BallNumbers`, `Walls` and `Effects`, which the caller keeps alive."""
+    """The core for `Ball`, `Walls` and `Effects`, which the caller keeps alive."""
+    height = walls.radius if math.isnan(ball.height) else ball.height
     return BodyCore(
         ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
-        ball.restitution, ball.hold, ball.spin, ball.height, pointer_to(effects.address, 0), pointer_to(effects.kind, 0),
+        ball.restitution, ball.hold, ball.spin, height, pointer_to(effects.address, 0), pointer_to(effects.kind, 0),
         pointer_to(effects.place, 0), pointer_to(effects.p, 0), len(effects.address), wall_core(walls),
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
-def _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit):
-    """The state after the ball, which overlaps a wall by `depth` m at the end of a step of h s, has met it.
+def _strike(core, h, depth, nx, ny, x, y, vx, vy, w):
+    """The state after the ball, which overlaps a wall by `depth` m at the end of a step of h s, has met it, and by how
+    much (m/s) the wall changed its speed.
 
-    It met it `late` s ago, and has gone on since then as the contact sent it: so the state behind a step depends
+    It met the wall `late` s ago, and has gone on since then as the contact sent it: so the state behind a step depends
     continuously on the one before, whatever step the contact falls into."""
     vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
     if vn >= 0.0:
-        return x + depth * nx, y + depth * ny, vx, vy, w, hit
+        return x + depth * nx, y + depth * ny, vx, vy, w, 0.0
     late = min(depth / -vn, h)
     e = min(core.restitution, (core.restitution - core.inertia - core.hold / vn) * core.factor)
     jump = -(1.0 + e) * vn
@@ -152,20 +130,23 @@ def _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit):
     out, along = depth - late * e * vn, late * core.factor * grip
     x, y = x + out * nx - along * ny, y + out * ny + along * nx
     vn, vt, w = vn + jump, vt + core.factor * grip, w - grip / core.inertia
-    return x, y, vn * nx - vt * ny, vn * ny + vt * nx, w, hit + jump
+    return x, y, vn * nx - vt * ny, vn * ny + vt * nx, w, jump
 
 
 @njit(cache=True, error_model="numpy")
 def meet_walls(core, h, x, y, vx, vy, w):
-    """The state after all walls that the ball overlaps at the end of a step of h s have been met."""
+    """The state after all walls that the ball overlaps at the end of a step of h s have been met, and how much all of
+    them changed its speed, m/s, edges at openings counted EDGES times."""
     walls, hit = core.walls, 0.0
     depth, nx, ny = outside_rim(walls, x, y)
     if depth > 0.0:
-        x, y, vx, vy, w, hit = _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit)
+        x, y, vx, vy, w, jump = _strike(core, h, depth, nx, ny, x, y, vx, vy, w)
+        hit += jump
     for b in range(walls.n_slabs):
         depth, nx, ny = into_slab(walls, b, x, y)
         if depth > 0.0:
-            x, y, vx, vy, w, hit = _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit)
+            x, y, vx, vy, w, jump = _strike(core, h, depth, nx, ny, x, y, vx, vy, w)
+            hit += jump
     for i in range(walls.n_walls):
         if not near_wall(walls, i, x, y):
             continue
@@ -173,7 +154,8 @@ def meet_walls(core, h, x, y, vx, vy, w):
         for side in range(1 if j < 0 else 2):
             depth, nx, ny = into_face(walls, i, x, y) if j < 0 else into_side(walls, j, 2.0 * side - 1.0, x, y)
             if depth > 0.0:
-                x, y, vx, vy, w, hit = _strike(core, h, depth, nx, ny, x, y, vx, vy, w, hit)
+                x, y, vx, vy, w, jump = _strike(core, h, depth, nx, ny, x, y, vx, vy, w)
+                hit += jump if j < 0 else EDGES * jump
     return x, y, vx, vy, w, hit
 
 
@@ -216,7 +198,8 @@ def accelerated(core, row, x, y, vx, vy, w):
 
 @njit(cache=True, error_model="numpy")
 def step(core, row, h, x, y, vx, vy, w):
-    """The state h s later; row: pointer to the row of `plate` in the middle of this step."""
+    """The state h s later, and how much walls changed the speed, as `meet_walls`; row: pointer to the row of `plate` in
+    the middle of this step."""
     ax, ay, aw, n = accelerated(core, row, x, y, vx, vy, w)
     more = 0.0
     if core.n_effects > 0:

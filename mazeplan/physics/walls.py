@@ -29,7 +29,7 @@ class Walls(NamedTuple):
     """All walls of a maze.
 
     walls: (W, 4) per wall between rings: inner and outer radius of its core, index of its first gap and one behind the
-    last; gaps: (G, 5) per opening: cos(angle), sin(angle), half width of the gap in the core, and where along its middle
+    last; gaps: (G, 5) per opening: cos(angle), sin(angle), half width of the gap in the core, and where on its middle
     line the sides of that gap begin and end; slabs: (B, 5) per radial wall: cos(angle), sin(angle), half thickness,
     inner and outer radius of its ring; rim: m, radius of the rim; radius: m, of the ball; rounding: m, of the edges."""
 
@@ -46,7 +46,7 @@ def pack_walls(maze: Maze, rounding: float = ROUNDING) -> Walls:
     walls, gaps = [], []
     for wall in maze.walls[1:]:
         low, high = wall.inner_radius + rounding, wall.outer_radius - rounding
-        if low > high:
+        if low > high + NEAREST:
             raise ValueError(f"rounding: got {rounding:g} m, expected at most half of a wall")
         walls.append([low, high, float(len(gaps)), float(len(gaps) + len(wall.openings))])
         for opening in wall.openings:
@@ -180,5 +180,3 @@ def _overlaps(walls, places, out):
         for b in range(core.n_slabs):
             most = max(most, into_slab(core, b, x, y)[0])
         out[n] = most
-
-
