@@ -63,9 +63,17 @@ def diagnose(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for report.json, report.html and model.")
     ] = None,
+    body: Annotated[
+        bool, typer.Option("--body", help="What all rings together tell of the ball: friction, walls, camera, table.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Find the effect that a model lacks, and say how much better it predicts with it."""
+    if body:
+        from mazeplan.cli.diagnose_body import diagnose_body
+
+        diagnose_body(log, model, map_, as_json)
+        return
     if system == "emps" or ":" in system:
         from mazeplan.cli.diagnose_mechanism import diagnose_system
 

@@ -30,8 +30,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from mazeplan.constants import GRAVITY
 from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
-from mazeplan.physics.plate import FELT_AT, GRAVITY, RADIUS_AT, TIME_AT
+from mazeplan.physics.plate import FELT_AT, RADIUS_AT, TIME_AT
 from mazeplan.physics.walls import WallCore, gap_of, into_face, into_side, into_slab, near_wall, outside_rim, wall_core
 from mazeplan.records import Array, IntArray
 

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from mazeplan.constants import GRAVITY
 from mazeplan.records import Array
 
-GRAVITY = 9.81  # m/s^2
 RADIUS_AT, TIME_AT, FELT_AT, ROW = 6, 7, 8, 17  # where in a row the numbers are; its length
 
 

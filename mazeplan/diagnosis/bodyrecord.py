@@ -1,0 +1,116 @@
+"""A record as a ball with a body makes it: place in the channel, spin, walls, all rings at once.
+
+The model of a ring is a bead on a circle. A ball has play in its channel, spins against walls, and loses speed at
+edges, which a bead can only show as wrong friction or inertia. Here the record is filtered with `physics.body` under
+the plate's motion that the commands gave, and the ball's numbers are fitted to it (`estimation.bodyfit`). Where the
+physics is right, what is left is the camera's noise: innovations without memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mazeplan.data.table import Table
+from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
+from mazeplan.diagnosis.record import record_of
+from mazeplan.errors import TableError
+from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Pictures
+from mazeplan.estimation.bodyfit import ORDINARY, PARAMETERS, BodyFit, autocorrelation, fit_body, with_values
+from mazeplan.estimation.platestart import with_true_starts
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.modelfile import RigModel
+from mazeplan.physics.body import Effects
+from mazeplan.physics.plate import PlateMotion
+from mazeplan.physics.walls import pack_walls
+
+FEWEST = 900  # pictures
+WHITE = 0.06  # autocorrelation of innovations up to which nothing is left in them
+
+
+@dataclass(frozen=True)
+class BodySeen:
+    """What a record tells of the ball's body. fit: parameters with standard errors; body: the filter; stage: as it was
+    fitted, None without commands; memory (3,): autocorrelations of whitened innovations at lags 1 to 3; pictures: that
+    count."""
+
+    fit: BodyFit
+    body: BodyFilter
+    stage: Stage | None
+    memory: np.ndarray
+    pictures: int
+
+    @property
+    def white(self) -> bool:
+        """Whether nothing is left in the innovations but noise."""
+        return bool(np.max(np.abs(self.memory)) <= WHITE)
+
+    def document(self) -> dict[str, Any]:
+        """As `diagnose --body --json`."""
+        parameters = {
+            name: {"value": self.fit.value(name), "stderr": self.fit.stderr[name], "unit": PARAMETERS[name].unit}
+            for name in self.fit.free
+        }
+        return {
+            "pictures": self.pictures, "white": self.white,
+            "autocorrelation": [round(float(a), 4) for a in self.memory],
+            "minus2_log_likelihood": round(self.fit.minus2, 2), "left_out": self.fit.filtered.left_out,
+            "starts": self.fit.filtered.starts, "parameters": parameters,
+        }  # fmt: skip
+
+
+def body_filter(table: Table, maze: Maze, effects: Effects | None = None) -> tuple[BodyFilter, Stage | None]:
+    """The filter for a record with x and y, and the stage as fitted to it. effects: that act on the ball besides.
+    Raises TableError."""
+    if "x" not in table or "y" not in table:
+        raise TableError("got a table without x and y, expected where the camera saw the ball", file=_file(table))
+    record = record_of(table, np.ones(len(table), dtype=bool))
+    y = np.column_stack([table["x"], table["y"]])
+    seen = int(np.isfinite(y).all(axis=1).sum())
+    if seen < FEWEST:
+        raise TableError(f"got {seen} pictures of the ball, expected {FEWEST} at least", file=_file(table))
+    stage = fit_stage(record, np.ones(len(record), dtype=bool))
+    tilt = plate_motion(record, stage)
+    plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
+    if stage is not None:
+        tilts = np.column_stack([record.beta, record.gamma])
+        plate = with_true_starts(plate, tilts, record.first, record.dt, stage.axes)
+    pictures = Pictures(record.t, record.dt, y, record.first)
+    return BodyFilter(pictures, plate, pack_walls(maze), effects), stage
+
+
+def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
+    """The body that a model of beads stands for; of a usual ball without one."""
+    if model is None:
+        return BodyModel()
+    ball = model.ball(1)
+    factor = ball.parameter("rolling_inertia", "factor", 1.0)
+    rolling = ball.parameter("dry_friction", "coefficient", 0.0) * maze.track_radius(1) / factor
+    camera = model.camera
+    return with_values(BodyModel(), {
+        "rolling": min(max(rolling, 0.01), 1.0),
+        "tilt_beta": ball.parameter("tilt_offset", "beta", 0.0),
+        "tilt_gamma": ball.parameter("tilt_offset", "gamma", 0.0),
+        "offset_x": camera.offset_x, "offset_y": camera.offset_y, "angle": camera.angle, "scale": camera.scale,
+        "delay": max(model.camera_delay, 0.0) or BodyModel().view.delay,
+        "gain_beta": 1.0 / model.tilt_sensor.gain_beta, "gain_gamma": 1.0 / model.tilt_sensor.gain_gamma,
+    })  # fmt: skip
+
+
+def body_seen(
+    table: Table, maze: Maze, model: RigModel | None = None, *,
+    free: Sequence[str] = ORDINARY, effects: Effects | None = None,
+) -> BodySeen:  # fmt: skip
+    """The ball's body by a record. model: what is known already, to begin with; free: names of `bodyfit.PARAMETERS`
+    that are fitted. Raises TableError for a record that is too short, or without positions."""
+    body, stage = body_filter(table, maze, effects)
+    fit = fit_body(body, first_guess(model, maze), free)
+    count = int(np.isfinite(fit.filtered.nu[:, 0]).sum())
+    return BodySeen(fit, body, stage, autocorrelation(fit.filtered), count)
+
+
+def _file(table: Table) -> str | None:
+    return table.source.get("file")
