@@ -1,0 +1,126 @@
+"""The filter of a ball with a body, and what a record tells of it: on a simulated table whose physics are others'."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import call
+
+from mazeplan.collect import Collection, run_collection
+from mazeplan.data.table import Table, read_table
+from mazeplan.diagnosis.bodyrecord import WHITE, body_filter, body_seen, first_guess
+from mazeplan.errors import TableError
+from mazeplan.estimation.bodyfilter import BodyFilter
+from mazeplan.estimation.bodyfit import autocorrelation, with_values
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import load_model
+from mazeplan.rigs.registry import make_rig
+
+MAZE = load_map("cme")
+DATA = Path(os.environ.get("MAZEPLAN_DATA", Path(__file__).parents[3] / "shared" / "data")) / "contact" / "A"
+ROLLING = 5e-5 / MAZE.ball.radius * 9.81  # m/s^2, of the toy
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("toy") / "toy.mcap"
+    run_collection(make_rig("toy", MAZE), MAZE, Collection(90.0, (1, 2, 3, 4), 3, None, 1.5), path, rig_name="toy")
+    return path
+
+
+@pytest.fixture(scope="module")
+def seen(log):
+    return body_seen(read_table(log), MAZE, load_model("toy"))
+
+
+def near(seen, name, true, least):
+    value, stderr = seen.fit.value(name), seen.fit.stderr[name]
+    return value == pytest.approx(true, abs=max(4.0 * stderr, least))
+
+
+def test_a_record_of_the_toy_tells_table_friction_camera_and_wall_and_nothing_is_left(seen):
+    """MuJoCo's ball: the rig says what is true, none of which the fit was told."""
+    assert near(seen, "noise", 5e-4, 2e-5)
+    assert near(seen, "delay", 2.0 / 30.0, 1e-3)
+    assert near(seen, "tilt_beta", math.radians(0.15), 5e-4)
+    assert near(seen, "tilt_gamma", math.radians(0.3), 6e-4)
+    assert near(seen, "rolling", ROLLING, 8e-3)
+    assert near(seen, "wall", 0.3, 0.05)
+    assert seen.white
+    assert seen.memory == pytest.approx(np.zeros(3), abs=WHITE)
+    assert seen.fit.filtered.left_out < 0.01 * seen.pictures
+
+
+def test_a_wrong_body_leaves_a_memory_behind(seen):
+    wrong = with_values(seen.fit.model, {"wall": 0.0, "inertia": 0.05, "tilt_beta": 0.02, "plane": 1e-6})
+    assert max(autocorrelation(seen.body.run(wrong))) > 2.0 * WHITE
+
+
+def test_lost_pictures_are_bridged(seen):
+    body, rng = seen.body, np.random.default_rng(1)
+    y = body.pictures.y.copy()
+    y[rng.random(len(y)) < 0.2] = math.nan
+    poor = BodyFilter(replace(body.pictures, y=y), body.plate, body.walls).run(seen.fit.model)
+    whole = body.run(seen.fit.model)
+    assert poor.starts <= whole.starts + 2
+    counted, before = (int(np.isfinite(f.nu[:, 0]).sum()) for f in (poor, whole))
+    assert counted > 0.75 * before
+    assert np.mean(poor.whitened() ** 2) == pytest.approx(1.0, abs=0.1), "as sure as it says"
+
+
+def test_it_goes_on_by_itself_as_the_ball_does(seen):
+    """A second ahead: most windows end within 15 mm of where the camera sees the ball."""
+    model, body = seen.fit.model, seen.body
+    state = body.run(model).state
+    starts = np.arange(300, len(body.pictures) - 40, 25)
+    rolled, y = body.rolled_out(model, state, starts, 30), body.pictures.y
+    off = np.hypot(*(rolled[:, -1] - y[starts + 30]).T)
+    whole = [not body.pictures.first[s + 1 : s + 31].any() for s in starts.tolist()]
+    assert np.nanmedian(off[np.array(whole)]) < 0.015
+    assert np.nanmedian(np.hypot(*(rolled[:, 2] - y[starts + 2]).T)) < 1.5e-3
+
+
+def test_a_model_of_beads_is_where_the_fit_begins():
+    toy = load_model("toy")
+    guess = first_guess(toy, MAZE)
+    assert guess.view.delay == toy.camera_delay
+    assert guess.tilting.tilt_gamma == toy.ball(1).parameter("tilt_offset", "gamma", 0.0)
+    assert 0.03 < guess.ball.rolling < 0.3
+    assert first_guess(None, MAZE).view.delay == 0.06
+
+
+def test_records_that_tell_nothing_are_refused(log):
+    table = read_table(log)
+    with pytest.raises(TableError, match="got a table without x and y"):
+        body_filter(Table({name: table[name] for name in ("t", "theta", "beta", "gamma")}), MAZE)
+    few = Table({name: table[name][:600] for name in ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")})
+    with pytest.raises(TableError, match="pictures of the ball, expected 900 at least"):
+        body_filter(few, MAZE)
+
+
+def test_from_the_command_line(monkeypatch, capsys, log):
+    code, out, err = call(monkeypatch, capsys, "diagnose", log, "--model", "toy", "--body", "--json")
+    assert code == 0, err
+    document = json.loads(out)
+    assert document["white"] is True
+    assert document["parameters"]["delay"]["value"] == pytest.approx(2.0 / 30.0, abs=2e-3)
+    assert document["parameters"]["rolling"]["unit"] == "m/s^2"
+    code, out, err = call(monkeypatch, capsys, "diagnose", log, "--model", "toy", "--body")
+    assert code == 0, err
+    assert "nothing is left but noise" in out
+    assert "camera behind the tilt sensor" in out
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="no records of others' rigs with contact here")
+def test_friction_of_a_rig_of_others_is_found_as_large_as_it_is():
+    seen = body_seen(read_table(DATA / "friction.csv"), MAZE, load_model(DATA / "model"))
+    assert seen.white
+    assert near(seen, "rolling", 12e-5 / MAZE.ball.radius * 9.81, 3e-3)  # three times what it was
+    assert near(seen, "wall", 0.22, 0.02)
+    assert near(seen, "tilt_beta", math.radians(0.15), 5e-4)
