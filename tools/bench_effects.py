@@ -17,6 +17,7 @@ from bench_improve import better
 
 from mazeplan.improve import Options, improve
 from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.surprise import KINDS, Answer
@@ -38,14 +39,17 @@ class Row:
 def row(kind: str, options: Options) -> Row:
     """What became of one kind."""
     rig = f"surprise@{kind}"
+    truth: Answer = make_rig(rig, load_map(options.map)).surprise  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
         (entry,) = improve(rig, Path(folder), options)
-    done, navigation = entry["diagnosis"], entry["navigation"]
-    truth: Answer = make_rig(rig, load_map(options.map)).surprise  # type: ignore[attr-defined]
+        done, navigation = entry["diagnosis"], entry["navigation"]
+        model = load_model(done["model"]) if done["model"] else None
     names = list(dict.fromkeys(e["name"] for e in done["effects"]))
-    found = "; ".join(_found(e) for e in done["effects"]) or done["verdict"].replace("_", " ")
+    where = next((e["rings"] for e in done["effects"] if e["name"] == truth.effect), list(truth.by_ring))
+    ring = next((n for n in truth.by_ring if n in where), next(iter(truth.by_ring), 1))
+    found = "; ".join(_found(e, ring, model) for e in done["effects"]) or done["verdict"].replace("_", " ")
     planned = "yes" if PACKAGED[truth.effect].planned else "no"
-    cells = [kind, truth.effect, planned, _told(truth), found]
+    cells = [kind, truth.effect, planned, f"{_numbers(truth.by_ring.get(ring, {}))} (ring {ring})", found]
     cells.append(" -> ".join(f"{done[when]['rollout40']:.3f}" for when in ("before", "after")))
     for when in ("before", "after"):
         n, mean = navigation[when], navigation[when]["time_s"]["mean"]
@@ -56,22 +60,20 @@ def row(kind: str, options: Options) -> Row:
 
 
 def _numbers(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {value:.4g}" for name, value in values.items())
+    return ", ".join(f"{name} {value:.4g}" for name, value in values.items() if name != "ring")
 
 
-def _told(truth: Answer) -> str:
-    along = "".join(f"{name} {value:.3g} (m)" for name, value in truth.along.items())
-    return "; ".join(filter(None, (_numbers(truth.values), along))) or "by its physics"
-
-
-def _found(effect: dict[str, Any]) -> str:
+def _found(effect: dict[str, Any], ring: int, model: RigModel | None) -> str:
+    """An effect with its values in a ring as the new model has them, and the errors with which they were found."""
+    name, parameters = effect["name"], effect["parameters"]
+    values = {} if model is None or ring not in effect["rings"] else model.declared(ring).get(name, {})
     numbers = ", ".join(
-        f"{name} {p['value']:.4g}" + (f" +- {p['stderr']:.2g}" if p["stderr"] else "")
-        for name, p in effect["parameters"].items()
+        f"{key} {values.get(key, p['value']):.4g}" + (f" ± {p['stderr']:.2g}" if p["stderr"] else "")
+        for key, p in parameters.items()
         if abs(p["value"]) > (p["stderr"] or 0.0)
     )
     where = "" if len(effect["rings"]) > 3 else f" in ring {', '.join(map(str, effect['rings']))}"
-    return f"{effect['name']}{where} ({numbers})"
+    return f"{name}{where} ({numbers})"
 
 
 def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
@@ -83,16 +85,15 @@ def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
         for done in pool.map(row, chosen, [options] * len(chosen)):
             rows.append(done)
             print(done.line, file=sys.stderr, flush=True)
-    head = "| kind | effect | planned | true value | found | 40-step error, rad | navigation before | after |"
+    head = "| kind | effect | planned | true | found | 40-step error, rad | navigation before | after |"
     return [
         "## Closing the loop, effect by effect (simulated)",
         "",
         f"`mazeplan improve --rig surprise@KIND --seconds {options.seconds:g} --runs {options.runs}`: the toy with one "
         "hidden change for every effect that has a name;",
         "one record, one round, the same starts before and after, seed 0. Errors are on the last 30 % of the record. "
-        "True values",
-        "marked (m) are along the ring in m/s^2, 1/s or 1/m, for a ball that rolls on the floor alone: rad/s^2 are so "
-        "many over the radius of the ring.",
+        "True values are",
+        "those of a ball that rolls on the floor alone: along a wall, gravity and the floor's friction count for 7/9.",
         "",
         head, "|---" * 8 + "|", *(done.line for done in rows),
         "",

@@ -94,4 +94,4 @@ def list_rigs(
         print(f"of package {found.source}: {found.name} ({found.value}){f': not used: {problem}' if problem else ''}")
     print("keys of a simulated rig (default; what):")
     for name, key in keys.items():
-        print(f"  {name:24s} {key['default']!s:12s} {key['what']}")
+        print(f"  {name:28s} {key['default']!s:12s} {key['what']}")

@@ -24,12 +24,17 @@ from mazeplan.errors import RigError, SettingsError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array, IntArray
 from mazeplan.rigs.forces import PlateForces
+from mazeplan.rigs.hidden import BallForces, Floor, Kerb
 from mazeplan.rigs.machine import AXES, CHUNKS
 from mazeplan.rigs.mjcf import SUBSTEPS
 from mazeplan.rigs.nearwalls import near_walls
 from mazeplan.rigs.settings import SimulatedSettings
 from mazeplan.rigs.simulated import TOLERANCE
 from mazeplan.rigs.surprise import surprised
+
+PLAIN = [(name, SimulatedSettings.model_fields[name].default) for name in (
+    "camera_scale", "lens_per_m2", "tilt_scale", "servo_gain", "servo_coupling",
+)]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,9 +49,11 @@ class Samples:
 
 
 def fits(settings: SimulatedSettings, maze: Maze) -> bool:
-    """Whether a fleet can have rigs like this: without faults, forces of their own, and pictures to look for it in."""
+    """Whether a fleet can have rigs like this: without faults, forces and friction of their own, pictures to look for
+    it in, and errors of sensors and servos that it does not know."""
     drawn = surprised(settings, maze)
-    return not drawn.faults and drawn.sense == "ideal" and not PlateForces(drawn, maze)
+    own = any(kind(drawn, maze) for kind in (PlateForces, BallForces, Floor, Kerb))
+    return not drawn.faults and drawn.sense == "ideal" and not own and all(getattr(drawn, k) == v for k, v in PLAIN)
 
 
 class Fleet:

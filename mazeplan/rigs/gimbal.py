@@ -9,10 +9,12 @@ from __future__ import annotations
 # pyright: reportAttributeAccessIssue=false
 # (MuJoCo's compiled module tells type checkers nothing of its names)
 import math
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
+from mazeplan.errors import RigError
 from mazeplan.records import Array
 from mazeplan.rigs.mjcf import PLUG_OFF, PLUG_ON, plug_name
 from mazeplan.rigs.nearwalls import OPEN, NearWalls
@@ -99,18 +101,28 @@ class Gimbal:
         """Force on the ball from now on, (3,), N."""
         self.data.body("ball").xfrc_applied[:3] = force
 
+    def twist(self, torque: Array) -> None:
+        """Torque on the ball from now on, (3,), N m."""
+        self.data.body("ball").xfrc_applied[3:] = torque
+
+    def roughen(self, friction_m: float) -> None:
+        """What comes to the rolling friction of the floor, m, from now on. Raises RigError where it cannot."""
+        raise RigError("the floor of this model has one rolling friction, which stays")
+
 
 class MazeGimbal(Gimbal):
     """The same with the walls near the ball alone: it goes the same way to the last bit, in less than half the
     time."""
 
-    def __init__(self, walls: NearWalls, steps: int) -> None:
+    def __init__(self, walls: NearWalls, steps: int, rougher: Callable[[float], NearWalls] | None = None) -> None:
+        """rougher: the walls on a floor of so much more rolling friction, m."""
         super().__init__(walls.any, steps)
-        self._walls, self._blocked = walls, OPEN
+        self._walls, self._blocked, self._rougher = walls, OPEN, rougher
+        self._by_friction = {0.0: walls}
 
     def reset(self, position: Array) -> None:
         """See `Gimbal`; no opening has anything in it."""
-        self._blocked = OPEN
+        self._blocked, self._walls = OPEN, self._by_friction[0.0]
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[2:5] = position
         self.data.qpos[5] = 1.0
@@ -123,6 +135,15 @@ class MazeGimbal(Gimbal):
     def plug(self, opening: str, there: bool) -> None:
         """See `Gimbal`."""
         self._blocked = self._blocked | {opening} if there else self._blocked - {opening}
+
+    def roughen(self, friction_m: float) -> None:
+        """See `Gimbal`."""
+        if friction_m not in self._by_friction:
+            if self._rougher is None:
+                return super().roughen(friction_m)
+            self._by_friction[friction_m] = self._rougher(friction_m)
+        self._walls = self._by_friction[friction_m]
+        return None
 
 
 def rotation(quaternion: Array) -> Array:

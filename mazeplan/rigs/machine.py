@@ -20,12 +20,12 @@ import numpy as np
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
 from mazeplan.records import Array
-from mazeplan.rigs.drags import Drags, stage_mix
 from mazeplan.rigs.faults import FaultBox
 from mazeplan.rigs.forces import PlateForces
 from mazeplan.rigs.gimbal import Gimbal, MazeGimbal
+from mazeplan.rigs.hidden import BallForces, Floor, Kerb, Motion, turned
 from mazeplan.rigs.mjcf import SUBSTEPS
-from mazeplan.rigs.nearwalls import near_walls
+from mazeplan.rigs.nearwalls import NearWalls, near_walls
 from mazeplan.rigs.settings import Fault, SimulatedSettings
 
 CHUNKS = 5  # per sample; 1/150 s at 30 Hz
@@ -36,13 +36,14 @@ _WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
 @dataclass(frozen=True)
 class Snapshot:
     """MuJoCo's state, and of the servos what they are told, where their drive is, what their gears pass on, and the
-    commands under way."""
+    commands under way; how far the ball has rolled, rad, where that matters."""
 
     state: Array
     target: Array
     ctrl: Array
     played: Array
     queue: tuple[tuple[float, Array], ...]
+    rolled: float = 0.0
 
 
 class Machine:
@@ -55,7 +56,11 @@ class Machine:
         self._gimbal: Gimbal | None = None
 
     def _from_map(self) -> Gimbal:
-        return MazeGimbal(near_walls(self.maze, self.settings), SUBSTEPS // CHUNKS)
+        return MazeGimbal(near_walls(self.maze, self.settings), SUBSTEPS // CHUNKS, self._rougher)
+
+    def _rougher(self, friction_m: float) -> NearWalls:
+        more = {"rolling_friction_m": self.settings.rolling_friction_m + friction_m}
+        return near_walls(self.maze, self.settings.model_copy(update=more))
 
     # -- life -------------------------------------------------------------------------------------------------------
 
@@ -74,8 +79,12 @@ class Machine:
             math.radians(self.settings.backlash_deg) * (both or self.settings.backlash_axis == axis) for axis in AXES
         ]
         self._half_play = 0.5 * np.array(play)
-        self._forces, self._drags = PlateForces(self.settings, self.maze), Drags(self.settings, self.maze)
-        self._mixed = stage_mix(self.settings)
+        self._forces = PlateForces(self.settings, self.maze)
+        self._hidden, self._floor = BallForces(self.settings, self.maze), Floor(self.settings, self.maze)
+        self._kerb = Kerb(self.settings, self.maze)
+        self._rolled = math.atan2(place[1], place[0]) * radius / self.maze.ball.radius
+        self._mixed = np.array([[1.0, self.settings.servo_coupling[0]], [self.settings.servo_coupling[1], 1.0]])
+        self._gain = np.array(self.settings.servo_gain)
         self._faults = FaultBox(self.settings.faults, self._gimbal, self.maze)
 
     def close(self) -> None:
@@ -120,35 +129,40 @@ class Machine:
         # not np.clip, which takes many times as long for two numbers
         self._ctrl = self._ctrl + np.minimum(np.maximum(self._target - self._ctrl, -most), most)
         self._played = np.minimum(np.maximum(self._played, self._ctrl - self._half_play), self._ctrl + self._half_play)
-        told = self._played if self._mixed is None else self._mixed @ self._played
-        gimbal.drive(self._faults.servo(now, told))
+        led = self._played if self.settings.servo_gain == (1.0, 1.0) else self._gain * self._played
+        gimbal.drive(self._faults.servo(now, led))
         self._faults.before_step(now)
-        self._push(now)
-        before = self._drags.angle(gimbal) if self._drags.kerb else 0.0
-        gimbal.advance()
-        if self._drags.kerb and self._drags.met(gimbal, before):
-            position, velocity, spin = self.ball()
-            kept = 1.0 - self.settings.kerb_loss
-            self.set_ball(position, kept * velocity, kept * spin)
+        if self._forces:
+            plate, _ = gimbal.plate()
+            gimbal.pull(plate @ self._forces.on(plate.T @ gimbal.place()))
+        if self._hidden or self._floor or self._kerb:
+            self._advance_hidden(now)
+        else:
+            gimbal.advance()
         self._faults.after_step(self.time)
 
-    def _push(self, now: float) -> None:
-        """Forces on the ball for one chunk."""
+    def _advance_hidden(self, now: float) -> None:
+        """Let one chunk pass with what `hidden` has."""
         gimbal = self.gimbal
-        if not (self._forces or self._drags):
-            return
         plate, _ = gimbal.plate()
-        force = np.zeros(3)
-        if self._forces:
-            force = plate @ self._forces.on(plate.T @ gimbal.place())
-        if self._drags:
-            position, velocity, _ = self.ball()
-            force = force + plate @ self._drags.on(position, velocity, now) + self._drags.in_room(now)
-        gimbal.pull(force)
+        before = Motion(*self.ball())
+        if self._floor:
+            gimbal.roughen(self._floor.extra(before, plate.T @ gimbal.model.opt.gravity))
+        if self._hidden:
+            force, torque = self._hidden.on(now + 0.5 * self.chunk_s, before, plate, self._rolled)
+            gimbal.pull(force + plate @ self._forces.on(before.place) if self._forces else force)
+            gimbal.twist(torque)
+        gimbal.advance()
+        after = Motion(*self.ball())
+        self._rolled += turned(before, after) * self._hidden.turns_per_turn(after)
+        if self._kerb.passed(before, after):
+            self.set_ball(after.place, self._kerb.left * after.velocity, self._kerb.left * after.spin)
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Have the servos hold this tilt, rad, once the command delay is over."""
         wanted = np.array([u_beta, u_gamma], dtype=float)
+        if self.settings.servo_coupling != (0.0, 0.0):
+            wanted = self._mixed @ wanted
         last = self._queue[-1][1] if self._queue else self._target
         band = math.radians(self.settings.deadband_deg)
         wanted = np.where(np.abs(wanted - last) < band, last, wanted) if band > 0.0 else wanted
@@ -221,14 +235,14 @@ class Machine:
         gimbal = self.gimbal
         state = np.empty(mujoco.mj_stateSize(gimbal.model, _WHOLE))
         mujoco.mj_getState(gimbal.model, gimbal.data, state, _WHOLE)
-        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue))
+        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue), self._rolled)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Back to a snapshot of this very rig. Faults that were injected in between stay."""
         mujoco.mj_setState(self.gimbal.model, self.gimbal.data, snapshot.state, _WHOLE)
         self.gimbal.settle()
         self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
-        self._queue = deque(snapshot.queue)
+        self._queue, self._rolled = deque(snapshot.queue), snapshot.rolled
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -52,8 +52,8 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
     """MJCF text: boxes stand on the plate's floor."""
     wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
     kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
-    other = wn if settings.servo_frequency_gamma_rad_s is None else settings.servo_frequency_gamma_rad_s
-    kp2, kv2 = ARMATURE * other**2, 2.0 * zeta * other * ARMATURE
+    wn, zeta = settings.servo_gamma_frequency_rad_s or wn, settings.servo_gamma_damping or zeta
+    kp2, kv2 = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
     x, y = math.radians(settings.table_x_deg), math.radians(settings.table_y_deg)
     gravity = f"{GRAVITY * math.sin(y)} {-GRAVITY * math.sin(x) * math.cos(y)} {-GRAVITY * math.cos(x) * math.cos(y)}"
     timestep = 1.0 / (settings.rate_hz * SUBSTEPS)
@@ -62,10 +62,9 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
     geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>', *boxes]
     radius, mass = maze.ball.radius, maze.ball.mass
     inertia = ""  # MuJoCo's own, of a solid sphere
-    if settings.ball_inertia != SOLID or settings.imbalance_mm > 0.0:
+    if settings.ball_inertia != SOLID:
         about = settings.ball_inertia * mass * radius**2
-        off = 1e-3 * settings.imbalance_mm
-        inertia = f'<inertial pos="{off:g} 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
+        inertia = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
     return f"""<mujoco model="{_safe(maze.name)}">
 <compiler angle="radian"/>
 <option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="elliptic" impratio="10"
@@ -114,7 +113,8 @@ def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
 
 def _surface(settings: SimulatedSettings) -> str:
     """Attributes of all walls."""
-    return f'friction="{settings.wall_grip} {TORSIONAL} {TORSIONAL}" {_bounce(settings.contact_damping_ratio)}'
+    friction = f"{settings.wall_grip} {TORSIONAL} {settings.wall_rolling_friction_m}"
+    return f'friction="{friction}" {_bounce(settings.contact_damping_ratio)}'
 
 
 def _across(maze: Maze, wall: RadialWall, settings: SimulatedSettings) -> str:

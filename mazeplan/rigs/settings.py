@@ -14,10 +14,16 @@ from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 
 Surprise = Literal[
     "drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp",
-    "drag", "thick_air", "wet_paint", "grip", "torque", "one_way", "dirt", "kerb", "ripple", "draught", "rocking",
-    "unbalanced", "gain", "slow", "coupling", "command", "sticky", "sensor", "turned", "moved", "scale", "lens",
+    "viscous", "air", "push", "drift", "nap", "sticky", "kerb", "draught", "rocking", "unbalanced", "ripple", "wall",
+    "gain", "slow_servo", "coupling", "late_command", "deadband",
+    "tilt_scale", "turned_camera", "shifted_camera", "scaled_camera", "lens",
 ]  # fmt: skip
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Scale = Annotated[float, Field(ge=0.3, le=3.0)]
+Share = Annotated[float, Field(ge=-0.5, le=0.5)]
+Push = Annotated[float, Field(ge=-1.0, le=1.0)]  # m/s^2
+Swing = Annotated[float, Field(ge=-4.0, le=4.0)]  # deg
+Turn = Annotated[float, Field(ge=-360.0, le=360.0)]  # deg
 
 
 PLAIN = {  # pydantic's kinds of errors, where its words are a programmer's
@@ -89,29 +95,37 @@ class SimulatedSettings(Section):
     outlier_mm: float = Field(default=30.0, ge=0.0, le=200.0, description="1 sigma of a wrong position")
     camera_offset_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="x, y of the picture's centre")
     camera_rotation_deg: float = Field(default=0.0, ge=-10.0, le=10.0, description="of the picture against the plate")
-    camera_scale: float = Field(default=1.0, ge=0.5, le=2.0, description="of the picture: measured over true")
-    lens_per_m2: float = Field(default=0.0, ge=-20.0, le=20.0, description="share by which it is off, a metre away")
+    camera_scale: float = Field(default=1.0, ge=0.5, le=2.0, description="size of the picture: seen over true")
+    lens_per_m2: float = Field(
+        default=0.0, ge=-30.0, le=30.0,
+        description="bent picture: distances from lens_mm grow by this times their square",
+    )  # fmt: skip
+    lens_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="x, y of the place that the lens leaves alone")
     # tilt
-    tilt_scale_beta: float = Field(default=1.0, ge=0.3, le=3.0, description="of the tilt sensor: measured over true")
-    tilt_scale_gamma: float = Field(default=1.0, ge=0.3, le=3.0, description="the same of the other axis")
     tilt_noise_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="1 sigma of the tilt sensor")
     table_x_deg: float = Field(default=0.0, ge=-4.0, le=4.0, description="table off level about x; + lifts the +y side")
     table_y_deg: float = Field(
         default=0.0, ge=-4.0, le=4.0, description="table off level about y; + lowers the +x side"
     )
-    rocking_x_deg: float = Field(default=0.0, ge=-2.0, le=2.0, description="the table swings so far about x ...")
-    rocking_y_deg: float = Field(default=0.0, ge=-2.0, le=2.0, description="... and about y, ...")
-    rocking_hz: float = Field(default=0.7, ge=0.01, le=10.0, description="... so often a second")
+    tilt_scale: tuple[Scale, Scale] = Field(default=(1.0, 1.0), description="beta, gamma of the sensor over true ones")
+    rocking_deg: tuple[Swing, Swing] = Field(
+        default=(0.0, 0.0), description="beta, gamma by which the table rocks, unseen by the tilt sensor: amplitudes"
+    )
+    rocking_hz: float = Field(default=1.0, ge=0.0, le=15.0, description="swings of a rocking table per second")
+    rocking_phase_deg: Turn = Field(default=0.0, description="of a rocking table at time 0; 0: level, on its way up")
     # servo
     servo_frequency_rad_s: float = Field(default=26.0, ge=5.0, le=100.0, description="natural frequency")
-    servo_frequency_gamma_rad_s: float | None = Field(
-        default=None, ge=5.0, le=100.0, description="of the second axis, where it is another"
-    )
-    servo_gain_beta: float = Field(default=1.0, ge=0.1, le=3.0, description="tilt per command")
-    servo_gain_gamma: float = Field(default=1.0, ge=0.1, le=3.0, description="the same of the other axis")
-    coupling_beta_from_gamma: float = Field(default=0.0, ge=-0.5, le=0.5, description="share of the other's command")
-    coupling_gamma_from_beta: float = Field(default=0.0, ge=-0.5, le=0.5, description="the other way round")
     servo_damping: float = Field(default=0.9, ge=0.3, le=3.0)
+    servo_gamma_frequency_rad_s: float | None = Field(
+        default=None, ge=5.0, le=100.0, description="of gamma's servo, where it is not as beta's"
+    )
+    servo_gamma_damping: float | None = Field(
+        default=None, ge=0.3, le=3.0, description="of gamma's servo, where it is not as beta's"
+    )
+    servo_gain: tuple[Scale, Scale] = Field(default=(1.0, 1.0), description="tilt over command: beta, gamma")
+    servo_coupling: tuple[Share, Share] = Field(
+        default=(0.0, 0.0), description="share of the other axis's command that beta, gamma follows, too"
+    )
     servo_slew_deg_s: float = Field(default=120.0, ge=5.0, le=2000.0, description="fastest change of the set point")
     command_delay_ms: float = Field(default=0.0, ge=0.0, le=300.0, description="before the servo hears a command")
     backlash_deg: float = Field(default=0.0, ge=0.0, le=2.0, description="play between servo and plate")
@@ -124,30 +138,41 @@ class SimulatedSettings(Section):
     magnet_depth_mm: float = Field(default=15.0, ge=3.0, le=50.0, description="below the ball's centre")
     warp_mm: float = Field(default=0.0, ge=0.0, le=5.0, description="height at the edge of a plate bent to a saddle")
     warp_deg: float = Field(default=0.0, ge=-180.0, le=180.0, description="direction in which the edge is highest")
-    imbalance_mm: float = Field(default=0.0, ge=0.0, le=3.0, description="centre of mass off the ball's middle")
-    drag_per_s: float = Field(default=0.0, ge=0.0, le=10.0, description="drag on the ball over its mass and speed")
-    drag_per_m: float = Field(default=0.0, ge=0.0, le=100.0, description="drag over its mass and speed squared")
-    drag_growth_per_s2: float = Field(default=0.0, ge=0.0, le=0.1, description="by which drag_per_s grows each second")
-    torque_m_s2: float = Field(default=0.0, ge=-2.0, le=2.0, description="push around the maze, counter-clockwise")
-    one_way_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="friction counter-clockwise only")
-    dirt_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="friction where it is dirty: in ...")
-    dirt_ring: int = Field(default=1, ge=1, le=100, description="... this ring ...")
-    dirt_deg: tuple[float, float] = Field(default=(0.0, 40.0), description="... from here counter-clockwise to there")
-    kerb_loss: float = Field(default=0.0, ge=0.0, le=0.9, description="share of its speed that a kerb takes, in ...")
-    kerb_ring: int = Field(default=1, ge=1, le=100, description="... this ring ...")
-    kerb_deg: float = Field(default=0.0, ge=-360.0, le=360.0, description="... at this angle")
-    ripple_m_s2: float = Field(default=0.0, ge=0.0, le=2.0, description="largest slope of a wavy floor, times gravity")
-    ripple_waves: int = Field(default=5, ge=1, le=40, description="of it, around the maze")
-    draught_m_s2: tuple[float, float] = Field(default=(0.0, 0.0), description="pull in the room, towards +x and +y")
+    drag_per_s: float = Field(default=0.0, ge=0.0, le=10.0, description="share of its speed that the ball loses in 1 s")
+    drag_per_m: float = Field(default=0.0, ge=0.0, le=20.0, description="share of its speed that the ball loses in 1 m")
+    drag_growth_per_s2: float = Field(default=0.0, ge=0.0, le=0.1, description="by how much drag_per_s grows in 1 s")
+    ring_push_m_s2: Push = Field(default=0.0, description="steady push along the ring; + counter-clockwise")
+    draught_m_s2: tuple[Push, Push] = Field(
+        default=(0.0, 0.0), description="x, y of a steady wind in the room: force over the mass of the ball"
+    )
+    imbalance_m_s2: float = Field(
+        default=0.0, ge=0.0, le=1.0, description="ball that is heavier on one side: largest push along the ring"
+    )
+    imbalance_phase_deg: Turn = Field(default=0.0, description="of that push where the ball has not rolled since 0 deg")
+    ripple_m_s2: float = Field(default=0.0, ge=0.0, le=1.0, description="wavy floor: largest push along the ring")
+    ripple_waves: int = Field(default=6, ge=1, le=17, description="waves of the floor in a full circle")
+    ripple_deg: Turn = Field(default=0.0, description="direction of a crest")
+    nap_m_s2: Push = Field(default=0.0, description="dry friction of a ball that rolls counter-clockwise; -: clockwise")
+    sticky_m_s2: float = Field(default=0.0, ge=0.0, le=1.0, description="dry friction in a part of a ring")
+    sticky_ring: int = Field(default=1, ge=1, description="which ring that is")
+    sticky_deg: tuple[Turn, Turn] = Field(default=(0.0, 60.0), description="from where to where, counter-clockwise")
+    kerb_loss: float = Field(default=0.0, ge=0.0, le=0.9, description="share of the speed that is lost at one angle")
+    kerb_ring: int = Field(default=1, ge=1, description="in which ring")
+    kerb_deg: Turn = Field(default=0.0, description="at which angle")
     # contact
     rolling_friction_m: float = Field(default=2e-5, ge=0.0, le=1e-3, description="stiction angle = this / ball radius")
     floor_friction: float = Field(default=0.3, ge=0.0, le=2.0, description="sliding; low: the ball slips")
     wall_grip: float = Field(default=0.3, ge=0.0, le=2.0, description="sliding friction of walls; it spins the ball")
     contact_damping_ratio: float = Field(default=1.0, ge=0.02, le=5.0, description="below 1 the ball bounces off walls")
+    wall_rolling_friction_m: float = Field(
+        default=2e-5, ge=0.0, le=1e-3, description="of a ball that turns against a wall, as rolling_friction_m"
+    )
     wall_segments: int = Field(default=360, ge=192, le=1440, description="boxes per full circle of wall")
     faults: tuple[Fault, ...] = ()
     changes: tuple[Change, ...] = Field(default=(), description="what is otherwise from some run of a campaign on")
-    surprise: Surprise | None = Field(default=None, description="one thing that is not as it was; drawn: any of them")
+    surprise: Surprise | None = Field(
+        default=None, description="one thing that is not as it was, by its name; drawn: one of the first seven"
+    )
     surprise_seed: int = Field(default=0, ge=0, description="of what is drawn, and of its size and place")
 
 

@@ -87,7 +87,8 @@ class SimulatedRig:
         x, y = self._picture(t)
         noise = math.radians(self.settings.tilt_noise_deg) * self._rng.standard_normal(2)
         beta, gamma = machine.tilt
-        beta, gamma = self.settings.tilt_scale_beta * beta, self.settings.tilt_scale_gamma * gamma
+        if self.settings.tilt_scale != (1.0, 1.0):
+            beta, gamma = self.settings.tilt_scale[0] * beta, self.settings.tilt_scale[1] * gamma
         return Observation(t, x, y, float(beta + noise[0]), float(gamma + noise[1]))
 
     def command(self, u_beta: float, u_gamma: float) -> None:
@@ -124,14 +125,19 @@ class SimulatedRig:
             place, noise, outlier = self._found(), np.zeros(2), 1.0
         if place is None or math.isnan(place[0]):  # there was no ball when the picture was taken
             return None, None
-        x, y = (settings.camera_scale * value for value in place)
+        x, y = (settings.camera_scale * part for part in place) if settings.camera_scale != 1.0 else place
         position = np.array([math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y])
         position = position + 1e-3 * (np.array(settings.camera_offset_mm) + settings.camera_noise_mm * noise)
         if settings.lens_per_m2 != 0.0:
-            position = position * (1.0 + settings.lens_per_m2 * float(position @ position))
+            position = position + self._bent(position - 1e-3 * settings.camera_noise_mm * noise)
         if outlier < settings.outlier_probability:
             position = position + 1e-3 * settings.outlier_mm * wrong
         return float(position[0]), float(position[1])
+
+    def _bent(self, position: Array) -> Array:
+        """By how much (2,) the lens shifts a place in the picture, m."""
+        away = position - 1e-3 * np.array(self.settings.lens_mm)
+        return self.settings.lens_per_m2 * float(away @ away) * away
 
     def _found(self) -> tuple[float, float] | None:
         """Where the ball is found in a rendered picture."""

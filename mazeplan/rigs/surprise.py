@@ -1,18 +1,9 @@
-"""One thing about a simulated rig that is not as its model says: what `improve` and the benchmark are tried on.
+"""One thing about a simulated rig that is not as its model says: what `improve` is tried on.
 
-| surprise | what | effect by its name |
-|---|---|---|
-| table | the table is 1 deg off, in any direction | tilt_offset |
-| friction | the ball's rolling friction is twice what it was | dry_friction |
-| hollow | the ball is a shell: its inertia is 2/3 m r^2 | rolling_inertia |
-| magnet | one under the plate, in one of the outer three rings | surface_bump |
-| camera | the picture is 80 ms older | sensor_delay |
-| backlash | 1 deg of play in one of the servos | backlash |
-| warp | the plate is bent to a saddle, 1 mm at its edge | surface_profile |
-
-`surprise: drawn` draws one of these: seeds 0 to 6 draw each kind once, in an order of chance, 7 to 13 again. The others
-in KINDS come when they are asked for by name. All else stays as the settings have it. `answer` tells what is different;
-who plays fair asks it last.
+`KINDS` has them all, each with the effect that mazeplan names and the settings that it changes. A seed draws one of the
+first seven (`surprise: drawn`): seeds 0 to 6 draw each of them once, in an order of chance, 7 to 13 again. Any kind can
+be asked for by its name; then the seed draws direction and ring alone. All else stays as the settings have it.
+`answer` tells what was drawn, with its true values; who plays fair asks it last.
 """
 
 from __future__ import annotations
@@ -20,104 +11,171 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.settings import SimulatedSettings
+from mazeplan.rigs.truths import Values, true_by_ring
 
 DRAWN = ("table", "friction", "hollow", "magnet", "camera", "backlash", "warp")
-MAGNETS = 3  # rings, from the outermost, in which a magnet may lie
-ROLLS = 5.0 / 7.0  # what a force along the floor is worth to a solid ball that rolls
+MAGNETS = 3  # rings, from the outermost, in which what has a place may be
 
-Changes = dict[str, Any]
-Values = dict[str, float]
+
+@dataclass(frozen=True)
+class Draw:
+    """What a seed says: a direction (rad) and a ring of the maze, for settings as they are without the surprise."""
+
+    settings: SimulatedSettings
+    maze: Maze
+    angle: float
+    ring: int
+
+    @property
+    def deg(self) -> float:
+        """The direction."""
+        return math.degrees(self.angle)
+
+    def first(self, changed: Any, other: Any) -> tuple[Any, Any]:
+        """A pair in which one of the two, beta or gamma, is changed."""
+        return (changed, other) if self.angle < 0.0 else (other, changed)
+
+    def arrow(self, length: float) -> tuple[float, float]:
+        """x, y of an arrow in that direction."""
+        return length * math.cos(self.angle), length * math.sin(self.angle)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A surprise: the effect by its name, what it is, and the settings that it changes."""
+
+    effect: str
+    text: str
+    changes: Callable[[Draw], dict[str, Any]]
+
+
+def _table(d: Draw) -> dict[str, Any]:
+    x, y = d.arrow(1.0)
+    return {"table_x_deg": d.settings.table_x_deg + x, "table_y_deg": d.settings.table_y_deg + y}
+
+
+def _magnet(d: Draw) -> dict[str, Any]:
+    return {"magnet_m_s2": 0.35, "magnet_mm": d.arrow(1e3 * d.maze.track_radius(d.ring))}  # as strong as 2 deg of tilt
+
+
+def _sticky(d: Draw) -> dict[str, Any]:
+    return {"sticky_m_s2": 0.15, "sticky_ring": d.ring, "sticky_deg": (d.deg - 30.0, d.deg + 30.0)}
+
+
+def _offset(d: Draw) -> dict[str, Any]:
+    x, y = d.arrow(2.5)
+    return {"camera_offset_mm": (d.settings.camera_offset_mm[0] + x, d.settings.camera_offset_mm[1] + y)}
+
+
+KINDS: dict[str, Kind] = {
+    "table": Kind("tilt_offset", "the table is 1 deg off, in any direction", _table),
+    "friction": Kind(
+        "dry_friction", "the ball's rolling friction is twice what it was",
+        lambda d: {"rolling_friction_m": 2.0 * d.settings.rolling_friction_m},
+    ),
+    "hollow": Kind(
+        "rolling_inertia", "the ball is a shell: its inertia is 2/3 m r^2", lambda d: {"ball_inertia": 2.0 / 3.0}
+    ),
+    "magnet": Kind("surface_bump", "one under the plate, in one of the outer three rings", _magnet),
+    "camera": Kind(
+        "sensor_delay", "the picture is 80 ms older", lambda d: {"camera_late_ms": d.settings.camera_late_ms + 80.0}
+    ),
+    "backlash": Kind(
+        "backlash", "1 deg of play in one of the servos",
+        lambda d: {"backlash_deg": 1.0, "backlash_axis": d.first("beta", "gamma")[0]},
+    ),
+    "warp": Kind(
+        "surface_profile", "the plate is bent to a saddle, 1 mm at its edge",
+        lambda d: {"warp_mm": 1.0, "warp_deg": d.deg},
+    ),
+    # asked for by name
+    "viscous": Kind("viscous_friction", "the ball loses 0.3 of its speed a second", lambda d: {"drag_per_s": 0.3}),
+    "air": Kind("quadratic_drag", "the ball loses 0.02 of its speed every centimetre", lambda d: {"drag_per_m": 2.0}),
+    "push": Kind(
+        "constant_torque", "a steady push of 0.08 m/s^2 along the rings",
+        lambda d: {"ring_push_m_s2": math.copysign(0.08, d.angle)},
+    ),
+    "drift": Kind(
+        "friction_drift", "drag that grows by 0.005 per s every second", lambda d: {"drag_growth_per_s2": 0.005}
+    ),
+    "nap": Kind(
+        "dry_friction", "dry friction of 0.12 m/s^2 one way round", lambda d: {"nap_m_s2": math.copysign(0.12, d.angle)}
+    ),
+    "sticky": Kind("local_friction", "60 deg of a ring with dry friction of 0.15 m/s^2", _sticky),
+    "kerb": Kind(
+        "gate_loss", "a kerb in a ring takes 0.35 of the speed",
+        lambda d: {"kerb_loss": 0.35, "kerb_ring": d.ring, "kerb_deg": d.deg},
+    ),
+    "draught": Kind(
+        "constant_force", "a draught of 0.1 m/s^2, in any direction", lambda d: {"draught_m_s2": d.arrow(0.1)}
+    ),
+    "rocking": Kind(
+        "table_rocking", "the table rocks by 0.5 and 0.3 deg, 1.3 times a second",
+        lambda d: {"rocking_deg": d.first(0.5, 0.3), "rocking_hz": 1.3, "rocking_phase_deg": d.deg},
+    ),
+    "unbalanced": Kind(
+        "ball_imbalance", "the ball is heavier on one side: 0.15 m/s^2",
+        lambda d: {"imbalance_m_s2": 0.15, "imbalance_phase_deg": d.deg},
+    ),
+    "ripple": Kind(
+        "surface_ripple", "the floor has six waves: 0.2 m/s^2",
+        lambda d: {"ripple_m_s2": 0.2, "ripple_waves": 6, "ripple_deg": d.deg},
+    ),
+    "wall": Kind(
+        "wall_friction", "walls slow a ball that turns against them", lambda d: {"wall_rolling_friction_m": 4e-4}
+    ),
+    "gain": Kind("servo_gain", "one servo goes 0.85 of the way", lambda d: {"servo_gain": d.first(0.85, 1.0)}),
+    "slow_servo": Kind(
+        "servo_lag", "gamma's servo is slower, and swings",
+        lambda d: {"servo_gamma_frequency_rad_s": 15.0, "servo_gamma_damping": 0.6},
+    ),
+    "coupling": Kind(
+        "axis_coupling", "one axis follows 0.12 of the other's command",
+        lambda d: {"servo_coupling": d.first(0.12, 0.0)},
+    ),
+    "late_command": Kind(
+        "command_delay", "servos hear commands 60 ms later",
+        lambda d: {"command_delay_ms": d.settings.command_delay_ms + 60.0},
+    ),
+    "deadband": Kind("deadband", "servos pass over changes below 0.5 deg", lambda d: {"deadband_deg": 0.5}),
+    "tilt_scale": Kind(
+        "tilt_gain", "the tilt sensor says 1.15 of one axis", lambda d: {"tilt_scale": d.first(1.15, 1.0)}
+    ),
+    "turned_camera": Kind(
+        "axis_misalignment", "the camera is turned by 3 deg",
+        lambda d: {"camera_rotation_deg": math.copysign(3.0, d.angle)},
+    ),
+    "shifted_camera": Kind("camera_offset", "the camera is 2.5 mm beside the middle, in any direction", _offset),
+    "scaled_camera": Kind("camera_scale", "the picture is 1.025 as large", lambda d: {"camera_scale": 1.025}),
+    "lens": Kind("lens_distortion", "the lens bends the picture: 5 per m^2", lambda d: {"lens_per_m2": 5.0}),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What is different: kind, the effect by its name, settings that it changes; values: the effect's parameters, where
-    they are the same in all rings; along: those in m/s^2, 1/s or 1/m along a ring, as a ball feels them that rolls on
-    the floor alone (rad/s^2 are so many over the radius)."""
+    """What was drawn: its kind, the effect by its name, settings that it changes; of each ring that has the effect its
+    true parameters in mazeplan's units, and those without the surprise."""
 
     kind: str
     effect: str
-    changes: Changes = field(default_factory=dict)
-    values: Values = field(default_factory=dict)
-    along: Values = field(default_factory=dict)
+    changes: dict[str, Any] = field(default_factory=dict)
+    by_ring: dict[int, Values] = field(default_factory=dict)
+    known_before: dict[int, Values] = field(default_factory=dict)
 
+    @property
+    def parameters(self) -> Values:
+        """The true ones in the outermost ring that has the effect."""
+        return next(iter(self.by_ring.values()), {})
 
-class Drawn(NamedTuple):
-    """What chance gave: a direction, rad; a spot on the plate, mm; what was there before, and the maze."""
-
-    angle: float
-    spot: tuple[float, float]
-    had: SimulatedSettings
-    maze: Maze
-
-
-class Kind(NamedTuple):
-    """effect: its name; changes: settings; values, along: see `Answer`."""
-
-    effect: str
-    changes: Callable[[Drawn], Changes]
-    values: Callable[[Drawn], Values] = lambda _: {}
-    along: Values = {}  # noqa: RUF012 (nobody writes into it)
-
-
-def _always(**changes: Any) -> Callable[[Drawn], Changes]:
-    return lambda _: changes
-
-
-def _table(d: Drawn) -> Changes:
-    return {"table_x_deg": d.had.table_x_deg + math.cos(d.angle), "table_y_deg": d.had.table_y_deg + math.sin(d.angle)}
-
-
-def _axis(d: Drawn) -> str:
-    return "beta" if d.angle < 0.0 else "gamma"
-
-
-KINDS: dict[str, Kind] = {
-    "table": Kind("tilt_offset", _table, lambda d: {"beta": math.radians(_table(d)["table_y_deg"]),
-                                                    "gamma": math.radians(_table(d)["table_x_deg"])}),
-    "friction": Kind("dry_friction", lambda d: {"rolling_friction_m": 2.0 * d.had.rolling_friction_m}),
-    "hollow": Kind("rolling_inertia", _always(ball_inertia=2.0 / 3.0)),
-    "magnet": Kind("surface_bump", lambda d: {"magnet_m_s2": 0.35, "magnet_mm": d.spot}),  # what 2 deg of tilt are
-    "camera": Kind("sensor_delay", lambda d: {"camera_late_ms": d.had.camera_late_ms + 80.0}),
-    "backlash": Kind("backlash", lambda d: {"backlash_deg": 1.0, "backlash_axis": _axis(d)},
-                     lambda d: {_axis(d): math.radians(1.0)}),
-    "warp": Kind("surface_profile", lambda d: {"warp_mm": 1.0, "warp_deg": math.degrees(d.angle)}),
-    "drag": Kind("viscous_friction", _always(drag_per_s=0.7), along={"coefficient": 0.7 * ROLLS}),
-    "thick_air": Kind("quadratic_drag", _always(drag_per_m=5.0), along={"coefficient": 5.0 * ROLLS}),
-    "wet_paint": Kind("friction_drift", _always(drag_growth_per_s2=0.004), along={"rate": 0.004 * ROLLS}),
-    "grip": Kind("wall_friction", lambda d: {"wall_grip": 3.0 * d.had.wall_grip}),
-    "torque": Kind("constant_torque", _always(torque_m_s2=0.1), along={"acceleration": 0.1 * ROLLS}),
-    "one_way": Kind("dry_friction", _always(one_way_m_s2=0.15), along={"asymmetry": 0.075 * ROLLS}),
-    "dirt": Kind("local_friction", _always(dirt_m_s2=0.25, dirt_ring=2, dirt_deg=(60.0, 120.0)),
-                 lambda _: {"start": math.radians(60.0), "end": math.radians(120.0)}, {"coefficient": 0.25 * ROLLS}),
-    "kerb": Kind("gate_loss", _always(kerb_loss=0.5, kerb_ring=2, kerb_deg=70.0),
-                 lambda _: {"angle": math.radians(70.0), "loss": 0.5}),
-    "ripple": Kind("surface_ripple", _always(ripple_m_s2=0.15, ripple_waves=5), along={"cos5": 0.15 * ROLLS}),
-    "draught": Kind("constant_force", _always(draught_m_s2=(0.12, -0.06)), lambda _: {"x": 0.12, "y": -0.06}),
-    "rocking": Kind("table_rocking", _always(rocking_x_deg=0.3, rocking_y_deg=0.4, rocking_hz=0.7),
-                    lambda _: {"frequency": 0.7, "beta": math.radians(0.4), "gamma": math.radians(0.3)}),
-    "unbalanced": Kind("ball_imbalance", _always(imbalance_mm=0.05)),
-    "gain": Kind("servo_gain", _always(servo_gain_beta=0.85), lambda _: {"beta": 0.85, "gamma": 1.0}),
-    "slow": Kind("servo_lag", _always(servo_frequency_rad_s=12.0),
-                 lambda _: {"beta_natural_frequency": 12.0, "gamma_natural_frequency": 12.0}),
-    "coupling": Kind("axis_coupling", _always(coupling_beta_from_gamma=0.1), lambda _: {"beta_from_gamma": 0.1}),
-    "command": Kind("command_delay", lambda d: {"command_delay_ms": d.had.command_delay_ms + 40.0},
-                    lambda d: {"delay": 1e-3 * d.had.command_delay_ms + 0.04}),
-    "sticky": Kind("deadband", _always(deadband_deg=0.6),
-                   lambda _: {"beta": math.radians(0.6), "gamma": math.radians(0.6)}),
-    "sensor": Kind("tilt_gain", _always(tilt_scale_beta=1.1), lambda _: {"beta": 1.1, "gamma": 1.0}),
-    "turned": Kind("axis_misalignment", _always(camera_rotation_deg=3.0), lambda _: {"angle": math.radians(3.0)}),
-    "moved": Kind("camera_offset", _always(camera_offset_mm=(3.0, -2.0)), lambda _: {"x": 3e-3, "y": -2e-3}),
-    "scale": Kind("camera_scale", _always(camera_scale=1.03), lambda _: {"factor": 1.03}),
-    "lens": Kind("lens_distortion", _always(lens_per_m2=5.0), lambda _: {"k": 5.0, "x": 0.0, "y": 0.0}),
-}  # fmt: skip
-EFFECTS = {name: KINDS[name].effect for name in DRAWN}
+    def told(self, ring: int | None = None) -> dict[str, Any]:
+        """{"effect", "parameters"}, the true ones in a ring, or in the outermost ring that has the effect."""
+        return {"effect": self.effect, "parameters": self.parameters if ring is None else self.by_ring.get(ring, {})}
 
 
 def answer(settings: SimulatedSettings, maze: Maze) -> Answer | None:
@@ -127,14 +185,15 @@ def answer(settings: SimulatedSettings, maze: Maze) -> Answer | None:
     seed = settings.surprise_seed
     block = np.random.default_rng([seed // len(DRAWN), len(DRAWN)])
     drawn = DRAWN[int(block.permutation(len(DRAWN))[seed % len(DRAWN)])]
-    kind = drawn if settings.surprise == "drawn" else settings.surprise
+    name = drawn if settings.surprise == "drawn" else settings.surprise
     rng = np.random.default_rng([seed, 1])
     angle = float(rng.uniform(-math.pi, math.pi))
     ring = 1 + int(rng.integers(min(MAGNETS, len(maze.rings) - 1)))
-    spot = 1e3 * maze.track_radius(ring)
-    chance = Drawn(angle, (spot * math.cos(angle), spot * math.sin(angle)), settings, maze)
-    effect, changes, values, along = KINDS[kind]
-    return Answer(kind, effect, changes(chance), values(chance), along)
+    kind = KINDS[name]
+    changes = kind.changes(Draw(settings, maze, angle, ring))
+    after = true_by_ring(kind.effect, settings.model_copy(update=changes), maze)
+    before = true_by_ring(kind.effect, settings, maze)
+    return Answer(name, kind.effect, changes, after, {n: values for n, values in before.items() if n in after})
 
 
 def surprised(settings: SimulatedSettings, maze: Maze) -> SimulatedSettings:

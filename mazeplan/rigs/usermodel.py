@@ -23,8 +23,9 @@ from mazeplan.rigs.usergimbal import Axis, Described, UserGimbal, read_model
 
 SHARED = (  # keys of a simulated rig that are not about the generated machine
     "model", "rate_hz", "camera_noise_mm", "camera_delay_frames", "camera_late_ms", "ball_lost_probability",
-    "ball_lost_frames", "outlier_probability", "outlier_mm", "camera_offset_mm", "camera_rotation_deg",
-    "tilt_noise_deg", "servo_slew_deg_s", "command_delay_ms", "backlash_deg", "backlash_axis", "deadband_deg", "faults",
+    "ball_lost_frames", "outlier_probability", "outlier_mm", "camera_offset_mm", "camera_rotation_deg", "camera_scale",
+    "lens_per_m2", "lens_mm", "tilt_noise_deg", "tilt_scale", "servo_gain", "servo_coupling", "servo_slew_deg_s",
+    "command_delay_ms", "backlash_deg", "backlash_axis", "deadband_deg", "faults",
 )  # fmt: skip
 
 

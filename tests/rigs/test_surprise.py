@@ -12,7 +12,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig, rig_label, with_seed
 from mazeplan.rigs.settings import settings_from
 from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.rigs.surprise import EFFECTS, answer
+from mazeplan.rigs.surprise import DRAWN, answer
 
 MAZE = load_map("cme")
 
@@ -31,7 +31,7 @@ def rolled(theta=0.0, u=(0.0, 0.0), seconds=0.3, **settings):
 def test_each_kind_once_in_seven_seeds_and_the_same_again():
     for first in (0, 7, 98):
         drawn = [make_rig(f"surprise@{first + i}", MAZE).surprise for i in range(7)]  # pyright: ignore
-        assert sorted(a.kind for a in drawn) == sorted(EFFECTS)
+        assert sorted(a.kind for a in drawn) == sorted(DRAWN)
         again = [make_rig(f"surprise@{first + i}", MAZE).surprise for i in range(7)]  # pyright: ignore
         assert drawn == again
 
@@ -45,6 +45,14 @@ def test_all_else_is_as_on_the_toy():
     assert with_seed("surprise", 4) == "surprise@4"
     assert with_seed("surprise@3", 4) == "surprise@3"
     assert with_seed("toy", 4) == "toy"
+
+
+def test_a_kind_is_asked_for_by_name():
+    rig = make_rig("surprise@gain", MAZE)
+    assert rig.surprise.kind == "gain"  # pyright: ignore[reportAttributeAccessIssue]
+    assert rig_label("surprise@gain") == "surprise@gain"
+    with pytest.raises(SettingsError, match=r"surprise: got 'nonsense', expected 'drawn', 'table'"):
+        make_rig("surprise@nonsense", MAZE)
 
 
 def test_a_rig_without_a_surprise_takes_no_seed():

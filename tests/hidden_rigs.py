@@ -1,0 +1,69 @@
+"""Rigs with surprises, and balls that are thrown in them, for tests of what a rig may have."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.settings import SimulatedSettings
+from mazeplan.rigs.simulated import SimulatedRig
+
+MAZE = load_map("cme")
+R, BALL = MAZE.track_radius(1), MAZE.ball.radius
+OUTER = MAZE.ring(1).outer_radius - BALL  # where the ball touches the wall
+BARE = {"rolling_friction_m": 0.0, "wall_grip": 0.0}
+
+
+def asked(kind, seed=0, **settings):
+    """A rig with a surprise, and its true parameters in ring 1 or where it has its place."""
+    rig = SimulatedRig(MAZE, {"surprise": kind, "surprise_seed": seed, **settings})
+    return rig, rig.surprise.parameters  # pyright: ignore[reportOptionalMemberAccess]
+
+
+def plain(rig):
+    """The same rig without what its surprise changed."""
+    before = {name: SimulatedSettings.model_fields[name].default for name in rig.surprise.changes}
+    return SimulatedRig(MAZE, rig.settings.model_copy(update=before))
+
+
+def started(rig, theta=0.1, ring=1):
+    rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(0))
+    rig.observe()
+    return rig
+
+
+def thrown(rig, speed, theta=0.1, at=OUTER, upright=0.0):
+    """Put the ball there, rolling along the ring; upright: share of the spin of one that rolls along the wall."""
+    c, s = math.cos(theta), math.sin(theta)
+    rig.set_ball(
+        np.array([at * c, at * s, BALL]), speed * np.array([-s, c, 0.0]), speed / BALL * np.array([-c, -s, -upright])
+    )
+
+
+def rolled(rig, samples, u=(0.0, 0.0)):
+    """Angle (unwrapped, rad) and speed along the ring (m/s) at the samples."""
+    angle, speed = [], []
+    for _ in range(samples + 1):
+        x, y, _, vx, vy = rig.truth()[:5]
+        r = math.hypot(x, y)
+        angle.append(math.atan2(y, x))
+        speed.append((x * vy - y * vx) / r)
+        rig.command(*u)
+        rig.observe()
+    return np.unwrap(angle), np.array(speed)
+
+
+def gained(rig, speed=0.1, samples=6, theta=0.1, u=(0.0, 0.0)):
+    """Mean acceleration along ring 1 of a ball that was thrown along it, m/s^2, and its mean speed."""
+    thrown(started(rig, theta), speed, theta)
+    _, v = rolled(rig, samples, u)
+    return (v[-1] - v[0]) * 30.0 / samples, float(np.mean(v))
+
+
+def gained_by(kind, speed=0.1, seed=0, **where):
+    """Acceleration that a surprise makes, m/s^2, its mean speed, and its truth."""
+    rig, truth = asked(kind, seed, **BARE)
+    with_it, at = gained(rig, speed, **where)
+    return with_it - gained(plain(rig), speed, **where)[0], at, truth
