@@ -3,28 +3,31 @@
     angle_dd = wn^2 (gain u(t - dead_time) + offset - angle) - 2 zeta wn angle_d
 
 The fit simulates the axis with the commands that were given (exactly, zero-order hold) and compares angles, so that
-noise of the tilt sensor does not bias it; zeta may exceed 1. It starts where a difference equation of order two says
-(`arx`), or from textbook values where those simulate better.
+noise of the tilt sensor does not bias it; zeta may exceed 1. It starts from the best axis of a coarse grid, gain and
+offset of each by least squares.
 """
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from mazeplan.maths.fingerprint import LATER
-from mazeplan.models.arx import AxisArx, fit_arx_alone
-from mazeplan.models.output_error import SETTLE_S, SETTLE_TIMES
 from mazeplan.records import Array
 
-TEXTBOOK = (1.0, 20.0, 0.9)  # gain, natural frequency in rad/s, damping: where the search starts ...
-DEAD_TIMES = (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1)  # s: ... with each of these, when the record is too short for ARX
+GRID = (  # where the search may start: natural frequencies in rad/s, dampings, dead times in s
+    (2.0, 4.0, 8.0, 16.0, 32.0, 64.0), (0.2, 0.5, 1.0, 2.0), (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1, 0.15, 0.2, 0.3),
+)  # fmt: skip
+LOOKED_AT = 3000  # samples of the commands that choose among them
+STARTS = 3  # of them that are fitted: a fast axis with a dead time is much like a slow one without
 LOW = (0.1, 0.5, 0.05, 0.0, -0.3)  # bounds of the fit: gain, natural frequency, damping, dead time, offset
 HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
+SETTLE_S = 0.5  # s at the beginning of a stretch that are left out: how it moved before is not known ...
+SETTLE_TIMES = 3.5  # ... and as many time constants of the slowest pole (3 % left), up to a third of the stretch
 
 
 @dataclass(frozen=True)
@@ -150,15 +153,6 @@ def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
     return axis.offset + axis.gain * (start + np.asarray(lfilter(impulse, [1.0], u - start)))
 
 
-def axis_from_arx(arx: AxisArx) -> StageAxis:
-    """The continuous axis with the two slowest poles, the gain and the mean lag of a difference equation.
-
-    Values beyond what a `StageAxis` may have, a dead time of less than nothing say, become the nearest that it may."""
-    found = (arx.gain[0], arx.natural_frequency[0], arx.damping[0], arx.dead_time[0], arx.level)
-    gain, frequency, damping, dead_time, offset = (float(value) for value in np.clip(found, LOW, HIGH))
-    return StageAxis(gain, frequency, damping, dead_time, offset)
-
-
 def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, near: StageAxis | None = None) -> StageFit:
     """Fit one axis to commands u (N,) and measured angle (N,), sampled every dt s. breaks: True where a new record
     begins; near: an axis that is like it, so that none has to be looked for, which is most of the time.
@@ -178,13 +172,11 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, nea
         simulated = ((simulate_axis(axis, u[a:b], dt) - angle[a:b])[n:] for (a, b), n in zip(pieces, late, strict=True))
         return np.concatenate(list(simulated))
 
-    guesses = _guesses(u, angle, dt, number) if near is None else [near]
-    start = min([*_textbook(), *guesses], key=lambda axis: float(np.sum(error(_point(axis), SETTLE_S) ** 2)))
-    settled = max(SETTLE_S, -SETTLE_TIMES / max(pole.real for pole in start.poles()))
+    starts = _on_grid(u, angle, dt, pieces) if near is None else [near]
+    settled = max(SETTLE_S, -SETTLE_TIMES / max(pole.real for pole in starts[0].poles()))
     bounds = (_point(StageAxis(*LOW)), _point(StageAxis(*HIGH)))
-    best = least_squares(
-        error, _point(start), bounds=bounds, x_scale=[0.1, 0.1, 0.1, 0.01, 0.01], method="trf", args=(settled,)
-    )
+    how: dict[str, Any] = {"bounds": bounds, "x_scale": [0.1, 0.1, 0.1, 0.01, 0.01], "args": (settled,)}
+    best = min((least_squares(error, _point(start), **how) for start in starts), key=lambda found: found.cost)
     n = len(best.fun)
     variance = 2.0 * best.cost / max(n - 5, 1)
     # not by pinv, which drops what the record says nothing about and so calls it certain
@@ -198,15 +190,27 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, nea
     return StageFit(axis, float(np.sqrt(variance)), n)
 
 
-def _textbook() -> list[StageAxis]:
-    return [StageAxis(*TEXTBOOK, dead) for dead in DEAD_TIMES]
-
-
-def _guesses(u: Array, angle: Array, dt: float, number: Array) -> list[StageAxis]:
-    """Where the fit may start from besides: the axis of a difference equation, if the record is long enough."""
-    with contextlib.suppress(ValueError):
-        return [axis_from_arx(fit_arx_alone(u, angle, dt, number, orders=(2,)))]
-    return []
+def _on_grid(u: Array, angle: Array, dt: float, pieces: list[tuple[int, int]]) -> list[StageAxis]:
+    """The axes of GRID that leave least of the angles, STARTS of them with different frequencies, the best first; gain
+    and offset by least squares."""
+    skip, left = round(SETTLE_S / dt), LOOKED_AT
+    best: dict[float, tuple[float, StageAxis]] = {}
+    chosen: list[tuple[int, int]] = []
+    for a, b in pieces:
+        if left > 0:
+            chosen.append((a, min(b, a + left)))
+            left -= b - a
+    target = np.concatenate([angle[a:b][skip:] for a, b in chosen])
+    for frequency, damping, dead in itertools.product(*GRID):
+        axis = StageAxis(1.0, frequency, damping, dead)
+        moved = np.concatenate([simulate_axis(axis, u[a:b], dt)[skip:] for a, b in chosen])
+        basis = np.column_stack([moved, np.ones(len(moved))])
+        (gain, offset), *_ = np.linalg.lstsq(basis, target, rcond=None)
+        gain, offset = float(np.clip(gain, LOW[0], HIGH[0])), float(np.clip(offset, LOW[4], HIGH[4]))
+        rest = float(np.sum((basis @ [gain, offset] - target) ** 2))
+        if frequency not in best or rest < best[frequency][0]:
+            best[frequency] = rest, StageAxis(gain, frequency, damping, dead, offset)
+    return [axis for _, axis in sorted(best.values(), key=lambda found: found[0])[:STARTS]]
 
 
 def _point(axis: StageAxis) -> Array:
