@@ -20,13 +20,14 @@ import numpy as np
 from mazeplan.choices import resolve_model
 from mazeplan.collect import Collection, run_collection
 from mazeplan.data.table import Table, read_table
+from mazeplan.diagnosis.candidates import ring_library
 from mazeplan.diagnosis.diagnose import SEEN, Diagnosis, diagnose, model_error, model_motion
 from mazeplan.diagnosis.merge import Evidence, Merged, evidence, merge
 from mazeplan.diagnosis.parts import Known
 from mazeplan.diagnosis.picture import camera_effects
 from mazeplan.diagnosis.record import Record, centred, record_of
 from mazeplan.diagnosis.scores import Score
-from mazeplan.diagnosis.update import Parameters, merged, updated
+from mazeplan.diagnosis.update import Parameters, merged, not_planned, updated
 from mazeplan.diagnosis.wording import why_not
 from mazeplan.errors import ModelError, TableError
 from mazeplan.evaluate import Campaign, evaluate, summary
@@ -165,14 +166,16 @@ def diagnose_rings(
     records: Mapping[int, Record], maze: Maze, model: RigModel, tell: Words, working: Words = no_words,
     camera: Sequence[dict[str, Any]] | None = None, own: Sequence[Effect] = (),
 ) -> dict[int, Diagnosis]:  # fmt: skip
-    """The diagnosis of each ring with what the model says of it. camera: what was found of it in all rings together;
-    own: effects beside the packaged ones."""
-    out = {}
+    """The diagnosis of each ring with what the model says of it, by effects that a plan can use: of others, however
+    true, navigation would not become better. camera: what was found of it in all rings together; own: effects beside
+    the packaged ones."""
+    out, without = {}, not_planned(c.name for c in ring_library())
+    more = [effect for effect in own if effect.planned]
     for ring, record in records.items():
         words = led_by(f"ring {ring}: ", working)
         done = diagnose(
-            record, maze.track_radius(ring), model.declared(ring), more=own, progress=words,
-            known=Known.of_model(model), camera=camera,
+            record, maze.track_radius(ring), model.declared(ring), without=without, progress=words,
+            known=Known.of_model(model), camera=camera, more=more,
         )  # fmt: skip
         tell(f"ring {ring}: {done.sentence()}")
         out[ring] = done
