@@ -9,13 +9,6 @@ from typing import Any
 from mazeplan.cli.arguments import logged_map
 from mazeplan.cli.output import print_json
 
-WORDS = {
-    "rolling": "rolling friction", "spin": "friction against spinning", "wall": "friction at walls",
-    "restitution": "speed kept by a slow impact", "hold": "grip of the floor in an impact",
-    "tilt_beta": "table down at +x", "tilt_gamma": "table up at +y", "offset_x": "camera's middle, x",
-    "offset_y": "camera's middle, y", "delay": "camera behind the tilt sensor", "noise": "camera noise",
-    "plane": "unexplained, rolling", "strike": "unexplained, at impacts",
-}  # fmt: skip
 SHOWN = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
@@ -39,4 +32,13 @@ def diagnose_body(path: Path, model: str | None, map_: str | None, as_json: bool
     for name, number in document["parameters"].items():
         factor, unit = SHOWN.get(number["unit"], (1.0, number["unit"]))
         value, error = factor * number["value"], factor * number["stderr"]
-        print(f"  {WORDS.get(name, name):30s} {value:10.4g} +- {error:.2g} {unit}".rstrip())
+        line = f"  {number['words'] or name:30s} {value:10.4g} +- {error:.2g} {unit}".rstrip()
+        print(f"{line}{_beside(number['model'], factor)}")
+
+
+def _beside(said: list[float] | None, factor: float) -> str:
+    """What the model says of the same."""
+    if said is None:
+        return ""
+    low, high = (f"{factor * end:.4g}" for end in said)
+    return f" (model: {low})" if low == high else f" (model: {low} to {high})"

@@ -23,7 +23,9 @@ import numpy as np
 from numba import njit
 
 from mazeplan.maths.compiled import pointer_to
-from mazeplan.physics.body import STATE, Ball, Effects, advance, body_core, no_effects, step
+from mazeplan.physics.body import STATE, Ball, advance, body_core, step
+from mazeplan.physics.bodyeffects import effects_of
+from mazeplan.physics.effect import Term
 from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.walls import Walls
 from mazeplan.records import Array
@@ -73,12 +75,13 @@ class Pictures:
 
 
 class BodyModel(NamedTuple):
-    """Everything that the filter goes by."""
+    """Everything that the filter goes by. terms: effects that act on the ball besides (`physics.bodyeffects`)."""
 
     ball: Ball = Ball()
     tilting: Tilting = Tilting()
     view: View = View()
     wander: Wander = Wander()
+    terms: tuple[Term, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -254,12 +257,8 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
 class BodyFilter:
     """Pictures, the plate's motion and walls, ready to be filtered under any `BodyModel`."""
 
-    def __init__(
-        self, pictures: Pictures, plate: PlateMotion, walls: Walls, effects: Effects | None = None,
-        substeps: int = SUBSTEPS,
-    ) -> None:  # fmt: skip
+    def __init__(self, pictures: Pictures, plate: PlateMotion, walls: Walls, substeps: int = SUBSTEPS) -> None:
         self.pictures, self.plate, self.walls, self.substeps = pictures, plate, walls, substeps
-        self.effects = effects or no_effects()
         n = len(pictures)
         self._rows, self._key = np.empty((n * substeps, ROW)), None
         self._y, self._first = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.first)
@@ -275,7 +274,7 @@ class BodyFilter:
         return self._rows
 
     def run(self, model: BodyModel) -> Filtered:
-        """Filter all pictures."""
+        """Filter all pictures. Raises ValueError for a term that cannot act on a body."""
         n, view = len(self.pictures), model.view
         nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
         lens = _Lens(
@@ -286,8 +285,8 @@ class BodyFilter:
         late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures from before their stretch began
         numbers = Ball(*map(float, model.ball))
         found = _run(
-            numbers, self.walls, self.effects, lens, self._y, self._first, rows, self.pictures.dt, self.substeps, late,
-            nu, S, state, cov,
+            numbers, self.walls, effects_of(model.terms), lens, self._y, self._first, rows, self.pictures.dt,
+            self.substeps, late, nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 
@@ -295,11 +294,11 @@ class BodyFilter:
         """Where the camera would see the ball, (W, steps + 1, 2) in m: from the states (N, 5) of some pictures
         `starts` (W,) on, by the model alone, along the plate's motion."""
         rows, per, view = self.rows(model.tilting, model.view.delay), self.substeps, model.view
-        ball, out = Ball(*map(float, model.ball)), np.empty((steps * per, STATE))
+        ball, effects, out = Ball(*map(float, model.ball)), effects_of(model.terms), np.empty((steps * per, STATE))
         places = np.empty((len(starts), steps + 1, 2))
         for places_, start in zip(places, starts, strict=True):
             part = rows[start * per : (start + steps) * per]
-            advance(ball, self.walls, self.effects, part, self.pictures.dt / per, states[start], out)
+            advance(ball, self.walls, effects, part, self.pictures.dt / per, states[start], out)
             places_[0], places_[1:] = states[start, :2], out[per - 1 :: per, :2]
         turn = np.array([[math.cos(view.angle), -math.sin(view.angle)], [math.sin(view.angle), math.cos(view.angle)]])
         return view.scale * places @ turn.T + np.array([view.offset_x, view.offset_y])

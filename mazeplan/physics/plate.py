@@ -20,7 +20,8 @@ from numba import njit
 from mazeplan.constants import GRAVITY
 from mazeplan.records import Array
 
-RADIUS_AT, TIME_AT, FELT_AT, ROW = 6, 7, 8, 17  # where in a row the numbers are; its length
+# where in a row the numbers are, and its length: first what formulas ask of the plate, in their order (`symbols.PLATE`)
+RADIUS_AT, BALL_AT, FELT_AT, TIME_AT, ROW = 6, 7, 8, 17, 18
 
 
 class PlateMotion(NamedTuple):
@@ -72,7 +73,7 @@ def plate_rows(plate, tilting, times, h, per, out):
             for c in range(3):
                 row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
                 row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
-            row[RADIUS_AT], row[TIME_AT] = 0.0, t
+            row[RADIUS_AT], row[BALL_AT], row[TIME_AT] = 0.0, 0.0, t
             _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
 
 
