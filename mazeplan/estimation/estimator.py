@@ -209,8 +209,7 @@ class Estimator:
         z, options = self._z, self._options
         innovation = position - z[:2]
         self.innovation = float(np.hypot(*innovation))
-        variance = self._covariance[0, 0] + options.camera_sigma**2
-        if self.innovation > options.outlier_sigmas * math.sqrt(variance):
+        if self.innovation > options.outlier_sigmas * math.sqrt(self._variance()):
             self.doubts.add("ball")
             self._outliers.append(position)
             recent = self._outliers[-options.outliers_to_restart :]
@@ -221,7 +220,16 @@ class Estimator:
             return
         self._outliers.clear()
         self._last_seen = t
-        gain = self._covariance[:, 0] / variance
+        self._correct(innovation)
+
+    def _variance(self) -> float:
+        """Of an innovation, m^2, along either axis."""
+        return float(self._covariance[0, 0]) + self._options.camera_sigma**2
+
+    def _correct(self, innovation: Array) -> None:
+        """Take in a sample that is believed."""
+        assert self._z is not None
+        z, gain = self._z, self._covariance[:, 0] / self._variance()
         z[:2] += gain[0] * innovation
         z[2:4] += gain[1] * innovation
         self._covariance = self._covariance - np.outer(gain, self._covariance[0])
