@@ -6,23 +6,33 @@ import math
 from pathlib import Path
 from typing import Any
 
-from mazeplan.cli.arguments import logged_map
-from mazeplan.cli.output import print_json
+from mazeplan.cli.arguments import check_folder, logged_map
+from mazeplan.cli.output import print_json, say
+from mazeplan.errors import InputError
 
 SHOWN = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def diagnose_body(path: Path, model: str | None, map_: str | None, as_json: bool) -> None:
-    """Fit the body, print what was found. Raises TableError, InputError."""
+def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path | None, as_json: bool) -> None:
+    """Fit the body, print what was found, write the model with it. Raises TableError, InputError."""
     from mazeplan.cli.progress import Working
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.bodyrecord import body_seen
-    from mazeplan.models.modelfile import load_model
+    from mazeplan.estimation.bodynumbers import with_body
+    from mazeplan.models.modelfile import load_model, save_model
 
+    if output is not None:
+        if model is None:
+            raise InputError("-o with --body: expected --model, the model that the body is written into")
+        check_folder("-o", output)
     maze, known = logged_map(map_, path)[0], None if model is None else load_model(model)
     with Working("fitting the ball's body"):
         seen = body_seen(read_table(path), maze, known)
     document: dict[str, Any] = seen.document()
+    if output is not None and known is not None:
+        learned = with_body(known, seen.fit.model, seen.fit.stderr)
+        document["model"] = str(save_model(learned, output / "model").parent)
+        say(f"the model with this body, for --model: {document['model']}")
     if as_json:
         print_json(document)
         return

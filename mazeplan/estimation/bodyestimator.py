@@ -24,6 +24,7 @@ from mazeplan.physics.walls import pack_walls
 from mazeplan.records import Array, Observation
 
 SUBSTEP = 1.0 / 150.0  # s, at most
+UNSURE = 3e-4  # m^2/s^3; of white acceleration, for what is not known of the tilt in a run: sensor and commands alone
 LONGEST = 0.5  # s that the ball is followed without a picture; beyond, it stays where it was
 
 
@@ -52,10 +53,14 @@ class BodyEstimator(Estimator):
         super().__init__(maze, replace(model, camera_delay=body.view.delay), options, rate_hz)
         self._body, self._walls = body, pack_walls(maze)
         self._ball, self._effects = Ball(*map(float, body.ball)), effects_of(body.terms)
-        self._lens = lens_of(View(noise=body.view.noise), body.wander)
+        wander = body.wander._replace(plane=max(body.wander.plane, UNSURE))
+        self._lens = lens_of(View(noise=body.view.noise), wander)
         self._mean, self._P = np.zeros(STATE), np.zeros((STATE, STATE))
         self._room, self._gain = np.zeros((3 * STATE, STATE)), np.empty((STATE, 2))
         self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) then
+
+    def _twin(self) -> Estimator:
+        return BodyEstimator(self._maze, self._model, self._body, self._options, 1.0 / self._dt)
 
     def _filter_plate(self, observation: Observation) -> None:
         super()._filter_plate(observation)

@@ -97,12 +97,16 @@ class Estimator:
 
     def warm_up(self) -> None:
         """Compile everything before the rig moves."""
-        twin = Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
+        twin = self._twin()
         radius = max(self._maze.track_radius(1), 1e-3)
         for k in range(3):
             twin.update(Observation(k * self._dt, radius, 0.0, 0.0, 0.0))
             twin.sent(LEVEL, k * self._dt)
         twin.ahead(self._dt)  # the only use of `predict` where commands act at once
+
+    def _twin(self) -> Estimator:
+        """Another one that has seen nothing."""
+        return Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
 
     def sent(self, command: Command, t: float) -> None:
         """Note a command given to the rig at time t."""
