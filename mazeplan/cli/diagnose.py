@@ -72,7 +72,7 @@ def diagnose(
     if body:
         from mazeplan.cli.diagnose_body import diagnose_body
 
-        diagnose_body(log, model, map_, as_json)
+        diagnose_body(log, model, map_, output, as_json)
         return
     if system == "emps" or ":" in system:
         from mazeplan.cli.diagnose_mechanism import diagnose_system

@@ -6,30 +6,33 @@ import math
 from pathlib import Path
 from typing import Any
 
-from mazeplan.cli.arguments import logged_map
-from mazeplan.cli.output import print_json
+from mazeplan.cli.arguments import check_folder, logged_map
+from mazeplan.cli.output import print_json, say
+from mazeplan.errors import InputError
 
-WORDS = {
-    "rolling": "rolling friction", "spin": "friction against spinning", "wall": "friction at walls",
-    "restitution": "speed kept by a slow impact", "hold": "grip of the floor in an impact",
-    "tilt_beta": "table down at +x", "tilt_gamma": "table up at +y", "offset_x": "camera's middle, x",
-    "offset_y": "camera's middle, y", "delay": "camera behind the tilt sensor", "noise": "camera noise",
-    "plane": "unexplained, rolling", "strike": "unexplained, at impacts",
-}  # fmt: skip
 SHOWN = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def diagnose_body(path: Path, model: str | None, map_: str | None, as_json: bool) -> None:
-    """Fit the body, print what was found. Raises TableError, InputError."""
+def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path | None, as_json: bool) -> None:
+    """Fit the body, print what was found, write the model with it. Raises TableError, InputError."""
     from mazeplan.cli.progress import Working
     from mazeplan.data.table import read_table
     from mazeplan.diagnosis.bodyrecord import body_seen
-    from mazeplan.models.modelfile import load_model
+    from mazeplan.estimation.bodynumbers import with_body
+    from mazeplan.models.modelfile import load_model, save_model
 
+    if output is not None:
+        if model is None:
+            raise InputError("-o with --body: expected --model, the model that the body is written into")
+        check_folder("-o", output)
     maze, known = logged_map(map_, path)[0], None if model is None else load_model(model)
     with Working("fitting the ball's body"):
         seen = body_seen(read_table(path), maze, known)
     document: dict[str, Any] = seen.document()
+    if output is not None and known is not None:
+        learned = with_body(known, seen.fit.model, seen.fit.stderr)
+        document["model"] = str(save_model(learned, output / "model").parent)
+        say(f"the model with this body, for --model: {document['model']}")
     if as_json:
         print_json(document)
         return
@@ -39,4 +42,13 @@ def diagnose_body(path: Path, model: str | None, map_: str | None, as_json: bool
     for name, number in document["parameters"].items():
         factor, unit = SHOWN.get(number["unit"], (1.0, number["unit"]))
         value, error = factor * number["value"], factor * number["stderr"]
-        print(f"  {WORDS.get(name, name):30s} {value:10.4g} +- {error:.2g} {unit}".rstrip())
+        line = f"  {number['words'] or name:30s} {value:10.4g} +- {error:.2g} {unit}".rstrip()
+        print(f"{line}{_beside(number['model'], factor)}")
+
+
+def _beside(said: list[float] | None, factor: float) -> str:
+    """What the model says of the same."""
+    if said is None:
+        return ""
+    low, high = (f"{factor * end:.4g}" for end in said)
+    return f" (model: {low})" if low == high else f" (model: {low} to {high})"

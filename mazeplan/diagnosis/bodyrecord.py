@@ -19,15 +19,19 @@ from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
 from mazeplan.diagnosis.record import record_of
 from mazeplan.errors import TableError
 from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Pictures
-from mazeplan.estimation.bodyfit import ORDINARY, PARAMETERS, BodyFit, autocorrelation, fit_body, with_values
+from mazeplan.estimation.bodyfit import ORDINARY, BodyFit, autocorrelation, fit_body
+from mazeplan.estimation.bodynumbers import number_of, said_by, with_values
 from mazeplan.estimation.platestart import with_true_starts
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
-from mazeplan.physics.body import Effects
+from mazeplan.physics.effect import Term
 from mazeplan.physics.plate import PlateMotion
 from mazeplan.physics.walls import pack_walls
 
 FEWEST = 900  # pictures
+GUESSED = (  # what a bead's model says rightly; its inertia and its other friction stand in for walls, too
+    "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "delay", "gain_beta", "gain_gamma",
+)  # fmt: skip
 WHITE = 0.06  # autocorrelation of innovations up to which nothing is left in them
 
 
@@ -35,13 +39,15 @@ WHITE = 0.06  # autocorrelation of innovations up to which nothing is left in th
 class BodySeen:
     """What a record tells of the ball's body. fit: parameters with standard errors; body: the filter; stage: as it was
     fitted, None without commands; memory (3,): autocorrelations of whitened innovations at lags 1 to 3; pictures: that
-    count."""
+    count; known: model of beads with which it began."""
 
     fit: BodyFit
     body: BodyFilter
     stage: Stage | None
     memory: np.ndarray
     pictures: int
+    maze: Maze
+    known: RigModel | None = None
 
     @property
     def white(self) -> bool:
@@ -50,21 +56,26 @@ class BodySeen:
 
     def document(self) -> dict[str, Any]:
         """As `diagnose --body --json`."""
-        parameters = {
-            name: {"value": self.fit.value(name), "stderr": self.fit.stderr[name], "unit": PARAMETERS[name].unit}
-            for name in self.fit.free
-        }
         return {
             "pictures": self.pictures, "white": self.white,
             "autocorrelation": [round(float(a), 4) for a in self.memory],
             "minus2_log_likelihood": round(self.fit.minus2, 2), "left_out": self.fit.filtered.left_out,
-            "starts": self.fit.filtered.starts, "parameters": parameters,
+            "starts": self.fit.filtered.starts, "parameters": {name: self._told(name) for name in self.fit.free},
+        }  # fmt: skip
+
+    def _told(self, name: str) -> dict[str, Any]:
+        """A number, and what the model of beads says of it: the least and the most over the rings."""
+        number = number_of(self.fit.model, name)
+        said = () if self.known is None or number.part == "terms" else said_by(self.known, self.maze, name)
+        return {
+            "value": self.fit.value(name), "stderr": self.fit.stderr[name], "unit": number.unit,
+            "words": number.words, "effect": number.effect or None,
+            "model": [min(said), max(said)] if said else None,
         }  # fmt: skip
 
 
-def body_filter(table: Table, maze: Maze, effects: Effects | None = None) -> tuple[BodyFilter, Stage | None]:
-    """The filter for a record with x and y, and the stage as fitted to it. effects: that act on the ball besides.
-    Raises TableError."""
+def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
+    """The filter for a record with x and y, and the stage as fitted to it. Raises TableError."""
     if "x" not in table or "y" not in table:
         raise TableError("got a table without x and y, expected where the camera saw the ball", file=_file(table))
     record = record_of(table, np.ones(len(table), dtype=bool))
@@ -79,37 +90,30 @@ def body_filter(table: Table, maze: Maze, effects: Effects | None = None) -> tup
         tilts = np.column_stack([record.beta, record.gamma])
         plate = with_true_starts(plate, tilts, record.first, record.dt, stage.axes)
     pictures = Pictures(record.t, record.dt, y, record.first)
-    return BodyFilter(pictures, plate, pack_walls(maze), effects), stage
+    return BodyFilter(pictures, plate, pack_walls(maze)), stage
 
 
 def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
     """The body that a model of beads stands for; of a usual ball without one."""
     if model is None:
         return BodyModel()
-    ball = model.ball(1)
-    factor = ball.parameter("rolling_inertia", "factor", 1.0)
-    rolling = ball.parameter("dry_friction", "coefficient", 0.0) * maze.track_radius(1) / factor
-    camera = model.camera
-    return with_values(BodyModel(), {
-        "rolling": min(max(rolling, 0.01), 1.0),
-        "tilt_beta": ball.parameter("tilt_offset", "beta", 0.0),
-        "tilt_gamma": ball.parameter("tilt_offset", "gamma", 0.0),
-        "offset_x": camera.offset_x, "offset_y": camera.offset_y, "angle": camera.angle, "scale": camera.scale,
-        "delay": max(model.camera_delay, 0.0) or BodyModel().view.delay,
-        "gain_beta": 1.0 / model.tilt_sensor.gain_beta, "gain_gamma": 1.0 / model.tilt_sensor.gain_gamma,
-    })  # fmt: skip
+    said = {name: values[0] for name in GUESSED if (values := said_by(model, maze, name))}
+    said["rolling"] = min(max(said.get("rolling", 0.0), 0.01), 1.0)
+    said["delay"] = max(said["delay"], 0.0) or BodyModel().view.delay
+    return with_values(BodyModel(), said)
 
 
 def body_seen(
     table: Table, maze: Maze, model: RigModel | None = None, *,
-    free: Sequence[str] = ORDINARY, effects: Effects | None = None,
+    free: Sequence[str] = ORDINARY, terms: Sequence[Term] = (),
 ) -> BodySeen:  # fmt: skip
-    """The ball's body by a record. model: what is known already, to begin with; free: names of `bodyfit.PARAMETERS`
-    that are fitted. Raises TableError for a record that is too short, or without positions."""
-    body, stage = body_filter(table, maze, effects)
-    fit = fit_body(body, first_guess(model, maze), free)
+    """The ball's body by a record. model: what is known already, to begin with; free: names of `bodynumbers.PARAMETERS`
+    that are fitted, and EFFECT.PARAMETER of terms; terms: effects that act on the ball besides. Raises TableError for a
+    record that is too short, or without positions."""
+    body, stage = body_filter(table, maze)
+    fit = fit_body(body, first_guess(model, maze)._replace(terms=tuple(terms)), free)
     count = int(np.isfinite(fit.filtered.nu[:, 0]).sum())
-    return BodySeen(fit, body, stage, autocorrelation(fit.filtered), count)
+    return BodySeen(fit, body, stage, autocorrelation(fit.filtered), count, maze, model)
 
 
 def _file(table: Table) -> str | None:

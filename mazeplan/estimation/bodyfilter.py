@@ -23,7 +23,9 @@ import numpy as np
 from numba import njit
 
 from mazeplan.maths.compiled import pointer_to
-from mazeplan.physics.body import STATE, Ball, Effects, advance, body_core, no_effects, step
+from mazeplan.physics.body import STATE, Ball, advance, body_core, step
+from mazeplan.physics.bodyeffects import effects_of
+from mazeplan.physics.effect import Term
 from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.walls import Walls
 from mazeplan.records import Array
@@ -73,12 +75,13 @@ class Pictures:
 
 
 class BodyModel(NamedTuple):
-    """Everything that the filter goes by."""
+    """Everything that the filter goes by. terms: effects that act on the ball besides (`physics.bodyeffects`)."""
 
     ball: Ball = Ball()
     tilting: Tilting = Tilting()
     view: View = View()
     wander: Wander = Wander()
+    terms: tuple[Term, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ class Filtered:
         return np.column_stack([first, (b - xy / xx * a) / np.sqrt(yy - xy * xy / xx)])
 
 
-class _Lens(NamedTuple):
+class Lens(NamedTuple):
     """`View` and `Wander` for compiled code."""
 
     offset_x: float
@@ -115,6 +118,12 @@ class _Lens(NamedTuple):
     plane: float
     spin: float
     strike: float
+
+
+def lens_of(view: View, wander: Wander) -> Lens:
+    """The numbers that compiled code needs of them."""
+    cos, sin = math.cos(view.angle), math.sin(view.angle)
+    return Lens(view.offset_x, view.offset_y, cos, sin, view.scale, view.noise**2, *map(float, wander))
 
 
 @njit(cache=True, error_model="numpy")
@@ -129,7 +138,7 @@ def _cholesky(P, L):
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(core, rows, first, count, h, mean, P, L, points):
+def predict_body(core, rows, first, count, h, mean, P, L, points):
     """Carry mean (5,) and P (5, 5) through `count` sub-steps whose rows begin at row `first`; points (10, 5), L: room
     to work in. How much walls changed the speed, m/s, on average over the points."""
     _cholesky(P, L)
@@ -158,7 +167,7 @@ def _predict(core, rows, first, count, h, mean, P, L, points):
 
 
 @njit(cache=True, error_model="numpy")
-def _wander(P, lens, dt, hit):
+def wandered(P, lens, dt, hit):
     """White accelerations over dt s, and the noise of contacts that took `hit` m/s away, added to P (5, 5)."""
     for i in range(2):
         P[i, i] += lens.plane * dt * dt * dt / 3.0
@@ -173,7 +182,7 @@ def _wander(P, lens, dt, hit):
 
 
 @njit(cache=True, error_model="numpy")
-def _correct(mean, P, gain, scale, a, b, xx, yy, xy):
+def correct(mean, P, gain, scale, a, b, xx, yy, xy):
     """Update mean (5,) and P (5, 5) by innovations (a, b) with variances (xx, yy) and covariance xy; gain (5, 2): room
     to work in."""
     det = xx * yy - xy * xy
@@ -193,7 +202,7 @@ def _correct(mean, P, gain, scale, a, b, xx, yy, xy):
 
 
 @njit(cache=True, error_model="numpy")
-def _begin(mean, P, lens, a, b):
+def begin(mean, P, lens, a, b):
     """Start at the place (a, b), in the plate's axes times the scale."""
     mean[:], P[:] = 0.0, 0.0
     mean[0], mean[1] = a / lens.scale, b / lens.scale
@@ -219,14 +228,14 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
         running = running and not first[k]
         since = 0 if first[k] else since + 1
         if running:
-            hit = _predict(core, rows, (k - 1) * per, per, h, mean, P, L, points)
-            _wander(P, lens, dt, hit)
+            hit = predict_body(core, rows, (k - 1) * per, per, h, mean, P, L, points)
+            wandered(P, lens, dt, hit)
         unseen += 1
         if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
             u, v = y[k, 0] - lens.offset_x, y[k, 1] - lens.offset_y
             a, b = lens.cos * u + lens.sin * v, lens.cos * v - lens.sin * u
             if not running or unseen > gap or doubted >= TWICE:
-                _begin(mean, P, lens, a, b)
+                begin(mean, P, lens, a, b)
                 starts += 1
                 unseen, age, doubted, running = 0, 0, 0, True
             else:
@@ -244,7 +253,7 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
                     left_out += 1
                 else:
                     unseen, doubted = 0, 0
-                    _correct(mean, P, gain, lens.scale, a, b, xx, yy, xy)
+                    correct(mean, P, gain, lens.scale, a, b, xx, yy, xy)
                     if counts:
                         nu[k, 0], nu[k, 1], S[k, 0], S[k, 1], S[k, 2] = a, b, xx, yy, xy
         state[k], cov[k] = mean, P
@@ -254,12 +263,8 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
 class BodyFilter:
     """Pictures, the plate's motion and walls, ready to be filtered under any `BodyModel`."""
 
-    def __init__(
-        self, pictures: Pictures, plate: PlateMotion, walls: Walls, effects: Effects | None = None,
-        substeps: int = SUBSTEPS,
-    ) -> None:  # fmt: skip
+    def __init__(self, pictures: Pictures, plate: PlateMotion, walls: Walls, substeps: int = SUBSTEPS) -> None:
         self.pictures, self.plate, self.walls, self.substeps = pictures, plate, walls, substeps
-        self.effects = effects or no_effects()
         n = len(pictures)
         self._rows, self._key = np.empty((n * substeps, ROW)), None
         self._y, self._first = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.first)
@@ -275,19 +280,16 @@ class BodyFilter:
         return self._rows
 
     def run(self, model: BodyModel) -> Filtered:
-        """Filter all pictures."""
+        """Filter all pictures. Raises ValueError for a term that cannot act on a body."""
         n, view = len(self.pictures), model.view
         nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
-        lens = _Lens(
-            view.offset_x, view.offset_y, math.cos(view.angle), math.sin(view.angle), view.scale,
-            view.noise**2, model.wander.plane, model.wander.spin, model.wander.strike,
-        )  # fmt: skip
+        lens = lens_of(view, model.wander)
         rows = self.rows(model.tilting, view.delay)
         late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures from before their stretch began
         numbers = Ball(*map(float, model.ball))
         found = _run(
-            numbers, self.walls, self.effects, lens, self._y, self._first, rows, self.pictures.dt, self.substeps, late,
-            nu, S, state, cov,
+            numbers, self.walls, effects_of(model.terms), lens, self._y, self._first, rows, self.pictures.dt,
+            self.substeps, late, nu, S, state, cov,
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 
@@ -295,11 +297,11 @@ class BodyFilter:
         """Where the camera would see the ball, (W, steps + 1, 2) in m: from the states (N, 5) of some pictures
         `starts` (W,) on, by the model alone, along the plate's motion."""
         rows, per, view = self.rows(model.tilting, model.view.delay), self.substeps, model.view
-        ball, out = Ball(*map(float, model.ball)), np.empty((steps * per, STATE))
+        ball, effects, out = Ball(*map(float, model.ball)), effects_of(model.terms), np.empty((steps * per, STATE))
         places = np.empty((len(starts), steps + 1, 2))
         for places_, start in zip(places, starts, strict=True):
             part = rows[start * per : (start + steps) * per]
-            advance(ball, self.walls, self.effects, part, self.pictures.dt / per, states[start], out)
+            advance(ball, self.walls, effects, part, self.pictures.dt / per, states[start], out)
             places_[0], places_[1:] = states[start, :2], out[per - 1 :: per, :2]
         turn = np.array([[math.cos(view.angle), -math.sin(view.angle)], [math.sin(view.angle), math.cos(view.angle)]])
         return view.scale * places @ turn.T + np.array([view.offset_x, view.offset_y])

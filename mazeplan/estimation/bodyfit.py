@@ -17,13 +17,14 @@ that; a gain below 10 or so says nothing, and values move by more than their sta
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Filtered
+from mazeplan.estimation.bodynumbers import number_of, value_of, with_values
 from mazeplan.records import Array
 
 STEPS, ENOUGH = 20, 1.0  # scoring steps; of -2 log L, that a further one must bring
@@ -32,46 +33,6 @@ BLOCK_S = 10.0  # s; blocks as long as this are independent of one another
 FLOOR = 1e-12  # of a variance in the information, so that a parameter that changes nothing does no harm
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One number of `BodyModel`: `part` and `field` say where. unit; bounds low, high; step: of finite differences;
-    log: whether it is searched for by its logarithm (the step is relative then)."""
-
-    part: str
-    field: str
-    unit: str
-    low: float
-    high: float
-    step: float
-    log: bool = False
-
-
-PARAMETERS = {
-    "rolling": Parameter("ball", "rolling", "m/s^2", 0.0, 2.0, 4e-3),
-    "viscous": Parameter("ball", "viscous", "1/s", -1.0, 5.0, 2e-2),
-    "quadratic": Parameter("ball", "quadratic", "1/m", -5.0, 50.0, 0.2),
-    "inertia": Parameter("ball", "inertia", "1", 0.05, 1.0, 1e-2),
-    "wall": Parameter("ball", "wall", "1", 0.0, 2.0, 2e-2),
-    "restitution": Parameter("ball", "restitution", "1", 0.0, 0.95, 4e-2),
-    "hold": Parameter("ball", "hold", "m/s", 0.0, 1.0, 3e-3),
-    "spin": Parameter("ball", "spin", "m/s^2", 0.0, 2.0, 4e-3),
-    "height": Parameter("ball", "height", "m", -0.2, 0.2, 1e-3),
-    "gain_beta": Parameter("tilting", "gain_beta", "1", 0.3, 3.0, 5e-3),
-    "gain_gamma": Parameter("tilting", "gain_gamma", "1", 0.3, 3.0, 5e-3),
-    "cross_beta": Parameter("tilting", "cross_beta", "1", -0.5, 0.5, 5e-3),
-    "cross_gamma": Parameter("tilting", "cross_gamma", "1", -0.5, 0.5, 5e-3),
-    "tilt_beta": Parameter("tilting", "tilt_beta", "rad", -0.1, 0.1, 5e-4),
-    "tilt_gamma": Parameter("tilting", "tilt_gamma", "rad", -0.1, 0.1, 5e-4),
-    "offset_x": Parameter("view", "offset_x", "m", -0.05, 0.05, 5e-5),
-    "offset_y": Parameter("view", "offset_y", "m", -0.05, 0.05, 5e-5),
-    "angle": Parameter("view", "angle", "rad", -0.8, 0.8, 1e-3),
-    "scale": Parameter("view", "scale", "1", 0.7, 1.4, 5e-4),
-    "delay": Parameter("view", "delay", "s", 0.0, 0.5, 1e-3),
-    "noise": Parameter("view", "noise", "m", 1e-5, 2e-2, 2e-2, log=True),
-    "plane": Parameter("wander", "plane", "m^2/s^3", 1e-9, 10.0, 0.3, log=True),
-    "spin_wander": Parameter("wander", "spin", "m^2/s^3", 1e-9, 10.0, 0.3, log=True),
-    "strike": Parameter("wander", "strike", "1", 1e-4, 1.0, 0.3, log=True),
-}  # fmt: skip
 ORDINARY = (
     "rolling", "spin", "wall", "restitution", "hold", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay",
     "noise", "plane", "strike",
@@ -94,21 +55,6 @@ class BodyFit:
     def value(self, name: str) -> float:
         """A parameter by its name, in its unit."""
         return value_of(self.model, name)
-
-
-def value_of(model: BodyModel, name: str) -> float:
-    """A parameter of a model by its name, in its unit."""
-    where = PARAMETERS[name]
-    return float(getattr(getattr(model, where.part), where.field))
-
-
-def with_values(model: BodyModel, values: Mapping[str, float]) -> BodyModel:
-    """The model with other values of some parameters, in their units."""
-    parts = {name: getattr(model, name) for name in ("ball", "tilting", "view", "wander")}
-    for name, value in values.items():
-        where = PARAMETERS[name]
-        parts[where.part] = parts[where.part]._replace(**{where.field: value})
-    return BodyModel(**parts)
 
 
 def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
@@ -136,7 +82,7 @@ class _Search:
 
     def __init__(self, body: BodyFilter, model: BodyModel, free: Sequence[str]) -> None:
         self.body, self.model, self.free = body, model, tuple(free)
-        self.kinds, self.passes = [PARAMETERS[name] for name in free], 0
+        self.kinds, self.passes = [number_of(model, name) for name in free], 0
         self.low, self.high = (
             np.array([math.log(getattr(k, end)) if k.log else getattr(k, end) for k in self.kinds])
             for end in ("low", "high")

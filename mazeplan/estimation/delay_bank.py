@@ -14,6 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from mazeplan.estimation.bodyestimator import BodyEstimator
+from mazeplan.estimation.bodynumbers import body_of
 from mazeplan.estimation.estimator import Estimator, EstimatorOptions
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
@@ -98,5 +100,8 @@ def estimator_for(
     maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0
 ) -> Estimator | DelayBank:
     """An estimator with the model's delay where that was identified (or written by a person), else one that finds it
-    out."""
+    out; of a ball with a body, where the model holds one."""
+    body = body_of(model)
+    if body is not None and model.delay_known:
+        return BodyEstimator(maze, model, body, options, rate_hz)
     return (Estimator if model.delay_known else DelayBank)(maze, model, options, rate_hz)

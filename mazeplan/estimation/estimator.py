@@ -97,12 +97,16 @@ class Estimator:
 
     def warm_up(self) -> None:
         """Compile everything before the rig moves."""
-        twin = Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
+        twin = self._twin()
         radius = max(self._maze.track_radius(1), 1e-3)
         for k in range(3):
             twin.update(Observation(k * self._dt, radius, 0.0, 0.0, 0.0))
             twin.sent(LEVEL, k * self._dt)
         twin.ahead(self._dt)  # the only use of `predict` where commands act at once
+
+    def _twin(self) -> Estimator:
+        """Another one that has seen nothing."""
+        return Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
 
     def sent(self, command: Command, t: float) -> None:
         """Note a command given to the rig at time t."""
@@ -209,8 +213,7 @@ class Estimator:
         z, options = self._z, self._options
         innovation = position - z[:2]
         self.innovation = float(np.hypot(*innovation))
-        variance = self._covariance[0, 0] + options.camera_sigma**2
-        if self.innovation > options.outlier_sigmas * math.sqrt(variance):
+        if self.innovation > options.outlier_sigmas * math.sqrt(self._variance()):
             self.doubts.add("ball")
             self._outliers.append(position)
             recent = self._outliers[-options.outliers_to_restart :]
@@ -221,7 +224,16 @@ class Estimator:
             return
         self._outliers.clear()
         self._last_seen = t
-        gain = self._covariance[:, 0] / variance
+        self._correct(innovation)
+
+    def _variance(self) -> float:
+        """Of an innovation, m^2, along either axis."""
+        return float(self._covariance[0, 0]) + self._options.camera_sigma**2
+
+    def _correct(self, innovation: Array) -> None:
+        """Take in a sample that is believed."""
+        assert self._z is not None
+        z, gain = self._z, self._covariance[:, 0] / self._variance()
         z[:2] += gain[0] * innovation
         z[2:4] += gain[1] * innovation
         self._covariance = self._covariance - np.outer(gain, self._covariance[0])

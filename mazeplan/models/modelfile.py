@@ -8,13 +8,13 @@
     camera: {offset_x: {value: 0.001, unit: m}, offset_y: ..., angle: {value: 0.01, unit: rad}}
     tilt_sensor: {gain_beta: {value: 1.02, unit: "1"}, gain_gamma: ...}
     rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
+    body: {of: 1f..., rolling: {value: 0.082, stderr: 0.001, unit: m/s^2}, ...}
     processes: {1: {file: ring1.npz, sha256: ..., rows: 4000, kernel: rbf, amplitude: ..., lengthscales: ...}, ...}
     data: [{file: ..., sha256: ...}, ...]
     scores: {...}
 
 What says nothing is left out: a camera above the plate's middle and in line with its axes, a sensor that is calibrated,
 gears without play, axes that do not share commands. A ring may hold any effect on the ball (`physics.registry`).
-
 A plain number may stand for {value: number}. Kinds np and sp have processes, whose arrays lie beside the file
 (`processfile`). Nothing is executed on loading.
 """
@@ -36,6 +36,7 @@ from mazeplan.errors import ModelError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 from mazeplan.models.ball import BallModel
+from mazeplan.models.bodyentries import Body, body_entries, read_body
 from mazeplan.models.entries import declared_parts
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.processfile import read_process, write_process
@@ -68,7 +69,7 @@ class RigModel:
     stage: both axes; camera_delay: s that the ball's position is behind the tilt sensor; balls: ring number -> model;
     kind: p, pi, np or sp; processes: ring number -> what a Gaussian process adds to the effects (sp), or has
     in their place (np); rate_hz; data, scores: what it came from and how well it did, as written in the file;
-    camera, tilt_sensor: what is off with them."""
+    camera, tilt_sensor: what is off with them; body: a ball with a body, where there is one."""
 
     stage: StageModel
     balls: dict[int, BallModel]
@@ -81,6 +82,7 @@ class RigModel:
     processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
     camera: Camera = field(default_factory=Camera)
     tilt_sensor: TiltSensor = field(default_factory=TiltSensor)
+    body: Body | None = None
 
     def ball(self, ring: int) -> BallModel:
         """The ball model of a ring; of the nearest ring that has one, when this one has none."""
@@ -206,8 +208,8 @@ class _Reader:
 
     def model(self) -> RigModel:
         """The whole file."""
-        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "processes",
-                 "data", "scores")  # fmt: skip
+        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body",
+                 "processes", "data", "scores")  # fmt: skip
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
         if root["format"] != FORMAT:
             newer = isinstance(root["format"], int) and root["format"] > FORMAT
@@ -242,6 +244,7 @@ class _Reader:
             processes=self.processes(root.get("processes"), kind),
             camera=self.numbers(Camera, root.get("camera"), "camera", CAMERA_UNITS),
             tilt_sensor=self.numbers(TiltSensor, root.get("tilt_sensor"), "tilt_sensor", SENSOR_UNITS),
+            body=read_body(self, root.get("body")),
         )
 
     def numbers(self, kind: type[Sensor], node: Any, key: str, units: Mapping[str, str]) -> Sensor:
@@ -323,8 +326,8 @@ def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
 
 def _told(camera: Camera) -> dict[str, str]:
     """Units of what a file says of a camera: place and angle, and what else is off."""
-    usual, plain = ("offset_x", "offset_y", "angle"), Camera()
-    return {k: u for k, u in CAMERA_UNITS.items() if k in usual or getattr(camera, k) != getattr(plain, k)}
+    usual = ("offset_x", "offset_y", "angle")
+    return {k: u for k, u in CAMERA_UNITS.items() if k in usual or getattr(camera, k) != getattr(Camera(), k)}
 
 
 def _entries(part: StageAxis | Camera | TiltSensor, units: Mapping[str, str]) -> dict[str, Any]:
@@ -363,6 +366,7 @@ def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] |
         "stage": stage,
         **off,
         "rings": rings,
+        **({} if model.body is None else {"body": body_entries(model.body, _entry)}),
         **({"processes": processes} if processes else {}),
         "data": [dict(entry) for entry in model.data],
         "scores": dict(model.scores),

@@ -31,19 +31,16 @@ import numpy as np
 from numba import njit
 
 from mazeplan.constants import GRAVITY
-from mazeplan.maths.compiled import POINTER, REAL, caller, pointer_to, shifted
-from mazeplan.physics.plate import FELT_AT, RADIUS_AT, TIME_AT
+from mazeplan.maths.compiled import pointer_to, shifted
+from mazeplan.physics.compiled import call_plane
+from mazeplan.physics.plate import BALL_AT, FELT_AT, RADIUS_AT, TIME_AT
 from mazeplan.physics.walls import WallCore, gap_of, into_face, into_side, into_slab, near_wall, outside_rim, wall_core
-from mazeplan.records import Array, IntArray
+from mazeplan.records import Array
 
 STATE = 5
-TERM = REAL(REAL, REAL, REAL, POINTER, POINTER)  # theta, theta_dot, t, w, p
-FORCE, FRICTION = 0, 1  # kinds of an effect
 TINY = 1e-12  # m^2/s^3, so that a ball at rest has a direction
 EDGES = 5.0  # how much less sure the way out of a contact at an edge is: a little aside turns it far
 MIDDLE = 1e-3  # m; nearer to the middle of the plate than this an angle says nothing
-
-_term = caller(TERM)
 
 
 class Ball(NamedTuple):
@@ -63,21 +60,19 @@ class Ball(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """What acts on the ball besides. address (E,): of compiled functions value(theta, theta_dot, t, w, p) in rad/s^2, w
-    as (beta, its rate and acceleration, gamma's, distance from the middle), 0: none; kind (E,): FORCE: times the
-    distance from the middle along the ring, FRICTION: times the distance against the motion, with speed over distance
-    for theta_dot; place (E,): where in p (P,) the parameters of each begin. The caller keeps the functions alive."""
+    """What acts on the ball besides, see `bodyeffects`. address: of `plane` of some effects (`compiled.SIGNATURES`), 0:
+    nothing; p: their parameters as packed, and FELT_ROOM numbers for what it gives. The caller keeps both alive."""
 
-    address: IntArray
-    kind: IntArray
-    place: IntArray
+    address: int
     p: Array
+
+
+FELT_ROOM = 7  # pull along x and y, force, drag, dry friction, friction at a wall, factor of gravity
 
 
 def no_effects() -> Effects:
     """Nothing besides."""
-    none = np.zeros(0, dtype=np.int64)
-    return Effects(none, none, none, np.zeros(1))
+    return Effects(0, np.zeros(FELT_ROOM + 1))
 
 
 class BodyCore(NamedTuple):
@@ -93,11 +88,9 @@ class BodyCore(NamedTuple):
     hold: float
     spin: float
     height: float
-    address: Any
-    kind: Any
-    place: Any
+    address: int
     p: Any
-    n_effects: int
+    felt: Any
     walls: WallCore
 
 
@@ -107,8 +100,8 @@ def body_core(ball, walls, effects):
     height = walls.radius if math.isnan(ball.height) else ball.height
     return BodyCore(
         ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
-        ball.restitution, ball.hold, ball.spin, height, pointer_to(effects.address, 0), pointer_to(effects.kind, 0),
-        pointer_to(effects.place, 0), pointer_to(effects.p, 0), len(effects.address), wall_core(walls),
+        ball.restitution, ball.hold, ball.spin, height, effects.address, pointer_to(effects.p, 0),
+        pointer_to(effects.p, len(effects.p) - FELT_ROOM), wall_core(walls),
     )  # fmt: skip
 
 
@@ -162,24 +155,23 @@ def meet_walls(core, h, x, y, vx, vy, w):
 
 @njit(cache=True, error_model="numpy")
 def _besides(core, row, x, y, vx, vy):
-    """(ax, ay, drag) of the effects, m/s^2; row: of `plate`."""
-    ax = ay = drag = 0.0
+    """(ax, ay, drag) of the effects, m/s^2; row: of `plate`.
+
+    They are written for a bead on a ring: gravity as a sliding point feels it, so f of it moves the ball; forces, drag
+    and friction in rad/s^2 as they come to the motion, times the distance from the middle."""
     r = math.sqrt(x * x + y * y)
     if r < MIDDLE:
-        return ax, ay, drag
-    row[RADIUS_AT] = r
-    theta, speed = math.atan2(y, x), math.sqrt(vx * vx + vy * vy)
-    for i in range(core.n_effects):
-        if core.address[i] == 0:
-            continue
-        rubs = core.kind[i] == FRICTION
-        rate = speed / r if rubs else (x * vy - y * vx) / (r * r)
-        value = _term(core.address[i], (theta, rate, row[TIME_AT], row, shifted(core.p, core.place[i])))
-        if rubs:
-            drag += r * max(value, 0.0)
-        else:
-            ax, ay = ax - y * value, ay + x * value
-    return ax, ay, drag
+        return 0.0, 0.0, 0.0
+    row[RADIUS_AT], row[BALL_AT] = r, core.walls.radius
+    rate, speed = (x * vy - y * vx) / (r * r), math.sqrt(vx * vx + vy * vy) / r
+    way = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
+    out, level = core.felt, shifted(row, FELT_AT)
+    call_plane(core.address, (math.atan2(y, x), rate, speed, way, row[TIME_AT], row, core.p, out))
+    gx, gy = level[0], level[1]  # on the table as the tilting says that it stands
+    mx = gx + out[0] - GRAVITY * math.sin(row[0])
+    my = gy + out[1] + GRAVITY * math.sin(row[3]) * math.cos(row[0])
+    ax, ay = core.factor * (out[6] * mx - gx), core.factor * (out[6] * my - gy)
+    return ax - y * out[2], ay + x * out[2], r * (speed * out[3] + max(out[4], 0.0))
 
 
 @njit(cache=True, error_model="numpy")
@@ -203,7 +195,7 @@ def step(core, row, h, x, y, vx, vy, w):
     the middle of this step."""
     ax, ay, aw, n = accelerated(core, row, x, y, vx, vy, w)
     more = 0.0
-    if core.n_effects > 0:
+    if core.address != 0:
         bx, by, more = _besides(core, row, x, y, vx, vy)
         ax, ay = ax + bx, ay + by
     ux, uy, w = vx + h * ax, vy + h * ay, w + h * aw

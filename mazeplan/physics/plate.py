@@ -20,7 +20,8 @@ from numba import njit
 from mazeplan.constants import GRAVITY
 from mazeplan.records import Array
 
-RADIUS_AT, TIME_AT, FELT_AT, ROW = 6, 7, 8, 17  # where in a row the numbers are; its length
+# where in a row the numbers are, and its length: first what formulas ask of the plate, in their order (`symbols.PLATE`)
+RADIUS_AT, BALL_AT, FELT_AT, TIME_AT, ROW = 6, 7, 8, 17, 18
 
 
 class PlateMotion(NamedTuple):
@@ -50,7 +51,12 @@ def motion_at(motion, start, step, t, out):
     beyond the ends."""
     place = min(max((t - start) / step, 0.0), len(motion) - 1.000001)
     i = int(place)
-    s = place - i
+    _between(motion, i, place - i, step, out)
+
+
+@njit(cache=True, error_model="numpy")
+def _between(motion, i, s, step, out):
+    """As `motion_at`, at the share s of a step behind row i."""
     s2, r2 = s * s, (1.0 - s) * (1.0 - s)
     a0, a1 = (1.0 + 2.0 * s) * r2, s2 * (3.0 - 2.0 * s)
     b0, b1 = s * r2 * step, s2 * (s - 1.0) * step
@@ -67,13 +73,33 @@ def plate_rows(plate, tilting, times, h, per, out):
     raw = np.empty(6)
     for k in range(len(times)):
         for j in range(per):
-            t, row = times[k] + (j + 0.5) * h, out[k * per + j]
+            t = times[k] + (j + 0.5) * h
             motion_at(plate.motion, plate.start, plate.step, t, raw)
-            for c in range(3):
-                row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
-                row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
-            row[RADIUS_AT], row[TIME_AT] = 0.0, t
-            _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
+            _fill(tilting, raw, t, out[k * per + j])
+
+
+@njit(cache=True, error_model="numpy")
+def history_rows(times, motion, tilting, start, h, out):
+    """Rows (M, ROW) of the middles of M sub-steps of h s from `start` on, into out; motion (N, 6) as in `PlateMotion`,
+    at any times (N,), N > 1, that go on; held beyond the ends."""
+    raw, i = np.empty(6), 0
+    for k in range(len(out)):
+        t = start + (k + 0.5) * h
+        while i + 2 < len(times) and times[i + 1] <= t:
+            i += 1
+        step = times[i + 1] - times[i]
+        _between(motion, i, min(max((t - times[i]) / step, 0.0), 1.0), step, raw)
+        _fill(tilting, raw, t, out[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(tilting, raw, t, row):
+    """A row from the plate's motion at t as it is said to be, raw (6,)."""
+    for c in range(3):
+        row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
+        row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
+    row[RADIUS_AT], row[BALL_AT], row[TIME_AT] = 0.0, 0.0, t
+    _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
 
 
 @njit(cache=True, error_model="numpy")

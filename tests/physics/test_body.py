@@ -9,9 +9,9 @@ import pytest
 from numba import njit
 
 from mazeplan.constants import GRAVITY
-from mazeplan.maths.compiled import address_of, pointer_to
+from mazeplan.maths.compiled import pointer_to
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.body import FORCE, FRICTION, TERM, Ball, Effects, accelerated, advance, body_core, no_effects
+from mazeplan.physics.body import Ball, accelerated, advance, body_core, no_effects
 from mazeplan.physics.plate import FELT_AT, ROW, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.walls import SLAB, Walls, overlaps, pack_walls
 
@@ -202,28 +202,6 @@ def test_newton_and_euler_in_space():
 @njit
 def _accelerated(ball, walls, effects, rows, x, y, vx, vy, w):
     return accelerated(body_core(ball, walls, effects), pointer_to(rows, 0), x, y, vx, vy, w)
-
-
-@njit
-def _pushed(theta, theta_dot, t, w, p):
-    return p[0] * math.cos(theta) + 0.0 * (theta_dot + t + w[6])
-
-
-@njit
-def _rubbed(theta, theta_dot, t, w, p):
-    return p[0] + p[1] * theta_dot
-
-
-def test_effects_act_through_their_addresses():
-    p = np.array([3.0, 0.2, 0.4])
-    address = np.array([address_of(_pushed, TERM), address_of(_rubbed, TERM), 0])
-    effects = Effects(address, np.array([FORCE, FRICTION, FORCE]), np.array([0, 1, 0]), p)
-    r, v = 0.05, 0.1
-    out = moved(SMOOTH, open_floor(), still_rows(0.0, 0.0, 1), [r, 0.0, 0.0, v, 0.0], effects)[0]
-    assert out[3] - v == pytest.approx(H * r * (3.0 - (0.2 + 0.4 * v / r)))
-    assert out[2] == pytest.approx(0.0, abs=1e-15)
-    rest = moved(SMOOTH, open_floor(), still_rows(0.0, 0.0, 1), [0.0, r, 0.0, 0.0, 0.0], effects)[0]
-    assert np.all(rest[2:4] == 0.0)  # no push there, and friction alone moves nothing
 
 
 def test_rows_hold_what_effects_may_ask_for():

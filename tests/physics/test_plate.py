@@ -45,7 +45,7 @@ def test_rows_are_gravity_and_rotation_of_the_plate():
         rate = (omega(t + 1e-3, tilting) - omega(t - 1e-3, tilting)) / 2e-3
         np.testing.assert_allclose(row[FELT_AT : FELT_AT + 3], gravity, atol=1e-5)
         np.testing.assert_allclose(row[FELT_AT + 3 : FELT_AT + 6], omega(t, tilting), atol=1e-5)
-        np.testing.assert_allclose(row[FELT_AT + 6 :], rate, atol=3e-3)
+        np.testing.assert_allclose(row[FELT_AT + 6 : FELT_AT + 9], rate, atol=3e-3)
 
 
 def test_motion_is_held_beyond_the_ends():

@@ -1,0 +1,97 @@
+"""The numbers of a `BodyModel` by name (`models.bodyentries`); parameters of its terms are called EFFECT.PARAMETER."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from mazeplan.estimation.bodyfilter import BodyModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.models.bodyentries import KEPT, PARAMETERS, REACH, Body, Number, brought, stamp
+from mazeplan.models.entries import part_values
+from mazeplan.models.modelfile import RigModel
+from mazeplan.physics.effect import BALL
+from mazeplan.physics.registry import PACKAGED
+
+LEFT_OVER = ("cross_beta", "cross_gamma")  # of the coupling, that the stage as fitted does not have already
+FRICTION = ("rolling", "viscous", "quadratic")  # of a bead they are as they come to the motion, f times as large
+
+
+def number_of(model: BodyModel, name: str) -> Number:
+    """What is known of a number. Raises KeyError for a name that is none."""
+    if name in PARAMETERS:
+        return PARAMETERS[name]
+    i, key = _term(model, name)
+    p = model.terms[i].effect.parameters[key]
+    return Number("terms", name, p.unit, p.low, p.high, p.smallest or p.step, False, p.words or name, name)
+
+
+def _term(model: BodyModel, name: str) -> tuple[int, str]:
+    """Which term, and which of its parameters."""
+    effect, _, key = name.partition(".")
+    for i, term in enumerate(model.terms):
+        if term.name == effect and key in term.effect.parameters:
+            return i, key
+    raise KeyError(name)
+
+
+def value_of(model: BodyModel, name: str) -> float:
+    """A number of a model by its name, in its unit."""
+    if name not in PARAMETERS:
+        i, key = _term(model, name)
+        return model.terms[i].values()[key]
+    where = PARAMETERS[name]
+    return float(getattr(getattr(model, where.part), where.field))
+
+
+def with_values(model: BodyModel, values: Mapping[str, float]) -> BodyModel:
+    """The model with other values of some numbers, in their units."""
+    for name, value in values.items():
+        if name in PARAMETERS:
+            where = PARAMETERS[name]
+            part = getattr(model, where.part)._replace(**{where.field: value})
+            model = model._replace(**{where.part: part})
+            continue
+        i, key = _term(model, name)
+        term, terms = model.terms[i], list(model.terms)
+        terms[i] = replace(term, numbers=tuple((term.values() | {key: value}).values()))
+        model = model._replace(terms=tuple(terms))
+    return model
+
+
+def said_by(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
+    """What a model of beads says of a number, in the body's unit: for each ring that has the effect, or once for what
+    belongs to the rig; nothing where it says nothing."""
+    where = PARAMETERS[name]
+    effect, _, key = where.effect.partition(".")
+    if not effect or name in LEFT_OVER:
+        return ()
+    power = where.origin[1]
+    if PACKAGED[effect].acts not in BALL:
+        return (brought(part_values(rig, PACKAGED[effect])[key], where.how, power, REACH),)
+    found = []
+    for ring in sorted(rig.balls):
+        ball, radius = rig.balls[ring], maze.track_radius(ring)
+        value = ball.parameter(effect, key, math.nan)
+        if not math.isfinite(value) or radius <= 0.0:
+            continue
+        share = ball.parameter("rolling_inertia", "factor", 1.0) if name in FRICTION else 1.0
+        found.append(brought(value, where.how, power, radius) / share)
+    return tuple(found[:1] if PACKAGED[effect].common else found)
+
+
+def body_of(rig: RigModel) -> BodyModel | None:
+    """The body that a rig's model holds, if it was found with the rings that the model has."""
+    if rig.body is None or rig.body.of != stamp(rig.balls):
+        return None
+    values = dict(rig.body.values)
+    values["delay"] = max(rig.camera_delay + values.get("delay", 0.0), 0.0)
+    return with_values(BodyModel(), values)
+
+
+def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> RigModel:
+    """The rig's model with this body."""
+    values = {name: value_of(model, name) for name in KEPT}
+    values["delay"] -= rig.camera_delay
+    return replace(rig, body=Body(values, stamp(rig.balls), {k: s for k, s in stderr.items() if k in KEPT}))

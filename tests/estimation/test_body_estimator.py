@@ -1,0 +1,159 @@
+"""The estimator of a ball with a body: MuJoCo's toy, whose physics are its own, driven by waves of commands."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commands import call
+
+from mazeplan.errors import ModelError
+from mazeplan.estimation.bodyestimator import BodyEstimator
+from mazeplan.estimation.bodynumbers import body_of, with_body
+from mazeplan.estimation.delay_bank import DelayBank, estimator_for
+from mazeplan.estimation.estimator import Estimator
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.ball import BallModel
+from mazeplan.models.bodyentries import KEPT, Body, stamp
+from mazeplan.models.modelfile import RigModel, load_model, save_model
+from mazeplan.physics.ball import dry_friction
+from mazeplan.records import Command, Latency, Observation
+from mazeplan.rigs.registry import make_rig
+
+MAZE = load_map("cme")
+FOUND = {  # in a record of 300 s of the toy
+    "rolling": 0.0817, "spin": 0.0279, "wall": 0.311, "restitution": 0.497, "hold": 0.0096, "tilt_beta": 0.00268,
+    "tilt_gamma": 0.0051, "delay": 0.0004, "noise": 5.1e-4, "plane": 4e-5, "strike": 0.012,
+}  # fmt: skip
+
+
+def bodied(values=FOUND):
+    """The toy's model with this body."""
+    toy = load_model("toy")
+    return replace(toy, body=Body(dict(values), stamp(toy.balls)))
+
+
+def command(t):
+    return Command(0.05 * math.sin(2.1 * t) + 0.02 * math.sin(7.0 * t), 0.05 * math.cos(1.3 * t + 0.4))
+
+
+def played(estimators, seconds=12.0, seed=0, spoilt=lambda k, seen: seen):
+    """Errors of place (m) and velocity (m/s) of each estimator, (N, E, 2)."""
+    rig, errors = make_rig("toy", MAZE), []
+    rig.reset(ring=2, theta=0.7, rng=np.random.default_rng(seed))
+    try:
+        for k in range(round(30 * seconds)):
+            seen = spoilt(k, rig.observe())
+            true = rig.truth()
+            states = [e.update(seen) for e in estimators]
+            there = true[:2] + estimators[0].dead_time * true[3:5]
+            errors.append([
+                (math.hypot(s.x - there[0], s.y - there[1]), math.hypot(s.vx - true[3], s.vy - true[4])) for s in states
+            ])  # fmt: skip
+            now = command(seen.t)
+            rig.command(now.u_beta, now.u_gamma)
+            for e in estimators:
+                e.sent(now, seen.t)
+    finally:
+        rig.close()
+    return np.array(errors)
+
+
+def both(model=None):
+    model = model or bodied()
+    return [Estimator(MAZE, replace(model, body=None)), estimator_for(MAZE, model)]
+
+
+def test_it_knows_place_and_speed_better_than_the_bead():
+    errors = np.concatenate([played(both(), seed=seed)[30:] for seed in (0, 1)])
+    (bead, speed), (body, faster) = np.median(errors, axis=0)
+    assert body < 0.92 * bead
+    assert faster < 0.85 * speed
+    assert body < 0.7e-3
+    worst, worse = np.quantile(errors, 0.95, axis=0)
+    assert worse[0] < 1.05 * worst[0]
+
+
+def test_lost_pictures_and_outliers_do_it_no_harm():
+    def spoilt(k, seen):
+        if 150 <= k < 156 or k % 17 == 0:
+            return replace(seen, x=None, y=None)
+        return replace(seen, x=0.0, y=0.05) if k % 41 == 0 else seen
+
+    estimators = both()
+    errors = played(estimators, spoilt=spoilt)[30:]
+    assert np.median(errors[:, 1, 0]) < np.median(errors[:, 0, 0])
+    assert np.quantile(errors[:, 1, 0], 0.9) < 4e-3
+    assert estimators[1].doubts <= {"ball"}
+
+
+def test_a_ball_that_is_somewhere_else_is_found_again():
+    body = both()[1]
+    for k in range(60):
+        angle = 0.5 if k < 30 else 2.0
+        r = MAZE.track_radius(1)
+        state = body.update(Observation(k / 30.0, r * math.cos(angle), r * math.sin(angle), 0.0, 0.0))
+        body.sent(Command(0.0, 0.0), k / 30.0)
+    assert math.hypot(state.x - r * math.cos(2.0), state.y - r * math.sin(2.0)) < 2e-3
+    for k in range(60, 90):
+        state = body.update(Observation(k / 30.0, None, None, 0.0, 0.0))
+    assert state.lost
+    assert all(math.isfinite(value) for value in (state.x, state.y, state.vx, state.vy))
+
+
+def test_a_body_belongs_to_the_rings_it_was_found_with():
+    model = bodied()
+    assert isinstance(estimator_for(MAZE, model), BodyEstimator)
+    rubbed = replace(model, balls=model.balls | {2: BallModel((dry_friction(3.0),))})
+    assert body_of(rubbed) is None
+    assert type(estimator_for(MAZE, rubbed)) is Estimator
+    assert type(estimator_for(MAZE, replace(model, body=None))) is Estimator
+    nominal = RigModel.nominal(MAZE)
+    unknown = replace(nominal, body=Body(dict(FOUND), stamp(nominal.balls)))
+    assert isinstance(estimator_for(MAZE, unknown), DelayBank), "it has to find out the delay first"
+
+
+def test_a_delay_that_is_measured_takes_the_bodys_along():
+    model = bodied()
+    late = body_of(model.late_by(Latency(0.1, 0.001)))
+    assert late is not None
+    assert late.view.delay == pytest.approx(0.1 + FOUND["delay"])
+
+
+def test_a_model_file_holds_it(tmp_path):
+    model = bodied()
+    seen = body_of(model)
+    again = with_body(model, seen, {"rolling": 0.001, "offset_x": 1.0})
+    back = load_model(save_model(again, tmp_path).parent)
+    assert set(back.body.values) == set(KEPT)
+    assert back.body.stderr == {"rolling": 0.001}
+    assert body_of(back).ball.rolling == FOUND["rolling"]
+    assert body_of(back).view.delay == pytest.approx(seen.view.delay)
+    text = (tmp_path / "model.yaml").read_text()
+    (tmp_path / "model.yaml").write_text(text.replace("wall: {value: 0.311", "wall: {value: 7.311"))
+    with pytest.raises(ModelError, match=r"wall: got 7\.311, expected 0 to 2"):
+        load_model(tmp_path)
+    (tmp_path / "model.yaml").write_text(text.replace("  wall: {value", "  wal: {value"))
+    with pytest.raises(ModelError, match="unknown key"):
+        load_model(tmp_path)
+
+
+def test_from_a_record_to_a_model_that_navigates_with_it(monkeypatch, capsys, tmp_path):
+    log, out = tmp_path / "log.mcap", tmp_path / "out"
+    collect = ("collect", "--rig", "toy", "--rings", "--place", "--seconds", "40", "--seed", "2", "-o", log)
+    assert call(monkeypatch, capsys, *collect)[0] == 0
+    code, stdout, err = call(monkeypatch, capsys, "diagnose", log, "--model", "toy", "--body", "-o", out, "--json")
+    assert code == 0, err
+    model = json.loads(stdout)["model"]
+    assert body_of(load_model(model)) is not None
+    code, stdout, err = call(
+        monkeypatch, capsys, "navigate", "--rig", "toy", "--model", model, "--start-angle", "11.25", "--json"
+    )
+    assert code == 0, err
+    assert json.loads(stdout)["success"] is True
+    code, _, err = call(monkeypatch, capsys, "diagnose", log, "--body", "-o", out)
+    assert code == 2
+    assert "expected --model" in err

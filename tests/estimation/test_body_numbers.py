@@ -1,0 +1,79 @@
+"""Numbers of a body by name: bounds and units are the registry's, brought over to the ball."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from mazeplan.estimation.bodyfilter import BodyModel
+from mazeplan.estimation.bodynumbers import number_of, said_by, value_of, with_values
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.ball import BallModel
+from mazeplan.models.bodyentries import PARAMETERS, REACH
+from mazeplan.models.modelfile import load_model
+from mazeplan.models.sensors import TiltSensor
+from mazeplan.physics.ball import dry_friction, quadratic_drag, rolling_inertia, surface_bump, viscous_friction
+from mazeplan.physics.registry import PACKAGED
+
+MAZE = load_map("cme")
+
+
+def test_bounds_and_units_are_the_registrys():
+    def known(name):
+        return PARAMETERS[name].unit, PARAMETERS[name].low, PARAMETERS[name].high
+
+    for name in ("wall", "viscous", "tilt_beta", "offset_x", "angle", "scale", "delay", "cross_gamma"):
+        origin, power = PARAMETERS[name].origin
+        assert power == 0
+        assert known(name) == (origin.unit, origin.low, origin.high)
+    dry = PACKAGED["dry_friction"].parameters["coefficient"]
+    assert known("rolling") == ("m/s^2", pytest.approx(dry.low * REACH), pytest.approx(dry.high * REACH))
+    drag = PACKAGED["quadratic_drag"].parameters["coefficient"]
+    assert known("quadratic") == ("1/m", pytest.approx(drag.low / REACH), pytest.approx(drag.high / REACH))
+    gain = PACKAGED["tilt_gain"].parameters["beta"]
+    assert known("gain_beta") == ("1", pytest.approx(1.0 / gain.high), pytest.approx(1.0 / gain.low))
+    factor = PACKAGED["rolling_inertia"].parameters["factor"]
+    assert known("inertia") == ("1", 0.05, pytest.approx(1.0 / factor.low - 1.0))
+    assert PARAMETERS["delay"].words == PACKAGED["sensor_delay"].parameters["delay"].words
+
+
+def test_every_number_is_there_and_may_be_what_it_is():
+    model = BodyModel()
+    for name, number in PARAMETERS.items():
+        value = value_of(model, name)
+        assert math.isnan(value) or number.low <= value <= number.high, name
+        assert number.words
+        assert value_of(with_values(model, {name: number.high}), name) == number.high
+    assert with_values(model, {}) == model
+
+
+def test_terms_have_numbers_too():
+    model = BodyModel(terms=(surface_bump(centre=1.0, height=0.2), dry_friction(0.3)))
+    other = with_values(model, {"surface_bump.height": 0.7, "rolling": 0.1, "dry_friction.asymmetry": 0.05})
+    assert other.terms[0].values() == model.terms[0].values() | {"height": 0.7}
+    assert value_of(other, "dry_friction.asymmetry") == 0.05
+    assert value_of(other, "dry_friction.coefficient") == 0.3
+    number, known = number_of(model, "surface_bump.height"), PACKAGED["surface_bump"].parameters["height"]
+    assert (number.unit, number.low, number.high) == (known.unit, known.low, known.high)
+    for wrong in ("surface_bump.heigth", "magnet.height", "nothing"):
+        with pytest.raises(KeyError):
+            number_of(model, wrong)
+
+
+def test_what_beads_say_is_told_in_the_bodys_units():
+    rings = {
+        ring: BallModel((rolling_inertia(0.6), dry_friction(0.09 / MAZE.track_radius(ring)), viscous_friction(0.3),
+                         quadratic_drag(2.0 * MAZE.track_radius(ring))))
+        for ring in (1, 2, 3)
+    }  # fmt: skip
+    rig = replace(load_model("toy"), balls=rings, tilt_sensor=TiltSensor(gain_beta=1.25), processes={})
+    assert said_by(rig, MAZE, "rolling") == pytest.approx([0.15] * 3)
+    assert said_by(rig, MAZE, "viscous") == pytest.approx([0.5] * 3)
+    assert said_by(rig, MAZE, "quadratic") == pytest.approx([2.0 / 0.6] * 3)
+    assert said_by(rig, MAZE, "inertia") == pytest.approx([1.0 / 0.6 - 1.0] * 3)
+    assert said_by(rig, MAZE, "gain_beta") == pytest.approx([0.8])
+    assert said_by(rig, MAZE, "delay") == (rig.camera_delay,)
+    for nothing in ("wall", "tilt_beta", "noise", "restitution", "cross_beta"):
+        assert said_by(rig, MAZE, nothing) == ()
