@@ -28,7 +28,7 @@ from mazeplan.physics.bodyeffects import effects_of
 from mazeplan.physics.effect import Term
 from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.walls import Walls
-from mazeplan.records import Array
+from mazeplan.records import Array, IntArray
 
 SUBSTEPS = 5  # a picture: 1/150 s; with ten or twenty the likelihood is the same but for its roughness
 POINTS = 2 * STATE
@@ -293,7 +293,7 @@ class BodyFilter:
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 
-    def rolled_out(self, model: BodyModel, states: Array, starts: Array, steps: int) -> Array:
+    def rolled_out(self, model: BodyModel, states: Array, starts: IntArray, steps: int) -> Array:
         """Where the camera would see the ball, (W, steps + 1, 2) in m: from the states (N, 5) of some pictures
         `starts` (W,) on, by the model alone, along the plate's motion."""
         rows, per, view = self.rows(model.tilting, model.view.delay), self.substeps, model.view
