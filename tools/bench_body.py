@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from bench_drive import runs_on
@@ -110,8 +111,8 @@ def body_errors(seen: BodySeen, windows: Windows, commands: bool = True) -> dict
         rows = s.row[start]
         rolled = body.rolled_out(seen.fit.model, state, rows, STEPS)
         angle = np.arctan2(rolled[..., 1], rolled[..., 0])
-        measured = s.measured[start[:, None] + np.arange(STEPS + 1)]
-        out[ring] = np.array([float(np.nanmean(np.abs(difference(angle[:, n], measured[:, n])))) for n in AHEAD])
+        there = s.k.theta[start[:, None] + np.arange(STEPS + 1)]  # smoothed, as for the bead
+        out[ring] = np.array([float(np.nanmean(np.abs(difference(angle[:, n], there[:, n])))) for n in AHEAD])
     return out
 
 
@@ -196,7 +197,8 @@ def now_rows(rig: str, runs: int) -> list[str]:
         inner = make_rig(rig, MAZE)
         assert isinstance(inner, SimulatedRig)
         shadowed = Shadowed(inner, model)
-        run_job(shadowed, Setup(MAZE, model, rig_name=rig), Job(1, 5, start_angle(i), SEED + i, 20.0))
+        machine: Any = shadowed  # a rig but for how it is made
+        run_job(machine, Setup(MAZE, model, rig_name=rig), Job(1, 5, start_angle(i), SEED + i, 20.0))
         errors.append(np.array(shadowed.errors))
         seconds.append(np.array(shadowed.seconds))
         shadowed.close()
