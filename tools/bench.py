@@ -21,6 +21,7 @@ from pathlib import Path
 
 from bench_baselines import baselines_section
 from bench_batch import batch_section
+from bench_body import body_section
 from bench_camera import camera_section
 from bench_campaign import campaign_section
 from bench_diagnose import diagnose_section
@@ -167,6 +168,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         diagnose_section(quick),
         plant_section(quick),
         emps_section(quick),
+        body_section(quick),
         baselines_section(quick),
         improve_section(quick),
         learning_section(quick),
@@ -198,7 +200,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
-    "baselines": baselines_section, "improve": improve_section, "effects": effects_section,
+    "baselines": baselines_section, "improve": improve_section, "effects": effects_section, "body": body_section,
     "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,

@@ -41,8 +41,12 @@ class Walls(NamedTuple):
     rounding: float
 
 
-def pack_walls(maze: Maze, rounding: float = ROUNDING) -> Walls:
-    """The walls of a maze for compiled code. Raises ValueError when `rounding` is more than half of a wall."""
+def pack_walls(maze: Maze, rounding: float | None = None) -> Walls:
+    """The walls of a maze for compiled code; rounding: ROUNDING, or less where a wall is too thin for that. Raises
+    ValueError when `rounding` is more than half of a wall."""
+    if rounding is None:
+        thinnest = min((wall.outer_radius - wall.inner_radius for wall in maze.walls[1:]), default=1.0)
+        rounding = min(ROUNDING, 0.5 * thinnest)
     walls, gaps = [], []
     for wall in maze.walls[1:]:
         low, high = wall.inner_radius + rounding, wall.outer_radius - rounding

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.walls import ROUNDING, overlaps, pack_walls
 
@@ -44,10 +46,6 @@ def test_overlaps_are_those_with_all_points_of_the_walls():
 
 def test_a_radial_wall_is_flat():
     walled = load_map("cme")
-    from dataclasses import replace
-
-    from mazeplan.maze.geometry import RadialWall
-
     walled = replace(walled, radial_walls=(RadialWall("wall1@90", 1, math.pi / 2, 0.004),))
     walls, reach = pack_walls(walled), MAZE.ball.radius + 0.002
     beside = np.array([[reach - 1e-3, 0.0892], [-reach + 2e-3, 0.0892], [reach + 1e-4, 0.0892], [0.004, -0.0892]])
@@ -57,3 +55,11 @@ def test_a_radial_wall_is_flat():
 def test_edges_may_not_be_rounder_than_the_wall():
     with pytest.raises(ValueError, match="rounding"):
         pack_walls(MAZE, 3e-3)
+
+
+def test_thin_walls_have_sharper_edges():
+    inside = [*(ring.outer_radius + 1e-3 for ring in MAZE.rings[1:]), 0.0]
+    thin = tuple(replace(ring, inner_radius=r) for ring, r in zip(MAZE.rings, inside, strict=True))
+    walls = pack_walls(replace(MAZE, rings=thin))
+    assert walls.rounding == pytest.approx(5e-4)
+    np.testing.assert_allclose(walls.walls[:, 0], walls.walls[:, 1])
