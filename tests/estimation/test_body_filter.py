@@ -25,6 +25,8 @@ from mazeplan.rigs.registry import make_rig
 MAZE = load_map("cme")
 DATA = Path(os.environ.get("MAZEPLAN_DATA", Path(__file__).parents[3] / "shared" / "data")) / "contact" / "A"
 ROLLING = 5e-5 / MAZE.ball.radius * 9.81  # m/s^2, of the toy
+DELAY = 2.0 / 30.0 - 0.5 / 600.0  # s, of the toy; half a step of MuJoCo, by which its ball is ahead of its forces
+LATE = 2.5e-3  # s; five records of 90 s with other noise scatter by 1.1 ms, records of 300 s by .6 ms
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def near(seen, name, true, least):
 def test_a_record_of_the_toy_tells_table_friction_camera_and_wall_and_nothing_is_left(seen):
     """MuJoCo's ball: the rig says what is true, none of which the fit was told."""
     assert near(seen, "noise", 5e-4, 2e-5)
-    assert near(seen, "delay", 2.0 / 30.0, 1e-3)
+    assert near(seen, "delay", DELAY, LATE)
     assert near(seen, "tilt_beta", math.radians(0.15), 5e-4)
     assert near(seen, "tilt_gamma", math.radians(0.3), 6e-4)
     assert near(seen, "rolling", ROLLING, 8e-3)
@@ -109,7 +111,7 @@ def test_from_the_command_line(monkeypatch, capsys, log):
     assert code == 0, err
     document = json.loads(out)
     assert document["white"] is True
-    assert document["parameters"]["delay"]["value"] == pytest.approx(2.0 / 30.0, abs=2e-3)
+    assert document["parameters"]["delay"]["value"] == pytest.approx(DELAY, abs=LATE)
     assert document["parameters"]["rolling"]["unit"] == "m/s^2"
     code, out, err = call(monkeypatch, capsys, "diagnose", log, "--model", "toy", "--body")
     assert code == 0, err
