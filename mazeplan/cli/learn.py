@@ -71,8 +71,7 @@ def learn(
             raise TableError(str(problem), file=", ".join(str(log) for log in logs)) from None
         model = fit.model
         if kind == "p":
-            scores = {name: value for name, value in model.scores.items() if name == "stage_arx"}
-            model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores=scores)
+            model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
         learned: dict[int, RingLearning] = {}
         if kind in ("np", "sp"):
             model, learned = learn_processes(
@@ -103,8 +102,6 @@ def report(fit: Fit, model: RigModel) -> None:
         )
         if e["natural_frequency"] > axis.natural_frequency:
             print(f"stage {name:5s}  its faster pole is faster than the record can tell: only the slower one is known")
-    for line in fit.arx.lines() if fit.arx is not None else ("ARX          the log is too short for it",):
-        print(line)
     print(
         f"camera       {1e3 * model.camera_delay:.1f} ± {1e3 * (model.camera_delay_stderr or 0.0):.1f} ms "
         "behind the tilt sensor"

@@ -33,7 +33,6 @@ from mazeplan.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.data.smoothing import smoothed
 from mazeplan.data.table import Table
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.arx import ArxFit, fit_arx
 from mazeplan.models.ball import BallModel
 from mazeplan.models.delay import best_delay, usable_starts
 from mazeplan.models.modelfile import RigModel
@@ -68,13 +67,11 @@ class Windows:
 
 @dataclass(frozen=True)
 class Fit:
-    """What `fit_rig` found: the model, fits of both axes, number of windows per ring, and the stage as difference
-    equations, None where the log is too short for them."""
+    """What `fit_rig` found: the model, fits of both axes, number of windows per ring."""
 
     model: RigModel
     stage: tuple[StageFit, StageFit]
     windows: dict[int, int]
-    arx: ArxFit | None = None
 
 
 def weak_function(dt: float, n: int = WINDOW) -> tuple[Array, Array, Array]:
@@ -262,8 +259,6 @@ def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), 
     progress("stage")
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])
     axes = tuple(fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
-    progress("stage as difference equations")
-    arx = _arx(table, dt)
     split = round((1.0 - TEST_SHARE) * len(table))
     # blocks in time of every segment: train on the first part of each, score on the last
     channels = [ring.number for ring in maze.rings if not ring.is_disc]
@@ -281,8 +276,6 @@ def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), 
         "weak_nrmse_test": _score(table, test, fit, delay, dt),
     }
     scores: dict[str, Any] = {name: {ring: round(x, 4) for ring, x in of.items()} for name, of in weak.items()}
-    if arx is not None:
-        scores["stage_arx"] = arx.document()
     model = RigModel(
         stage=StageModel(axes[0].axis, axes[1].axis),
         balls={ring.number: _ball(ring.number, maze, fit) for ring in maze.rings},
@@ -293,16 +286,7 @@ def fit_rig(table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), 
         data=tuple(dict(source) for source in sources),
         scores=scores,
     )
-    return Fit(model, (axes[0], axes[1]), {w.ring: len(w.start) for w in train}, arx)
-
-
-def _arx(table: Table, dt: float) -> ArxFit | None:
-    """The stage as difference equations; None where there is too little for them."""
-    u, y = (np.stack([table[f"{kind}{axis}"] for axis in ("beta", "gamma")], axis=1) for kind in ("u_", ""))
-    try:
-        return fit_arx(u, y, dt, table.segment)
-    except ValueError:
-        return None
+    return Fit(model, (axes[0], axes[1]), {w.ring: len(w.start) for w in train})
 
 
 def _part(windows: Windows, table: Table, dt: float, train: bool) -> Windows:

@@ -3,26 +3,28 @@
     angle_dd = wn^2 (gain u(t - dead_time) + offset - angle) - 2 zeta wn angle_d
 
 The fit simulates the axis with the commands that were given (exactly, zero-order hold) and compares angles, so that
-noise of the tilt sensor does not bias it; zeta may exceed 1. It starts where a difference equation of order two says
-(`arx`), or from textbook values where those simulate better.
+noise of the tilt sensor does not bias it; zeta may exceed 1. It starts from that axis of a grid of poles and dead times
+whose simulation, with the gain and the offset that suit it best (least squares), is nearest to what was measured.
 """
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from mazeplan.maths.fingerprint import LATER
-from mazeplan.models.arx import AxisArx, fit_arx_alone
-from mazeplan.models.output_error import SETTLE_S, SETTLE_TIMES
 from mazeplan.records import Array
 
-TEXTBOOK = (1.0, 20.0, 0.9)  # gain, natural frequency in rad/s, damping: where the search starts ...
-DEAD_TIMES = (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1)  # s: ... with each of these, when the record is too short for ARX
+# where the search starts from: natural frequency in rad/s, damping, dead time in s
+FREQUENCIES = (2.0, 3.0, 4.5, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)
+DAMPINGS = (0.2, 0.4, 0.7, 1.2, 2.0)
+DEAD_TIMES = (0.0, 1.0 / 30.0, 1.0 / 15.0, 0.1, 2.0 / 15.0, 1.0 / 6.0, 0.2, 0.25)
+SETTLE_S = 0.5  # s at the beginning of a stretch that are left out: how it moved before is not known ...
+SETTLE_TIMES = 3.5  # ... and as many time constants of the slowest pole (3 % left), up to a third of the stretch
 LOW = (0.1, 0.5, 0.05, 0.0, -0.3)  # bounds of the fit: gain, natural frequency, damping, dead time, offset
 HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
 
@@ -150,15 +152,6 @@ def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
     return axis.offset + axis.gain * (start + np.asarray(lfilter(impulse, [1.0], u - start)))
 
 
-def axis_from_arx(arx: AxisArx) -> StageAxis:
-    """The continuous axis with the two slowest poles, the gain and the mean lag of a difference equation.
-
-    Values beyond what a `StageAxis` may have, a dead time of less than nothing say, become the nearest that it may."""
-    found = (arx.gain[0], arx.natural_frequency[0], arx.damping[0], arx.dead_time[0], arx.level)
-    gain, frequency, damping, dead_time, offset = (float(value) for value in np.clip(found, LOW, HIGH))
-    return StageAxis(gain, frequency, damping, dead_time, offset)
-
-
 def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, near: StageAxis | None = None) -> StageFit:
     """Fit one axis to commands u (N,) and measured angle (N,), sampled every dt s. breaks: True where a new record
     begins; near: an axis that is like it, so that none has to be looked for, which is most of the time.
@@ -178,13 +171,16 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, nea
         simulated = ((simulate_axis(axis, u[a:b], dt) - angle[a:b])[n:] for (a, b), n in zip(pieces, late, strict=True))
         return np.concatenate(list(simulated))
 
-    guesses = _guesses(u, angle, dt, number) if near is None else [near]
-    start = min([*_textbook(), *guesses], key=lambda axis: float(np.sum(error(_point(axis), SETTLE_S) ** 2)))
-    settled = max(SETTLE_S, -SETTLE_TIMES / max(pole.real for pole in start.poles()))
     bounds = (_point(StageAxis(*LOW)), _point(StageAxis(*HIGH)))
-    best = least_squares(
-        error, _point(start), bounds=bounds, x_scale=[0.1, 0.1, 0.1, 0.01, 0.01], method="trf", args=(settled,)
-    )
+
+    def fitted(start: Array, settled: float) -> Any:
+        sizes = [0.1, 0.1, 0.1, 0.01, 0.01]
+        return least_squares(error, start, bounds=bounds, x_scale=sizes, method="trf", args=(settled,))
+
+    best = fitted(_point(near or _nearest(u, angle, dt, pieces)), SETTLE_S)
+    slowest = max(pole.real for pole in StageAxis(1.0, *np.exp(best.x[1:3])).poles())
+    if -SETTLE_TIMES / slowest > SETTLE_S:
+        best = fitted(best.x, -SETTLE_TIMES / slowest)
     n = len(best.fun)
     variance = 2.0 * best.cost / max(n - 5, 1)
     # not by pinv, which drops what the record says nothing about and so calls it certain
@@ -198,15 +194,22 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, nea
     return StageFit(axis, float(np.sqrt(variance)), n)
 
 
-def _textbook() -> list[StageAxis]:
-    return [StageAxis(*TEXTBOOK, dead) for dead in DEAD_TIMES]
-
-
-def _guesses(u: Array, angle: Array, dt: float, number: Array) -> list[StageAxis]:
-    """Where the fit may start from besides: the axis of a difference equation, if the record is long enough."""
-    with contextlib.suppress(ValueError):
-        return [axis_from_arx(fit_arx_alone(u, angle, dt, number, orders=(2,)))]
-    return []
+def _nearest(u: Array, angle: Array, dt: float, pieces: list[tuple[int, int]]) -> StageAxis:
+    """The axis of the grid, with the best gain and offset for it, whose simulation is nearest to what was measured."""
+    warm = round(SETTLE_S / dt)
+    starts = [min(warm, (b - a) // 3) for a, b in pieces]
+    measured = np.concatenate([angle[a + n : b] for (a, b), n in zip(pieces, starts, strict=True)])
+    found = []
+    for frequency, damping in itertools.product(FREQUENCIES, DAMPINGS):
+        moved = [simulate_axis(StageAxis(1.0, frequency, damping), u[a:b], dt) for a, b in pieces]
+        for dead_time in DEAD_TIMES:
+            late = round(dead_time / dt)
+            rows = [np.concatenate([np.full(late, w[0]), w])[n : len(w)] for w, n in zip(moved, starts, strict=True)]
+            columns = np.stack([np.concatenate(rows), np.ones(len(measured))], axis=1)
+            best = np.linalg.lstsq(columns, measured, rcond=None)[0]
+            error = float(np.sum((columns @ best - measured) ** 2))
+            found.append((error, float(best[0]), frequency, damping, late * dt, float(best[1])))
+    return StageAxis(*(float(x) for x in np.clip(min(found)[1:], LOW, HIGH)))
 
 
 def _point(axis: StageAxis) -> Array:
