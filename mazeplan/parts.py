@@ -10,8 +10,8 @@ from mazeplan.control.stopwatch import Stopwatch
 from mazeplan.control.tilt import Plate
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import PlanarModel
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics.planar import PlanarModel
+from mazeplan.physics.ring_parameters import RingParameters
 
 
 def plate_of(maze: Maze, model: RigModel) -> Plate:

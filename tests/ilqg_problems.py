@@ -9,7 +9,7 @@ from numba import njit
 
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics.ring_parameters import RingParameters
 
 LIMIT = math.radians(5.0)
 T, N = 15, 4  # horizon and states of the linear problem

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from mazeplan.errors import ModelError
-from mazeplan.models.ball import BallModel
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.models.processfile import rounded
-from mazeplan.models.stage import StageModel
 from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.stage import StageModel
 
 
 def process(n=50, seed=0):

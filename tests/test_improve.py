@@ -13,11 +13,11 @@ from mazeplan.data.table import Table
 from mazeplan.errors import ModelError, TableError
 from mazeplan.improve import Options, improve, one_round, reference_of, ring_records
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.models.sensors import Camera
-from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.physics.ball import rolling_inertia, viscous_friction
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.sensors import Camera
+from mazeplan.physics.stage import StageAxis, StageModel
 
 MAZE = load_map("cme")
 KNOWN = BallModel((rolling_inertia(5 / 7), viscous_friction(0.35)))

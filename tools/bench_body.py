@@ -32,7 +32,6 @@ from mazeplan.evaluate import start_angle
 from mazeplan.job import Job, Setup
 from mazeplan.maths.angles import difference
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.identification import fit_rig
 from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.models.rig_learning import SMOOTHING
@@ -40,6 +39,7 @@ from mazeplan.models.rollout import STEPS, choose_windows, roll_out
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.models.start import angle_noise, causal_start
 from mazeplan.physics.arrays import RingKinematics
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.records import Array, Command, IntArray, Observation, State
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.simulated import SimulatedRig

@@ -27,8 +27,8 @@ from mazeplan.models import fast_gp
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.models.ring_parameters import RingParameters
 from mazeplan.physics.arrays import RingKinematics
+from mazeplan.physics.ring_parameters import RingParameters
 from mazeplan.records import Array, Plan, StopReason
 
 RINGS, MEASURED = (1, 2, 3, 4), 1  # the ring on which solvers are compared

@@ -11,10 +11,10 @@ from mazeplan.attempt import run_job
 from mazeplan.choices import resolve_model
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.stage import StageAxis, StageModel
 from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.simulated import SimulatedRig

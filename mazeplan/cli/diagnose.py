@@ -121,9 +121,9 @@ def _of_ball(
     from mazeplan.diagnosis.picture import camera_effects
     from mazeplan.diagnosis.record import centred, record_of, turned_round
     from mazeplan.models.modelfile import load_model
-    from mazeplan.models.sensors import Camera
     from mazeplan.physics.openings import Openings, wall_library
     from mazeplan.physics.rig import FAMILY as PARTS
+    from mazeplan.physics.sensors import Camera
 
     own = own_effects(effects)
     installed = installed_effects(e.name for e in own)
@@ -182,7 +182,7 @@ def _new_model(
     """The folder of the model with what was found; None where nothing was."""
     from mazeplan.diagnosis.update import base_model, updated
     from mazeplan.models.modelfile import load_model, save_model
-    from mazeplan.models.stage import StageModel
+    from mazeplan.physics.stage import StageModel
 
     if not done.effects:
         return None

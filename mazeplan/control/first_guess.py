@@ -16,8 +16,8 @@ import math
 import numpy as np
 from numba import njit
 
-from mazeplan.models.ring_dynamics import step
-from mazeplan.models.ring_parameters import BETA_0, DRIVE, GAMMA_0
+from mazeplan.physics.ring_dynamics import step
+from mazeplan.physics.ring_parameters import BETA_0, DRIVE, GAMMA_0
 from mazeplan.records import Array
 
 RATE, GAIN = 6.0, 14.0  # 1/s

@@ -26,7 +26,7 @@ from mazeplan.control.gate import GateOptions
 from mazeplan.control.tilt import Plate, room
 from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Maze, Opening
-from mazeplan.models.planar import SUBSTEP, PlanarModel, ball_step, stage_step
+from mazeplan.physics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
 from mazeplan.records import Array, Command, State
 
 TICK = 1.0 / 30.0  # s; how long one command of the law holds

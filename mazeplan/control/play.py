@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mazeplan.models.stage import StageModel
+from mazeplan.physics.stage import StageModel
 from mazeplan.records import Array, Command
 
 

@@ -20,9 +20,10 @@ from mazeplan.control.first_guess import first_guess
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.control.stopwatch import Live, Stopwatch
 from mazeplan.maths.angles import nearest
-from mazeplan.models import learned_dynamics, ring_dynamics
+from mazeplan.models import learned_dynamics
 from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics import ring_dynamics
+from mazeplan.physics.ring_parameters import RingParameters
 from mazeplan.records import Array, Plan
 
 COARSE, COARSE_SUBSTEPS = 3e-3, 1  # tolerance and integration of the plan on the effects alone

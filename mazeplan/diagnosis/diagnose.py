@@ -28,11 +28,11 @@ from mazeplan.diagnosis.scores import Score, matched_target, ring_of, score
 from mazeplan.diagnosis.search import Finding, search
 from mazeplan.diagnosis.windows import by_windows
 from mazeplan.diagnosis.wording import describe_unknown, what_is_missing, with_plan
-from mazeplan.models.stage import StageModel
 from mazeplan.physics.effect import STAGE, Effect
 from mazeplan.physics.nameless import NAMELESS, PLACEBOS
 from mazeplan.physics.openings import Openings, closer_library, finer_library, wall_library
 from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.stage import StageModel
 
 OF_THE_STAGE = tuple(name for name, effect in EFFECTS.items() if effect.acts == STAGE)
 GAP = 30  # samples; a ball that was away for longer begins anew

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from mazeplan.models.stage import StageAxis, StageFit, fit_axis, obeyed, played, simulate_axis
+from mazeplan.models.stage_fit import StageFit, fit_axis
+from mazeplan.physics.stage import StageAxis, obeyed, played, simulate_axis
 from mazeplan.records import Array
 
 TRIED = 0.005  # rad, with which the first look is taken

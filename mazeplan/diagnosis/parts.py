@@ -16,11 +16,11 @@ from typing import Any
 from mazeplan.diagnosis.fit import Likelihood, best_q
 from mazeplan.diagnosis.platemotion import Stage
 from mazeplan.diagnosis.system import Values
-from mazeplan.models.entries import declared_parts, part_stderr
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.physics import rig
 from mazeplan.physics.effect import Effect
+from mazeplan.physics.entries import declared_parts, part_stderr
+from mazeplan.physics.stage import StageAxis, StageModel
 
 SURE = 5.0  # standard errors of the difference: the residual of a stage is not white
 TOLD = 15.0  # of -2 log L, by which servo or sensor must be the better explanation

@@ -24,9 +24,9 @@ from scipy.special import erf
 
 from mazeplan.data.table import Table
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.sensors import Camera
 from mazeplan.physics import rig
 from mazeplan.physics.effect import Effect
+from mazeplan.physics.sensors import Camera
 from mazeplan.records import Array, IntArray
 
 FEWEST = 2000  # samples of the ball

@@ -14,9 +14,10 @@ from mazeplan.data.smoothing import Smoothing, derivatives
 from mazeplan.diagnosis.gears import fit_with_gears
 from mazeplan.diagnosis.record import Record
 from mazeplan.diagnosis.ringsystem import Tilt
-from mazeplan.models.ring_parameters import stage_transition
-from mazeplan.models.stage import StageAxis, StageFit, StageModel, fit_axis, passed_on, simulate_axis
+from mazeplan.models.stage_fit import StageFit, fit_axis
 from mazeplan.physics.rig import axis_coupling
+from mazeplan.physics.ring_parameters import stage_transition
+from mazeplan.physics.stage import StageAxis, StageModel, passed_on, simulate_axis
 from mazeplan.records import Array
 
 FINE = 6  # grid points a sample

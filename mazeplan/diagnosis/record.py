@@ -11,7 +11,7 @@ import numpy as np
 from mazeplan.data.table import Table, stretches
 from mazeplan.errors import TableError
 from mazeplan.models.samples import SampleOptions, orientation, ring_samples
-from mazeplan.models.sensors import Camera
+from mazeplan.physics.sensors import Camera
 from mazeplan.records import Array
 
 FROZEN = 15  # equal measurements in a row that no ball and no camera give

@@ -21,12 +21,12 @@ from typing import Any
 
 from mazeplan.constants import FREE_ROLLING, SOLID
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.ball import BallModel
-from mazeplan.models.entries import with_part
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.stage import StageModel
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import BALL
+from mazeplan.physics.entries import with_part
 from mazeplan.physics.registry import EFFECTS, make_term
+from mazeplan.physics.stage import StageModel
 
 Parameters = dict[str, dict[str, Any]]  # parameter -> {"value", "stderr", "unit"}
 Found = Mapping[int, Sequence[Mapping[str, Any]]]  # ring -> effects as in the JSON of a diagnosis

@@ -9,9 +9,9 @@ from dataclasses import replace
 from mazeplan.estimation.bodyfilter import BodyModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.bodyentries import KEPT, PARAMETERS, REACH, Body, Number, brought, stamp
-from mazeplan.models.entries import part_values
 from mazeplan.models.modelfile import RigModel
 from mazeplan.physics.effect import BALL
+from mazeplan.physics.entries import part_values
 from mazeplan.physics.registry import PACKAGED
 
 LEFT_OVER = ("cross_beta", "cross_gamma")  # of the coupling, that the stage as fitted does not have already

@@ -29,7 +29,7 @@ from mazeplan.estimation.plate import AxisFilter, PlateNoise, TiltGate
 from mazeplan.maths.fields import check_numbers
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.physics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
 from mazeplan.records import LEVEL, Array, Command, Observation, State
 
 APART = math.radians(1.5)  # rad between the plate and where the commands ought to have brought it ...

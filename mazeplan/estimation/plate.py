@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.models.stage import StageAxis
+from mazeplan.physics.stage import StageAxis
 from mazeplan.records import Array
 
 NEAR = math.radians(2.5)  # rad; a servo of 60 deg/s turns by less in a sample

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from mazeplan.models.ring_parameters import stage_transition
-from mazeplan.models.stage import StageAxis
 from mazeplan.physics.plate import PlateMotion
+from mazeplan.physics.ring_parameters import stage_transition
+from mazeplan.physics.stage import StageAxis
 from mazeplan.records import Array
 
 LOOKED_AT = 0.4  # s of the sensor behind a start

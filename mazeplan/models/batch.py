@@ -24,10 +24,11 @@ from numba import njit, types
 
 from mazeplan.errors import InputError, SettingsError
 from mazeplan.maths.compiled import VECTOR, address_of, caller
-from mazeplan.models import learned_dynamics, ring_dynamics
+from mazeplan.models import learned_dynamics
 from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.ring_parameters import RingParameters
-from mazeplan.models.stage import StageModel
+from mazeplan.physics import ring_dynamics
+from mazeplan.physics.ring_parameters import RingParameters
+from mazeplan.physics.stage import StageModel
 from mazeplan.records import Array, IntArray
 from mazeplan.resources import to_install
 

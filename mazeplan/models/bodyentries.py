@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mazeplan.models.ball import BallModel
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Parameter
 from mazeplan.physics.registry import PACKAGED
 

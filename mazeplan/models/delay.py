@@ -17,7 +17,7 @@ import numpy as np
 
 from mazeplan.data.smoothing import smoothed
 from mazeplan.data.table import Table
-from mazeplan.models.planar import PlanarModel, predict_given_tilt
+from mazeplan.physics.planar import PlanarModel, predict_given_tilt
 from mazeplan.records import Array, IntArray
 
 GRID = np.arange(0.0, 0.1751, 1.0 / 120.0)  # s

@@ -9,7 +9,6 @@ import numpy as np
 
 from mazeplan.data.split import uniform_downsample
 from mazeplan.errors import InputError
-from mazeplan.models.ball import BallModel
 from mazeplan.models.features import FEATURES, INPUT_SETS, TERMS, inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.gp_training import Training, TrainingOptions, train
@@ -19,6 +18,7 @@ from mazeplan.models.linear import fit_linear
 from mazeplan.models.samples import RingSamples
 from mazeplan.physics.arrays import RingKinematics, kinematic_terms
 from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.progress import Advance, Words
 from mazeplan.records import Array, IntArray
 

@@ -33,13 +33,14 @@ from mazeplan.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.data.smoothing import smoothed
 from mazeplan.data.table import Table
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.ball import BallModel
 from mazeplan.models.delay import best_delay, usable_starts
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import PlanarModel
-from mazeplan.models.stage import StageFit, StageModel, fit_axis
+from mazeplan.models.stage_fit import StageFit, fit_axis
 from mazeplan.physics.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
 from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.planar import PlanarModel
+from mazeplan.physics.stage import StageModel
 from mazeplan.progress import Words, no_words
 from mazeplan.records import Array, IntArray
 
@@ -67,8 +68,7 @@ class Windows:
 
 @dataclass(frozen=True)
 class Fit:
-    """What `fit_rig` found: the model, fits of both axes, number of windows per ring, and the stage as difference
-    equations, None where the log is too short for them."""
+    """What `fit_rig` found: the model, fits of both axes, number of windows per ring."""
 
     model: RigModel
     stage: tuple[StageFit, StageFit]

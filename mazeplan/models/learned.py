@@ -19,11 +19,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mazeplan.models.ball import BallModel
 from mazeplan.models.features import FEATURES, INPUT_SETS, feature_jacobian, inputs, through_inputs
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.linear import LinearFit
 from mazeplan.physics.arrays import RingKinematics, kinematic_jacobian, kinematic_terms
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.records import Array
 
 

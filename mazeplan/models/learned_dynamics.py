@@ -11,10 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mazeplan.models import fast_gp, ring_dynamics
+from mazeplan.models import fast_gp
 from mazeplan.models.fast_gp import mean, mean_and_gradient
 from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.ring_parameters import BY_ANGLE, BY_RATE, EXTRA, PROCESS, RingParameters
+from mazeplan.physics import ring_dynamics
+from mazeplan.physics.ring_parameters import BY_ANGLE, BY_RATE, EXTRA, PROCESS, RingParameters
 from mazeplan.records import Array
 
 

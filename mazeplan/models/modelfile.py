@@ -35,16 +35,16 @@ from mazeplan.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.errors import ModelError
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
-from mazeplan.models.ball import BallModel
 from mazeplan.models.bodyentries import Body, body_entries, read_body
-from mazeplan.models.entries import declared_parts
 from mazeplan.models.gaussian_process import GaussianProcess
 from mazeplan.models.processfile import read_process, write_process
-from mazeplan.models.sensors import Camera, TiltSensor
-from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.physics.ball import dry_friction, rolling_inertia, viscous_friction
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Term
+from mazeplan.physics.entries import declared_parts
 from mazeplan.physics.registry import EFFECTS, make_term
+from mazeplan.physics.sensors import Camera, TiltSensor
+from mazeplan.physics.stage import StageAxis, StageModel
 from mazeplan.records import Latency
 
 Sensor = TypeVar("Sensor", Camera, TiltSensor)
@@ -88,6 +88,10 @@ class RigModel:
         """The ball model of a ring; of the nearest ring that has one, when this one has none."""
         nearest = min(self.balls, key=lambda number: abs(number - ring))
         return self.balls[nearest]
+
+    def by_effects(self, ring: int) -> bool:
+        """Whether effects say how the ball moves in a ring, and not a process in their place (kind np)."""
+        return not (self.kind == "np" and ring in self.processes)
 
     @property
     def delay_known(self) -> bool:

@@ -31,7 +31,6 @@ import numpy as np
 from mazeplan.data.table import Table
 from mazeplan.errors import InputError, ModelError, SettingsError
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.ball import BallModel
 from mazeplan.models.features import PLANNED_TERMS, effect_features, inputs
 from mazeplan.models.gaussian_process import JITTER, Hyperparameters, Term, kernel
 from mazeplan.models.modelfile import RigModel
@@ -41,6 +40,7 @@ from mazeplan.models.rig_learning import MOST_FRICTION, SMOOTHING, corrected, pl
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.physics.arrays import RingKinematics, kinematic_terms
 from mazeplan.physics.ball import dry_friction, tilt_offset, viscous_friction
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.records import Array, IntArray
 
 # medians over rings and packaged models; amplitude and noise times the radius of the track, m/s^2, rate times it, m/s

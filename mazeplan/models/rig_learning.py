@@ -18,7 +18,6 @@ from mazeplan.data.split import block_split, uniform_downsample
 from mazeplan.data.table import Table
 from mazeplan.errors import TableError
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.ball import BallModel
 from mazeplan.models.features import DRY_WIDTH, PLANNED_TERMS, effect_features, inputs
 from mazeplan.models.fitting import FitOptions, honest_noise
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
@@ -28,6 +27,7 @@ from mazeplan.models.processfile import rounded
 from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.physics.arrays import RingKinematics, acceleration, kinematic_terms
 from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.records import Array
 

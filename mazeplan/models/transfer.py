@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mazeplan.maze.geometry import Maze, Ring
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel
+from mazeplan.physics.ball_model import BallModel
 
 ALIKE = 1e-3  # m, of a ring's radii: a map that was measured again
 

@@ -17,7 +17,6 @@ from mazeplan.data.smoothing import Smoothing
 from mazeplan.data.table import Table
 from mazeplan.errors import InputError
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.ball import BallModel
 from mazeplan.models.features import inputs
 from mazeplan.models.modelfile import RigModel, model_document
 from mazeplan.models.residual_map import residual_map
@@ -27,6 +26,7 @@ from mazeplan.models.samples import RingSamples, SampleOptions, joined, ring_sam
 from mazeplan.models.start import PAST, angle_noise, causal_start
 from mazeplan.physics.arrays import RingKinematics, kinematic_terms
 from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.records import Array
 from mazeplan.report import words
 from mazeplan.report.page import Table as Shown

@@ -15,9 +15,9 @@ import numpy as np
 
 from mazeplan.errors import RigError
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import PlanarModel, predict
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.planar import PlanarModel, predict
 from mazeplan.records import Observation
 
 RATE = 30.0  # Hz

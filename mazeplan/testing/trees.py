@@ -20,7 +20,7 @@ from mazeplan.job import TIME_LIMIT, Job, Setup
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics.ring_parameters import RingParameters
 from mazeplan.records import Failure, FailureKind, NavigationResult, State
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.registry import make_rig, rig_label

@@ -18,7 +18,7 @@ from mazeplan.control.tilt import Plate
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics.ring_parameters import RingParameters
 from mazeplan.records import LEVEL, Failure, FailureKind, State, StopReason
 
 MAZE = load_map("cme")

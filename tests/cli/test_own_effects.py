@@ -48,8 +48,8 @@ def windy(folder, monkeypatch, capsys):
     """The folder of a model with wind in ring 1, learned and written by nobody; ideal beside it."""
     packaged = load_model("ideal")
     own_effects("mine:effects")
-    from mazeplan.models.ball import BallModel
     from mazeplan.models.modelfile import save_model
+    from mazeplan.physics.ball_model import BallModel
     from mazeplan.physics.registry import make_term
 
     balls = {**packaged.balls, 1: BallModel((*packaged.ball(1).effects, make_term("wind", {"force": 2.0})))}

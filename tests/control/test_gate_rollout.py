@@ -17,7 +17,7 @@ from mazeplan.control.tilt import Plate
 from mazeplan.errors import SettingsError
 from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.planar import PlanarModel
+from mazeplan.physics.planar import PlanarModel
 from mazeplan.records import State
 
 MAZE = load_map("cme")

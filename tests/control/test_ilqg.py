@@ -12,7 +12,7 @@ from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.errors import SettingsError
 from mazeplan.maths.lqr import riccati
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics.ring_parameters import RingParameters
 from mazeplan.records import StopReason
 
 

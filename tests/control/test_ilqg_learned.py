@@ -15,11 +15,12 @@ from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.stopwatch import Live
 from mazeplan.errors import ModelError
-from mazeplan.models import learned_dynamics, ring_dynamics
+from mazeplan.models import learned_dynamics
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics import ring_dynamics
 from mazeplan.physics.arrays import RingKinematics
+from mazeplan.physics.ring_parameters import RingParameters
 from mazeplan.records import StopReason
 
 P = RingParameters(0.0689)

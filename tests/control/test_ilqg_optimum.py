@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.models.ring_parameters import SUBSTEPS, RingParameters
+from mazeplan.physics.ring_parameters import SUBSTEPS, RingParameters
 from mazeplan.records import StopReason
 
 RING_2 = RingParameters(0.0689)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mazeplan.control.play import Gears
-from mazeplan.models.stage import StageAxis, StageModel, played
+from mazeplan.physics.stage import StageAxis, StageModel, played
 from mazeplan.records import Command
 
 LIMIT = 0.087

@@ -11,10 +11,10 @@ from mazeplan.diagnosis.diagnose import diagnose
 from mazeplan.diagnosis.parts import Known
 from mazeplan.diagnosis.record import record_of
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.physics.ball import rolling_inertia, viscous_friction
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.stage import StageAxis, StageModel
 
 RADIUS = 0.0925
 STAGE = StageModel(*[StageAxis(1.0, SERVO, DAMPING, stderr={"gain": 1e-3, "natural_frequency": 0.3})] * 2)

@@ -8,7 +8,7 @@ import pytest
 from mazeplan.data.table import Table
 from mazeplan.diagnosis.picture import camera_effects, fit_picture
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.sensors import Camera
+from mazeplan.physics.sensors import Camera
 
 MAZE, NOISE = load_map("cme"), 6e-4
 

@@ -16,10 +16,10 @@ from mazeplan.estimation.bodynumbers import body_of, with_body
 from mazeplan.estimation.delay_bank import DelayBank, estimator_for
 from mazeplan.estimation.estimator import Estimator
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.bodyentries import KEPT, Body, stamp
 from mazeplan.models.modelfile import RigModel, load_model, save_model
 from mazeplan.physics.ball import dry_friction
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.records import Command, Latency, Observation
 from mazeplan.rigs.registry import make_rig
 

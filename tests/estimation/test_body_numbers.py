@@ -10,12 +10,12 @@ import pytest
 from mazeplan.estimation.bodyfilter import BodyModel
 from mazeplan.estimation.bodynumbers import number_of, said_by, value_of, with_values
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.bodyentries import PARAMETERS, REACH
 from mazeplan.models.modelfile import load_model
-from mazeplan.models.sensors import TiltSensor
 from mazeplan.physics.ball import dry_friction, quadratic_drag, rolling_inertia, surface_bump, viscous_friction
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.registry import PACKAGED
+from mazeplan.physics.sensors import TiltSensor
 
 MAZE = load_map("cme")
 

@@ -12,7 +12,7 @@ from mazeplan.estimation.estimator import Estimator, EstimatorOptions
 from mazeplan.estimation.plate import AxisFilter, PlateNoise, servo_transition
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import PlanarModel, predict
+from mazeplan.physics.planar import PlanarModel, predict
 from mazeplan.records import Command, Observation
 
 MAZE = load_map("cme")

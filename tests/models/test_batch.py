@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 
 from mazeplan.errors import InputError, SettingsError
-from mazeplan.models import learned_dynamics, ring_dynamics
-from mazeplan.models.ball import BallModel
+from mazeplan.models import learned_dynamics
 from mazeplan.models.batch import Plans, RingBatch, choose_device
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters, Term
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.stage import StageAxis, StageModel, passed_on
+from mazeplan.physics import ring_dynamics
 from mazeplan.physics.arrays import RingKinematics
 from mazeplan.physics.ball import dry_friction, rolling_inertia, surface_bump, surface_profile, tilt_offset
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.stage import StageAxis, StageModel, passed_on
 from mazeplan.resources import to_install
 
 MANY, STEPS, LIMIT, RADIUS = 2000, 40, 0.08, 0.0689

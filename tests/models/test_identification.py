@@ -12,7 +12,7 @@ from mazeplan.data.table import Table
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.delay import vertex
 from mazeplan.models.identification import find_windows, fit_rig, ridge, weak_function
-from mazeplan.models.stage import StageAxis, simulate_axis
+from mazeplan.physics.stage import StageAxis, simulate_axis
 
 MAZE = load_map("cme")
 DT, FINE = 1.0 / 30.0, 10

@@ -11,15 +11,16 @@ from finite_differences import jacobian
 from ring_numbers import G, numbers_of, ring_of
 from scipy.integrate import solve_ivp
 
-from mazeplan.models import learned_dynamics, ring_dynamics
-from mazeplan.models.ball import BallModel
+from mazeplan.models import learned_dynamics
 from mazeplan.models.features import inputs
 from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_parameters import PROCESS, AxisParameters, RingParameters
-from mazeplan.models.stage import StageModel
+from mazeplan.physics import ring_dynamics
 from mazeplan.physics.arrays import RingKinematics
 from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ring_parameters import PROCESS, AxisParameters, RingParameters
+from mazeplan.physics.stage import StageModel
 
 SPREAD = np.array([math.pi, 4.0, 0.09, 0.8, 0.09, 0.8])  # of start states: rad, rad/s
 FULL = ring_of(

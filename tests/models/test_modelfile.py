@@ -10,11 +10,11 @@ import pytest
 
 from mazeplan.errors import ModelError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel, load_model, model_names, save_model
-from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.physics.ball import dry_friction, rolling_inertia
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.registry import EFFECTS, make_term
+from mazeplan.physics.stage import StageAxis, StageModel
 
 MAZE = load_map("cme")
 MODEL = RigModel(

@@ -11,13 +11,13 @@ import pytest
 from mazeplan.data.table import Table
 from mazeplan.errors import InputError, ModelError, SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.features import inputs
 from mazeplan.models.modelfile import RigModel, load_model, save_model
 from mazeplan.models.online_rig import ENDS, PACES, WATCHED, OnlineModel, OnlineOptions, accelerations, usual
 from mazeplan.models.onlinefile import ROWS, read_online, write_online
 from mazeplan.models.samples import SampleOptions, ring_samples
 from mazeplan.physics.ball import quadratic_drag
+from mazeplan.physics.ball_model import BallModel
 
 MAZE = load_map("cme")
 QUICK = OnlineOptions(most=150)

@@ -15,17 +15,17 @@ from mazeplan.data.excitation import multisine
 from mazeplan.data.table import Table
 from mazeplan.errors import TableError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.features import DRY_WIDTH, inputs
 from mazeplan.models.fitting import FitOptions
 from mazeplan.models.gaussian_process import Hyperparameters
 from mazeplan.models.gp_training import TrainingOptions
 from mazeplan.models.modelfile import RigModel, load_model, save_model
 from mazeplan.models.rig_learning import FEWEST, _condition, learn_processes, planned
-from mazeplan.models.ring_parameters import RingParameters
-from mazeplan.models.stage import StageModel
 from mazeplan.physics.arrays import RingKinematics, kinematic_terms
 from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.ring_parameters import RingParameters
+from mazeplan.physics.stage import StageModel
 
 pytest.importorskip("gpytorch", reason="learning needs torch and gpytorch")
 

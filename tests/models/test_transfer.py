@@ -8,11 +8,11 @@ import pytest
 
 from mazeplan.choices import resolve_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import load_model
-from mazeplan.models.planar import PlanarModel
 from mazeplan.models.transfer import carried_over, same_rings
 from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.planar import PlanarModel
 
 CME, SEVEN, LOPSIDED = load_map("cme"), load_map("seven"), load_map("lopsided")
 TOY = load_model("toy")

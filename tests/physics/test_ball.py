@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from finite_differences import jacobian
 
-from mazeplan.models.ball import BallModel
 from mazeplan.physics.arrays import (
     BALL_RADIUS,
     RingKinematics,
@@ -38,6 +37,7 @@ from mazeplan.physics.ball import (
     viscous_friction,
     wall_friction,
 )
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.compiled import ring_functions
 from mazeplan.physics.effect import DRY, GRAVITY, OPENING, Term
 from mazeplan.physics.openings import gate_loss

@@ -21,17 +21,16 @@ from mazeplan.diagnosis.fit import Likelihood
 from mazeplan.diagnosis.kalman import NODES, accelerations
 from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models import ring_dynamics
-from mazeplan.models.ball import BallModel
 from mazeplan.models.batch import Plans, RingBatch
-from mazeplan.models.entries import part_values, with_part
 from mazeplan.models.modelfile import RigModel, load_model, save_model
-from mazeplan.models.planar import FELT, PlanarModel, ball_step, in_plane, stage_step
-from mazeplan.models.ring_parameters import RingParameters
-from mazeplan.physics import Effect, Parameter, cos, registry, sin
+from mazeplan.physics import Effect, Parameter, cos, registry, ring_dynamics, sin
 from mazeplan.physics.arrays import RingKinematics
 from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import BALL, CAMERA, OPENING, STAGE, TILT_SENSOR
+from mazeplan.physics.entries import part_values, with_part
+from mazeplan.physics.planar import FELT, PlanarModel, ball_step, in_plane, stage_step
+from mazeplan.physics.ring_parameters import RingParameters
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "outside"))
 from outside_cart import wind_of_a_fan
@@ -111,7 +110,7 @@ def filtered(model: RigModel, effect: Effect) -> float:
 def batch(model: RigModel) -> float:
     """theta_dd of the batch by torch."""
     torch = pytest.importorskip("torch")
-    from mazeplan.models.torch_dynamics import Ring
+    from mazeplan.physics.torch_ring import Ring
 
     ring = Ring(RingParameters.from_model(model, RING, RADIUS))
     s = torch.tensor([[*AT, TILT[0], 0.0, TILT[1], 0.0]], dtype=torch.float64).T
@@ -223,7 +222,7 @@ def settled(model: RigModel) -> tuple[np.ndarray, np.ndarray]:
     exact = []
     for i, (own, other) in enumerate(((u[0], u[1]), (u[1], u[0]))):
         gain, wn, zeta, offset, coupling = planar.stage[i]
-        from mazeplan.models.ring_parameters import stage_transition
+        from mazeplan.physics.ring_parameters import stage_transition
 
         rest = gain * (own + coupling * other) + offset
         M = stage_transition(wn, zeta, 1.0 / 30.0)

@@ -19,12 +19,12 @@ from standalone_page import alone
 from mazeplan.data.table import Table as Record
 from mazeplan.data.table import read_table
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel, save_model
 from mazeplan.models.residual_map import ANGLES, FEWEST, residual_map
 from mazeplan.models.rollout import Rollout
-from mazeplan.models.stage import StageModel
 from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.stage import StageModel
 from mazeplan.report.inputs import Input, of_document
 from mazeplan.report.learned import effects_table, judged, learned_from
 from mazeplan.report.models import around, best_kind, model_section, models_section

@@ -11,9 +11,9 @@ from mazeplan.errors import ModelError
 from mazeplan.estimation.estimator import Estimator
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import load_model, save_model
-from mazeplan.models.planar import PlanarModel
-from mazeplan.models.sensors import Camera, TiltSensor
-from mazeplan.models.stage import StageAxis, StageModel
+from mazeplan.physics.planar import PlanarModel
+from mazeplan.physics.sensors import Camera, TiltSensor
+from mazeplan.physics.stage import StageAxis, StageModel
 from mazeplan.records import Observation
 
 MAZE = load_map("cme")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models import ring_dynamics
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import load_model
-from mazeplan.models.planar import PlanarModel, predict_given_tilt
-from mazeplan.models.ring_parameters import RingParameters
+from mazeplan.physics import ring_dynamics
 from mazeplan.physics.ball import constant_torque, surface_bump, surface_profile
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.planar import PlanarModel, predict_given_tilt
+from mazeplan.physics.ring_parameters import RingParameters
 
 MAZE = load_map("cme")
 FLOOR = (constant_torque(0.2), surface_profile(0.1, -0.2, 0.3, 0.5, -0.1, 0.2), surface_bump(1.0, 0.2, -2.0))

@@ -12,13 +12,13 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mazeplan.errors import ModelError
-from mazeplan.models.ball import BallModel
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.ring_dynamics import linearise, step
-from mazeplan.models.ring_parameters import FASTEST, AxisParameters, RingParameters, resolved, stage_transition
-from mazeplan.models.stage import StageAxis, StageModel
 from mazeplan.physics.ball import rolling_inertia, table_rocking, tilt_offset, viscous_friction
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.registry import make_term
+from mazeplan.physics.ring_dynamics import linearise, step
+from mazeplan.physics.ring_parameters import FASTEST, AxisParameters, RingParameters, resolved, stage_transition
+from mazeplan.physics.stage import StageAxis, StageModel
 
 PLAIN = RingParameters(0.0689)
 FULL = ring_of(

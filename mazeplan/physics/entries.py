@@ -1,4 +1,5 @@
-"""Where the effects of stage, tilt sensor and camera stand in a rig's model, and how they are read and written.
+"""What the equations ask of a rig's model; where in it the effects of stage, tilt sensor and camera stand, and how they
+are read and written.
 
 An effect names the place of each of its parameters (`Effect.entry`): `stage.beta.gain`, `camera.angle`,
 `camera_delay_s`; a star stands for both axes.
@@ -9,13 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Protocol, TypeVar
 
+from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.rig import FAMILY
-
-if TYPE_CHECKING:
-    from mazeplan.models.modelfile import RigModel
+from mazeplan.physics.stage import StageModel
 
 AXES = ("beta", "gamma")
 DEAD_TIME = 0.005  # s of commands, below which there is no need to call it an effect
@@ -24,7 +24,50 @@ TAKEN_OFF = ("camera_offset", "camera_scale", "lens_distortion")  # of measured 
 DELAY = "camera_delay_s"
 
 
-def declared_parts(model: RigModel) -> dict[str, dict[str, float]]:
+class RigNumbers(Protocol):
+    """A rig's model as the equations see it (`models.modelfile.RigModel` is one). camera, tilt_sensor: named by the
+    effects' entries alone."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def stage(self) -> StageModel:
+        """In tilts as they are measured."""
+        ...
+
+    @property
+    def true_stage(self) -> StageModel:
+        """In tilts as they are."""
+        ...
+
+    @property
+    def balls(self) -> dict[int, BallModel]:
+        """By ring, those that are known."""
+        ...
+
+    @property
+    def camera_delay(self) -> float:
+        """s that the ball's position is behind the tilt sensor."""
+        ...
+
+    @property
+    def camera_delay_stderr(self) -> float | None:
+        """s; None where nobody says."""
+        ...
+
+    def ball(self, ring: int) -> BallModel:
+        """That of a ring, or of the nearest that has one."""
+        ...
+
+    def by_effects(self, ring: int) -> bool:
+        """Whether effects say how the ball moves in a ring, and not a process in their place."""
+        ...
+
+
+Rig = TypeVar("Rig", bound=RigNumbers)
+
+
+def declared_parts(model: RigNumbers) -> dict[str, dict[str, float]]:
     """What a model says of stage, tilt sensor and camera, as {effect: {parameter: value}}, where it says something."""
     found = {}
     for effect in FAMILY:
@@ -38,17 +81,17 @@ def declared_parts(model: RigModel) -> dict[str, dict[str, float]]:
     return found
 
 
-def part_values(model: RigModel, effect: Effect) -> dict[str, float]:
+def part_values(model: RigNumbers, effect: Effect) -> dict[str, float]:
     """The parameters of an effect as a model has them."""
     return {name: _read(model, place) for name, place in effect.entry.items()}
 
 
-def part_stderr(model: RigModel, effect: Effect) -> dict[str, float]:
+def part_stderr(model: RigNumbers, effect: Effect) -> dict[str, float]:
     """Their standard errors, NaN where the model does not say."""
     return {name: _stderr(model, place) for name, place in effect.entry.items()}
 
 
-def with_part(model: RigModel, effect: Effect, values: Mapping[str, float], stderr: Mapping[str, float]) -> RigModel:
+def with_part(model: Rig, effect: Effect, values: Mapping[str, float], stderr: Mapping[str, float]) -> Rig:
     """The model with parameters of an effect, each within what the effect allows."""
     for name, value in values.items():
         p = effect.parameters[name]
@@ -57,7 +100,7 @@ def with_part(model: RigModel, effect: Effect, values: Mapping[str, float], stde
     return model
 
 
-def _read(model: RigModel, place: str) -> float:
+def _read(model: RigNumbers, place: str) -> float:
     if place == DELAY:
         return model.camera_delay
     part, *rest = place.split(".")
@@ -69,7 +112,7 @@ def _read(model: RigModel, place: str) -> float:
     return float(owner)
 
 
-def _stderr(model: RigModel, place: str) -> float:
+def _stderr(model: RigNumbers, place: str) -> float:
     if place == DELAY:
         return math.nan if model.camera_delay_stderr is None else model.camera_delay_stderr
     part, *rest = place.split(".")
@@ -80,7 +123,7 @@ def _stderr(model: RigModel, place: str) -> float:
     return math.hypot(*known) / len(known)
 
 
-def _write(model: RigModel, place: str, value: float, stderr: float) -> RigModel:
+def _write(model: Rig, place: str, value: float, stderr: float) -> Rig:
     if place == DELAY:
         return replace(model, camera_delay=max(value, 0.0), camera_delay_stderr=stderr)
     part, *rest = place.split(".")

@@ -11,7 +11,7 @@ from planar_rig import known
 from mazeplan.constants import FREE_ROLLING, GRAVITY
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import RigModel
-from mazeplan.models.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.physics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
 
 MAZE = load_map("cme")
 PLANAR = PlanarModel.build(MAZE, known(MAZE))

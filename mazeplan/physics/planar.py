@@ -25,10 +25,10 @@ from numba import njit
 from mazeplan.constants import FREE_ROLLING
 from mazeplan.maths.compiled import pointer_to
 from mazeplan.maze.geometry import Maze, Ring
-from mazeplan.models.modelfile import RigModel
 from mazeplan.physics.arrays import EXACT, gravity_factor, packed
 from mazeplan.physics.compiled import call_plane, call_term, ring_functions, term_functions
 from mazeplan.physics.effect import OPENING, Term
+from mazeplan.physics.entries import RigNumbers
 from mazeplan.physics.symbols import PLATE
 from mazeplan.records import Array
 
@@ -68,7 +68,7 @@ class PlanarModel:
     gaps: Array
 
     @classmethod
-    def build(cls, maze: Maze, model: RigModel) -> PlanarModel:
+    def build(cls, maze: Maze, model: RigNumbers) -> PlanarModel:
         """The arrays for one maze and one fitted (or nominal) model."""
         rows = [_ring_row(ring, maze, model) for ring in maze.rings]
         width = max(map(len, rows))
@@ -98,7 +98,7 @@ class PlanarModel:
         return self.scalars, self.stage, self.rings, self.walls, self.gaps
 
 
-def _ring_row(ring: Ring, maze: Maze, model: RigModel) -> list[float]:
+def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
     """The columns of a ring: its own effects, and those that are the same everywhere as ring 1 has them."""
     shared = [term for term in model.ball(1).planned if term.effect.common]
     own = [term for term in model.ball(ring.number).planned if not term.effect.common]
@@ -125,7 +125,7 @@ def _opening_columns(terms: list[Term], begin: int) -> list[float]:
     return [float(x) for x in (*rows, *numbers)]
 
 
-def _free_factor(maze: Maze, model: RigModel) -> float:
+def _free_factor(maze: Maze, model: RigNumbers) -> float:
     """The factor of the gravity part away from walls: what the model says of the disc, where that is not the nominal
     value but for its rounding."""
     disc = maze.rings[-1]

@@ -11,7 +11,6 @@ import cmath
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from mazeplan.physics.arrays import BALL_RADIUS, gravity_factor, level_tilt, pac
 from mazeplan.physics.ball import rolling_inertia
 from mazeplan.physics.compiled import ring_functions, term_functions
 from mazeplan.physics.effect import OPENING, Term
+from mazeplan.physics.entries import RigNumbers
 from mazeplan.physics.symbols import PLATE
 from mazeplan.records import Array
-
-if TYPE_CHECKING:
-    from mazeplan.models.modelfile import RigModel
 
 SUBSTEPS = 2
 # rad/s; the plate's acceleration, which pushes the ball, dies away with its fastest pole, and at a node counts for a
@@ -110,7 +107,7 @@ class RingParameters:
                 raise ModelError(f"cannot be planned with: {term.effect.why_not}", key=term.name)
 
     @classmethod
-    def from_model(cls, model: RigModel, ring: int, radius: float) -> RingParameters:
+    def from_model(cls, model: RigNumbers, ring: int, radius: float) -> RingParameters:
         """Parameters for one ring of a rig's model; radius: m, of the ball's track. With a process in the place of
         effects (kind np) nothing is left of those."""
         axes = [
@@ -122,7 +119,7 @@ class RingParameters:
             effects=model.ball(ring).planned,
             beta=axes[0],
             gamma=axes[1],
-            physics=not (model.kind == "np" and ring in model.processes),
+            physics=model.by_effects(ring),
         )
 
     def pack(self, substeps: int = SUBSTEPS) -> Array:

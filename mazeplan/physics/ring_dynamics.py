@@ -29,7 +29,8 @@ from numba import njit
 
 from mazeplan.maths.compiled import pointer_to, shifted
 from mazeplan.maths.trigonometry import sine_and_cosine
-from mazeplan.models.ring_parameters import (
+from mazeplan.physics.compiled import call_partials, call_plate, call_term, call_value
+from mazeplan.physics.ring_parameters import (
     AXES,
     BALL,
     BY_ANGLE,
@@ -58,7 +59,6 @@ from mazeplan.models.ring_parameters import (
     TABLE,
     VALUE_AT,
 )
-from mazeplan.physics.compiled import call_partials, call_plate, call_term, call_value
 from mazeplan.physics.symbols import PLATE
 
 TURN = 2.0 * math.pi
