@@ -33,6 +33,7 @@ import yaml
 from mazeplan import filekinds, resources
 from mazeplan.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.errors import ModelError
+from mazeplan.maths.fingerprint import LATER
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 from mazeplan.models.bodyentries import Body, body_entries, read_body
@@ -82,7 +83,7 @@ class RigModel:
     processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
     camera: Camera = field(default_factory=Camera)
     tilt_sensor: TiltSensor = field(default_factory=TiltSensor)
-    body: Body | None = None
+    body: Body | None = field(default=None, metadata=LATER)
 
     def ball(self, ring: int) -> BallModel:
         """The ball model of a ring; of the nearest ring that has one, when this one has none."""
