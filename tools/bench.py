@@ -24,6 +24,7 @@ from bench_batch import batch_section
 from bench_body import body_section
 from bench_camera import camera_section
 from bench_campaign import campaign_section
+from bench_contact import contact_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_effects import effects_section
@@ -169,6 +170,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         plant_section(quick),
         emps_section(quick),
         body_section(quick),
+        contact_section(quick),
         baselines_section(quick),
         improve_section(quick),
         learning_section(quick),
@@ -201,6 +203,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "effects": effects_section, "body": body_section,
+    "contact": contact_section,
     "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,

@@ -66,9 +66,18 @@ def diagnose(
     body: Annotated[
         bool, typer.Option("--body", help="What all rings together tell of the ball: friction, walls, camera, table.")
     ] = False,
+    reference: Annotated[
+        Path | None,
+        typer.Option("--reference", help="Log of the same rig when its model was right: what differs from it?"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Find the effect that a model lacks, and say how much better it predicts with it."""
+    if reference is not None:
+        from mazeplan.cli.diagnose_body import diagnose_against
+
+        diagnose_against(log, reference, model, map_, output, as_json)
+        return
     if body:
         from mazeplan.cli.diagnose_body import diagnose_body
 

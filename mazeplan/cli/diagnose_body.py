@@ -1,7 +1,8 @@
-"""`diagnose --body`: what a record tells of the ball's body."""
+"""`diagnose --body`: what a record tells of the ball's body; `diagnose --reference`: what differs from another one."""
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,40 @@ def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path 
         value, error = factor * number["value"], factor * number["stderr"]
         line = f"  {number['words'] or name:30s} {value:10.4g} +- {error:.2g} {unit}".rstrip()
         print(f"{line}{_beside(number['model'], factor)}")
+
+
+def diagnose_against(
+    path: Path, reference: Path, model: str | None, map_: str | None, output: Path | None, as_json: bool
+) -> None:
+    """What differs from a reference, all rings together. Raises TableError, InputError."""
+    from mazeplan.cli.progress import Working
+    from mazeplan.data.table import read_table
+    from mazeplan.diagnosis.bodyupdate import moved_model
+    from mazeplan.diagnosis.bodyverdict import reference_of, verdict_on
+    from mazeplan.models.modelfile import load_model, save_model
+
+    if output is not None:
+        check_folder("-o", output)
+    maze, known = logged_map(map_, path)[0], None if model is None else load_model(model)
+    with Working("diagnosing") as shown:
+        shown.tell("the reference")
+        was = reference_of(read_table(reference), maze, known)
+        done = verdict_on(read_table(path), maze, was, shown.tell)
+    document = done.document()
+    document |= {"model": None, "report": None}
+    if output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        if known is not None and done.effects:
+            new = moved_model(known, maze, done.effects, done.searched.fit)
+            document["model"] = str(save_model(new, output / "model").parent)
+        (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
+    if as_json:
+        print_json(document)
+        return
+    for line in done.sentences():
+        print(line)
+    if document["model"] is not None:
+        print(f"model with it: {document['model']}")
 
 
 def _beside(said: list[float] | None, factor: float) -> str:

@@ -74,8 +74,9 @@ class BodySeen:
         }  # fmt: skip
 
 
-def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
-    """The filter for a record with x and y, and the stage as fitted to it. Raises TableError."""
+def body_filter(table: Table, maze: Maze, known: Stage | None = None) -> tuple[BodyFilter, Stage | None]:
+    """The filter for a record with x and y, and the stage by which its plate moves: one that is known, else
+    as fitted to the record. Raises TableError."""
     if "x" not in table or "y" not in table:
         raise TableError("got a table without x and y, expected where the camera saw the ball", file=_file(table))
     record = record_of(table, np.ones(len(table), dtype=bool))
@@ -83,7 +84,7 @@ def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
     seen = int(np.isfinite(y).all(axis=1).sum())
     if seen < FEWEST:
         raise TableError(f"got {seen} pictures of the ball, expected {FEWEST} at least", file=_file(table))
-    stage = fit_stage(record, np.ones(len(record), dtype=bool))
+    stage = known or fit_stage(record, np.ones(len(record), dtype=bool))
     tilt = plate_motion(record, stage)
     plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
     if stage is not None:

@@ -136,8 +136,19 @@ def _over(inverse: Array, dS: Array) -> tuple[Array, Array, Array, Array]:
     return ixx * xx + ixy * xy, ixx * xy + ixy * yy, ixy * xx + iyy * xy, ixy * xy + iyy * yy
 
 
-def fit_body(body: BodyFilter, model: BodyModel, free: Sequence[str] = ORDINARY, steps: int = STEPS) -> BodyFit:
-    """The likeliest values of the `free` parameters, from `model` on. Raises KeyError for a name that is none."""
+def score_search(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> Scores:
+    """Scores by some parameters under a model, in the coordinates of a search. Raises KeyError for a name that is
+    none."""
+    search = _Search(body, model, free)
+    x = search.point()
+    return search.scores(x, search.run(x))
+
+
+def fit_body(
+    body: BodyFilter, model: BodyModel, free: Sequence[str] = ORDINARY, steps: int = STEPS, enough: float = ENOUGH
+) -> BodyFit:
+    """The likeliest values of the `free` parameters, from `model` on, in at most so many `steps`; enough: of -2 log L,
+    that a further step must bring. Raises KeyError for a name that is none."""
     search = _Search(body, model, free)
     x, damping = search.point(), 1e-2
     best = search.run(x)
@@ -153,7 +164,7 @@ def fit_body(body: BodyFilter, model: BodyModel, free: Sequence[str] = ORDINARY,
                 break
             damping *= 10.0
         damping = min(damping, 1.0)
-        if gained < ENOUGH:
+        if gained < enough:
             break
         scores = search.scores(x, best)
     plain = _inverse(scores.information)

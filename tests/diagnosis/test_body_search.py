@@ -1,0 +1,146 @@
+"""What differs between two records of an integrator that shares nothing with the model (`plainball`), and of a rig with
+contact that others simulated."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import plainball
+import pytest
+from commands import call
+
+from mazeplan.data.table import read_table
+from mazeplan.diagnosis.bodysearch import Reference, search_body
+from mazeplan.diagnosis.bodyupdate import moved_model
+from mazeplan.diagnosis.bodyverdict import reference_of
+from mazeplan.diagnosis.bodywords import in_registry
+from mazeplan.errors import TableError
+from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Pictures
+from mazeplan.estimation.bodyfit import fit_body
+from mazeplan.estimation.bodynumbers import value_of, with_values
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.physics.plate import PlateMotion
+from mazeplan.physics.walls import GAP, SLAB, Walls
+
+FREE = (
+    "rolling", "spin", "wall", "restitution", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay", "noise",
+    "plane", "strike", "gain_beta", "gain_gamma", "inertia", "viscous",
+)  # fmt: skip
+TABLE, MAZE = (0.003, -0.004), load_map("cme")
+CONTACT = Path(os.environ.get("MAZEPLAN_DATA", Path(__file__).parents[3] / "shared" / "data")) / "contact" / "A"
+
+
+def filtered(toy, seed, table=TABLE, delay=2.0 / 30.0, lost=0.0):
+    """The filter for a record."""
+    t, y, wave, _ = plainball.record(toy, seed=seed, seconds=60.0, table=table, noise=5e-4, delay=delay)
+    y[np.random.default_rng(5).random(len(y)) < lost] = np.nan
+    grid = np.arange(0.0, t[-1] + 0.1, 5e-3)
+    plate = PlateMotion(0.0, 5e-3, np.array([plainball.plate_at(wave, at) for at in grid]))
+    wall = np.array([[toy.inner - 0.003, toy.inner - 1e-3, 0.0, 0.0]])
+    walls = Walls(wall, np.zeros((0, GAP)), np.zeros((0, SLAB)), toy.outer, toy.radius, 1e-3)
+    return BodyFilter(Pictures(t, 1.0 / 30.0, y, t == 0.0), plate, walls)
+
+
+@cache
+def reference():
+    fit = fit_body(filtered(plainball.Toy(), 1), with_values(BodyModel(), {"hold": 1.0}), FREE)
+    return Reference(fit.model, fit.stderr)
+
+
+@cache
+def searched(toy, **how):
+    return search_body(filtered(toy, 2, **how), reference(), MAZE)
+
+
+@pytest.mark.parametrize(("toy", "how", "effect", "name", "true"), [
+    (plainball.Toy(c=0.18), {"lost": 0.2}, "dry_friction", "rolling", 0.18),
+    (plainball.Toy(k=2.0 / 3.0), {}, "rolling_inertia", "inertia", 2.0 / 3.0),
+    (plainball.Toy(), {"table": (0.011, 0.005)}, "tilt_offset", "tilt_beta", 0.011),
+    (plainball.Toy(), {"delay": 4.0 / 30.0}, "sensor_delay", "delay", 4.0 / 30.0),
+])  # fmt: skip
+def test_one_thing_that_changed_is_named_with_its_size_and_nothing_else(toy, how, effect, name, true):
+    found = searched(toy, **how)
+    assert [c.effect for c in found.found] == [effect]
+    assert found.rivals == ((),)
+    assert value_of(found.fit.model, name) == pytest.approx(true, rel=0.08)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_rig_as_it_was_raises_no_alarm(seed):
+    found = search_body(filtered(plainball.Toy(), seed), reference(), MAZE)
+    assert found.found == ()
+    assert found.fit.minus2 == found.first.minus2
+
+
+def test_a_pull_without_a_body_of_its_own_is_not_called_a_friction():
+    found = searched(plainball.Toy(push=2.0))  # cos(theta) along the ring
+    assert found.found
+    assert not {c.effect for c in found.found} & {"dry_friction", "viscous_friction", "quadratic_drag", "sensor_delay"}
+
+
+def test_names_of_the_registry_have_its_units():
+    found = searched(plainball.Toy(c=0.18), lost=0.2)
+    told = in_registry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
+    c = told["parameters"]["coefficient"]
+    assert c["unit"] == "rad/s^2"
+    assert c["value"] == pytest.approx(0.18 / 1.4 / 0.08, rel=0.08)
+    assert c["value"] - told["known_before"]["coefficient"] == pytest.approx(0.12 / 1.4 / 0.08, rel=0.08)
+    assert told["rings"]["2"]["now"]["coefficient"] == pytest.approx(2.0 * c["value"])
+
+
+def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
+    model = RigModel.nominal(MAZE)
+    found = searched(plainball.Toy(c=0.18), lost=0.2)
+    told = in_registry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
+    new = moved_model(model, MAZE, [told], found.fit)
+    for ring, radius in ((1, 0.08), (2, 0.04)):
+        was, now = (m.ball(ring).parameter("dry_friction", "coefficient", 0.0) for m in (model, new))
+        assert now - was == pytest.approx(0.12 / 1.4 / radius, rel=0.08)
+    assert new.ball(1).parameter("rolling_inertia", "factor", 0.0) == model.ball(1).parameter(
+        "rolling_inertia", "factor", 0.0
+    )
+
+
+def test_a_record_without_commands_is_refused_by_name(tmp_path):
+    t = np.arange(0.0, 40.0, 1.0 / 30.0)
+    rows = [f"{a:.4f},{0.08 * math.cos(a):.5f},{0.08 * math.sin(a):.5f},{0.02 * math.sin(2 * a):.5f},0.02" for a in t]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["t,x,y,beta,gamma", *rows]) + "\n")
+    with pytest.raises(TableError, match="u_beta and u_gamma"):
+        reference_of(read_table(log), MAZE, None)
+
+
+def shortened(name, tmp_path, rows):
+    lines = (CONTACT / f"{name}.csv").read_text().splitlines()
+    path = tmp_path / f"{name}.csv"
+    path.write_text("\n".join(lines[: rows + 1]) + "\n")
+    return str(path)
+
+
+@pytest.mark.skipif(not CONTACT.is_dir(), reason="no records of others' rigs with contact here")
+def test_from_the_command_line_a_rig_with_contact_tells_what_changed_and_gets_a_model_with_it(
+    tmp_path, monkeypatch, capsys
+):
+    was = shortened("reference", tmp_path, 4500)
+    now = shortened("drops-friction", tmp_path, 3000)
+    arguments = ("--model", str(CONTACT / "model"), "--reference", was, "-o", str(tmp_path / "out"), "--json")
+    code, out, err = call(monkeypatch, capsys, "diagnose", now, *arguments)
+    assert code == 0, err
+    done = json.loads(out)
+    assert done["verdict"] == "effect_found"
+    (effect,) = done["effects"]
+    assert effect["name"] == "dry_friction"
+    assert effect["planned"] is True
+    value, before = effect["parameters"]["coefficient"]["value"], effect["known_before"]["coefficient"]
+    assert value / before == pytest.approx(3.0, rel=0.15)
+    assert done["after"]["rollout40"] < 0.5 * done["before"]["rollout40"]
+    assert done["remaining"] < 1.3
+    old, new = load_model(CONTACT / "model"), load_model(done["model"])
+    moved = [m.ball(1).parameter("dry_friction", "coefficient", 0.0) for m in (old, new)]
+    assert moved[1] > moved[0] + 0.5
