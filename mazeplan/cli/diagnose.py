@@ -76,6 +76,14 @@ def diagnose(
     if reference is not None:
         from mazeplan.cli.diagnose_body import diagnose_against
 
+        others = {"--ring": ring, "--radius": radius, "--declare": declare, "--test": test, "--effects": effects}
+        for option, value in others.items():
+            if value:
+                raise InputError(f"{option}: got {value}, expected none with --reference, which uses all rings")
+        if system != "ring" or body:
+            raise InputError(
+                f"--reference: got it with {'--body' if body else '--system ' + system}, expected it alone"
+            )
         diagnose_against(log, reference, model, map_, output, as_json)
         return
     if body:

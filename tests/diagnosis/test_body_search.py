@@ -144,3 +144,19 @@ def test_from_the_command_line_a_rig_with_contact_tells_what_changed_and_gets_a_
     old, new = load_model(CONTACT / "model"), load_model(done["model"])
     moved = [m.ball(1).parameter("dry_friction", "coefficient", 0.0) for m in (old, new)]
     assert moved[1] > moved[0] + 0.5
+
+
+@pytest.mark.parametrize(("option", "value"), [("--ring", "2"), ("--declare", "dry_friction.coefficient=0.4")])
+def test_options_of_one_ring_are_refused_beside_a_reference(monkeypatch, capsys, option, value):
+    code, out, err = call(monkeypatch, capsys, "diagnose", "now.csv", "--reference", "was.csv", option, value)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"mazeplan: {option}: got ")
+    assert "--reference" in err
+
+
+def test_a_reference_that_is_not_there_is_told_by_name(monkeypatch, capsys, tmp_path):
+    now = tmp_path / "now.csv"
+    now.write_text("t,x,y,beta,gamma,u_beta,u_gamma\n0,0.08,0,0,0,0,0\n0.0333,0.08,0,0,0,0,0\n")
+    code, out, err = call(monkeypatch, capsys, "diagnose", str(now), "--reference", str(tmp_path / "was.csv"))
+    assert (code, out) == (2, "")
+    assert "was.csv" in err
