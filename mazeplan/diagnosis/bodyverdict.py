@@ -88,12 +88,25 @@ class BodyVerdict:
         return [first, *advice(self.effects, self.alike, self.unknown)]
 
     def document(self) -> dict[str, Any]:
-        """As `diagnose --reference --json`."""
+        """As `diagnose --reference --json`. An effect's errors are those of 40 samples, of all that was found."""
+        errors = {"before": self.before[f"rollout{AHEAD}"], "after": self.after[f"rollout{AHEAD}"]}
+        numbers = sorted({int(ring) for effect in self.effects for ring in effect["rings"]})
         return {
-            "verdict": self.verdict, "effects": list(self.effects), "ambiguous_with": [list(g) for g in self.alike],
-            "unknown": self.unknown, "before": self.before, "after": self.after, "held_out": HELD_OUT,
-            "remaining": round(self.remaining, 3), "advice": self.sentences()[1:],
+            "verdict": self.verdict, "effects": [effect | errors for effect in self.effects],
+            "ambiguous_with": [list(g) for g in self.alike], "unknown": self.unknown,
+            "before": {"nrmse": None, **self.before}, "after": {"nrmse": None, **self.after}, "noise_floor": None,
+            "held_out": HELD_OUT, "remaining": round(self.remaining, 3), "advice": self.sentences()[1:],
+            "rings": {str(ring): self._in_ring(str(ring)) for ring in numbers},
         }  # fmt: skip
+
+    def _in_ring(self, ring: str) -> dict[str, Any]:
+        """The verdict is that of all rings; sizes are those of this one."""
+        here = []
+        for effect in self.effects:
+            now, parameters = effect["rings"][ring]["now"], effect["parameters"]
+            told = {key: {**parameters[key], "value": value} for key, value in now.items()}
+            here.append({"name": effect["name"], "parameters": told})
+        return {"verdict": self.verdict, "effects": here}
 
 
 def reference_of(table: Table, maze: Maze, model: RigModel | None) -> RigReference:

@@ -118,11 +118,11 @@ def _change(effect: dict[str, Any]) -> str:
     before, parts = effect["known_before"], []
     places = PACKAGED[effect["name"]].places
     for key, number in effect["parameters"].items():
-        old, error = before.get(key, 0.0), number["stderr"]
+        old, error = before.get(key, 0.0) or 0.0, number["stderr"]
         if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
             continue
         unit = "" if number["unit"] == "1" else f" {number['unit']}"
-        change = f"{number['value']:.4g}" if key in places else f"{old:.4g} -> {number['value']:.4g}"
+        change = f"{number['value']:.4g}" if key in places else f"{old + 0.0:.4g} -> {number['value']:.4g}"
         parts.append(f"{key} {change} +- {error:.2g}{unit}")
     return f"{_plain(effect['name'])} ({', '.join(parts)})"
 

@@ -141,6 +141,12 @@ def test_from_the_command_line_a_rig_with_contact_tells_what_changed_and_gets_a_
     assert value / before == pytest.approx(3.0, rel=0.15)
     assert done["after"]["rollout40"] < 0.5 * done["before"]["rollout40"]
     assert done["remaining"] < 1.3
+    assert set(done["rings"]) == {"1", "2", "3", "4"}
+    there = done["rings"]["4"]["effects"][0]["parameters"]["coefficient"]["value"]
+    radii = [MAZE.track_radius(ring) for ring in (1, 4)]
+    assert there * radii[1] == pytest.approx(
+        done["rings"]["1"]["effects"][0]["parameters"]["coefficient"]["value"] * radii[0]
+    )
     old, new = load_model(CONTACT / "model"), load_model(done["model"])
     moved = [m.ball(1).parameter("dry_friction", "coefficient", 0.0) for m in (old, new)]
     assert moved[1] > moved[0] + 0.5
