@@ -35,7 +35,7 @@ def moved_model(model: RigModel, maze: Maze, effects: Sequence[Mapping[str, Any]
 
 def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[str, Any]) -> Any:
     """An effect of a ring as the JSON has it, with the model's own numbers moved; None where it is too small there."""
-    name, now, before = effect["name"], both["now"], both["before"]
+    name, now, before = effect["name"], both["after"], both["before"]
     kind = EFFECTS[name]
     if name in PLACED or kind.acts == STAGE:
         if name == "surface_bump" and abs(now["height"]) < kind.parameters["height"].smallest:

@@ -103,7 +103,7 @@ class BodyVerdict:
         """The verdict is that of all rings; sizes are those of this one."""
         here = []
         for effect in self.effects:
-            now, parameters = effect["rings"][ring]["now"], effect["parameters"]
+            now, parameters = effect["rings"][ring]["after"], effect["parameters"]
             told = {key: {**parameters[key], "value": value} for key, value in now.items()}
             here.append({"name": effect["name"], "parameters": told})
         return {"verdict": self.verdict, "effects": here}
@@ -155,7 +155,7 @@ def _named(
         effects.append(gain)
     for e in effects:
         now = {key: number["value"] for key, number in e["parameters"].items()}
-        e["rings"] = {str(ring): {"now": now, "before": e["known_before"]} for ring in radii}
+        e["rings"] = {str(ring): {"after": now, "before": e["known_before"]} for ring in radii}
     alike = []
     for c, rivals in zip(searched.found, searched.rivals, strict=True):
         if c not in found or not c.effect:

@@ -39,7 +39,7 @@ def in_registry(c: Candidate, fit: BodyFit, was: Reference, radii: dict[int, flo
         "name": c.effect,
         "parameters": {k: {"value": v, "stderr": spread[k], "unit": units[k]} for k, v in values.items()},
         "known_before": before,
-        "rings": {str(ring): {"now": now, "before": was_} for ring, (now, was_) in by_ring.items()},
+        "rings": {str(ring): {"after": now, "before": was_} for ring, (now, was_) in by_ring.items()},
     }
 
 

@@ -91,7 +91,7 @@ def test_names_of_the_registry_have_its_units():
     assert c["unit"] == "rad/s^2"
     assert c["value"] == pytest.approx(0.18 / 1.4 / 0.08, rel=0.08)
     assert c["value"] - told["known_before"]["coefficient"] == pytest.approx(0.12 / 1.4 / 0.08, rel=0.08)
-    assert told["rings"]["2"]["now"]["coefficient"] == pytest.approx(2.0 * c["value"])
+    assert told["rings"]["2"]["after"]["coefficient"] == pytest.approx(2.0 * c["value"])
 
 
 def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
