@@ -108,7 +108,7 @@ def test_a_fast_ball_hits_the_rim_with_restitution_and_its_spin_goes_on_into_the
     fine = rolled(rig, STILL[:2], start)[0]
     v = np.diff(fine[:, 0]) * RATE * PER
     hit = int(np.argmin(v))  # the step in which it is set back to where it would be
-    assert v[hit + 1] == pytest.approx(-0.6 * 0.4, abs=2.0 * 5.0 * G / (RATE * PER))
+    assert v[hit + 1] == pytest.approx(-0.6 * 0.4, abs=3.0 * 5.0 * G / (RATE * PER))
     # sliding friction of the floor turns spin into speed until it rolls: momentum about the floor is kept
     assert v[hit + 100] == pytest.approx((-0.6 * 0.4 + 0.4 * 0.4) / 1.4, rel=0.05)
 
