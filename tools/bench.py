@@ -25,6 +25,7 @@ from bench_body import body_section
 from bench_camera import camera_section
 from bench_campaign import campaign_section
 from bench_contact import contact_section
+from bench_contactplant import contactplant_section
 from bench_diagnose import diagnose_section
 from bench_drive import drive_section
 from bench_effects import effects_section
@@ -204,6 +205,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "plant": lambda quick: plant_section(quick, keep=True),
     "baselines": baselines_section, "improve": improve_section, "effects": effects_section, "body": body_section,
     "contact": contact_section,
+    "contactplant": contactplant_section,  # hours, so only when it is asked for: it is not in `models_sections`
     "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,
