@@ -246,3 +246,12 @@ def test_a_truth_has_the_names_of_the_registry(name):
         assert set(truth(rig, name, told, 0.08)) <= set(PACKAGED[told].parameters)
     assert set(EFFECTS[name].near) <= set(PACKAGED)
     assert bool(truth(rig, name, name, 0.08)) == bool(EFFECTS[name].names)
+
+
+def test_time_goes_on_from_one_placing_of_the_ball_to_the_next():
+    rig = replace(QUIET, rock=(0.71, 0.01, 0.0, 0.0))
+    table = record(rig, 21.0, 1)
+    u, x, y = (np.column_stack([table["u_beta"], table["u_gamma"]])[600:], table["x"][600:], table["y"][600:])
+    again = rolled(rig, u, (x[0], y[0]), 20.0)[1]
+    assert again[:, :2] == pytest.approx(np.column_stack([x, y]), abs=1e-9)
+    assert np.max(np.abs(rolled(rig, u, (x[0], y[0]), 0.0)[1][:, 0] - x)) > 1e-4
