@@ -14,7 +14,8 @@ from pathlib import Path
 from bench_body import contact_folder
 
 from mazeplan.data.table import read_table
-from mazeplan.diagnosis.bodyverdict import BodyVerdict, RigReference, reference_of, verdict_on
+from mazeplan.diagnosis.bodyreference import RigReference, reference_of
+from mazeplan.diagnosis.bodyverdict import BodyVerdict, verdict_on
 from mazeplan.maze.mapfile import load_map
 from mazeplan.models.modelfile import load_model
 
@@ -55,7 +56,7 @@ def record_row(path: Path, was: RigReference) -> tuple[str, BodyVerdict]:
 def rig_rows(folder: Path, quick: bool) -> tuple[list[str], int, int]:
     """The lines of a rig; how many of its known effects come first, and how many names there are too many."""
     began = time.perf_counter()
-    was = reference_of(read_table(folder / "reference.csv"), MAZE, load_model(folder / "model"))
+    was = reference_of([read_table(folder / "reference.csv")], MAZE, load_model(folder / "model"))
     rows, right, surplus = [f"| {folder.name}: reference | | | | | | | {time.perf_counter() - began:.0f} |"], 0, 0
     records = sorted(path for path in folder.glob("*.csv") if path.stem != "reference")
     for path in records[: 2 if quick else None]:

@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from mazeplan.data.table import Table
-from mazeplan.diagnosis.bodyverdict import RigReference, reference_of, verdict_on
+from mazeplan.diagnosis.bodyreference import RigReference, reference_of
+from mazeplan.diagnosis.bodyverdict import verdict_on
 from mazeplan.maze.mapfile import load_map
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -123,7 +124,7 @@ class Told:
 
 def reference(table: Table) -> RigReference:
     """What is known of a rig from a record in which all was well."""
-    return reference_of(table, MAZE, None)
+    return reference_of([table], MAZE, None)
 
 
 def judged(table: Table, was: RigReference) -> Told:

@@ -28,7 +28,12 @@ if TYPE_CHECKING:
 
 
 def diagnose(
-    log: Annotated[Path, typer.Argument(help="Run log (MCAP) or table (CSV); with --system emps a .mat file.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...", help="Run logs (MCAP) or tables (CSV) of one rig; with --system emps a .mat file."
+        ),
+    ],
     model: Annotated[
         str | None, typer.Option("--model", help="Packaged model or folder: what is known already.")
     ] = None,
@@ -43,7 +48,9 @@ def diagnose(
             help="What is known already (repeatable); other systems: EFFECT alone is there, and fitted.",
         ),
     ] = None,
-    ring: Annotated[int | None, typer.Option("--ring", min=1, help="Which ring; default: that of most rows.")] = None,
+    ring: Annotated[
+        int | None, typer.Option("--ring", min=1, help="This ring alone; default: all rings, one verdict.")
+    ] = None,
     test: Annotated[
         Path | None, typer.Option("--test", help="A further record on which before and after are reported.")
     ] = None,
@@ -67,54 +74,80 @@ def diagnose(
         bool, typer.Option("--body", help="What all rings together tell of the ball: friction, walls, camera, table.")
     ] = False,
     reference: Annotated[
-        Path | None,
-        typer.Option("--reference", help="Log of the same rig when its model was right: what differs from it?"),
+        list[Path] | None,
+        typer.Option("--reference", help="Log of the same rig when its model was right (repeatable)."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")] = False,
 ) -> None:
     """Find the effect that a model lacks, and say how much better it predicts with it."""
-    if reference is not None:
-        from mazeplan.cli.diagnose_body import diagnose_against
-
-        others = {"--ring": ring, "--radius": radius, "--declare": declare, "--test": test, "--effects": effects}
-        for option, value in others.items():
-            if value:
-                raise InputError(f"{option}: got {value}, expected none with --reference, which uses all rings")
-        if system != "ring" or body:
-            raise InputError(
-                f"--reference: got it with {'--body' if body else '--system ' + system}, expected it alone"
-            )
-        diagnose_against(log, reference, model, map_, output, as_json)
+    if system != "ring":
+        _of_system(system, logs, declare or [], effects, test, output, as_json,
+                   {"--ring": ring, "--radius": radius, "--map": map_, "--model": model,
+                    "--reference": reference, "--body": body or None})  # fmt: skip
         return
+    alone = {"--ring": ring, "--radius": radius, "--declare": declare, "--effects": effects}
+    given = next((option for option, value in alone.items() if value), None)
+    if reference and given:
+        raise InputError(f"{given}: got {alone[given]}, expected none with --reference, which uses all rings")
     if body:
         from mazeplan.cli.diagnose_body import diagnose_body
 
-        diagnose_body(log, model, map_, output, as_json)
+        if reference or given:
+            raise InputError(f"--body: got {given or '--reference'} beside it, expected it alone")
+        diagnose_body(_single(logs, "--body"), model, map_, output, as_json)
         return
-    if system == "emps" or ":" in system:
-        from mazeplan.cli.diagnose_mechanism import diagnose_system
+    if given is None:
+        from mazeplan.cli.diagnose_body import diagnose_rig, whole_rig
+        from mazeplan.data.table import read_table
 
-        ball = {"--ring": ring, "--radius": radius, "--map": map_, "--model": model}
-        for option, value in ball.items():
-            if value is not None:
-                raise InputError(f"{option}: got {value}, expected none with --system {system}: it has no ring")
-        diagnose_system(system, log, declare or [], effects, test, output, as_json)
-    elif system == "ring":
-        from mazeplan.cli.machine import machine_options
-        from mazeplan.diagnosis.ambiguity import on_machine
+        tables = [read_table(log) for log in logs]
+        if reference or whole_rig(tables):
+            diagnose_rig(logs, tables, reference or [], model, map_, test, output, as_json)
+            return
+    _of_ring(_single(logs, given or "a table without x, y, u_beta and u_gamma"), model, radius, declare or [], ring,
+             test, map_, effects, output, as_json)  # fmt: skip
 
-        if output is not None:
-            check_folder("-o", output)
-        done, document = _of_ball(log, model, radius, declare or [], ring, test, map_, effects)
-        if output is not None:
-            known, number = document["declared"], document["ring"]
-            document["model"] = _new_model(done, model, known, number, logged_map(map_, log)[0], output)
-        if document["separate_by"]:
-            document["separate_by"] = on_machine(document["separate_by"], *machine_options(log, map_))
-        number = document["ring"]
-        finish(done, document, output, f"ring {number} of {log.name}" if number else log.name, as_json)
-    else:
+
+def _single(logs: list[Path], why: str) -> Path:
+    """The one log. Raises InputError for more."""
+    if len(logs) > 1:
+        raise InputError(f"{logs[1]}: got {len(logs)} logs, expected one with {why}")
+    return logs[0]
+
+
+def _of_system(
+    system: str, logs: list[Path], declare: list[str], effects: str | None, test: Path | None, output: Path | None,
+    as_json: bool, ball: dict[str, Any],
+) -> None:  # fmt: skip
+    """A system that is no ball in a maze; ball: options that it does not have."""
+    from mazeplan.cli.diagnose_mechanism import diagnose_system
+
+    if system != "emps" and ":" not in system:
         raise InputError(f"--system: got {system!r}, expected ring, emps or MODULE:CLASS")
+    for option, value in ball.items():
+        if value is not None:
+            raise InputError(f"{option}: got {value}, expected none with --system {system}: it has no ring")
+    diagnose_system(system, _single(logs, f"--system {system}"), declare, effects, test, output, as_json)
+
+
+def _of_ring(
+    log: Path, model: str | None, radius: float | None, declare: list[str], ring: int | None, test: Path | None,
+    map_: str | None, effects: str | None, output: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """A ball in one ring."""
+    from mazeplan.cli.machine import machine_options
+    from mazeplan.diagnosis.ambiguity import on_machine
+
+    if output is not None:
+        check_folder("-o", output)
+    done, document = _of_ball(log, model, radius, declare, ring, test, map_, effects)
+    if output is not None:
+        known, number = document["declared"], document["ring"]
+        document["model"] = _new_model(done, model, known, number, logged_map(map_, log)[0], output)
+    if document["separate_by"]:
+        document["separate_by"] = on_machine(document["separate_by"], *machine_options(log, map_))
+    number = document["ring"]
+    finish(done, document, output, f"ring {number} of {log.name}" if number else log.name, as_json)
 
 
 def _of_ball(

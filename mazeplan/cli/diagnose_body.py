@@ -1,17 +1,26 @@
-"""`diagnose --body`: what a record tells of the ball's body; `diagnose --reference`: what differs from another one."""
+"""`diagnose` of a whole rig against what it was like when its model was right; `diagnose --body`: of its ball."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mazeplan.cli.arguments import check_folder, logged_map
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
+if TYPE_CHECKING:
+    from mazeplan.data.table import Table
+    from mazeplan.diagnosis.bodyreference import RigReference
+    from mazeplan.diagnosis.bodyverdict import BodyVerdict
+    from mazeplan.maze.geometry import Maze
+    from mazeplan.models.modelfile import RigModel
+
 SHOWN = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
+NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
 
 
 def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path | None, as_json: bool) -> None:
@@ -47,43 +56,85 @@ def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path 
         print(f"{line}{_beside(number['model'], factor)}")
 
 
-def diagnose_against(
-    path: Path, reference: Path, model: str | None, map_: str | None, output: Path | None, as_json: bool
-) -> None:
-    """What differs from a reference, all rings together. Raises TableError, InputError."""
+def whole_rig(tables: Sequence[Table]) -> bool:
+    """Whether records show what a diagnosis of a whole rig needs."""
+    import numpy as np
+
+    from mazeplan.diagnosis.bodyrecord import FEWEST
+
+    if not all(name in table for table in tables for name in NEEDED):
+        return False
+    return sum(int(np.isfinite(table["x"]).sum()) for table in tables) >= FEWEST
+
+
+def diagnose_rig(
+    paths: Sequence[Path], tables: Sequence[Table], references: Sequence[Path], model: str | None, map_: str | None,
+    test: Path | None, output: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """What differs from what a rig was like, all rings together. Raises TableError, InputError."""
     from mazeplan.cli.progress import Working
-    from mazeplan.data.table import read_table
-    from mazeplan.diagnosis.bodyupdate import moved_model
-    from mazeplan.diagnosis.bodyverdict import reference_of, verdict_on
-    from mazeplan.models.modelfile import load_model, save_model
+    from mazeplan.data.table import join, read_table
+    from mazeplan.diagnosis.bodyverdict import verdict_on
+    from mazeplan.models.modelfile import load_model
 
     if output is not None:
         check_folder("-o", output)
-    maze, known = logged_map(map_, path)[0], None if model is None else load_model(model)
+    maze, known = logged_map(map_, paths[0])[0], None if model is None else load_model(model)
     with Working("diagnosing") as shown:
-        shown.tell("the reference")
-        was = reference_of(read_table(reference), maze, known)
-        done = verdict_on(read_table(path), maze, was, shown.tell)
-    document = done.document()
-    document |= {"model": None, "report": None}
+        shown.tell("what the rig was like")
+        was = reference_for([read_table(path) for path in references], maze, known, model)
+        further = None if test is None else read_table(test)
+        table = tables[0] if len(tables) == 1 else join(tables)
+        done = verdict_on(table, maze, was, shown.tell, further)
+    document = done.document() | {"model": None, "report": None}
     if output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        if known is not None and done.effects:
-            new = moved_model(known, maze, done.effects, done.searched.fit)
-            document["model"] = str(save_model(new, output / "model").parent)
-        (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
+        _write(done, document, known, maze, output)
     if as_json:
         print_json(document)
         return
     for line in done.sentences():
         print(line)
-    if document["model"] is not None:
-        print(f"model with it: {document['model']}")
+    for note in done.notes:
+        print(f"note: {note}")
+    for key in ("report", "model"):
+        if document[key] is not None:
+            print(f"{key}: {document[key]}")
+
+
+def reference_for(
+    references: Sequence[Table], maze: Maze, known: RigModel | None, model: str | Path | None
+) -> RigReference:
+    """What a rig was like: by logs of that time, else as its model's folder keeps it, else as the model says; a
+    textbook ball without a model."""
+    from mazeplan.diagnosis.bodyreference import reference_by_model, reference_of, textbook
+    from mazeplan.diagnosis.referencefile import load_reference
+
+    if references:
+        return reference_of(references, maze, known)
+    if known is None:
+        return textbook()
+    kept = None if model is None else load_reference(model, known)
+    return kept or reference_by_model(known, maze)
+
+
+def _write(done: BodyVerdict, document: dict[str, Any], known: RigModel | None, maze: Maze, output: Path) -> None:
+    """Report, and the model with what was found and the rig as it is now."""
+    from mazeplan.diagnosis.bodyupdate import moved_model, reference_now
+    from mazeplan.diagnosis.referencefile import save_reference
+    from mazeplan.models.modelfile import save_model
+
+    output.mkdir(parents=True, exist_ok=True)
+    if known is not None and done.effects:
+        new = moved_model(known, maze, done.effects, done.searched.fit)
+        document["model"] = str(save_model(new, output / "model").parent)
+        if not done.was.body.open:
+            save_reference(reference_now(done), new, output / "model")
+    (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
 
 
 def _beside(said: list[float] | None, factor: float) -> str:
-    """What the model says of the same."""
+    """What the model of beads says, behind what the body says."""
     if said is None:
         return ""
     low, high = (f"{factor * end:.4g}" for end in said)
-    return f" (model: {low})" if low == high else f" (model: {low} to {high})"
+    return f"   (the model's rings: {low}" + (f" to {high})" if low != high else ")")

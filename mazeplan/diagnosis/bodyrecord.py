@@ -8,15 +8,16 @@ physics is right, what is left is the camera's noise: innovations without memory
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mazeplan.data.table import Table
-from mazeplan.diagnosis.platemotion import Stage, fit_stage, plate_motion
-from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.platemotion import Stage, commanded, fit_stage, from_sensor
+from mazeplan.diagnosis.record import Record, record_of
 from mazeplan.errors import TableError
 from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Pictures
 from mazeplan.estimation.bodyfit import ORDINARY, BodyFit, autocorrelation, fit_body
@@ -26,11 +27,13 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
 from mazeplan.physics.effect import Term
 from mazeplan.physics.plate import PlateMotion
+from mazeplan.physics.stage import StageModel
 from mazeplan.physics.walls import pack_walls
 
 FEWEST = 900  # pictures
 GUESSED = (  # what a bead's model says rightly; its inertia and its other friction stand in for walls, too
-    "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "delay", "gain_beta", "gain_gamma",
+    "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "bend", "delay",
+    "gain_beta", "gain_gamma",
 )  # fmt: skip
 WHITE = 0.06  # autocorrelation of innovations up to which nothing is left in them
 
@@ -74,9 +77,9 @@ class BodySeen:
         }  # fmt: skip
 
 
-def body_filter(table: Table, maze: Maze, known: Stage | None = None) -> tuple[BodyFilter, Stage | None]:
-    """The filter for a record with x and y, and the stage by which its plate moves: one that is known, else
-    as fitted to the record. Raises TableError."""
+def body_filter(table: Table, maze: Maze, known: StageModel | None = None) -> tuple[BodyFilter, Stage | None]:
+    """The filter for a record with x and y, and the stage as fitted to it, None without commands. known: the stage by
+    which the plate moves, with the offsets of this record, where it is not the fitted one. Raises TableError."""
     if "x" not in table or "y" not in table:
         raise TableError("got a table without x and y, expected where the camera saw the ball", file=_file(table))
     record = record_of(table, np.ones(len(table), dtype=bool))
@@ -84,14 +87,41 @@ def body_filter(table: Table, maze: Maze, known: Stage | None = None) -> tuple[B
     seen = int(np.isfinite(y).all(axis=1).sum())
     if seen < FEWEST:
         raise TableError(f"got {seen} pictures of the ball, expected {FEWEST} at least", file=_file(table))
-    stage = known or fit_stage(record, np.ones(len(record), dtype=bool))
-    tilt = plate_motion(record, stage)
+    stage = fit_stage(record, np.ones(len(record), dtype=bool))
+    return filter_of(table, record, maze, None if stage is None else _stage_model(stage, known)), stage
+
+
+def filter_of(table: Table, record: Record, maze: Maze, stage: StageModel | None) -> BodyFilter:
+    """The filter of a record whose plate moves by a stage; by the tilt sensor without one."""
+    by_commands = None if stage is None else commanded(record, stage)
+    tilt = by_commands or from_sensor(record.t, record.beta, record.gamma, record.segment)
     plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
-    if stage is not None:
+    if stage is not None and by_commands is not None:
         tilts = np.column_stack([record.beta, record.gamma])
-        plate = with_true_starts(plate, tilts, record.first, record.dt, stage.axes)
-    pictures = Pictures(record.t, record.dt, y, record.first)
-    return BodyFilter(pictures, plate, pack_walls(maze)), stage
+        plate = with_true_starts(plate, tilts, record.first, record.dt, (stage.beta, stage.gamma))
+    y = np.column_stack([table["x"], table["y"]])
+    clock = table["t"] - table["t"][0]
+    ordered = bool(np.all(np.diff(clock) > 0.0))  # of several logs nobody knows the time between them
+    pictures = Pictures(record.t, record.dt, y, record.first, clock if ordered else None)
+    return BodyFilter(pictures, plate, pack_walls(maze))
+
+
+def _stage_model(stage: Stage, known: StageModel | None) -> StageModel:
+    """The stage that is known, with the offsets of the one that was fitted; the fitted one where none is known."""
+    if known is None:
+        return StageModel(*stage.axes)
+    pairs = zip((known.beta, known.gamma), stage.axes, strict=True)
+    return StageModel(*(replace(axis, offset=found.offset) for axis, found in pairs))
+
+
+def left_over(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
+    """What a fit does not explain: the largest autocorrelation of its innovations, and their root mean square over
+    what it would be if nothing unexplained moved the ball."""
+    model, seen = fit.model, fit.filtered
+    quiet = body.run(model._replace(wander=model.wander._replace(plane=1e-6, strike=1e-3)))
+    keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
+    remaining = math.sqrt(float(np.mean(seen.nu[keep] ** 2) / np.mean(quiet.S[keep, :2])))
+    return float(np.max(np.abs(autocorrelation(seen)))), remaining
 
 
 def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:

@@ -13,19 +13,24 @@ for noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mazeplan.diagnosis.planefloors import floor_bump, floor_warp, started_terms, table_swing
+from mazeplan.diagnosis.bodycamera import camera_starts
+from mazeplan.diagnosis.bodycandidates import CANDIDATES, Candidate
+from mazeplan.diagnosis.planefloors import started_terms
 from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel
 from mazeplan.estimation.bodyfit import BodyFit, fit_body, score_search
 from mazeplan.estimation.bodynumbers import number_of, value_of, with_values
 from mazeplan.maze.geometry import Maze
+from mazeplan.physics.bodyeffects import idle
+from mazeplan.physics.effect import Term
 
 NOISE = ("noise", "plane")  # `strike` stays: it would hide walls that are elsewhere
 NEEDED = 150.0  # of -2 log L
+PRICE = 15.0  # of -2 log L, of each number: more than the roughness of the likelihood
 LIKE = 0.85  # share of the best one's gain from which another candidate explains the record as well
 SURE = 3.5  # standard errors of both records, each taken ROUGH times
 ROUGH = 2.0  # how much further values scatter from record to record than standard errors say
@@ -37,50 +42,14 @@ FURTHER, LEAPS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5), 3
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """effect: name in the registry, "" for what has none; free: numbers that it changes; first: those that are fitted
-    before the others, without which these say nothing; words: for what has no name in the registry."""
-
-    effect: str
-    free: tuple[str, ...]
-    first: tuple[str, ...] = ()
-    words: str = ""
-
-
-CANDIDATES = (
-    Candidate("dry_friction", ("rolling",)),
-    Candidate("viscous_friction", ("viscous",)),
-    Candidate("quadratic_drag", ("quadratic",)),
-    Candidate("rolling_inertia", ("inertia",)),
-    Candidate("wall_friction", ("wall",)),
-    Candidate("tilt_offset", ("tilt_beta", "tilt_gamma")),
-    Candidate("tilt_gain", ("gain_beta", "gain_gamma")),
-    Candidate("camera_offset", ("offset_x", "offset_y")),
-    Candidate("axis_misalignment", ("angle",)),
-    Candidate("camera_scale", ("scale",)),
-    Candidate("sensor_delay", ("delay",)),
-    Candidate("surface_profile", ("floor_warp.a", "floor_warp.b", "floor_warp.c")),
-    Candidate(
-        "surface_bump", ("floor_bump.depth", "floor_bump.x", "floor_bump.y", "floor_bump.width"), ("floor_bump.depth",)
-    ),
-    Candidate(
-        "table_rocking",
-        ("table_swing.bs", "table_swing.bc", "table_swing.gs", "table_swing.gc", "table_swing.frequency"),
-        ("table_swing.bs", "table_swing.bc", "table_swing.gs", "table_swing.gc"),
-    ),
-    Candidate("", ("restitution", "hold"), words="walls throw the ball back differently"),
-    Candidate("", ("spin",), words="the ball spins against another friction"),
-    Candidate("", ("cross_beta", "cross_gamma"), words="the plate tilts about other axes than it is measured in"),
-)
-SIZES = {floor_warp.name: ("a", "b", "c"), floor_bump.name: ("depth",), table_swing.name: ("bs", "bc", "gs", "gc")}
-
-
-@dataclass(frozen=True)
 class Reference:
-    """The body as it was when the model was right. stderr: of its numbers, where known."""
+    """The body as it was when the model was right. stderr: of its numbers, where known; open: numbers that it does not
+    know, which are fitted along; start: where a fit begins, None for the model itself."""
 
     model: BodyModel
     stderr: dict[str, float] = field(default_factory=dict)
+    open: tuple[str, ...] = ()
+    start: BodyModel | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +68,8 @@ def smallest(model: BodyModel, name: str) -> float:
     """Least change of a number that is worth a word, in its unit."""
     if "." in name:
         effect, _, key = name.partition(".")
-        return number_of(model, name).step if key in SIZES[effect] else math.inf
+        (places,) = (term.effect.places for term in model.terms if term.name == effect)
+        return math.inf if key in places else number_of(model, name).step
     number = number_of(model, name)
     return max(
         number.origin[0].smallest * (0.1 if number.unit == "m/s^2" else 1.0) if number.effect else 0.0, number.step
@@ -109,28 +79,40 @@ def smallest(model: BodyModel, name: str) -> float:
 def moved(model: BodyModel, stderr: dict[str, float], was: Reference, free: Sequence[str]) -> bool:
     """Whether one of these numbers surely differs from the reference, by more than its smallest size."""
     for name in free:
-        before = 0.0 if "." in name else value_of(was.model, name)
+        before = known_value(was.model, name)
         sigma = ROUGH * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
         if abs(value_of(model, name) - before) > max(smallest(model, name), SURE * sigma):
             return True
     return False
 
 
+def known_value(model: BodyModel, name: str) -> float:
+    """A number of a model, as it is without the term where the model has none."""
+    try:
+        return value_of(model, name)
+    except KeyError:
+        return 0.0
+
+
 def search_body(
     body: BodyFilter, was: Reference, maze: Maze, tell: Callable[[str], None] = lambda text: None
 ) -> Searched:
     """What differs from the reference. tell: progress."""
-    first = best = fit_body(body, _noisy(was.model._replace(terms=())), NOISE, POLISH, ENOUGH)
+    known = (*NOISE, *was.open)
+    places = camera_starts(body, (was.start or was.model).view, maze)
+    first = best = fit_body(body, _noisy(was.start or was.model), known, POLISH, ENOUGH)
     found, gains, rivals = list[Candidate](), list[float](), list[tuple[Candidate, ...]]()
     while len(found) < MOST_FOUND:
         tell(f"{len(found)} found, next")
-        base = _with_starts(body, best, found, maze)
-        free = (*NOISE, *(name for c in found for name in c.free))
-        left = [c for c in CANDIDATES if c not in found]
+        base = _with_starts(body, best, maze)
+        free = _free(known, found)
+        left = [c for c in CANDIDATES if not set(c.free) & set(free)]
+        begins = {c: _begun(body, base, c, places) for c in left}
         scores = _scores(body, base, free, left)
+        scores = {c: max(scores[c], best.minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
         ranked = sorted((c for c in left if scores[c] > LEAST_SCORE), key=lambda c: -scores[c])
         tried = [c for c in ranked[:MOST_FITTED] if scores[c] > WORTH * scores[ranked[0]]]
-        fits = {c: _fitted(body, base, free, c) for c in tried}
+        fits = {c: _fitted(body, begins[c][1], free, c) for c in tried}
         gained = {c: best.minus2 - fit.minus2 for c, fit in fits.items()}
         sure = [
             c for c in tried
@@ -138,13 +120,67 @@ def search_body(
         ]  # fmt: skip
         if not sure:
             break
-        chosen = max(sure, key=lambda c: gained[c])
-        rivals.append(tuple(c for c in sure if c is not chosen and gained[c] > LIKE * gained[chosen]))
+        worth = {c: gained[c] - PRICE * len(c.free) for c in sure}
+        best_worth = max(worth.values())
+        close = [c for c in sure if worth[c] > LIKE * best_worth]
+        chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # of those that explain as well, the simplest
+        rivals.append(tuple(c for c in close if c is not chosen and len(c.free) == len(chosen.free)))
         found.append(chosen)
         gains.append(gained[chosen])
         tell(f"{len(found)} found, its size")
         best = _polished(body, fits[chosen].model, was, (*free, *chosen.free))
+        for c in _needless(body, best, was, known, found):
+            i = found.index(c)
+            del found[i], gains[i], rivals[i]
+            best = fit_body(body, _without(best.model, was, c), _free(known, found), POLISH, ENOUGH)
     return Searched(tuple(found), tuple(gains), tuple(rivals), best, first)
+
+
+def _free(known: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
+    return (*known, *(name for c in found for name in c.free))
+
+
+def _needless(
+    body: BodyFilter, best: BodyFit, was: Reference, known: Sequence[str], found: Sequence[Candidate]
+) -> list[Candidate]:
+    """Candidates found earlier that the last one has made needless."""
+    out = []
+    for c in found[:-1]:
+        rest = [other for other in found if other is not c and other not in out]
+        without = fit_body(body, _without(best.model, was, c), _free(known, rest), STEPS, ENOUGH)
+        if without.minus2 - best.minus2 < NEEDED:
+            out.append(c)
+    return out
+
+
+def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
+    """The model with a candidate's numbers as they were."""
+    before = with_values(model, {name: value_of(was.model, name) for name in c.free if "." not in name})
+    gone = {name.partition(".")[0] for name in c.free if "." in name}
+    return before._replace(terms=tuple(
+        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, _nought(term))
+        if term.name in gone else term for term in before.terms
+    ))  # fmt: skip
+
+
+def _nought(term: Term) -> tuple[float, ...]:
+    """The numbers of a term without any size, where it is."""
+    pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
+    return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
+
+
+def _begun(
+    body: BodyFilter, base: BodyModel, c: Candidate, places: Mapping[str, Mapping[str, float]]
+) -> tuple[float, BodyModel]:
+    """-2 log L and the model where the fit of a candidate begins: the base, or one further off that is likelier."""
+    tried = [places[c.effect]] if c.effect in places else []
+    if c.far:
+        number, at = number_of(base, c.free[0]), value_of(base, c.free[0])
+        tried += [{c.free[0]: min(max(at + step, number.low), number.high)} for step in c.far]
+    models = [with_values(base, values) for values in tried]
+    scored = [(body.run(model).minus2, i) for i, model in enumerate(models)]
+    least, i = min(scored, default=(math.inf, 0))
+    return (least, models[i]) if models and least < body.run(base).minus2 else (math.inf, base)
 
 
 def _noisy(model: BodyModel) -> BodyModel:
@@ -152,10 +188,9 @@ def _noisy(model: BodyModel) -> BodyModel:
     return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, PLANE)))
 
 
-def _with_starts(body: BodyFilter, best: BodyFit, found: Sequence[Candidate], maze: Maze) -> BodyModel:
-    """The model with the terms that were found, and the others at nought where they would begin."""
-    kept = {name.partition(".")[0] for c in found for name in c.free if "." in name}
-    have = {term.name: term for term in best.model.terms if term.name in kept}
+def _with_starts(body: BodyFilter, best: BodyFit, maze: Maze) -> BodyModel:
+    """The model with the terms that it has, and the others at nought where they would begin."""
+    have = {term.name: term for term in best.model.terms if not idle(term)}
     started = started_terms(body, best.filtered, best.model.view.delay, maze)
     return best.model._replace(terms=tuple(have.get(term.name, term) for term in started))
 
@@ -203,8 +238,8 @@ def _leapt(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float
 
 def _fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate) -> BodyFit:
     """The likeliest numbers of a candidate together with those found before."""
-    unused = {name for name in SIZES if not any(f.startswith(f"{name}.") for f in (*free, *c.free))}
-    model = base._replace(terms=tuple(term for term in base.terms if term.name not in unused))
+    used = {name.partition(".")[0] for name in (*free, *c.free) if "." in name}
+    model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
     if c.first:
         model = fit_body(body, model, (*free, *c.first), STEPS, ENOUGH).model
     return fit_body(body, model, (*free, *c.free), STEPS, ENOUGH)

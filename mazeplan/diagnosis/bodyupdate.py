@@ -10,7 +10,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mazeplan.constants import FREE_ROLLING
-from mazeplan.diagnosis.update import not_planned, updated
+from mazeplan.diagnosis.bodyreference import RigReference
+from mazeplan.diagnosis.bodysearch import Reference
+from mazeplan.diagnosis.bodyverdict import BodyVerdict
+from mazeplan.diagnosis.update import DRIFT, UNTIL, not_planned, updated
 from mazeplan.estimation.bodynumbers import with_body
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.modelfile import RigModel
@@ -18,7 +21,7 @@ from mazeplan.physics.effect import BALL, STAGE
 from mazeplan.physics.entries import part_values
 from mazeplan.physics.registry import EFFECTS
 
-INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking")
+INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", DRIFT)
 FACTORS = ("camera_scale", "tilt_gain")  # scales multiply
 
 
@@ -26,11 +29,18 @@ def moved_model(model: RigModel, maze: Maze, effects: Sequence[Mapping[str, Any]
     """The model with effects as `bodyverdict` names them; fit: the body found, which a model that has one gets."""
     bodied, had_body = model, model.body is not None
     for effect in effects:
-        if not_planned([effect["name"]]):
+        if effect["name"] != DRIFT and not_planned([effect["name"]]):
             continue
         found = {int(ring): [_entry(bodied, int(ring), effect, both)] for ring, both in effect["rings"].items()}
         bodied = updated(bodied, maze, {ring: e for ring, e in found.items() if e[0] is not None})
     return with_body(bodied, fit.model, fit.stderr) if had_body else bodied
+
+
+def reference_now(done: BodyVerdict) -> RigReference:
+    """What the rig is like with what was found, for the next diagnosis."""
+    body = done.was.body
+    found = Reference(done.searched.fit.model, {**body.stderr, **done.searched.fit.stderr})
+    return RigReference(found, done.was.stage, done.memory, done.remaining)
 
 
 def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[str, Any]) -> Any:
@@ -55,7 +65,9 @@ def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[
     for key, value in values.items():
         stderr = told[key]["stderr"] if key in told else None
         parameters[key] = {"value": value, "stderr": stderr, "unit": kind.parameters[key].unit}
-    return {"name": name, "parameters": parameters}
+    if name == "local_friction":
+        parameters["ring"] = {"value": float(ring), "stderr": None, "unit": "1"}
+    return {"name": name, "parameters": parameters, UNTIL: effect.get(UNTIL, 0.0)}
 
 
 def _own(model: RigModel, ring: int, name: str) -> dict[str, float]:

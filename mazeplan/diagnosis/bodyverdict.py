@@ -1,14 +1,14 @@
-"""The verdict on a record of a ball that touches walls: what differs from a reference in which the model was right.
+"""The verdict on a record of a rig: what differs from what the rig was like when its model was right.
 
 Stage first, from commands and measured tilt alone; then ball, table and camera by `bodysearch`, with the plate moving
 as the fitted stage says. A changed gain of the stage belongs to the servo, unless the ball felt tilts of the old size:
 then the sensor shows them larger than they are. What was found has to predict: on blocks of time that took no part in
-the fit, the record has to be likelier with it than without. What then remains is compared with the camera's noise.
+the fit, the record has to be likelier with it than without. What then remains is compared with the camera's noise, and
+with what remained when the model was right.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,62 +16,59 @@ from typing import Any
 import numpy as np
 
 from mazeplan.data.table import Table
-from mazeplan.diagnosis.bodyrecord import body_filter, first_guess
+from mazeplan.diagnosis.bodycamera import check_map
+from mazeplan.diagnosis.bodyrecord import body_filter, filter_of, left_over
+from mazeplan.diagnosis.bodyreference import RigReference
+from mazeplan.diagnosis.bodyscores import HeldOut, held_out, on_test
 from mazeplan.diagnosis.bodysearch import (
+    CANDIDATES,
     ENOUGH,
+    NEEDED,
     NOISE,
-    STEPS,
+    POLISH,
     Candidate,
-    Reference,
     Searched,
+    moved,
     search_body,
 )
 from mazeplan.diagnosis.bodywords import advice, in_registry, sentence
-from mazeplan.diagnosis.parts import Known, changed, stage_effects
+from mazeplan.diagnosis.parts import changed, stage_effects
 from mazeplan.diagnosis.platemotion import Stage
+from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.wording import with_plan
-from mazeplan.errors import TableError
-from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Filtered, Pictures
-from mazeplan.estimation.bodyfit import BLOCK_S, ORDINARY, autocorrelation, fit_body
-from mazeplan.maths.angles import difference
+from mazeplan.estimation.bodyfilter import BodyFilter
+from mazeplan.estimation.bodyfit import fit_body
+from mazeplan.estimation.bodynumbers import value_of, with_values
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.modelfile import RigModel
 from mazeplan.models.rollout import STEPS as AHEAD
 from mazeplan.physics import rig
 from mazeplan.physics.stage import StageModel
-from mazeplan.records import Array, IntArray
 
-FITTED = (*ORDINARY, "gain_beta", "gain_gamma", "inertia", "viscous")  # of a reference
 HELD_OUT = 0.5  # each half of a record is predicted from the other
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations from which something is left
 REMAINS = 1.5  # times the noise, from which something is left
-EVERY = 7  # pictures between the starts of roll-outs
-
-
-@dataclass(frozen=True)
-class RigReference:
-    """A reference: the body in it, and the stage; pictures: that it had."""
-
-    body: Reference
-    stage: Stage
-    pictures: int
+AS_BEFORE = 1.3  # times what was left when the model was right: no more than that is no news
 
 
 @dataclass(frozen=True)
 class BodyVerdict:
-    """What `document` tells as JSON. effects: as in the JSON; unknown: what has no name; before, after: errors of
-    roll-outs on what was held out, without and with what was found; remaining: innovations over those of noise alone;
-    likelier: standard errors by which held-out blocks are likelier with it."""
+    """What `document` tells as JSON. effects: as in the JSON; unknown: what has no name; held: how held-out pictures
+    are predicted; memory, remaining: of the innovations, see `left_over`; test: errors before and after on a further
+    record. The rest is what a report draws from."""
 
     effects: tuple[dict[str, Any], ...]
     alike: tuple[tuple[str, ...], ...]
     unknown: dict[str, Any] | None
-    before: dict[str, float]
-    after: dict[str, float]
+    held: HeldOut
+    memory: float
     remaining: float
-    likelier: float
     searched: Searched
+    body: BodyFilter
+    stage: Stage | None
+    was: RigReference
+    notes: tuple[str, ...] = ()
+    test: HeldOut | None = None
 
     @property
     def verdict(self) -> str:
@@ -82,20 +79,35 @@ class BodyVerdict:
             return "nothing_missing"
         return "ambiguous" if self.alike else "effect_found"
 
+    @property
+    def before(self) -> dict[str, float]:
+        """Errors of roll-outs on what was held out, without what was found."""
+        return self.held.errors("before")
+
+    @property
+    def after(self) -> dict[str, float]:
+        """The same with it."""
+        return self.held.errors("after") if self.effects or self.unknown is not None else self.before
+
     def sentences(self) -> list[str]:
         """What was found, and what to do."""
-        first = sentence(self.verdict, self.effects, self.alike, self.unknown, self.before, self.after, self.remaining)
-        return [first, *advice(self.effects, self.alike, self.unknown)]
+        return [sentence(self), *advice(self)]
 
     def document(self) -> dict[str, Any]:
-        """As `diagnose --reference --json`. An effect's errors are those of 40 samples, of all that was found."""
-        errors = {"before": self.before[f"rollout{AHEAD}"], "after": self.after[f"rollout{AHEAD}"]}
+        """As `diagnose --json`. An effect's errors are those of 40 samples, of all that was found."""
+        before, after = self.before, self.after
+        errors = {"before": before[f"rollout{AHEAD}"], "after": after[f"rollout{AHEAD}"]}
         numbers = sorted({int(ring) for effect in self.effects for ring in effect["rings"]})
+        test = {}
+        if self.test is not None:
+            test = {"test": {which: {"nrmse": None, **self.test.errors(which)} for which in ("before", "after")}}
         return {
-            "verdict": self.verdict, "effects": [effect | errors for effect in self.effects],
+            "verdict": self.verdict, "sentence": self.sentences()[0],
+            "effects": [effect | errors for effect in self.effects],
             "ambiguous_with": [list(g) for g in self.alike], "unknown": self.unknown,
-            "before": {"nrmse": None, **self.before}, "after": {"nrmse": None, **self.after}, "noise_floor": None,
+            "before": {"nrmse": None, **before}, "after": {"nrmse": None, **after}, "noise_floor": None,
             "held_out": HELD_OUT, "remaining": round(self.remaining, 3), "advice": self.sentences()[1:],
+            "reference": self.was.source, "notes": list(self.notes), **test,
             "rings": {str(ring): self._in_ring(str(ring)) for ring in numbers},
         }  # fmt: skip
 
@@ -103,59 +115,82 @@ class BodyVerdict:
         """The verdict is that of all rings; sizes are those of this one."""
         here = []
         for effect in self.effects:
-            now, parameters = effect["rings"][ring]["after"], effect["parameters"]
-            told = {key: {**parameters[key], "value": value} for key, value in now.items()}
-            here.append({"name": effect["name"], "parameters": told})
+            if ring in effect["rings"]:
+                there, parameters = effect["rings"][ring]["after"], effect["parameters"]
+                told = {key: {**parameters[key], "value": value} for key, value in there.items()}
+                here.append({"name": effect["name"], "parameters": told})
         return {"verdict": self.verdict, "effects": here}
 
 
-def reference_of(table: Table, maze: Maze, model: RigModel | None) -> RigReference:
-    """The body and the stage of a record in which the model was right. Raises TableError."""
-    body, stage = body_filter(table, maze)
-    if stage is None:
-        raise TableError("got a record without commands that move the plate, expected u_beta and u_gamma",
-                         file=table.source.get("file"))  # fmt: skip
-    fit = fit_body(body, first_guess(model, maze), FITTED, enough=ENOUGH)
-    return RigReference(Reference(fit.model, fit.stderr), stage, len(body.pictures))
-
-
 def verdict_on(
-    table: Table, maze: Maze, was: RigReference, tell: Callable[[str], None] = lambda text: None
-) -> BodyVerdict:
-    """What differs from a reference. tell: progress. Raises TableError."""
+    table: Table, maze: Maze, was: RigReference, tell: Callable[[str], None] = lambda text: None,
+    test: Table | None = None,
+) -> BodyVerdict:  # fmt: skip
+    """What differs from a reference. tell: progress; test: a further record, for errors before and after. Raises
+    TableError."""
+    tell("stage")
     body, stage = body_filter(table, maze)
-    if stage is None:
-        raise TableError("got a record without commands that move the plate, expected u_beta and u_gamma",
-                         file=table.source.get("file"))  # fmt: skip
+    check_map(body, maze, table.source.get("file"))
     searched = search_body(body, was.body, maze, tell)
     tell("held-out part")
-    likelier, before, after = _held_out(body, was, searched, table, maze)
-    found = searched.found if not searched.found or likelier > BETTER else ()
-    effects, alike = _named(stage, was, searched, found, _radii(maze, searched.fit.filtered))
-    remaining = _remaining(body, searched)
-    unknown = _unknown(searched, found, remaining)
-    if not effects and unknown is None:
-        after = dict(before)
-    return BodyVerdict(tuple(effects), tuple(alike), unknown, before, after, remaining, likelier, searched)
+    old = _as_it_was(table, maze, was, stage, body)
+    held = held_out(body, old, was.body.start or was.body.model, searched, maze)
+    found = searched.found if not searched.found or held.likelier > BETTER else ()
+    radii = _radii(maze, searched.fit.filtered)
+    effects, alike = _named(stage, was, searched, found, radii)
+    effects += [with_plan(e) for e in _of_open_numbers(body, searched, was, radii)]
+    for e in effects:
+        if e["name"] == "friction_drift":
+            e["until_s"] = round(float(table["t"][-1] - table["t"][0]), 3)
+    memory, remaining = left_over(body, searched.fit)
+    unknown = _unknown(searched, found, memory, remaining, was)
+    done = BodyVerdict(
+        tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was, _notes(stage, was)
+    )
+    return done if test is None else replace(done, test=_on_test(test, maze, done))
 
 
-def _known_stage(was: RigReference) -> Known:
-    """What the reference says of the stage."""
-    return Known.of_model(RigModel(StageModel(*was.stage.axes), {}, kind="pi"))
+def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None, body: BodyFilter) -> BodyFilter:
+    """The filter with the plate as the old model's stage moves it; as it is where that is not known."""
+    known = was.stage.axes()
+    if known is None or stage is None:
+        return body
+    pairs = zip((known.beta, known.gamma), stage.axes, strict=True)
+    moves = StageModel(*(replace(axis, offset=found.offset) for axis, found in pairs))
+    return filter_of(table, record_of(table, np.ones(len(table), dtype=bool)), maze, moves)
+
+
+def _on_test(test: Table, maze: Maze, done: BodyVerdict) -> HeldOut:
+    """Errors on a further record, by the old model and by the new one."""
+    record = record_of(test, np.ones(len(test), dtype=bool))
+    stage = None if done.stage is None else StageModel(*done.stage.axes)
+    new = filter_of(test, record, maze, stage)
+    old = _as_it_was(test, maze, done.was, done.stage, new)
+    return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
+
+
+def _notes(stage: Stage | None, was: RigReference) -> tuple[str, ...]:
+    """What could not be compared."""
+    notes = []
+    if stage is None:
+        notes.append("no commands u_beta, u_gamma in this record: servos cannot be checked, and the tilt is smoothed")
+    if was.body.open and was.friction is not None:
+        notes.append("the model keeps no record of the rig as it was: walls were not compared, and friction only "
+                     "roughly; name a log of that time with --reference, or learn the model again")  # fmt: skip
+    return tuple(notes)
 
 
 def _named(
-    stage: Stage, was: RigReference, searched: Searched, found: Sequence[Candidate], radii: dict[int, float]
+    stage: Stage | None, was: RigReference, searched: Searched, found: Sequence[Candidate], radii: dict[int, float]
 ) -> tuple[list[dict[str, Any]], list[tuple[str, ...]]]:
     """Effects as in the JSON, and names between which the record cannot tell."""
-    known = _known_stage(was)
-    effects = stage_effects(stage, known)
-    gain = changed(stage, rig.servo_gain, known)
+    effects = stage_effects(stage, was.stage)
+    gain = None if stage is None else changed(stage, rig.servo_gain, was.stage)
     if gain is not None and not any(c.effect == "tilt_gain" for c in found):
         effects.append(gain)
     for e in effects:
-        now = {key: number["value"] for key, number in e["parameters"].items()}
-        e["rings"] = {str(ring): {"after": now, "before": e["known_before"]} for ring in radii}
+        values = {key: number["value"] for key, number in e["parameters"].items()}
+        e["rings"] = {str(ring): {"after": values, "before": e["known_before"]} for ring in radii}
     alike = []
     for c, rivals in zip(searched.found, searched.rivals, strict=True):
         if c not in found or not c.effect:
@@ -167,7 +202,29 @@ def _named(
     return [with_plan(effect) for effect in effects], alike
 
 
-def _radii(maze: Maze, filtered: Filtered) -> dict[int, float]:
+def _of_open_numbers(
+    body: BodyFilter, searched: Searched, was: RigReference, radii: dict[int, float]
+) -> list[dict[str, Any]]:
+    """Effects of numbers that were fitted along: all that differ from a textbook ball; with a model of beads the
+    friction, where that is far from what the model says."""
+    fit = searched.fit
+    if was.body.start is not None:
+        some = [c for c in CANDIDATES if c.effect and set(c.free) <= set(was.body.open)]
+        return [in_registry(c, fit, was.body, radii) for c in some if moved(fit.model, fit.stderr, was.body, c.free)]
+    if was.friction is None:
+        return []
+    value, (low, high) = value_of(fit.model, "rolling"), was.friction
+    if low <= value <= high:
+        return []
+    nearest = with_values(fit.model, {"rolling": min(max(value, low), high)})
+    rest = [name for name in fit.free if name != "rolling"]
+    if fit_body(body, nearest, rest or NOISE, POLISH, ENOUGH).minus2 - fit.minus2 < NEEDED:
+        return []
+    (friction,) = [c for c in CANDIDATES if c.effect == "dry_friction"]
+    return [in_registry(friction, fit, was.body, radii)]
+
+
+def _radii(maze: Maze, filtered: Any) -> dict[int, float]:
     """Track radii of the rings that the ball was in, those with most pictures first, m."""
     r = np.hypot(*filtered.state[np.isfinite(filtered.nu[:, 0]), :2].T)
     rings = [ring for ring in maze.rings if ring.track_radius]
@@ -176,86 +233,15 @@ def _radii(maze: Maze, filtered: Filtered) -> dict[int, float]:
     return {number: maze.track_radius(number) for number in seen}
 
 
-def _remaining(body: BodyFilter, searched: Searched) -> float:
-    """Root mean square of the innovations, over what it would be if nothing unexplained moved the ball."""
-    model = searched.fit.model
-    quiet = body.run(model._replace(wander=model.wander._replace(plane=1e-6, strike=1e-3)))
-    seen = searched.fit.filtered
-    keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
-    return math.sqrt(float(np.mean(seen.nu[keep] ** 2) / np.mean(quiet.S[keep, :2])))
-
-
-def _unknown(searched: Searched, found: Sequence[Candidate], remaining: float) -> dict[str, Any] | None:
-    """What has no name: a candidate without one, or innovations that remember."""
-    nameless = [c.words for c in found if not c.effect]
+def _unknown(
+    searched: Searched, found: Sequence[Candidate], memory: float, remaining: float, was: RigReference
+) -> dict[str, Any] | None:
+    """What has no name: a candidate without one, or innovations that remember more than they did."""
+    nameless = [c.told(searched.fit.model) for c in found if not c.effect]
     if nameless:
-        return {"depends_on": ["contact"], "description": "; ".join(nameless)}
-    memory = float(np.max(np.abs(autocorrelation(searched.fit.filtered))))
-    if memory > MEMORY or remaining > REMAINS:
+        on = sorted({on for c in found if not c.effect for on in c.depends_on})
+        return {"depends_on": on, "description": "; ".join(nameless)}
+    if memory > max(MEMORY, AS_BEFORE * was.memory) or remaining > max(REMAINS, AS_BEFORE * was.remaining):
         what = f"what remains is {remaining:.1f} times the noise, and is alike from picture to picture"
         return {"depends_on": [], "description": what}
     return None
-
-
-def _held_out(
-    body: BodyFilter, was: RigReference, searched: Searched, table: Table, maze: Maze
-) -> tuple[float, dict[str, float], dict[str, float]]:
-    """By how many standard errors blocks of time are likelier with what was found; errors of roll-outs without and with
-    it. Each half of the record is predicted with the numbers that the other half tells."""
-    n, plain = len(body.pictures), searched.first.filtered
-    second = np.arange(n) >= n // 2
-    starts = _starts(body, plain, maze)
-    old, _ = body_filter(table, maze, was.stage)
-    before = _errors(old, was.body.model._replace(wander=searched.first.model.wander), starts)
-    if not searched.found:
-        return math.inf, _means(before), _means(_errors(body, searched.first.model, starts))
-    names = [*NOISE, *(name for c in searched.found for name in c.free)]
-    gain, after = np.zeros(n), np.empty_like(before)
-    for rows in (second, ~second):
-        told = BodyFilter(_part(body.pictures, ~rows), body.plate, body.walls)
-        model = fit_body(told, searched.fit.model, names, STEPS, ENOUGH).model
-        gain[rows] = (_surprise(plain) - _surprise(body.run(model)))[rows]
-        after[:, rows[starts]] = _errors(body, model, starts[rows[starts]])
-    blocks = np.add.reduceat(np.nan_to_num(gain), np.arange(0, n, round(BLOCK_S / body.pictures.dt)))
-    likelier = float(blocks.mean() / max(blocks.std(ddof=1) / math.sqrt(len(blocks)), 1e-12))
-    return likelier, _means(before), _means(after)
-
-
-def _part(p: Pictures, rows: np.ndarray) -> Pictures:
-    return replace(p, t=p.t[rows], y=p.y[rows], first=p.first[rows])
-
-
-def _starts(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
-    """Pictures from which the ball is followed: outside the disc, with none of the next ones in another stretch."""
-    n, first = len(body.pictures), body.pictures.first
-    disc = max((ring.outer_radius for ring in maze.rings if ring.is_disc), default=0.0)
-    begun = np.cumsum(first)
-    good = np.isfinite(filtered.nu[: n - AHEAD, 0]) & (begun[: n - AHEAD] == begun[AHEAD:])
-    good &= np.min([np.hypot(*filtered.state[k : n - AHEAD + k, :2].T) for k in (0, AHEAD // 2, AHEAD)], axis=0) > disc
-    return np.flatnonzero(good)[::EVERY]
-
-
-def _means(errors: Array) -> dict[str, float]:
-    return {f"rollout{AHEAD // 2}": _mean(errors[0]), f"rollout{AHEAD}": _mean(errors[1])}
-
-
-def _mean(errors: Array) -> float:
-    return round(float(np.nanmean(errors)), 4)
-
-
-def _surprise(filtered: Filtered) -> Array:
-    """nu' S^-1 nu + log det S of each picture, (N,)."""
-    (a, b), (xx, yy, xy) = filtered.nu.T, filtered.S.T
-    det = xx * yy - xy * xy
-    return np.asarray(np.log(det) + (a * a * yy - 2.0 * a * b * xy + b * b * xx) / det)
-
-
-def _errors(body: BodyFilter, model: BodyModel, starts: IntArray) -> Array:
-    """Errors (2, W) of the angle, rad, 20 and 40 samples behind some pictures, along the plate's motion."""
-    state, y = body.run(model).state, body.pictures.y
-    places, out = body.rolled_out(model, state, starts, AHEAD), []
-    for ahead in (AHEAD // 2, AHEAD):
-        there, told = y[starts + ahead], places[:, ahead]
-        error = difference(np.arctan2(told[:, 1], told[:, 0]), np.arctan2(there[:, 1], there[:, 0]))
-        out.append(np.abs(error))
-    return np.array(out)

@@ -1,10 +1,10 @@
-"""What differs about a ball with a body, in the registry's names and units, and in words with what to do."""
+"""What differs about a rig, in the registry's names and units, and in words with what to do."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from mazeplan.constants import GRAVITY
 from mazeplan.diagnosis.bodysearch import ROUGH, Candidate, Reference
@@ -14,20 +14,35 @@ from mazeplan.estimation.bodynumbers import FRICTION, number_of, value_of, with_
 from mazeplan.models.bodyentries import INERTIA, SAME
 from mazeplan.physics.registry import PACKAGED
 
+if TYPE_CHECKING:
+    from mazeplan.diagnosis.bodyverdict import BodyVerdict
+
 Values = dict[str, float]
+REMAINS, TWICE = 1.5, 2.0  # times the noise, from which what remains is compared, and from which it is too much
 REPAIRS = {
-    "tilt_offset": "level the table", "axis_misalignment": "turn the camera back", "camera_offset": "centre the camera",
-    "sensor_delay": "look for what delays the camera's pictures", "servo_gain": "check the linkage of the servo",
-    "servo_lag": "check the servo's supply and load", "backlash": "tighten the linkage",
-    "tilt_gain": "calibrate the tilt sensor", "dry_friction": "clean ball and floor",
-    "surface_bump": "look for a magnet or a dent there", "surface_profile": "check that the floor is flat",
-    "table_rocking": "stop the table from rocking; no plan can allow for it", "camera_scale": "calibrate the camera",
-    "axis_coupling": "align the axes of the plate", "rolling_inertia": "check that it is the same ball",
+    "tilt_offset": "Level the table", "axis_misalignment": "Turn the camera back", "camera_offset": "Centre the camera",
+    "sensor_delay": "Look for what delays the camera's pictures", "servo_gain": "Check the linkage of the servo",
+    "servo_lag": "Check the servo's supply and load", "backlash": "Tighten the linkage",
+    "deadband": "Check the servo", "command_delay": "Look for what delays the commands",
+    "tilt_gain": "Calibrate the tilt sensor", "dry_friction": "Clean the ball and the floor",
+    "viscous_friction": "Clean the ball and the floor", "wall_friction": "Clean the walls",
+    "quadratic_drag": "Look for what brakes a fast ball", "local_friction": "Clean the floor there",
+    "friction_drift": "Look for what warms up or gets dirty", "constant_torque": "Look for a draught that goes round",
+    "surface_bump": "Look for a magnet or a dent there", "surface_profile": "Check that the floor is flat",
+    "table_rocking": "Stop the table from rocking", "camera_scale": "Calibrate the camera",
+    "lens_distortion": "Calibrate the camera", "axis_coupling": "Align the axes of the plate",
+    "rolling_inertia": "Check that it is the same ball",
 }  # fmt: skip
 
 
 def in_registry(c: Candidate, fit: BodyFit, was: Reference, radii: dict[int, float]) -> dict[str, Any]:
-    """A candidate that was found, as the JSON has it: in the ring with most pictures, and in all `rings`."""
+    """A candidate that was found, as the JSON has it: in the ring that shows it most, and in all `rings`."""
+    if c.effect == "local_friction":
+        low, high = (_term(fit.model, f"floor_dirt.{key}") for key in ("inner", "outer"))
+        radii = {ring: radius for ring, radius in radii.items() if low < radius < high} or radii
+    if c.effect == "surface_bump":
+        away = math.hypot(*(_term(fit.model, f"floor_bump.{key}") for key in "xy"))
+        radii = dict(sorted(radii.items(), key=lambda pair: abs(pair[1] - away)))
     by_ring = {
         ring: (_numbers(c, fit.model, was, radius), _numbers(c, was.model, was, radius))
         for ring, radius in radii.items()
@@ -67,6 +82,11 @@ def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> V
         aside = (math.hypot(x, y) - radius) / width if width else 0.0
         height = -f * GRAVITY * depth * math.exp(-0.5 * aside * aside) / radius
         return {"centre": math.atan2(y, x), "width": width / radius, "height": height}
+    if c.effect == "friction_drift":
+        return {key: _term(model, f"drag_drift.{key}") for key in ("rate", "start")}
+    if c.effect == "local_friction":
+        centre, half, size = (_term(model, f"floor_dirt.{key}") for key in ("centre", "half", "coefficient"))
+        return {"start": centre - half, "end": centre + half, "coefficient": size / radius}
     if c.effect == "table_rocking":
         keys = ("frequency", "bs", "bc", "gs", "gc")
         frequency, bs, bc, gs, gc = (_term(model, f"table_swing.{key}") for key in keys)
@@ -93,24 +113,46 @@ def _term(model: BodyModel, name: str) -> float:
         return 0.0
 
 
-def sentence(
-    verdict: str, effects: Sequence[dict[str, Any]], alike: Sequence[Sequence[str]], unknown: dict[str, Any] | None,
-    before: Values, after: Values, remaining: float,
-) -> str:  # fmt: skip
-    """What was found, how much, how sure, and what it does to the prediction."""
-    left = f"What remains is {remaining:.1f} times the noise of the camera."
-    if verdict == "nothing_missing":
-        return f"Nothing differs from the reference. {left}"
-    parts = [_change(effect) for effect in effects]
-    end = "; ".join(parts)
-    if unknown is not None:
-        end = "; ".join([*parts, f"something without a name: {unknown['description']}"])
-    doubt = "".join(f" This record cannot tell {' from '.join(map(_plain, group))}." for group in alike)
+SHOWN = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
+CERTAIN, SURE = 8.0, 4.0  # standard errors
+
+
+def sentence(done: BodyVerdict) -> str:
+    """What differs, how much, how sure that is, and what it does to the prediction."""
+    before, after = (errors["rollout40"] for errors in (done.before, done.after))
+    left = f"What remains is {done.remaining:.1f} times the noise of the camera"
+    if done.was.remaining > REMAINS and done.remaining > REMAINS:
+        left += f"; it was {done.was.remaining:.1f} times when the model was right"
+    if done.verdict == "nothing_missing":
+        return f"Nothing is missing: the record agrees with {done.was.source}. {left}."
+    parts = [_change(effect) for effect in done.effects]
+    if done.unknown is not None:
+        parts.append(f"something without a name: {done.unknown['description']}")
+    doubt = "".join(f" This record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
     if after != before:
-        was, now = (f"{e['rollout40']:.3f}" for e in (before, after))
-        error = f" Error 40 samples ahead, on the part that was held out: {was} rad without it, {now} rad with it."
-    return f"Differs from the reference: {end}.{doubt}{error} {left}"
+        error = f" The error of the angle 40 samples ahead goes from {before:.3f} to {after:.3f} rad on parts of the " \
+                f"record that took no part in the fit ({_surely(done)})."  # fmt: skip
+    lacks = "The record differs from" if done.was.body.start is None else "Other than"
+    return f"{lacks} {done.was.source}: {'; '.join(parts)}.{doubt}{error} {left}."
+
+
+def _surely(done: BodyVerdict) -> str:
+    """How sure the finding is, in words and a number."""
+    sizes = [done.held.likelier] if math.isfinite(done.held.likelier) else []
+    sizes += [ratio for effect in done.effects if (ratio := _ratio(effect)) and not sizes]
+    size = min(sizes, default=0.0)
+    word = "certain" if size > CERTAIN else "sure" if size > SURE else "likely"
+    return f"{word}: {size:.0f} standard errors" if size < 1000.0 else word
+
+
+def _ratio(effect: Mapping[str, Any]) -> float:
+    """The largest change of an effect's numbers over its standard error."""
+    before = effect["known_before"]
+    ratios = [
+        abs(p["value"] - before.get(key, 0.0)) / p["stderr"] for key, p in effect["parameters"].items() if p["stderr"]
+    ]
+    return max((r for r in ratios if math.isfinite(r)), default=0.0)
 
 
 def _change(effect: dict[str, Any]) -> str:
@@ -121,9 +163,10 @@ def _change(effect: dict[str, Any]) -> str:
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
         if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
             continue
-        unit = "" if number["unit"] == "1" else f" {number['unit']}"
-        change = f"{number['value']:.4g}" if key in places else f"{old + 0.0:.4g} -> {number['value']:.4g}"
-        parts.append(f"{key} {change} +- {error:.2g}{unit}")
+        factor, unit = SHOWN.get(number["unit"], (1.0, "" if number["unit"] == "1" else number["unit"]))
+        new = f"{factor * number['value']:.4g}"
+        change = new if key in places else f"{factor * old + 0.0:.4g} -> {new}"
+        parts.append(f"{key.replace('_', ' ')} {change} +- {factor * error:.2g} {unit}".rstrip())
     return f"{_plain(effect['name'])} ({', '.join(parts)})"
 
 
@@ -131,14 +174,22 @@ def _plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def advice(
-    effects: Sequence[dict[str, Any]], alike: Sequence[Sequence[str]], unknown: dict[str, Any] | None
-) -> list[str]:
-    """What to do."""
-    out = [f"Either {REPAIRS[e['name']]}, or learn a new model (`mazeplan learn`)." for e in effects
-           if e["name"] in REPAIRS]  # fmt: skip
-    if alike:
-        out.append("Collect a longer record in all rings (`mazeplan collect --rings`) to tell them apart.")
-    if unknown is not None and not effects:
-        out.append("Look at the rig: the record alone does not say what changed.")
+def advice(done: BodyVerdict) -> list[str]:
+    """What to do next."""
+    out = [
+        f"{REPAIRS[e['name']]}, or use a model that knows it: add -o FOLDER, then --model FOLDER/model."
+        if e.get("planned", True) else f"{REPAIRS[e['name']]}: no plan can allow for it ({e['why_not']})."
+        for e in done.effects if e["name"] in REPAIRS
+    ]  # fmt: skip
+    if any(e["name"] == "tilt_offset" for e in done.effects):
+        out.append("A steady draught would look the same: turn the maze by 90 degrees and record again to tell them "
+                   "apart.")  # fmt: skip
+    if done.alike:
+        out.append("Record longer, in all rings, to tell them apart: mazeplan collect --rings --seconds 900 -o LOG.")
+    if done.unknown is not None:
+        out.append("Something is there that has no name: look at the rig, then learn the model again: "
+                   "mazeplan learn LOG -o FOLDER.")  # fmt: skip
+    elif done.verdict == "nothing_missing" and done.remaining > TWICE:
+        out.append("More remains than noise explains, as it did when the model was right: learn the model again with "
+                   "--kind sp, which learns what has no name.")  # fmt: skip
     return out

@@ -26,6 +26,7 @@ SURE = 5.0  # standard errors of the difference: the residual of a stage is not 
 TOLD = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
 AXES: tuple[str, ...] = ("beta", "gamma")
 COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
+GEARS = (rig.backlash, rig.deadband)
 LIKE = (rig.servo_lag, rig.axis_coupling, rig.command_delay, rig.backlash, rig.deadband)
 
 
@@ -106,8 +107,18 @@ def stage_effects(stage: Stage | None, known: Known) -> list[dict[str, Any]]:
     """What is off with the stage but for its gain."""
     if stage is None:
         return []
-    found = (changed(stage, effect, known) for effect in LIKE)
+    like = [effect for effect in LIKE if effect not in GEARS or _looser(stage, known)]
+    found = (changed(stage, effect, known) for effect in like)
     return [effect for effect in found if effect is not None]
+
+
+def _looser(stage: Stage, known: Known) -> bool:
+    """Whether play and dead band together changed by what is worth a word: little of either looks like the other."""
+    for axis, seen in zip(AXES, stage.axes, strict=True):
+        was = sum(known.values.get(effect.name, {}).get(axis, 0.0) for effect in GEARS)
+        if abs(seen.backlash + seen.deadband - was) > rig.backlash.parameters[axis].smallest:
+            return True
+    return False
 
 
 def gain_effect(

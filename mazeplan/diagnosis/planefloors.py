@@ -1,78 +1,76 @@
-"""What acts on a ball with a body at places of the plate or moments of time: a warped floor, a bump or magnet, a table
-that rocks. They are written in the plane, so that one set of numbers holds for all rings, and a search knows where to
-begin: at the place or frequency at which the innovations ask for it most.
+"""Where the innovations of a record ask for an effect at a place of the plate or at a moment of time.
 
-    floor_warp      z = a (x^2 - y^2) + 2 b x y + c (x^2 + y^2)
-    floor_bump      a pull of at most `depth` times gravity towards (x, y), derivative of a Gaussian bell of this width
-    table_swing     the table leans by bs sin wt + bc cos wt, and gs sin wt + gc cos wt
+A search begins there: at the middle of a bump, the frequency of a table that rocks, the sector of a ring that is dirty.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from mazeplan.estimation.bodyfilter import BodyFilter, Filtered
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.effect import GRAVITY, Effect, Parameter, Term
-from mazeplan.physics.symbols import cos, exp, sin
+from mazeplan.physics.ball import constant_torque
+from mazeplan.physics.effect import Term
+from mazeplan.physics.planeterms import (
+    WIDTH,
+    drag_drift,
+    floor_bump,
+    floor_dirt,
+    floor_warp,
+    lean_drift,
+    moving_friction,
+    swing_along,
+    table_swing,
+)
 from mazeplan.records import Array
 
-GRID, WIDTH = 0.008, 0.015  # m; between places that are tried for a bump, and its first width
+GRID, FINE, WIDTHS = 0.008, 0.002, (0.01, 0.015, 0.022)  # m; places and widths that are tried for a bump
 MEMORY = 8  # pictures over which an acceleration shows in the innovations
 SLOWEST, FASTEST = 0.05, 8.0  # Hz, of a table that rocks
-STEEP = Parameter("1/m", 0.0, -1.0, 1.0, smallest=0.004, step=2e-3)
-PLACE = Parameter("m", 0.0, -0.2, 0.2, step=5e-4)
-DEPTH = Parameter("1", 0.0, -0.2, 0.2, smallest=0.002, step=1e-3)
-SWING = Parameter("rad", 0.0, -0.1, 0.1, smallest=0.001, step=5e-4)
+SECTORS, HALVES = 48, (0.2, 0.35, 0.6)  # middles of dirt that are tried in each ring, and half widths, rad
+SLOW = 0.01  # m/s; a slower ball does not show which way friction acts
 
 
-def _place(s: Any) -> tuple[Any, Any]:
-    return s.radius * cos(s.theta), s.radius * sin(s.theta)
-
-
-def _warp(s: Any, p: Any) -> dict[str, Any]:
-    x, y = _place(s)
-    return {"beta": -2.0 * (p.a * x + p.b * y + p.c * x), "gamma": 2.0 * (p.b * x - p.a * y + p.c * y)}
-
-
-def _bump(s: Any, p: Any) -> dict[str, Any]:
-    x, y = _place(s)
-    x, y = (x - p.x) / p.width, (y - p.y) / p.width
-    pull = p.depth * exp(0.5 - 0.5 * (x * x + y * y))  # largest at one width from the middle, then `depth`
-    return {"beta": -pull * x, "gamma": pull * y}
-
-
-def _swing(s: Any, p: Any) -> dict[str, Any]:
-    phase = 2.0 * math.pi * p.frequency * s.t
-    return {"beta": p.bs * sin(phase) + p.bc * cos(phase), "gamma": p.gs * sin(phase) + p.gc * cos(phase)}
-
-
-floor_warp = Effect("floor_warp", {"a": STEEP, "b": STEEP, "c": STEEP}, GRAVITY, _warp, text="the floor is not flat")
-floor_bump = Effect(
-    "floor_bump",
-    {"x": PLACE, "y": PLACE, "depth": DEPTH, "width": Parameter("m", WIDTH, 0.004, 0.06, step=5e-4)},
-    GRAVITY, _bump, text="one hill or hollow, or a magnet",
-)  # fmt: skip
-table_swing = Effect(
-    "table_swing",
-    {"frequency": Parameter("Hz", 0.0, 0.0, 15.0, step=1e-4), "bs": SWING, "bc": SWING, "gs": SWING, "gc": SWING},
-    GRAVITY, _swing, text="the table rocks",
-)  # fmt: skip
-
-
-def started_terms(body: BodyFilter, filtered: Filtered, delay: float, maze: Maze) -> tuple[Term, Term, Term]:
-    """The three without any size yet, at the place and frequency that these innovations speak for."""
-    asked = _asked(filtered)
-    x, y = _bump_place(filtered.state[:, :2], asked, maze)
-    frequency = _frequency(body.pictures.t - delay, asked)
+def started_terms(body: BodyFilter, filtered: Filtered, delay: float, maze: Maze) -> tuple[Term, ...]:
+    """Every term without any size yet, at the place and frequency that these innovations speak for."""
+    asked, place = _asked(filtered), filtered.state[:, :2]
+    x, y, width = _bump_place(place, asked, maze)
+    t = (body.pictures.t if body.pictures.clock is None else body.pictures.clock) - delay
+    radial = place / np.maximum(np.hypot(*place.T), 1e-3)[:, None]
+    along = radial[:, 0] * asked[:, 1] - radial[:, 1] * asked[:, 0]
     return (
         Term(floor_warp, (0.0, 0.0, 0.0)),
-        Term(floor_bump, (x, y, 0.0, WIDTH)),
-        Term(table_swing, (frequency, 0.0, 0.0, 0.0, 0.0)),
+        Term(floor_bump, (x, y, 0.0, width)),
+        Term(floor_dirt, (*_dirty_sector(filtered, asked, maze), 0.0)),
+        Term(table_swing, (_frequency(t, asked), 0.0, 0.0, 0.0, 0.0)),
+        Term(swing_along, (_frequency(t, along[:, None]), 0.0, 0.0)),
+        Term(drag_drift, (0.0, 0.0)),
+        Term(lean_drift, (0.0, 0.0)),
+        Term(moving_friction, (0.0,)),
+        constant_torque(),
     )
+
+
+def _dirty_sector(filtered: Filtered, asked: Array, maze: Maze) -> tuple[float, float, float, float]:
+    """Middle and half width, rad, and radii, m, of the sector in which a deceleration explains most."""
+    place, v = filtered.state[:, :2], filtered.state[:, 2:4]
+    speed, r, theta = np.hypot(*v.T), np.hypot(*place.T), np.arctan2(place[:, 1], place[:, 0])
+    slows = np.where(speed > SLOW, -np.sum(asked * v, axis=1) / np.maximum(speed, SLOW), 0.0)
+    best, found = 0.0, (0.0, HALVES[0], 0.0, 0.0)
+    for ring in maze.rings:
+        if ring.is_disc:
+            continue
+        here = (r > ring.inner_radius) & (r < ring.outer_radius) & (speed > SLOW)
+        for centre in np.linspace(-math.pi, math.pi, SECTORS, endpoint=False):
+            away = np.abs((theta - centre + math.pi) % (2.0 * math.pi) - math.pi)
+            for half in HALVES:
+                inside = slows[here & (away < half)]
+                score = float(inside.sum()) / math.sqrt(len(inside)) if len(inside) > 20 else 0.0
+                if score > best:
+                    best, found = score, (float(centre), half, ring.inner_radius, ring.outer_radius)
+    return found
 
 
 def _asked(filtered: Filtered) -> Array:
@@ -86,22 +84,25 @@ def _asked(filtered: Filtered) -> Array:
     return out
 
 
-def _bump_place(place: Array, asked: Array, maze: Maze) -> tuple[float, float]:
-    """Where a pull towards one place explains most."""
+def _bump_place(place: Array, asked: Array, maze: Maze) -> tuple[float, float, float]:
+    """Where a pull towards one place explains most, and how wide it is, m."""
     reach = maze.ring(1).outer_radius
     ticks = np.arange(-reach, reach + GRID, GRID)
-    best, found = 0.0, (0.0, 0.0)
-    for x in ticks:
-        near = np.abs(place[:, 0] - x) < 3.0 * WIDTH
-        here, pulled = place[near], asked[near]
-        for y in ticks[np.hypot(x, ticks) < reach]:
-            away = (here - (x, y)) / WIDTH
-            pull = away * np.exp(-0.5 * np.sum(away * away, axis=1))[:, None]
-            power = float(np.sum(pull * pull))
-            score = float(np.sum(pull * pulled)) ** 2 / power if power > 5.0 else 0.0
-            if score > best:
-                best, found = score, (float(x), float(y))
-    return found
+    coarse = ((float(x), float(y), WIDTH) for x in ticks for y in ticks if math.hypot(x, y) < reach)
+    x, y, _ = max(coarse, key=lambda at: _pulled(place, asked, at))
+    ticks = np.arange(-GRID, GRID + FINE, FINE)
+    fine = ((x + float(dx), y + float(dy), width) for dx in ticks for dy in ticks for width in WIDTHS)
+    return max(fine, key=lambda at: _pulled(place, asked, at))
+
+
+def _pulled(place: Array, asked: Array, at: tuple[float, float, float]) -> float:
+    """How much a pull towards a place, with a width, explains of what innovations ask for."""
+    x, y, width = at
+    near = (np.abs(place[:, 0] - x) < 3.0 * width) & (np.abs(place[:, 1] - y) < 3.0 * width)
+    away = (place[near] - (x, y)) / width
+    pull = away * np.exp(-0.5 * np.sum(away * away, axis=1))[:, None]
+    power = float(np.sum(pull * pull))
+    return float(np.sum(pull * asked[near])) ** 2 / power if power > 5.0 else 0.0
 
 
 def _frequency(t: Array, asked: Array) -> float:

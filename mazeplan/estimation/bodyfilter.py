@@ -26,7 +26,7 @@ from mazeplan.maths.compiled import pointer_to
 from mazeplan.physics.body import STATE, Ball, advance, body_core, step
 from mazeplan.physics.bodyeffects import effects_of
 from mazeplan.physics.effect import Term
-from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
+from mazeplan.physics.plate import ROW, TIME_AT, PlateMotion, Tilting, plate_rows
 from mazeplan.physics.walls import Walls
 from mazeplan.records import Array, IntArray
 
@@ -38,11 +38,13 @@ EARLY = 24  # pictures of a stretch that do not count: more than those whose mom
 FAR = 36.0  # of nu' S^-1 nu; a picture beyond is not believed
 TWICE = 3  # pictures in a row that are not believed: the filter starts again
 START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
+STRAIGHTENED = 4  # rounds of the fixed point that takes off the lens
 LEAST = 1e-18  # of a variance, so that a Cholesky factor exists
 
 
 class View(NamedTuple):
-    """Where the camera sees what. offset_x, offset_y: m; angle: rad; scale; delay: s; noise: m, one sigma."""
+    """Where the camera sees what. offset_x, offset_y: m; angle: rad; scale; delay: s; noise: m, one sigma; bend: of the
+    lens, 1/m^2, about the offset: seen = offset + d (1 + bend |d|^2), d = scale Rot(angle) (x, y)."""
 
     offset_x: float = 0.0
     offset_y: float = 0.0
@@ -50,6 +52,7 @@ class View(NamedTuple):
     scale: float = 1.0
     delay: float = 0.06
     noise: float = 1e-3
+    bend: float = 0.0
 
 
 class Wander(NamedTuple):
@@ -63,12 +66,14 @@ class Wander(NamedTuple):
 
 @dataclass(frozen=True)
 class Pictures:
-    """What was seen. y (N, 2): m, NaN where the picture was lost; first (N,): a stretch begins; t (N,), dt: s."""
+    """What was seen. y (N, 2): m, NaN where the picture was lost; first (N,): a stretch begins; t (N,), dt: s, by
+    counting pictures; clock (N,): true time, s, for what swings or changes with it, None where it is the same."""
 
     t: Array
     dt: float
     y: Array
     first: np.ndarray
+    clock: Array | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -115,6 +120,7 @@ class Lens(NamedTuple):
     sin: float
     scale: float
     variance: float
+    bend: float
     plane: float
     spin: float
     strike: float
@@ -123,7 +129,8 @@ class Lens(NamedTuple):
 def lens_of(view: View, wander: Wander) -> Lens:
     """The numbers that compiled code needs of them."""
     cos, sin = math.cos(view.angle), math.sin(view.angle)
-    return Lens(view.offset_x, view.offset_y, cos, sin, view.scale, view.noise**2, *map(float, wander))
+    variance, bend = view.noise**2, float(view.bend)
+    return Lens(view.offset_x, view.offset_y, cos, sin, view.scale, variance, bend, *map(float, wander))
 
 
 @njit(cache=True, error_model="numpy")
@@ -212,6 +219,19 @@ def begin(mean, P, lens, a, b):
 
 
 @njit(cache=True, error_model="numpy")
+def _straightened(lens, u, v):
+    """The picture's place from the camera's middle as without the bend of the lens, and by how much the lens widens
+    things there (the mean of along and across)."""
+    if lens.bend == 0.0:
+        return u, v, 1.0
+    a, b = u, v
+    for _ in range(STRAIGHTENED):
+        over = 1.0 + lens.bend * (a * a + b * b)
+        a, b = u / over, v / over
+    return a, b, 1.0 + 2.0 * lens.bend * (a * a + b * b)
+
+
+@njit(cache=True, error_model="numpy")
 def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state, cov):
     """Filter pictures y (N, 2); results as in `Filtered` into nu, S, state, cov; (starts, pictures left out, -2 log
     L)."""
@@ -232,15 +252,16 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
             wandered(P, lens, dt, hit)
         unseen += 1
         if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
-            u, v = y[k, 0] - lens.offset_x, y[k, 1] - lens.offset_y
+            u, v, near = _straightened(lens, y[k, 0] - lens.offset_x, y[k, 1] - lens.offset_y)
             a, b = lens.cos * u + lens.sin * v, lens.cos * v - lens.sin * u
             if not running or unseen > gap or doubted >= TWICE:
                 begin(mean, P, lens, a, b)
                 starts += 1
                 unseen, age, doubted, running = 0, 0, 0, True
             else:
-                a, b = a - lens.scale * mean[0], b - lens.scale * mean[1]
-                square = lens.scale * lens.scale
+                scale = near * lens.scale
+                a, b = near * a - scale * mean[0], near * b - scale * mean[1]
+                square = scale * scale
                 xx, yy, xy = square * P[0, 0] + lens.variance, square * P[1, 1] + lens.variance, square * P[0, 1]
                 det = xx * yy - xy * xy
                 size = (a * a * yy - 2.0 * a * b * xy + b * b * xx) / det
@@ -253,7 +274,7 @@ def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state
                     left_out += 1
                 else:
                     unseen, doubted = 0, 0
-                    correct(mean, P, gain, lens.scale, a, b, xx, yy, xy)
+                    correct(mean, P, gain, scale, a, b, xx, yy, xy)
                     if counts:
                         nu[k, 0], nu[k, 1], S[k, 0], S[k, 1], S[k, 2] = a, b, xx, yy, xy
         state[k], cov[k] = mean, P
@@ -276,6 +297,8 @@ class BodyFilter:
         if key != self._key:
             h = self.pictures.dt / self.substeps
             plate_rows(self.plate, tilting, self._t - delay, h, self.substeps, self._rows)
+            if self.pictures.clock is not None:
+                self._rows[:, TIME_AT] += np.repeat(self.pictures.clock - self._t, self.substeps)
             self._key = key
         return self._rows
 
@@ -304,4 +327,6 @@ class BodyFilter:
             advance(ball, self.walls, effects, part, self.pictures.dt / per, states[start], out)
             places_[0], places_[1:] = states[start, :2], out[per - 1 :: per, :2]
         turn = np.array([[math.cos(view.angle), -math.sin(view.angle)], [math.sin(view.angle), math.cos(view.angle)]])
-        return view.scale * places @ turn.T + np.array([view.offset_x, view.offset_y])
+        seen = view.scale * places @ turn.T
+        bent = 1.0 + view.bend * np.sum(seen * seen, axis=-1, keepdims=True)
+        return seen * bent + np.array([view.offset_x, view.offset_y])

@@ -11,7 +11,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.models.bodyentries import KEPT, PARAMETERS, REACH, Body, Number, brought, stamp
 from mazeplan.models.modelfile import RigModel
 from mazeplan.physics.effect import BALL
-from mazeplan.physics.entries import part_values
+from mazeplan.physics.entries import part_stderr, part_values
 from mazeplan.physics.registry import PACKAGED
 
 LEFT_OVER = ("cross_beta", "cross_gamma")  # of the coupling, that the stage as fitted does not have already
@@ -79,6 +79,27 @@ def said_by(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
         share = ball.parameter("rolling_inertia", "factor", 1.0) if name in FRICTION else 1.0
         found.append(brought(value, where.how, power, radius) / share)
     return tuple(found[:1] if PACKAGED[effect].common else found)
+
+
+def stderr_by(rig: RigModel, maze: Maze) -> dict[str, float]:
+    """Standard errors of what a model of beads says, by name of the body's numbers: the largest over the rings."""
+    out = {}
+    for name, number in PARAMETERS.items():
+        effect, _, key = number.effect.partition(".")
+        if not effect or name in LEFT_OVER:
+            continue
+        if PACKAGED[effect].acts not in BALL:
+            errors = [part_stderr(rig, PACKAGED[effect]).get(key, math.nan)]
+        else:
+            power = number.origin[1]
+            errors = [
+                ball.stderr.get(effect, {}).get(key, math.nan) / (maze.track_radius(ring) or REACH) ** power
+                for ring, ball in rig.balls.items()
+            ]
+        known = [error for error in errors if math.isfinite(error)]
+        if known:
+            out[name] = max(known)
+    return out
 
 
 def body_of(rig: RigModel) -> BodyModel | None:

@@ -92,6 +92,7 @@ PARAMETERS: dict[str, Number] = {
     "offset_y": _named("view", "offset_y", "camera_offset.y", 5e-5, "camera's middle, y"),
     "angle": _named("view", "angle", "axis_misalignment.angle", 1e-3, "camera turned"),
     "scale": _named("view", "scale", "camera_scale.factor", 5e-4, "camera's scale"),
+    "bend": _named("view", "bend", "lens_distortion.k", 5e-2, "bend of the camera's lens"),
     "delay": _named("view", "delay", "sensor_delay.delay", 1e-3),
     "noise": _own("view", "noise", "m", (1e-5, 2e-2), 2e-2, "camera noise", log=True),
     "plane": _own("wander", "plane", "m^2/s^3", WANDER, 0.3, "unexplained, rolling", log=True),

@@ -14,7 +14,7 @@ import numpy as np
 from mazeplan.physics.arrays import packed
 from mazeplan.physics.ball import rolling_inertia
 from mazeplan.physics.body import FELT_ROOM, Effects, no_effects
-from mazeplan.physics.compiled import Functions, ring_functions
+from mazeplan.physics.compiled import Functions, plane_functions
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, Effect, Term
 from mazeplan.physics.symbols import RECORDED, state, symbols_of
 
@@ -24,26 +24,38 @@ BESIDES = (GRAVITY, FORCE, DRAG, DRY)
 def effects_of(terms: Sequence[Term]) -> Effects:
     """The sum of some effects for `physics.body`. Raises ValueError for one that the body has by itself, and for one
     whose formula asks for what only a record of beads has."""
+    for term in terms:
+        _check(term.effect)
+    terms = [term for term in terms if not idle(term)]
     if not terms:
         return no_effects()
     numbers = [*packed(terms), *[0.0] * FELT_ROOM]
     return Effects(_address(tuple(term.effect for term in terms)), np.array(numbers, dtype=np.float64))
 
 
+def idle(term: Term) -> bool:
+    """Whether a term does nothing: all that says how large it is, is as it is without it."""
+    known = zip(term.effect.parameters.items(), term.numbers, strict=True)
+    return all(name in term.effect.places or value == p.default for (name, p), value in known)
+
+
 _made: dict[tuple[int, ...], tuple[tuple[Effect, ...], Functions]] = {}  # by identity; keeps both alive
 
 
 def _address(effects: tuple[Effect, ...]) -> int:
-    """Of `plane`; a filter asks for it again and again, so formulas are looked at once."""
+    """Of `plane`; a filter asks for it again and again."""
     key = tuple(map(id, effects))
     if key not in _made:
-        for effect in effects:
-            _check(effect)
-        _made[key] = effects, ring_functions(effects)
+        _made[key] = effects, plane_functions(effects)
     return _made[key][1].address["plane"]
 
 
+_checked: dict[int, Effect] = {}  # by identity, as looking at a formula takes time
+
+
 def _check(effect: Effect) -> None:
+    if id(effect) in _checked:
+        return
     if effect.acts not in BESIDES or effect.name == rolling_inertia.name:
         raise ValueError(f"got {effect.name}, which a ball with a body has by itself; expected {', '.join(BESIDES)}")
     if effect.formula is None:
@@ -54,3 +66,4 @@ def _check(effect: Effect) -> None:
     if asked & set(RECORDED):
         raise ValueError(f"got {effect.name}, which asks for {', '.join(sorted(asked & set(RECORDED)))}: a ball with "
                          "a body knows the moment only")  # fmt: skip
+    _checked[id(effect)] = effect

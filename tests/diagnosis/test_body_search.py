@@ -4,7 +4,6 @@ contact that others simulated."""
 from __future__ import annotations
 
 import json
-import math
 import os
 from functools import cache
 from pathlib import Path
@@ -14,12 +13,11 @@ import plainball
 import pytest
 from commands import call
 
-from mazeplan.data.table import read_table
+from mazeplan.data.table import Table
+from mazeplan.diagnosis.bodyreference import reference_of
 from mazeplan.diagnosis.bodysearch import Reference, search_body
 from mazeplan.diagnosis.bodyupdate import moved_model
-from mazeplan.diagnosis.bodyverdict import reference_of
 from mazeplan.diagnosis.bodywords import in_registry
-from mazeplan.errors import TableError
 from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Pictures
 from mazeplan.estimation.bodyfit import fit_body
 from mazeplan.estimation.bodynumbers import value_of, with_values
@@ -107,13 +105,13 @@ def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
     )
 
 
-def test_a_record_without_commands_is_refused_by_name(tmp_path):
-    t = np.arange(0.0, 40.0, 1.0 / 30.0)
-    rows = [f"{a:.4f},{0.08 * math.cos(a):.5f},{0.08 * math.sin(a):.5f},{0.02 * math.sin(2 * a):.5f},0.02" for a in t]
-    log = tmp_path / "log.csv"
-    log.write_text("\n".join(["t,x,y,beta,gamma", *rows]) + "\n")
-    with pytest.raises(TableError, match="u_beta and u_gamma"):
-        reference_of(read_table(log), MAZE, None)
+def test_a_record_without_commands_tells_the_ball_and_nothing_of_the_stage():
+    t, y, wave, _ = plainball.record(plainball.Toy(), seed=2, seconds=60.0, noise=5e-4)
+    tilts = np.array([plainball.plate_at(wave, at) for at in t])
+    columns = {"t": t, "x": y[:, 0], "y": y[:, 1], "beta": tilts[:, 0], "gamma": tilts[:, 3]}
+    known = reference_of([Table(columns)], MAZE, None)
+    assert known.stage.axes() is None
+    assert value_of(known.body.model, "noise") > 0.0
 
 
 def shortened(name, tmp_path, rows):

@@ -1,0 +1,121 @@
+"""`reference.yaml` beside a model: what the rig was like when that model was learned, for `diagnose` and `improve`.
+
+format: 1
+of: stamp of the model's rings; a model whose rings were edited has no reference any more
+body: {rolling: {value, stderr, unit}, ...}
+terms: {floor_bump: {x: .., y: .., depth: .., width: ..}, ...}
+memory, remaining: of the innovations
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mazeplan.diagnosis.bodyreference import RigReference
+from mazeplan.diagnosis.bodysearch import Reference
+from mazeplan.diagnosis.parts import Known
+from mazeplan.errors import ModelError
+from mazeplan.estimation.bodyfilter import BodyModel
+from mazeplan.estimation.bodynumbers import value_of, with_values
+from mazeplan.models.bodyentries import PARAMETERS, stamp
+from mazeplan.models.modelfile import PACKAGED, RigModel, model_names
+from mazeplan.physics import planeterms
+from mazeplan.physics.bodyeffects import idle
+from mazeplan.physics.effect import Effect, Term
+from mazeplan.physics.registry import PACKAGED as EFFECTS
+
+NAME = "reference.yaml"
+TERMS: dict[str, Effect] = {e.name: e for e in vars(planeterms).values() if isinstance(e, Effect)}
+
+
+def reference_path(source: str | Path) -> Path:
+    """Where the reference of a model stands: a folder, its model.yaml, or the name of a packaged model."""
+    path = Path(source)
+    if not path.exists() and str(source) in model_names():
+        path = PACKAGED / str(source)
+    return (path.parent if path.suffix == ".yaml" else path) / NAME
+
+
+def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Path:
+    """Write it beside the model; returns its path. Raises ModelError."""
+    body, path = was.body.model, Path(folder) / NAME
+    document = {
+        "format": 1, "of": stamp(model.balls),
+        "body": {name: _entry(value_of(body, name), was.body.stderr.get(name), number.unit)
+                 for name, number in PARAMETERS.items() if math.isfinite(value_of(body, name))},
+        "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not idle(t)},
+        "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
+    }  # fmt: skip
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
+    except OSError as problem:
+        raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
+    return path
+
+
+def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+    told: dict[str, Any] = {"value": float(f"{value:.6g}")}
+    if stderr is not None and math.isfinite(stderr):
+        told["stderr"] = float(f"{stderr:.2g}")
+    return {**told, "unit": unit}
+
+
+def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
+    """The reference of a model, None where it has none, or one of other rings. Raises ModelError with file and key."""
+    path = reference_path(source)
+    if not path.is_file():
+        return None
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as problem:
+        raise ModelError(f"cannot be read: {str(problem).splitlines()[0]}", file=path) from None
+    if not isinstance(document, Mapping) or document.get("format") != 1:
+        raise ModelError("expected a mapping with format: 1", file=path)
+    if document.get("of") != stamp(model.balls):
+        return None
+    values, stderr = {}, {}
+    for name, told in _section(document, "body", path).items():
+        if name not in PARAMETERS:
+            raise ModelError(f"got {name}, expected one of {', '.join(PARAMETERS)}", file=path, key="body")
+        number = PARAMETERS[name]
+        values[name] = _number(told, "value", path, f"body.{name}", number.low, number.high)
+        if "stderr" in told:
+            stderr[name] = _number(told, "stderr", path, f"body.{name}", 0.0, math.inf)
+    body = with_values(BodyModel(), values)._replace(terms=_terms(_section(document, "terms", path), path))
+    memory, remaining = (_number(document, key, path, key, 0.0, math.inf) for key in ("memory", "remaining"))
+    known = Known.of_model(model)
+    return RigReference(Reference(body, stderr), known, memory, remaining, "the rig as its model knows it")
+
+
+def _terms(section: Mapping[str, Any], path: Path) -> tuple[Term, ...]:
+    """Terms of the file."""
+    out = []
+    for name, told in section.items():
+        effect = TERMS.get(name) or EFFECTS.get(name)
+        if effect is None:
+            raise ModelError(f"got {name}, expected one of {', '.join(TERMS)}", file=path, key="terms")
+        try:
+            out.append(effect(**{key: float(value) for key, value in told.items()}))
+        except (TypeError, ValueError, AttributeError) as problem:
+            raise ModelError(str(problem), file=path, key=f"terms.{name}") from None
+    return tuple(out)
+
+
+def _section(document: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
+    section = document.get(key, {})
+    if not isinstance(section, Mapping):
+        raise ModelError(f"got {section!r}, expected a mapping", file=path, key=key)
+    return section
+
+
+def _number(told: Any, key: str, path: Path, where: str, low: float, high: float) -> float:
+    value = told.get(key) if isinstance(told, Mapping) else None
+    if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
+        raise ModelError(f"{key}: got {value!r}, expected a number from {low:g} to {high:g}", file=path, key=where)
+    return float(value)
