@@ -1,70 +1,70 @@
-"""The loop, closed on the simulated rig, and its parts on a plant of its own."""
+"""The loop, closed on a simulated rig, and its parts on a rig of the tests' own with contact."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from plant import DAMPING, SERVO, play
+from contacteffects import changed
+from contactrig import Rig, record
 
 from mazeplan.data.table import Table
-from mazeplan.errors import ModelError, TableError
-from mazeplan.improve import Options, improve, one_round, reference_of, ring_records
+from mazeplan.diagnosis.bodyreference import reference_of
+from mazeplan.diagnosis.bodyupdate import moved_model, reference_after
+from mazeplan.diagnosis.bodyverdict import verdict_on
+from mazeplan.errors import TableError
+from mazeplan.improve import Options, improve
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.physics.ball import rolling_inertia, viscous_friction
-from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.sensors import Camera
-from mazeplan.physics.stage import StageAxis, StageModel
+from mazeplan.models.identification import fit_rig
+from mazeplan.models.modelfile import load_model
 
 MAZE = load_map("cme")
-KNOWN = BallModel((rolling_inertia(5 / 7), viscous_friction(0.35)))
-STAGE = StageModel(*[StageAxis(1.0, SERVO, DAMPING)] * 2)
-MODEL = RigModel(STAGE, dict.fromkeys((1, 2), KNOWN), kind="pi")
 
 
-def in_two_rings(**effects):
-    """The plant for a minute in ring 1, then in ring 2, with x and y."""
-    parts = [play(seed=ring, seconds=60.0, radius=MAZE.track_radius(ring), **effects) for ring in (1, 2)]
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    n = len(parts[0]["t"])
-    columns["t"] = np.arange(2 * n) / 30.0
-    columns["segment"] = np.repeat([0.0, 1.0], n)
-    columns["x"], columns["y"] = (columns["r"] * f(columns["theta"]) for f in (np.cos, np.sin))
-    return Table(columns)
+def table_of(rig, seed):
+    """Two minutes of a rig."""
+    columns = record(rig, 120.0, seed)
+    x, y = columns["x"], columns["y"]
+    return Table({**columns, "theta": np.arctan2(y, x), "r": np.hypot(x, y)})
 
 
-def test_a_record_that_is_too_short_says_by_how_much():
-    table = in_two_rings()
-    short = Table({name: column[:300] for name, column in table.columns.items()})
-    with pytest.raises(TableError, match=r"got 10 s of the ball in one ring at the most, expected 30 s; record more"):
-        ring_records(short, MAZE, MODEL)
+@cache
+def known():
+    """A healthy rig, what a record of it tells, and its model of kind pi."""
+    table = table_of(Rig(), 1)
+    model = fit_rig(table, MAZE, ()).model
+    return reference_of([table], MAZE, model), model
 
 
-def test_a_table_that_is_not_level_is_found_in_both_rings_and_put_into_all():
-    table = in_two_rings(offset=(0.006, -0.004))
-    document, new = one_round(table, MAZE, MODEL, None, lambda text: None)
-    assert document["verdict"] == "effect_found"
-    (effect,) = document["effects"]
-    assert (effect["name"], effect["rings"]) == ("tilt_offset", [1, 2])
-    for ring in (1, 2):
-        found = [new.ball(ring).parameter("tilt_offset", axis, 0.0) for axis in ("beta", "gamma")]
-        assert found == pytest.approx([0.006, -0.004], abs=5e-4)
-    assert document["after"]["rollout40"] < 0.3 * document["before"]["rollout40"]
-    again, same = one_round(table, MAZE, new, None, lambda text: None)
-    assert again["verdict"] == "nothing_missing"
-    assert same == new
+@cache
+def seen(name):
+    """The verdict on two minutes of a rig in which one thing changed."""
+    rig = changed(Rig(), name, 1)
+    return verdict_on(table_of(rig, 2), MAZE, known()[0])
 
 
-def test_a_camera_that_is_off_is_found_once():
-    table = in_two_rings(camera_offset=(0.0015, -0.001))
-    document, new = one_round(table, MAZE, MODEL, None, lambda text: None)
-    assert [e["name"] for e in document["effects"]] == ["camera_offset"]
-    assert (new.camera.offset_x, new.camera.offset_y) == pytest.approx((0.0015, -0.001), abs=2e-4)
-    assert new == replace(MODEL, camera=Camera(new.camera.offset_x, new.camera.offset_y))
-    assert one_round(table, MAZE, new, None, lambda text: None)[0]["verdict"] == "nothing_missing"
+@pytest.mark.parametrize("name", ["tilt_offset", "camera_offset", "dry_friction"])
+def test_what_changed_is_found_goes_into_the_model_and_is_no_news_then(name):
+    done, (_, model) = seen(name), known()
+    assert [e["name"] for e in done.effects] == [name]
+    assert done.after["rollout40"] < 0.8 * done.before["rollout40"]
+    new = moved_model(model, MAZE, done.effects, done.searched.fit)
+    assert new != model
+    again = verdict_on(table_of(changed(Rig(), name, 1), 3), MAZE, reference_after(done))
+    assert again.verdict == "nothing_missing"
+
+
+def test_a_table_that_leans_leans_in_all_rings_of_the_new_model():
+    done, (was, model) = seen("tilt_offset"), known()
+    new = moved_model(model, MAZE, done.effects, done.searched.fit)
+    (effect,) = done.effects
+    for axis in ("beta", "gamma"):
+        change = effect["parameters"][axis]["value"] - effect["known_before"][axis]
+        moved = [m.ball(ring).parameter("tilt_offset", axis, 0.0) for ring in (1, 4) for m in (model, new)]
+        assert [moved[1] - moved[0], moved[3] - moved[2]] == pytest.approx([change] * 2, abs=1e-6)
+    assert was.body.model.tilting.tilt_beta == effect["known_before"]["beta"]
 
 
 def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
@@ -76,7 +76,7 @@ def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
         tell=told.append, working=doing.append, advance=lambda *how: far.append(how),
     )  # fmt: skip
     assert far == [*((s, 60) for s in range(1, 61)), (1, 2), (2, 2), (1, 2), (2, 2)]
-    assert {"ring 1: stage", "navigating before", "navigating after"} <= set(doing)
+    assert {"stage", "navigating before", "navigating after"} <= set(doing)
     assert "tilt_offset" in [e["name"] for e in entry["diagnosis"]["effects"]]
     new = load_model(entry["diagnosis"]["model"])
     assert new.ball(1).parameter("tilt_offset", "gamma", 0.0) == pytest.approx(np.radians(1.5), abs=4e-3)
@@ -89,11 +89,8 @@ def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
     assert any(text.startswith("before: ") for text in told)
 
 
-def test_what_a_model_keeps_of_its_old_log_is_read_or_refused():
-    kept = replace(MODEL, scores={"evidence_when_learned": {"samples": 900, "gains": {"gate_loss": 120.0}}})
-    found = reference_of(kept)
-    assert found is not None
-    assert (found.samples, found.gains) == (900, {"gate_loss": 120.0})
-    assert reference_of(MODEL) is None
-    with pytest.raises(ModelError, match="evidence_when_learned: expected"):
-        reference_of(replace(MODEL, scores={"evidence_when_learned": 3}))
+def test_a_record_that_is_too_short_says_what_it_has_and_needs():
+    table = table_of(Rig(), 1)
+    short = Table({name: column[:600] for name, column in table.columns.items()})
+    with pytest.raises(TableError, match="got 600 pictures of the ball, expected 900 at least"):
+        verdict_on(short, MAZE, known()[0])

@@ -97,8 +97,9 @@ def diagnose(
         diagnose_body(_single(logs, "--body"), model, map_, output, as_json)
         return
     if given is None:
-        from mazeplan.cli.diagnose_body import diagnose_rig, whole_rig
+        from mazeplan.cli.diagnose_body import diagnose_rig
         from mazeplan.data.table import read_table
+        from mazeplan.diagnosis.bodyrecord import whole_rig
 
         tables = [read_table(log) for log in logs]
         if reference or whole_rig(tables):

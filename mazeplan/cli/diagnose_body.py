@@ -14,13 +14,11 @@ from mazeplan.errors import InputError
 
 if TYPE_CHECKING:
     from mazeplan.data.table import Table
-    from mazeplan.diagnosis.bodyreference import RigReference
     from mazeplan.diagnosis.bodyverdict import BodyVerdict
     from mazeplan.maze.geometry import Maze
     from mazeplan.models.modelfile import RigModel
 
 SHOWN = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
-NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
 
 
 def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path | None, as_json: bool) -> None:
@@ -56,17 +54,6 @@ def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path 
         print(f"{line}{_beside(number['model'], factor)}")
 
 
-def whole_rig(tables: Sequence[Table]) -> bool:
-    """Whether records show what a diagnosis of a whole rig needs."""
-    import numpy as np
-
-    from mazeplan.diagnosis.bodyrecord import FEWEST
-
-    if not all(name in table for table in tables for name in NEEDED):
-        return False
-    return sum(int(np.isfinite(table["x"]).sum()) for table in tables) >= FEWEST
-
-
 def diagnose_rig(
     paths: Sequence[Path], tables: Sequence[Table], references: Sequence[Path], model: str | None, map_: str | None,
     test: Path | None, output: Path | None, as_json: bool,
@@ -74,7 +61,9 @@ def diagnose_rig(
     """What differs from what a rig was like, all rings together. Raises TableError, InputError."""
     from mazeplan.cli.progress import Working
     from mazeplan.data.table import join, read_table
+    from mazeplan.diagnosis.bodyreference import reference_of
     from mazeplan.diagnosis.bodyverdict import verdict_on
+    from mazeplan.diagnosis.referencefile import known_reference
     from mazeplan.models.modelfile import load_model
 
     if output is not None:
@@ -82,7 +71,8 @@ def diagnose_rig(
     maze, known = logged_map(map_, paths[0])[0], None if model is None else load_model(model)
     with Working("diagnosing") as shown:
         shown.tell("what the rig was like")
-        was = reference_for([read_table(path) for path in references], maze, known, model)
+        old = [read_table(path) for path in references]
+        was = reference_of(old, maze, known) if old else known_reference(model, known, maze)
         further = None if test is None else read_table(test)
         table = tables[0] if len(tables) == 1 else join(tables)
         done = verdict_on(table, maze, was, shown.tell, further)
@@ -101,25 +91,9 @@ def diagnose_rig(
             print(f"{key}: {document[key]}")
 
 
-def reference_for(
-    references: Sequence[Table], maze: Maze, known: RigModel | None, model: str | Path | None
-) -> RigReference:
-    """What a rig was like: by logs of that time, else as its model's folder keeps it, else as the model says; a
-    textbook ball without a model."""
-    from mazeplan.diagnosis.bodyreference import reference_by_model, reference_of, textbook
-    from mazeplan.diagnosis.referencefile import load_reference
-
-    if references:
-        return reference_of(references, maze, known)
-    if known is None:
-        return textbook()
-    kept = None if model is None else load_reference(model, known)
-    return kept or reference_by_model(known, maze)
-
-
 def _write(done: BodyVerdict, document: dict[str, Any], known: RigModel | None, maze: Maze, output: Path) -> None:
     """Report, and the model with what was found and the rig as it is now."""
-    from mazeplan.diagnosis.bodyupdate import moved_model, reference_now
+    from mazeplan.diagnosis.bodyupdate import moved_model, reference_after
     from mazeplan.diagnosis.referencefile import save_reference
     from mazeplan.models.modelfile import save_model
 
@@ -128,7 +102,7 @@ def _write(done: BodyVerdict, document: dict[str, Any], known: RigModel | None, 
         new = moved_model(known, maze, done.effects, done.searched.fit)
         document["model"] = str(save_model(new, output / "model").parent)
         if not done.was.body.open:
-            save_reference(reference_now(done), new, output / "model")
+            save_reference(reference_after(done), new, output / "model")
     (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
 
 

@@ -14,10 +14,7 @@ from mazeplan.cli.arguments import EffectModule
 from mazeplan.cli.output import print_json, say
 
 if TYPE_CHECKING:
-    from mazeplan.cli.progress import Working
-    from mazeplan.diagnosis.merge import Evidence
-    from mazeplan.maze.geometry import Maze
-    from mazeplan.models.modelfile import RigModel
+    pass
 
 
 def improve(
@@ -27,7 +24,7 @@ def improve(
     model: Annotated[
         str | None, typer.Option("--model", help="What is known already; default: the rig's own model.")
     ] = None,
-    rounds: Annotated[int, typer.Option("--rounds", min=1, help="How often: one effect of the ball a round.")] = 1,
+    rounds: Annotated[int, typer.Option("--rounds", min=1, help="Rounds of collect, diagnose, navigate.")] = 1,
     runs: Annotated[int, typer.Option("--runs", min=1, help="Navigations before and after.")] = 16,
     seconds: Annotated[float, typer.Option("--seconds", help="Record of a round, in s of rig time.")] = 400.0,
     reference: Annotated[
@@ -48,11 +45,11 @@ def improve(
     """Close the loop: collect, diagnose, update the model, and navigate with the old one and the new one.
 
     Exit status 1 where something was found that has no name, or not all navigations arrived in the end."""
-    from mazeplan.choices import resolve_model
     from mazeplan.cli.arguments import positive
     from mazeplan.cli.navigate import note_missing_model
     from mazeplan.cli.owneffects import installed_effects, own_effects
     from mazeplan.cli.progress import Working
+    from mazeplan.data.table import read_table
     from mazeplan.improve import Options
     from mazeplan.improve import improve as run
     from mazeplan.maze.mapfile import load_map
@@ -65,7 +62,7 @@ def improve(
     with ExitStack() as stack:
         folder = output or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mazeplan-improve-")))
         shown = stack.enter_context(Working("improving"))
-        known = None if not reference else _reference(reference, maze, resolve_model(model, spec, maze), shown)
+        known = [read_table(log) for log in reference or []]
         told: dict[str, Any] = {"tell": shown.line, "working": shown.tell, "advance": shown.advance}
         done = run(spec, folder, options, model=model, reference=known, own=own, **told)
         if output is None:
@@ -81,14 +78,6 @@ def improve(
     last = done[-1]
     good = all(r["diagnosis"]["verdict"] != "unknown_effect" for r in done)
     sys.exit(0 if good and last["navigation"]["after"]["success"] == runs else 1)
-
-
-def _reference(logs: list[Path], maze: Maze, model: RigModel, shown: Working) -> Evidence:
-    from mazeplan.data.table import join, read_table
-    from mazeplan.improve import reference_evidence
-
-    shown.line("reference")
-    return reference_evidence(join([read_table(log) for log in logs]), maze, model, shown.line, shown.tell)
 
 
 def _print(rounds: list[dict[str, Any]]) -> None:

@@ -11,6 +11,8 @@ from mazeplan.cli.output import print_json
 from mazeplan.errors import InputError, TableError
 
 if TYPE_CHECKING:
+    from mazeplan.data.table import Table
+    from mazeplan.maze.geometry import Maze
     from mazeplan.models.identification import Fit
     from mazeplan.models.modelfile import RigModel
     from mazeplan.models.rig_learning import RingLearning
@@ -77,9 +79,12 @@ def learn(
             model, learned = learn_processes(
                 table, maze, model, kind, options, smoothing=chosen, progress=shown.tell, advance=shown.advance
             )
-    path = save_model(model, output)
+        path = save_model(model, output)
+        shown.tell("what the rig is like, for later diagnoses")
+        kept = _keep_reference(table, maze, model, output)
     if as_json:
-        print_json({"model": str(path), **model_document(model), "windows": fit.windows})
+        reference = None if kept is None else str(kept)
+        print_json({"model": str(path), "reference": reference, **model_document(model), "windows": fit.windows})
         return
     report(fit, model)
     for ring, x in learned.items():
@@ -88,6 +93,18 @@ def learn(
             f"{x.after:.3f} with it"
         )
     print(f"wrote {path}")
+
+
+def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> Path | None:
+    """What the rig is like, beside its model, where the logs show a whole rig; else nothing, and an old one goes."""
+    from mazeplan.diagnosis.bodyrecord import whole_rig
+    from mazeplan.diagnosis.bodyreference import reference_of, shortened
+    from mazeplan.diagnosis.referencefile import reference_path, save_reference
+
+    if not whole_rig([table]):
+        reference_path(folder).unlink(missing_ok=True)
+        return None
+    return save_reference(reference_of([shortened(table)], maze, model), model, folder)
 
 
 def report(fit: Fit, model: RigModel) -> None:

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 from mazeplan.estimation.bodyfilter import BodyModel
 from mazeplan.estimation.bodynumbers import value_of
+from mazeplan.physics.effect import Effect
 
 
 @dataclass(frozen=True)
 class Candidate:
     """effect: name in the registry, "" for what has none; free: numbers that it changes; first: those that are fitted
     before the others, without which these say nothing; words, depends_on: for what has no name in the registry;
-    far: steps of the first number that are tried beside the parabola at the reference, which a large change leaves."""
+    far: steps of the first number that are tried beside the parabola at the reference, which a large change leaves;
+    along: numbers that change with it, and are no finding of their own: another ball meets walls in another way."""
 
     effect: str
     free: tuple[str, ...]
@@ -20,6 +22,12 @@ class Candidate:
     words: str = ""
     depends_on: tuple[str, ...] = ()
     far: tuple[float, ...] = ()
+    along: tuple[str, ...] = ()
+
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Numbers that are fitted with it."""
+        return (*self.free, *self.along)
 
     def told(self, model: BodyModel) -> str:
         """Its words, with the frequency where it swings."""
@@ -27,11 +35,18 @@ class Candidate:
         return f"{self.words} at {at[0]:.3f} Hz" if at else self.words
 
 
+def of_effect(effect: Effect) -> Candidate:
+    """A candidate of a user's own effect: all its parameters, first those that say how large it is."""
+    every = tuple(f"{effect.name}.{key}" for key, p in effect.parameters.items() if not p.fixed)
+    sizes = tuple(name for name in every if name.partition(".")[2] not in effect.places)
+    return Candidate(effect.name, every, sizes if sizes != every else ())
+
+
 CANDIDATES = (
     Candidate("dry_friction", ("rolling",), far=(-0.02, 0.03, 0.1)),
     Candidate("viscous_friction", ("viscous",)),
     Candidate("quadratic_drag", ("quadratic",)),
-    Candidate("rolling_inertia", ("inertia",), far=(-0.15, 0.15, 0.27)),
+    Candidate("rolling_inertia", ("inertia",), far=(-0.15, 0.15, 0.27), along=("restitution", "hold", "spin")),
     Candidate("wall_friction", ("wall",)),
     Candidate("tilt_offset", ("tilt_beta", "tilt_gamma")),
     Candidate("tilt_gain", ("gain_beta", "gain_gamma")),

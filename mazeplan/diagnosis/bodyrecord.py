@@ -31,6 +31,8 @@ from mazeplan.physics.stage import StageModel
 from mazeplan.physics.walls import pack_walls
 
 FEWEST = 900  # pictures
+NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
+PART, LEAST_PLAY = 15, 1.5e-3  # pictures; m
 GUESSED = (  # what a bead's model says rightly; its inertia and its other friction stand in for walls, too
     "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "bend", "delay",
     "gain_beta", "gain_gamma",
@@ -75,6 +77,27 @@ class BodySeen:
             "words": number.words, "effect": number.effect or None,
             "model": [min(said), max(said)] if said else None,
         }  # fmt: skip
+
+
+def whole_rig(tables: Sequence[Table]) -> bool:
+    """Whether records show a whole rig: long enough, with commands, and a ball that has play in its channel. One
+    without play is a bead on a circle, which the equation of a ring describes."""
+    if not all(name in table for table in tables for name in NEEDED):
+        return False
+    seen = sum(int(np.isfinite(table["x"]).sum()) for table in tables)
+    return seen >= FEWEST and max(_play(table) for table in tables) > LEAST_PLAY
+
+
+def _play(table: Table) -> float:
+    """How much the distance of the ball from its circle varies beyond noise, m: the median over stretches of PART
+    pictures, in which the camera's place hardly shows."""
+    r = np.hypot(table["x"], table["y"])
+    parts = r[: len(r) // PART * PART].reshape(-1, PART)
+    parts = parts[np.isfinite(parts).all(axis=1)]
+    if not len(parts):
+        return math.inf
+    noise = np.mean(np.diff(parts, 2, axis=1) ** 2) / 6.0  # of white noise, the second difference has six times that
+    return math.sqrt(max(float(np.quantile(parts.var(axis=1, ddof=1), 0.9) - noise), 0.0))
 
 
 def body_filter(table: Table, maze: Maze, known: StageModel | None = None) -> tuple[BodyFilter, Stage | None]:

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from mazeplan.data.table import Table, join
 from mazeplan.diagnosis.bodyrecord import body_filter, first_guess, left_over
 from mazeplan.diagnosis.bodysearch import ENOUGH, NOISE, Reference
@@ -25,6 +27,7 @@ GAINS = ("gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
 FITTED = (  # of a reference
     *ORDINARY, *GAINS, "inertia", "viscous", "angle", "scale",
 )  # fmt: skip
+MOST = 18000  # pictures, ten minutes of them
 UNTOLD = ("wall", "restitution", "hold", "spin", "strike")  # what a model of beads does not say
 SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball, and how sure that is
 FRICTION = (0.4, 1.4)  # times what a model of beads says: between these, friction is as it was
@@ -52,6 +55,17 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
     if stage is not None:
         known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
     return RigReference(Reference(fit.model, fit.stderr), known, *left_over(body, fit))
+
+
+def shortened(table: Table) -> Table:
+    """The first stretches of a record, MOST pictures or so: more would only take time."""
+    if len(table) <= MOST:
+        return table
+    numbers, counts = np.unique(table.segment, return_counts=True)
+    kept = numbers[: max(int(np.searchsorted(np.cumsum(counts), MOST, side="right")), 1)]
+    # segments are long where nobody places the ball anew; whole rings of a drive are, too
+    rows = np.isin(table.segment, kept) if len(numbers) > 1 else np.arange(len(table)) < MOST
+    return Table({name: column[rows] for name, column in table.columns.items()}, table.source)
 
 
 def reference_by_model(model: RigModel, maze: Maze) -> RigReference:

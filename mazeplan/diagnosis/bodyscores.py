@@ -22,12 +22,19 @@ EVERY = 7  # pictures between the starts of roll-outs
 @dataclass(frozen=True)
 class HeldOut:
     """starts (W,): pictures from which the ball was followed; before, after (AHEAD, W): errors of its angle, rad, 1 to
-    AHEAD samples ahead, without and with what was found; gain (B,): of -2 log L by blocks of BLOCK_S, with it."""
+    AHEAD samples ahead, without and with what was found; gain (B,): of -2 log L by blocks of BLOCK_S, with it; plain
+    (AHEAD, W): errors with the new stage alone."""
 
     starts: IntArray
     before: Array
     after: Array
     gain: Array
+    plain: Array
+
+    @property
+    def nearer(self) -> bool:
+        """Whether roll-outs are nearer with what was found of ball, table and camera than without."""
+        return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.plain[-1]))
 
     @property
     def likelier(self) -> float:
@@ -50,14 +57,15 @@ def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Search
     starts = starts_of(body, plain, maze)
     before = roll_out_errors(old, was._replace(wander=searched.first.model.wander), starts)
     gain, blocks = np.zeros(n), np.arange(0, n, round(BLOCK_S / body.pictures.dt))
+    alone = roll_out_errors(body, searched.first.model, starts)
     if not searched.found:
-        return HeldOut(starts, before, roll_out_errors(body, searched.first.model, starts), np.zeros(len(blocks)))
+        return HeldOut(starts, before, alone, np.zeros(len(blocks)), alone)
     after, second = np.empty_like(before), np.arange(n) >= n // 2
     for rows in (second, ~second):
         model = _by_rows(body, searched, ~rows)
         gain[rows] = (surprise(plain) - surprise(body.run(model)))[rows]
         after[:, rows[starts]] = roll_out_errors(body, model, starts[rows[starts]])
-    return HeldOut(starts, before, after, np.add.reduceat(np.nan_to_num(gain), blocks))
+    return HeldOut(starts, before, after, np.add.reduceat(np.nan_to_num(gain), blocks), alone)
 
 
 def _by_rows(body: BodyFilter, searched: Searched, rows: np.ndarray) -> BodyModel:
@@ -65,7 +73,7 @@ def _by_rows(body: BodyFilter, searched: Searched, rows: np.ndarray) -> BodyMode
     p = body.pictures
     clock = None if p.clock is None else p.clock[rows]
     part = replace(p, t=p.t[rows], y=p.y[rows], first=p.first[rows], clock=clock)
-    names: Sequence[str] = [*NOISE, *(name for c in searched.found for name in c.free)]
+    names: Sequence[str] = [*NOISE, *(name for c in searched.found for name in c.fitted)]
     told = BodyFilter(part, body.plate, body.walls)
     return fit_body(told, searched.fit.model, names, STEPS, ENOUGH).model
 
@@ -78,7 +86,7 @@ def on_test(old: BodyFilter, was: BodyModel, new: BodyFilter, found: BodyModel, 
     gain = np.nan_to_num(surprise(before) - surprise(after))
     blocks = np.arange(0, len(gain), round(BLOCK_S / new.pictures.dt))
     errors = (roll_out_errors(old, was, starts), roll_out_errors(new, found, starts))
-    return HeldOut(starts, *errors, np.add.reduceat(gain, blocks))
+    return HeldOut(starts, *errors, np.add.reduceat(gain, blocks), errors[0])
 
 
 def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:

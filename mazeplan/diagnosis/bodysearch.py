@@ -19,14 +19,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mazeplan.diagnosis.bodycamera import camera_starts
-from mazeplan.diagnosis.bodycandidates import CANDIDATES, Candidate
+from mazeplan.diagnosis.bodycandidates import CANDIDATES, Candidate, of_effect
 from mazeplan.diagnosis.planefloors import started_terms
 from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel
 from mazeplan.estimation.bodyfit import BodyFit, fit_body, score_search
 from mazeplan.estimation.bodynumbers import number_of, value_of, with_values
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.bodyeffects import idle
-from mazeplan.physics.effect import Term
+from mazeplan.physics.effect import Effect, Term
 
 NOISE = ("noise", "plane")  # `strike` stays: it would hide walls that are elsewhere
 NEEDED = 150.0  # of -2 log L
@@ -95,18 +95,20 @@ def known_value(model: BodyModel, name: str) -> float:
 
 
 def search_body(
-    body: BodyFilter, was: Reference, maze: Maze, tell: Callable[[str], None] = lambda text: None
-) -> Searched:
-    """What differs from the reference. tell: progress."""
+    body: BodyFilter, was: Reference, maze: Maze, tell: Callable[[str], None] = lambda text: None,
+    own: Sequence[Effect] = (),
+) -> Searched:  # fmt: skip
+    """What differs from the reference. tell: progress; own: effects of a user's own that are looked for, too."""
+    candidates = (*CANDIDATES, *(of_effect(effect) for effect in own))
     known = (*NOISE, *was.open)
     places = camera_starts(body, (was.start or was.model).view, maze)
     first = best = fit_body(body, _noisy(was.start or was.model), known, POLISH, ENOUGH)
     found, gains, rivals = list[Candidate](), list[float](), list[tuple[Candidate, ...]]()
     while len(found) < MOST_FOUND:
         tell(f"{len(found)} found, next")
-        base = _with_starts(body, best, maze)
+        base = _with_starts(body, best, maze, own)
         free = _free(known, found)
-        left = [c for c in CANDIDATES if not set(c.free) & set(free)]
+        left = [c for c in candidates if not set(c.free) & set(free)]
         begins = {c: _begun(body, base, c, places) for c in left}
         scores = _scores(body, base, free, left)
         scores = {c: max(scores[c], best.minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
@@ -128,7 +130,7 @@ def search_body(
         found.append(chosen)
         gains.append(gained[chosen])
         tell(f"{len(found)} found, its size")
-        best = _polished(body, fits[chosen].model, was, (*free, *chosen.free))
+        best = _polished(body, fits[chosen].model, was, (*free, *chosen.fitted))
         for c in _needless(body, best, was, known, found):
             i = found.index(c)
             del found[i], gains[i], rivals[i]
@@ -137,7 +139,7 @@ def search_body(
 
 
 def _free(known: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
-    return (*known, *(name for c in found for name in c.free))
+    return tuple(dict.fromkeys((*known, *(name for c in found for name in c.fitted))))
 
 
 def _needless(
@@ -155,7 +157,7 @@ def _needless(
 
 def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
     """The model with a candidate's numbers as they were."""
-    before = with_values(model, {name: value_of(was.model, name) for name in c.free if "." not in name})
+    before = with_values(model, {name: value_of(was.model, name) for name in c.fitted if "." not in name})
     gone = {name.partition(".")[0] for name in c.free if "." in name}
     return before._replace(terms=tuple(
         next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, _nought(term))
@@ -188,10 +190,10 @@ def _noisy(model: BodyModel) -> BodyModel:
     return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, PLANE)))
 
 
-def _with_starts(body: BodyFilter, best: BodyFit, maze: Maze) -> BodyModel:
+def _with_starts(body: BodyFilter, best: BodyFit, maze: Maze, own: Sequence[Effect]) -> BodyModel:
     """The model with the terms that it has, and the others at nought where they would begin."""
     have = {term.name: term for term in best.model.terms if not idle(term)}
-    started = started_terms(body, best.filtered, best.model.view.delay, maze)
+    started = (*started_terms(body, best.filtered, best.model.view.delay, maze), *(effect() for effect in own))
     return best.model._replace(terms=tuple(have.get(term.name, term) for term in started))
 
 
@@ -242,4 +244,4 @@ def _fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate
     model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
     if c.first:
         model = fit_body(body, model, (*free, *c.first), STEPS, ENOUGH).model
-    return fit_body(body, model, (*free, *c.free), STEPS, ENOUGH)
+    return fit_body(body, model, (*free, *c.fitted), STEPS, ENOUGH)

@@ -36,7 +36,7 @@ def moved_model(model: RigModel, maze: Maze, effects: Sequence[Mapping[str, Any]
     return with_body(bodied, fit.model, fit.stderr) if had_body else bodied
 
 
-def reference_now(done: BodyVerdict) -> RigReference:
+def reference_after(done: BodyVerdict) -> RigReference:
     """What the rig is like with what was found, for the next diagnosis."""
     body = done.was.body
     found = Reference(done.searched.fit.model, {**body.stderr, **done.searched.fit.stderr})

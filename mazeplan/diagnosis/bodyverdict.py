@@ -42,6 +42,8 @@ from mazeplan.estimation.bodynumbers import value_of, with_values
 from mazeplan.maze.geometry import Maze
 from mazeplan.models.rollout import STEPS as AHEAD
 from mazeplan.physics import rig
+from mazeplan.physics.bodyeffects import effects_of
+from mazeplan.physics.effect import Effect
 from mazeplan.physics.stage import StageModel
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
@@ -124,18 +126,19 @@ class BodyVerdict:
 
 def verdict_on(
     table: Table, maze: Maze, was: RigReference, tell: Callable[[str], None] = lambda text: None,
-    test: Table | None = None,
+    test: Table | None = None, own: Sequence[Effect] = (),
 ) -> BodyVerdict:  # fmt: skip
-    """What differs from a reference. tell: progress; test: a further record, for errors before and after. Raises
-    TableError."""
+    """What differs from a reference. tell: progress; test: a further record, for errors before and after; own: effects
+    of a user's own that are looked for, too. Raises TableError."""
+    own, refused = _on_a_body(own)
     tell("stage")
     body, stage = body_filter(table, maze)
     check_map(body, maze, table.source.get("file"))
-    searched = search_body(body, was.body, maze, tell)
+    searched = search_body(body, was.body, maze, tell, own)
     tell("held-out part")
     old = _as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
-    found = searched.found if not searched.found or held.likelier > BETTER else ()
+    found = searched.found if held.likelier > BETTER and held.nearer else ()
     radii = _radii(maze, searched.fit.filtered)
     effects, alike = _named(stage, was, searched, found, radii)
     effects += [with_plan(e) for e in _of_open_numbers(body, searched, was, radii)]
@@ -145,9 +148,32 @@ def verdict_on(
     memory, remaining = left_over(body, searched.fit)
     unknown = _unknown(searched, found, memory, remaining, was)
     done = BodyVerdict(
-        tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was, _notes(stage, was)
+        tuple(effects),
+        tuple(alike),
+        unknown,
+        held,
+        memory,
+        remaining,
+        searched,
+        body,
+        stage,
+        was,
+        (*_notes(stage, was), *refused),
     )
     return done if test is None else replace(done, test=_on_test(test, maze, done))
+
+
+def _on_a_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
+    """Effects that act on a ball with a body, and what is to be said of the others."""
+    good, notes = [], []
+    for effect in own:
+        try:
+            effects_of([effect()])
+        except ValueError as problem:
+            notes.append(f"{effect.name} was not looked for: {problem}")
+        else:
+            good.append(effect)
+    return good, notes
 
 
 def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None, body: BodyFilter) -> BodyFilter:

@@ -12,7 +12,8 @@ from mazeplan.estimation.bodyfilter import BodyModel
 from mazeplan.estimation.bodyfit import BodyFit
 from mazeplan.estimation.bodynumbers import FRICTION, number_of, value_of, with_values
 from mazeplan.models.bodyentries import INERTIA, SAME
-from mazeplan.physics.registry import PACKAGED
+from mazeplan.physics.effect import Parameter
+from mazeplan.physics.registry import EFFECTS
 
 if TYPE_CHECKING:
     from mazeplan.diagnosis.bodyverdict import BodyVerdict
@@ -49,13 +50,19 @@ def in_registry(c: Candidate, fit: BodyFit, was: Reference, radii: dict[int, flo
     }
     values, before = next(iter(by_ring.values()))
     spread = _spread(c, fit, was, next(iter(radii.values())), values)
-    units = {key: p.unit for key, p in PACKAGED[c.effect].parameters.items()}
+    units = {key: p.unit for key, p in _parameters(c, fit).items()}
     return {
         "name": c.effect,
         "parameters": {k: {"value": v, "stderr": spread[k], "unit": units[k]} for k, v in values.items()},
         "known_before": before,
         "rings": {str(ring): {"after": now, "before": was_} for ring, (now, was_) in by_ring.items()},
     }
+
+
+def _parameters(c: Candidate, fit: BodyFit) -> Mapping[str, Parameter]:
+    """Of an effect of the registry, or of a user's own."""
+    own = (term.effect for term in fit.model.terms if term.name == c.effect)
+    return (EFFECTS.get(c.effect) or next(own)).parameters
 
 
 def _spread(c: Candidate, fit: BodyFit, was: Reference, radius: float, at: Values) -> Values:
@@ -75,7 +82,7 @@ def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> V
     f = 1.0 / (1.0 + model.ball.inertia)
     if c.effect == "surface_profile":
         a, b = (_term(model, f"floor_warp.{key}") for key in "ab")
-        waves = dict.fromkeys(PACKAGED[c.effect].parameters, 0.0)
+        waves = dict.fromkeys(EFFECTS[c.effect].parameters, 0.0)
         return waves | {"cos2": -2.0 * f * GRAVITY * b, "sin2": 2.0 * f * GRAVITY * a}
     if c.effect == "surface_bump":
         x, y, depth, width = (_term(model, f"floor_bump.{key}") for key in ("x", "y", "depth", "width"))
@@ -95,10 +102,15 @@ def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> V
         return {"frequency": frequency, "beta": bs * s + bc * c_, "gamma": gs * s + gc * c_, "phase": phase}
     out = {}
     for name in c.free:
-        number = number_of(model, name)
+        try:
+            number, value = number_of(model, name), value_of(model, name)
+        except KeyError:  # a term that was not there
+            out[name.partition(".")[2]] = 0.0
+            continue
         key = number.effect.partition(".")[2]
-        value = value_of(model, name)
-        if number.how == SAME:
+        if number.part == "terms":
+            out[key] = value
+        elif number.how == SAME:
             out[key] = value * radius ** number.origin[1] * (f if name in FRICTION else 1.0)
         else:
             out[key] = 1.0 / (value + 1.0) if number.how == INERTIA else value_of(was.model, name) / value
@@ -158,7 +170,7 @@ def _ratio(effect: Mapping[str, Any]) -> float:
 def _change(effect: dict[str, Any]) -> str:
     """An effect, from what to what."""
     before, parts = effect["known_before"], []
-    places = PACKAGED[effect["name"]].places
+    places = EFFECTS[effect["name"]].places if effect["name"] in EFFECTS else ()
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
         if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:

@@ -16,12 +16,13 @@ from typing import Any
 
 import yaml
 
-from mazeplan.diagnosis.bodyreference import RigReference
+from mazeplan.diagnosis.bodyreference import RigReference, reference_by_model, textbook
 from mazeplan.diagnosis.bodysearch import Reference
 from mazeplan.diagnosis.parts import Known
 from mazeplan.errors import ModelError
 from mazeplan.estimation.bodyfilter import BodyModel
 from mazeplan.estimation.bodynumbers import value_of, with_values
+from mazeplan.maze.geometry import Maze
 from mazeplan.models.bodyentries import PARAMETERS, stamp
 from mazeplan.models.modelfile import PACKAGED, RigModel, model_names
 from mazeplan.physics import planeterms
@@ -91,6 +92,15 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
     memory, remaining = (_number(document, key, path, key, 0.0, math.inf) for key in ("memory", "remaining"))
     known = Known.of_model(model)
     return RigReference(Reference(body, stderr), known, memory, remaining, "the rig as its model knows it")
+
+
+def known_reference(source: str | Path | None, model: RigModel | None, maze: Maze) -> RigReference:
+    """What a rig was like without logs of that time: as its model's folder keeps it, else as the model says; a textbook
+    ball without a model. Raises ModelError."""
+    if model is None:
+        return textbook()
+    kept = None if source is None else load_reference(source, model)
+    return kept or reference_by_model(model, maze)
 
 
 def _terms(section: Mapping[str, Any], path: Path) -> tuple[Term, ...]:

@@ -1,0 +1,34 @@
+"""Writes what the packaged rigs are like beside their models (mazeplan/models/packaged/*/reference.yaml).
+
+Records have a seed of their own. Usage: python tools/keep_references.py [NAME ...]
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from mazeplan.collect import Collection, run_collection
+from mazeplan.data.table import read_table
+from mazeplan.diagnosis.bodyreference import reference_of
+from mazeplan.diagnosis.referencefile import reference_path, save_reference
+from mazeplan.maze.mapfile import load_map
+from mazeplan.models.modelfile import load_model
+from mazeplan.rigs.registry import make_rig
+
+SECONDS, SEED, RINGS = 600.0, 7001, (1, 2, 3, 4)
+
+
+def keep(name: str, folder: Path) -> Path:
+    """Record a rig for ten minutes, and write what its record tells."""
+    maze, model, log = load_map("cme"), load_model(name), folder / f"{name}.mcap"
+    plan = Collection(SECONDS, RINGS, SEED, rig_given=name, map_given="cme")
+    run_collection(make_rig(name, maze), maze, plan, log, rig_name=name)
+    return save_reference(reference_of([read_table(log)], maze, model), model, reference_path(name).parent)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        for rig in sys.argv[1:] or ("toy", "rough", "ideal"):
+            print(keep(rig, Path(place)))
