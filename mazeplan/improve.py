@@ -19,8 +19,9 @@ from mazeplan.choices import model_source, resolve_model
 from mazeplan.collect import Collection, run_collection
 from mazeplan.data.table import Table, read_table
 from mazeplan.diagnosis.bodyreference import RigReference, reference_of
-from mazeplan.diagnosis.bodyupdate import moved_model, reference_after
+from mazeplan.diagnosis.bodyupdate import changes_model, moved_model, reference_after
 from mazeplan.diagnosis.bodyverdict import BodyVerdict, verdict_on
+from mazeplan.diagnosis.bodywords import advice
 from mazeplan.diagnosis.referencefile import known_reference, save_reference
 from mazeplan.evaluate import Campaign, evaluate, summary
 from mazeplan.maze.mapfile import load_map
@@ -86,9 +87,10 @@ def improve(
         done = verdict_on(read_table(log), maze, was, working, own=own)
         document: dict[str, Any] = done.document() | {"model": None, "report": None}
         tell(document["sentence"])
-        if done.effects:
+        if changes_model(done.effects):
             known, was = moved_model(known, maze, done.effects, done.searched.fit), reference_after(done)
             document["model"] = _saved(known, was, here / "model")
+            document["advice"] = advice(done, document["model"])
         new = document["model"]
         before = before or _navigate(rig, path, options, tell, "before", working, advance)
         after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)

@@ -71,6 +71,17 @@ def parse_opening(text: str, maze: Maze) -> str:
     return text
 
 
+def logged_map_text(maze: Maze, name: str | None, log: Path) -> str:
+    """The text of a map that `logged_map` found: of its file, or out of the log."""
+    from mazeplan.data.runlog import read_log
+
+    if name is None and log.suffix == ".mcap":
+        text = read_log(log).header.get("map")
+        if isinstance(text, str):
+            return text
+    return Path(str(maze.source)).read_text(encoding="utf-8")
+
+
 def logged_map(name: str | None, log: Path) -> tuple[Maze, bool]:
     """The map that is named, else that of a run log, else cme; and whether its openings are those of the data: a table
     does not tell, a log or a person does. Raises MapError."""

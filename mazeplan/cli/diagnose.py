@@ -85,7 +85,7 @@ def diagnose(
                    {"--ring": ring, "--radius": radius, "--map": map_, "--model": model,
                     "--reference": reference, "--body": body or None})  # fmt: skip
         return
-    alone = {"--ring": ring, "--radius": radius, "--declare": declare, "--effects": effects}
+    alone = {"--ring": ring, "--radius": radius, "--declare": declare}
     given = next((option for option, value in alone.items() if value), None)
     if reference and given:
         raise InputError(f"{given}: got {alone[given]}, expected none with --reference, which uses all rings")
@@ -103,7 +103,7 @@ def diagnose(
 
         tables = [read_table(log) for log in logs]
         if reference or whole_rig(tables):
-            diagnose_rig(logs, tables, reference or [], model, map_, test, output, as_json)
+            diagnose_rig(logs, tables, reference or [], model, map_, test, effects, output, as_json)
             return
     _of_ring(_single(logs, given or "a table without x, y, u_beta and u_gamma"), model, radius, declare or [], ring,
              test, map_, effects, output, as_json)  # fmt: skip

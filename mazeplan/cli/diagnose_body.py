@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.cli.arguments import check_folder, logged_map
+from mazeplan.cli.arguments import check_folder, logged_map, logged_map_text
 from mazeplan.cli.output import print_json, say
 from mazeplan.errors import InputError
 
@@ -56,33 +56,42 @@ def diagnose_body(path: Path, model: str | None, map_: str | None, output: Path 
 
 def diagnose_rig(
     paths: Sequence[Path], tables: Sequence[Table], references: Sequence[Path], model: str | None, map_: str | None,
-    test: Path | None, output: Path | None, as_json: bool,
+    test: Path | None, effects: str | None, output: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """What differs from what a rig was like, all rings together. Raises TableError, InputError."""
+    from mazeplan.cli.owneffects import installed_effects, own_effects
     from mazeplan.cli.progress import Working
     from mazeplan.data.table import join, read_table
     from mazeplan.diagnosis.bodyreference import reference_of
     from mazeplan.diagnosis.bodyverdict import verdict_on
     from mazeplan.diagnosis.referencefile import known_reference
+    from mazeplan.diagnosis.rigevidence import rig_evidence
     from mazeplan.models.modelfile import load_model
 
     if output is not None:
         check_folder("-o", output)
     maze, known = logged_map(map_, paths[0])[0], None if model is None else load_model(model)
+    own = own_effects(effects)
+    installed = installed_effects(e.name for e in own)
+    own += installed.effects
+    for problem in installed.problems.values():
+        say(f"mazeplan: not looked for: {problem}")
     with Working("diagnosing") as shown:
         shown.tell("what the rig was like")
         old = [read_table(path) for path in references]
         was = reference_of(old, maze, known) if old else known_reference(model, known, maze)
         further = None if test is None else read_table(test)
         table = tables[0] if len(tables) == 1 else join(tables)
-        done = verdict_on(table, maze, was, shown.tell, further)
-    document = done.document() | {"model": None, "report": None}
+        done = verdict_on(table, maze, was, shown.tell, further, own)
+    document: dict[str, Any] = done.document() | {"model": None, "report": None}
     if output is not None:
-        _write(done, document, known, maze, output)
+        title = " and ".join(path.name for path in paths[:2]) + (" and others" if len(paths) > 2 else "")
+        evidence = rig_evidence(done, maze, logged_map_text(maze, map_, paths[0]), title)
+        _write(done, document, known, maze, output, evidence)
     if as_json:
         print_json(document)
         return
-    for line in done.sentences():
+    for line in (document["sentence"], *document["advice"]):
         print(line)
     for note in done.notes:
         print(f"note: {note}")
@@ -91,19 +100,32 @@ def diagnose_rig(
             print(f"{key}: {document[key]}")
 
 
-def _write(done: BodyVerdict, document: dict[str, Any], known: RigModel | None, maze: Maze, output: Path) -> None:
+def _write(
+    done: BodyVerdict,
+    document: dict[str, Any],
+    known: RigModel | None,
+    maze: Maze,
+    output: Path,
+    evidence: dict[str, Any],
+) -> None:
     """Report, and the model with what was found and the rig as it is now."""
-    from mazeplan.diagnosis.bodyupdate import moved_model, reference_after
+    from mazeplan.diagnosis.bodyupdate import changes_model, moved_model, reference_after
+    from mazeplan.diagnosis.bodywords import advice
     from mazeplan.diagnosis.referencefile import save_reference
     from mazeplan.models.modelfile import save_model
+    from mazeplan.report.diagnosis import write_diagnosis
 
     output.mkdir(parents=True, exist_ok=True)
-    if known is not None and done.effects:
+    if known is not None and changes_model(done.effects):
         new = moved_model(known, maze, done.effects, done.searched.fit)
         document["model"] = str(save_model(new, output / "model").parent)
         if not done.was.body.open:
             save_reference(reference_after(done), new, output / "model")
+    document["advice"] = advice(done, document["model"])
+    document["report"] = str(output / "report.html")
     (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
+    (output / "evidence.json").write_text(json.dumps(evidence) + "\n")
+    write_diagnosis(document, evidence, output / "report.html")
 
 
 def _beside(said: list[float] | None, factor: float) -> str:

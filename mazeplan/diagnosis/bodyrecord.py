@@ -111,7 +111,8 @@ def body_filter(table: Table, maze: Maze, known: StageModel | None = None) -> tu
     if seen < FEWEST:
         raise TableError(f"got {seen} pictures of the ball, expected {FEWEST} at least", file=_file(table))
     stage = fit_stage(record, np.ones(len(record), dtype=bool))
-    return filter_of(table, record, maze, None if stage is None else _stage_model(stage, known)), stage
+    moves = None if stage is None or stage.hurried else _stage_model(stage, known)
+    return filter_of(table, record, maze, moves), stage
 
 
 def filter_of(table: Table, record: Record, maze: Maze, stage: StageModel | None) -> BodyFilter:

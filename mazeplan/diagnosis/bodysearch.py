@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mazeplan.diagnosis.bodycamera import camera_starts
-from mazeplan.diagnosis.bodycandidates import CANDIDATES, Candidate, of_effect
+from mazeplan.diagnosis.bodycandidates import CANDIDATES, CONTACT, Candidate, of_effect
 from mazeplan.diagnosis.planefloors import started_terms
 from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel
 from mazeplan.estimation.bodyfit import BodyFit, fit_body, score_search
@@ -108,12 +108,14 @@ def search_body(
         tell(f"{len(found)} found, next")
         base = _with_starts(body, best, maze, own)
         free = _free(known, found)
-        left = [c for c in candidates if not set(c.free) & set(free)]
+        left = [c for c in candidates if not set(c.free) & set(free) and not (found and CONTACT in c.depends_on)]
         begins = {c: _begun(body, base, c, places) for c in left}
         scores = _scores(body, base, free, left)
         scores = {c: max(scores[c], best.minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
         ranked = sorted((c for c in left if scores[c] > LEAST_SCORE), key=lambda c: -scores[c])
         tried = [c for c in ranked[:MOST_FITTED] if scores[c] > WORTH * scores[ranked[0]]]
+        simpler = {name for c in tried for name in c.simpler}
+        tried += [c for c in left if c.effect in simpler and c not in tried]
         fits = {c: _fitted(body, begins[c][1], free, c) for c in tried}
         gained = {c: best.minus2 - fit.minus2 for c, fit in fits.items()}
         sure = [
@@ -134,6 +136,7 @@ def search_body(
         for c in _needless(body, best, was, known, found):
             i = found.index(c)
             del found[i], gains[i], rivals[i]
+            rivals[-1] = ()  # they were rivals beside what is gone
             best = fit_body(body, _without(best.model, was, c), _free(known, found), POLISH, ENOUGH)
     return Searched(tuple(found), tuple(gains), tuple(rivals), best, first)
 

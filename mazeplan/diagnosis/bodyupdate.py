@@ -21,8 +21,13 @@ from mazeplan.physics.effect import BALL, STAGE
 from mazeplan.physics.entries import part_values
 from mazeplan.physics.registry import EFFECTS
 
-INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", DRIFT)
+INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)
 FACTORS = ("camera_scale", "tilt_gain")  # scales multiply
+
+
+def changes_model(effects: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether one of some effects has a place in a model."""
+    return any(effect["name"] == DRIFT or not not_planned([effect["name"]]) for effect in effects)
 
 
 def moved_model(model: RigModel, maze: Maze, effects: Sequence[Mapping[str, Any]], fit: Any) -> RigModel:

@@ -50,6 +50,7 @@ HELD_OUT = 0.5  # each half of a record is predicted from the other
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations from which something is left
 REMAINS = 1.5  # times the noise, from which something is left
+CLEAR_GAIN = 0.05  # change of a gain that commands which overtax the servos do not make
 AS_BEFORE = 1.3  # times what was left when the model was right: no more than that is no news
 
 
@@ -179,7 +180,7 @@ def _on_a_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
 def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None, body: BodyFilter) -> BodyFilter:
     """The filter with the plate as the old model's stage moves it; as it is where that is not known."""
     known = was.stage.axes()
-    if known is None or stage is None:
+    if known is None or stage is None or stage.hurried:
         return body
     pairs = zip((known.beta, known.gamma), stage.axes, strict=True)
     moves = StageModel(*(replace(axis, offset=found.offset) for axis, found in pairs))
@@ -189,7 +190,7 @@ def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None,
 def _on_test(test: Table, maze: Maze, done: BodyVerdict) -> HeldOut:
     """Errors on a further record, by the old model and by the new one."""
     record = record_of(test, np.ones(len(test), dtype=bool))
-    stage = None if done.stage is None else StageModel(*done.stage.axes)
+    stage = None if done.stage is None or done.stage.hurried else StageModel(*done.stage.axes)
     new = filter_of(test, record, maze, stage)
     old = _as_it_was(test, maze, done.was, done.stage, new)
     return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
@@ -200,6 +201,9 @@ def _notes(stage: Stage | None, was: RigReference) -> tuple[str, ...]:
     notes = []
     if stage is None:
         notes.append("no commands u_beta, u_gamma in this record: servos cannot be checked, and the tilt is smoothed")
+    if stage is not None and stage.hurried:
+        notes.append("commands changed faster than the servos can follow, as in navigation: lag, delay and play of the "
+                     "servos were not compared; mazeplan collect makes a record that shows them")  # fmt: skip
     if was.body.open and was.friction is not None:
         notes.append("the model keeps no record of the rig as it was: walls were not compared, and friction only "
                      "roughly; name a log of that time with --reference, or learn the model again")  # fmt: skip
@@ -210,8 +214,12 @@ def _named(
     stage: Stage | None, was: RigReference, searched: Searched, found: Sequence[Candidate], radii: dict[int, float]
 ) -> tuple[list[dict[str, Any]], list[tuple[str, ...]]]:
     """Effects as in the JSON, and names between which the record cannot tell."""
-    effects = stage_effects(stage, was.stage)
+    hurried = stage is not None and stage.hurried
+    effects = stage_effects(None if hurried else stage, was.stage)
     gain = None if stage is None else changed(stage, rig.servo_gain, was.stage)
+    if gain is not None and hurried:
+        ratios = [p["value"] / gain["known_before"][key] for key, p in gain["parameters"].items()]
+        gain = gain if max(abs(ratio - 1.0) for ratio in ratios) > CLEAR_GAIN else None
     if gain is not None and not any(c.effect == "tilt_gain" for c in found):
         effects.append(gain)
     for e in effects:
@@ -225,7 +233,25 @@ def _named(
         names = tuple(r.effect for r in rivals if r.effect)
         if names:
             alike.append((c.effect, *names))
-    return [with_plan(effect) for effect in effects], alike
+    return [with_plan(effect) for effect in _one_way(effects)], alike
+
+
+def _one_way(effects: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Friction and a weaker push along the rings are friction that is larger one way round: a moving ball cannot tell
+    them apart."""
+    by_name = {effect["name"]: effect for effect in effects}
+    friction, push = by_name.get("dry_friction"), by_name.get("constant_torque")
+    if friction is None or push is None:
+        return effects
+    told, pushed = friction["parameters"], push["parameters"]["acceleration"]
+    if abs(pushed["value"]) > told["coefficient"]["value"]:
+        return effects
+    told["asymmetry"] = {**pushed, "value": -pushed["value"]}
+    friction["known_before"]["asymmetry"] = -push["known_before"]["acceleration"]
+    for ring, both in friction["rings"].items():
+        for when in ("before", "after"):
+            both[when] = {**both[when], "asymmetry": -push["rings"][ring][when]["acceleration"]}
+    return [effect for effect in effects if effect is not push]
 
 
 def _of_open_numbers(

@@ -38,8 +38,9 @@ REPAIRS = {
 
 def in_registry(c: Candidate, fit: BodyFit, was: Reference, radii: dict[int, float]) -> dict[str, Any]:
     """A candidate that was found, as the JSON has it: in the ring that shows it most, and in all `rings`."""
-    if c.effect == "local_friction":
-        low, high = (_term(fit.model, f"floor_dirt.{key}") for key in ("inner", "outer"))
+    if c.effect in ("local_friction", "gate_loss"):
+        term = c.free[0].partition(".")[0]
+        low, high = (_term(fit.model, f"{term}.{key}") for key in ("inner", "outer"))
         radii = {ring: radius for ring, radius in radii.items() if low < radius < high} or radii
     if c.effect == "surface_bump":
         away = math.hypot(*(_term(fit.model, f"floor_bump.{key}") for key in "xy"))
@@ -51,6 +52,9 @@ def in_registry(c: Candidate, fit: BodyFit, was: Reference, radii: dict[int, flo
     values, before = next(iter(by_ring.values()))
     spread = _spread(c, fit, was, next(iter(radii.values())), values)
     units = {key: p.unit for key, p in _parameters(c, fit).items()}
+    if c.effect == "surface_bump":
+        least = EFFECTS[c.effect].parameters["height"].smallest
+        by_ring = {ring: both for ring, both in by_ring.items() if abs(both[0]["height"]) > least} or by_ring
     return {
         "name": c.effect,
         "parameters": {k: {"value": v, "stderr": spread[k], "unit": units[k]} for k, v in values.items()},
@@ -89,8 +93,19 @@ def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> V
         aside = (math.hypot(x, y) - radius) / width if width else 0.0
         height = -f * GRAVITY * depth * math.exp(-0.5 * aside * aside) / radius
         return {"centre": math.atan2(y, x), "width": width / radius, "height": height}
+    if c.effect == "constant_torque":
+        return {"acceleration": _term(model, "ring_push.turn") + _term(model, "ring_push.force") / radius}
     if c.effect == "friction_drift":
         return {key: _term(model, f"drag_drift.{key}") for key in ("rate", "start")}
+    if c.effect == "gate_loss":
+        return {"angle": _term(model, "floor_kerb.centre"), "loss": 1.0 - math.exp(-_term(model, "floor_kerb.size"))}
+    if c.effect == "surface_ripple":
+        waves = dict.fromkeys(EFFECTS[c.effect].parameters, 0.0)
+        for kind, key in (("cos", "c"), ("sin", "s")):
+            waves[f"{kind}{int(_term(model, 'floor_ripple.waves') or 4)}"] = (
+                _term(model, f"floor_ripple.{key}") / radius
+            )
+        return waves
     if c.effect == "local_friction":
         centre, half, size = (_term(model, f"floor_dirt.{key}") for key in ("centre", "half", "coefficient"))
         return {"start": centre - half, "end": centre + half, "coefficient": size / radius}
@@ -176,9 +191,9 @@ def _change(effect: dict[str, Any]) -> str:
         if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
             continue
         factor, unit = SHOWN.get(number["unit"], (1.0, "" if number["unit"] == "1" else number["unit"]))
-        new = f"{factor * number['value']:.4g}"
-        change = new if key in places else f"{factor * old + 0.0:.4g} -> {new}"
-        parts.append(f"{key.replace('_', ' ')} {change} +- {factor * error:.2g} {unit}".rstrip())
+        new = f"{factor * number['value']:.4g} ± {factor * error:.2g} {unit}".rstrip()
+        change = new if key in places else f"from {factor * old + 0.0:.4g} to {new}"
+        parts.append(f"{key.replace('_', ' ')} {change}")
     return f"{_plain(effect['name'])} ({', '.join(parts)})"
 
 
@@ -186,10 +201,11 @@ def _plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def advice(done: BodyVerdict) -> list[str]:
-    """What to do next."""
+def advice(done: BodyVerdict, model: str | None = None) -> list[str]:
+    """What to do next; model: the folder of the new one, where it was written."""
+    way = f"--model {model}" if model else "add -o FOLDER, then --model FOLDER/model"
     out = [
-        f"{REPAIRS[e['name']]}, or use a model that knows it: add -o FOLDER, then --model FOLDER/model."
+        f"{REPAIRS[e['name']]}, or use a model that knows it: {way}."
         if e.get("planned", True) else f"{REPAIRS[e['name']]}: no plan can allow for it ({e['why_not']})."
         for e in done.effects if e["name"] in REPAIRS
     ]  # fmt: skip

@@ -6,21 +6,24 @@ A search begins there: at the middle of a bump, the frequency of a table that ro
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from mazeplan.estimation.bodyfilter import BodyFilter, Filtered
 from mazeplan.maze.geometry import Maze
-from mazeplan.physics.ball import constant_torque
 from mazeplan.physics.effect import Term
 from mazeplan.physics.planeterms import (
     WIDTH,
     drag_drift,
     floor_bump,
     floor_dirt,
+    floor_kerb,
+    floor_ripple,
     floor_warp,
     lean_drift,
     moving_friction,
+    ring_push,
     swing_along,
     table_swing,
 )
@@ -30,6 +33,7 @@ GRID, FINE, WIDTHS = 0.008, 0.002, (0.01, 0.015, 0.022)  # m; places and widths 
 MEMORY = 8  # pictures over which an acceleration shows in the innovations
 SLOWEST, FASTEST = 0.05, 8.0  # Hz, of a table that rocks
 SECTORS, HALVES = 48, (0.2, 0.35, 0.6)  # middles of dirt that are tried in each ring, and half widths, rad
+BESIDE, WAVES = 0.07, range(4, 10)  # rad on both sides of a kerb; waves around that are tried
 SLOW = 0.01  # m/s; a slower ball does not show which way friction acts
 
 
@@ -43,29 +47,46 @@ def started_terms(body: BodyFilter, filtered: Filtered, delay: float, maze: Maze
     return (
         Term(floor_warp, (0.0, 0.0, 0.0)),
         Term(floor_bump, (x, y, 0.0, width)),
-        Term(floor_dirt, (*_dirty_sector(filtered, asked, maze), 0.0)),
+        Term(floor_dirt, (*_slowing_sector(filtered, asked, maze, HALVES), 0.0)),
+        Term(floor_kerb, _kerb(filtered, asked, maze)),
+        Term(floor_ripple, (_waves(place, along), 0.0, 0.0)),
         Term(table_swing, (_frequency(t, asked), 0.0, 0.0, 0.0, 0.0)),
         Term(swing_along, (_frequency(t, along[:, None]), 0.0, 0.0)),
         Term(drag_drift, (0.0, 0.0)),
         Term(lean_drift, (0.0, 0.0)),
         Term(moving_friction, (0.0,)),
-        constant_torque(),
+        Term(ring_push, (0.0, 0.0)),
     )
 
 
-def _dirty_sector(filtered: Filtered, asked: Array, maze: Maze) -> tuple[float, float, float, float]:
+def _kerb(filtered: Filtered, asked: Array, maze: Maze) -> tuple[float, float, float, float]:
+    """Numbers of a kerb without any height, where the ball is slowed most."""
+    centre, _, inner, outer = _slowing_sector(filtered, asked, maze, (BESIDE,))
+    return centre, inner, outer, 0.0
+
+
+def _waves(place: Array, along: Array) -> float:
+    """How many waves around explain most of the force along the rings that innovations ask for."""
+    theta = np.arctan2(place[:, 1], place[:, 0])
+    powers = [abs(np.sum(along * np.exp(-1j * n * theta))) for n in WAVES]
+    return float(WAVES[int(np.argmax(powers))])
+
+
+def _slowing_sector(
+    filtered: Filtered, asked: Array, maze: Maze, halves: Sequence[float]
+) -> tuple[float, float, float, float]:
     """Middle and half width, rad, and radii, m, of the sector in which a deceleration explains most."""
     place, v = filtered.state[:, :2], filtered.state[:, 2:4]
     speed, r, theta = np.hypot(*v.T), np.hypot(*place.T), np.arctan2(place[:, 1], place[:, 0])
     slows = np.where(speed > SLOW, -np.sum(asked * v, axis=1) / np.maximum(speed, SLOW), 0.0)
-    best, found = 0.0, (0.0, HALVES[0], 0.0, 0.0)
+    best, found = 0.0, (0.0, halves[0], 0.0, 0.0)
     for ring in maze.rings:
         if ring.is_disc:
             continue
         here = (r > ring.inner_radius) & (r < ring.outer_radius) & (speed > SLOW)
         for centre in np.linspace(-math.pi, math.pi, SECTORS, endpoint=False):
             away = np.abs((theta - centre + math.pi) % (2.0 * math.pi) - math.pi)
-            for half in HALVES:
+            for half in halves:
                 inside = slows[here & (away < half)]
                 score = float(inside.sum()) / math.sqrt(len(inside)) if len(inside) > 20 else 0.0
                 if score > best:

@@ -25,6 +25,7 @@ KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
 STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives; the first three relative, s, rad
 BLOCK_S, SURE = 1.0, 5.0  # s, within which residuals count as one; standard errors of a coupling
 SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
+HURRIED = 3.5e-3  # rad, of the residual of a stage that its commands overtax; sensors have a third of it
 FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # that one standard error may be, for the motion to be linear in it
 
 
@@ -37,6 +38,12 @@ class Stage:
     beta: StageFit
     gamma: StageFit
     directions: dict[str, tuple[int, Array]]
+
+    @property
+    def hurried(self) -> bool:
+        """Whether commands asked more than servos give: then no linear lag describes them, and the tilt sensor says
+        more about the plate than the commands do."""
+        return max(self.beta.rms, self.gamma.rms) > HURRIED
 
     @property
     def axes(self) -> tuple[StageAxis, StageAxis]:

@@ -5,8 +5,11 @@ It is written in the plane, so that one set of numbers holds for all rings:
     floor_warp      z = a (x^2 - y^2) + 2 b x y + c (x^2 + y^2)
     floor_bump      a pull of at most `depth` times gravity towards (x, y), derivative of a Gaussian bell of this width
     floor_dirt      dry friction in a sector of a ring: radii `inner` to `outer`, `half` rad on both sides of `centre`
+    floor_kerb      a share 1 - exp(-size) of the speed is lost in passing an angle of a ring
+    floor_ripple    a force along the rings with so many waves around: c cos(n theta) + s sin(n theta), m/s^2
     table_swing     the table leans by bs sin wt + bc cos wt, and gs sin wt + gc cos wt
     drag_drift      viscous friction that changes with time: start + rate t
+    ring_push       a push along the rings: force + turn r, m/s^2
 
 The last three say what changes without a cause that has a name:
 
@@ -32,6 +35,7 @@ FREQUENCY = Parameter("Hz", 0.0, 0.0, 15.0, step=1e-4)
 ANGLE = Parameter("rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, step=2e-2)
 RADIUS = Parameter("m", 0.0, 0.0, 1.0, step=1e-3, fixed=True)
 SOFT = 0.03  # rad, over which dirt begins and ends
+KERB = 0.05  # rad, width of a kerb
 BORDER = 1e-3  # m, the same along the radius
 
 
@@ -53,8 +57,16 @@ def _bump(s: Any, p: Any) -> dict[str, Any]:
 
 def _dirt(s: Any, p: Any) -> Any:
     along = 1 + tanh((p.half - size(wrap(s.theta - p.centre))) / (2 * SOFT))
-    across = (1 + tanh((s.radius - p.inner) / (2 * BORDER))) * (1 + tanh((p.outer - s.radius) / (2 * BORDER)))
-    return p.coefficient / s.radius * along * across / 8
+    return p.coefficient / s.radius * along * _across(s, p) / 2
+
+
+def _across(s: Any, p: Any) -> Any:
+    return (1 + tanh((s.radius - p.inner) / (2 * BORDER))) * (1 + tanh((p.outer - s.radius) / (2 * BORDER))) / 4
+
+
+def _kerb(s: Any, p: Any) -> Any:
+    away = wrap(s.theta - p.centre) / KERB
+    return p.size * s.speed * exp(-0.5 * away**2) / (KERB * math.sqrt(2.0 * math.pi)) * _across(s, p)
 
 
 def _swing(s: Any, p: Any) -> dict[str, Any]:
@@ -81,6 +93,23 @@ floor_dirt = Effect(
     },
     DRY, _dirt, places=("centre", "half", "inner", "outer"), text="dry friction in a sector of a ring",
 )  # fmt: skip
+floor_kerb = Effect(
+    "floor_kerb",
+    {
+        "centre": ANGLE, "inner": RADIUS, "outer": RADIUS,
+        "size": Parameter("1", 0.0, 0.0, 3.0, smallest=0.03, step=0.03),
+    },
+    DRAG, _kerb, places=("centre", "inner", "outer"), text="speed is lost in passing one angle of a ring",
+)  # fmt: skip
+floor_ripple = Effect(
+    "floor_ripple",
+    {
+        "waves": Parameter("1", 4.0, 1.0, 20.0, fixed=True),
+        **dict.fromkeys("cs", Parameter("m/s^2", 0.0, -2.0, 2.0, smallest=0.01, step=5e-3)),
+    },
+    FORCE, lambda s, p: (p.c * cos(p.waves * s.theta) + p.s * sin(p.waves * s.theta)) / s.radius,
+    places=("waves",), text="the floor is uneven, with waves around",
+)  # fmt: skip
 table_swing = Effect(
     "table_swing", {"frequency": FREQUENCY, "bs": SWING, "bc": SWING, "gs": SWING, "gc": SWING},
     GRAVITY, _swing, places=("frequency",), text="the table rocks",
@@ -91,7 +120,15 @@ drag_drift = Effect(
         "rate": Parameter("1/s^2", 0.0, -0.1, 0.1, smallest=2e-4),
         "start": Parameter("1/s", 0.0, -5.0, 5.0, smallest=0.03),
     },
-    DRAG, lambda s, p: p.start + p.rate * s.t, text="viscous friction that changes with time",
+    DRAG, lambda s, p: p.start + p.rate * s.t, places=("start",), text="viscous friction that changes with time",
+)  # fmt: skip
+ring_push = Effect(
+    "ring_push",
+    {
+        "force": Parameter("m/s^2", 0.0, -2.0, 2.0, smallest=0.004, step=4e-3),
+        "turn": Parameter("rad/s^2", 0.0, -20.0, 20.0, smallest=0.05, step=0.05),
+    },
+    FORCE, lambda s, p: p.turn + p.force / s.radius, text="a push along the rings",
 )  # fmt: skip
 swing_along = Effect(
     "swing_along",

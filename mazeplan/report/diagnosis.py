@@ -49,6 +49,10 @@ def write_diagnosis(document: Document, evidence: Document, path: Path) -> None:
 
 def diagnosis_section(given: Input) -> Section:
     """Everything about a diagnosis."""
+    from mazeplan.report.rigdiagnosis import is_rig, rig_section
+
+    if is_rig(given):
+        return rig_section(given)
     from mazeplan.report.diagnosis_pictures import diagnosis_pictures
 
     document, evidence = given.document, given.evidence

@@ -267,8 +267,27 @@ def check_diagnosis(document: dict[str, Any], path: Path, before: str = "") -> N
         _is(dict, way, f"{before}separate_by[{i}]", path)
 
 
+def _check_rig_evidence(document: dict[str, Any], path: Path) -> None:
+    """The same of a whole rig."""
+    for key in ("title", "map"):
+        _a(str, document, key, path, key)
+    for key in ("reach", "block_s", "white"):
+        _a(NUMBER, document, key, path, key)
+    count = len(_a(list, document, "ahead_s", path, "ahead_s"))
+    _a(list, document, "gain", path, "gain")
+    for key in ("error", "quartile", "left", "correlation"):
+        part = _a(dict, document, key, path, key)
+        for when in ("before", "after"):
+            values = _a(list, part, when, path, f"{key}.{when}")
+            if key in ("error", "quartile") and len(values) != count:
+                raise InputError(f"got {len(values)} values, expected {count}", file=path, key=f"{key}.{when}")
+
+
 def check_evidence(document: dict[str, Any], path: Path) -> None:
     """Raises InputError at the first thing that is not as `diagnose -o` writes it."""
+    if document.get("kind") == "rig":
+        _check_rig_evidence(document, path)
+        return
     for i, entry in enumerate(_a(list, document, "candidates", path, "candidates")):
         _a(str, _is(dict, entry, f"candidates[{i}]", path), "name", path, f"candidates[{i}].name")
         _a(NUMBER, entry, "gain", path, f"candidates[{i}].gain")

@@ -1,0 +1,98 @@
+"""What is said of a whole rig: records of the tests' own plant with contact, which shares nothing with the models."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import call
+from contacteffects import EFFECTS, changed
+from contactrig import Rig, record
+
+import mazeplan
+from mazeplan.data.table import Table
+from mazeplan.diagnosis.bodyreference import reference_of, textbook
+from mazeplan.diagnosis.bodyverdict import verdict_on
+from mazeplan.diagnosis.candidates import ring_library
+from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.effect import DRAG, Effect, Parameter
+
+MAZE, SECONDS = load_map("cme"), 120.0
+
+
+def table_of(rig, seed, **how):
+    return Table(record(rig, SECONDS, seed, **how))
+
+
+@cache
+def known():
+    return reference_of([table_of(Rig(), 1)], MAZE, None)
+
+
+@pytest.mark.parametrize("name", ["lens_distortion", "constant_torque", "servo_gain"])
+def test_one_thing_that_changed_is_named_and_nothing_else(name):
+    done = verdict_on(table_of(changed(Rig(), name, 2), 2), MAZE, known())
+    assert done.verdict == "effect_found"
+    (effect,) = done.effects
+    assert effect["name"] in EFFECTS[name].names
+    assert done.remaining < 1.3
+    first, *rest = done.sentences()
+    assert name.replace("_", " ") in first
+    assert "times the noise of the camera" in first
+    assert rest, "what to do"
+
+
+def test_a_healthy_rig_that_loses_pictures_is_left_alone():
+    table = table_of(Rig(), 3)
+    lost = np.random.default_rng(0).random(len(table)) < 0.2
+    x, y = (np.where(lost, np.nan, table[name]) for name in "xy")
+    done = verdict_on(Table({**table.columns, "x": x, "y": y}), MAZE, known())
+    assert done.verdict == "nothing_missing"
+    assert done.searched.first.filtered.starts < 60, "gaps are bridged"
+    assert done.after == done.before
+
+
+def test_a_textbook_ball_lacks_what_any_rig_has():
+    done = verdict_on(table_of(Rig(), 1), MAZE, textbook())
+    names = {effect["name"] for effect in done.effects}
+    assert {"dry_friction", "sensor_delay"} <= names
+    delay = next(e for e in done.effects if e["name"] == "sensor_delay")
+    assert delay["parameters"]["delay"]["value"] == pytest.approx(Rig().camera.delay, abs=0.005)
+
+
+def test_an_effect_of_a_users_own_is_looked_for_and_one_without_a_place_on_a_body_is_told():
+    own = Effect("air_in_the_way", {"rate": Parameter("1/s", 0.0, 0.0, 5.0, smallest=0.02)}, DRAG, lambda s, p: p.rate)
+    gate = replace(own, name="bead_only", formula=lambda s, p: p.rate * s.past_1)
+    done = verdict_on(table_of(changed(Rig(), "viscous_friction", 2), 2), MAZE, known(), own=[own, gate])
+    assert {name for group in ([e["name"] for e in done.effects], *done.alike) for name in group} & {
+        "air_in_the_way",
+        "viscous_friction",
+    }
+    assert any(note.startswith("bead_only was not looked for") for note in done.notes)
+    assert "air_in_the_way" not in {e.name for e in ring_library()}
+
+
+def test_many_logs_of_navigation_are_one_record(tmp_path, monkeypatch, capsys):
+    rig = tmp_path / "rig.yaml"
+    toy = (Path(mazeplan.__file__).parent / "rigs" / "toy.yaml").read_text()
+    rig.write_text(toy.replace("table_x_deg: 0.3", "table_x_deg: 1.2"))
+    logs = []
+    for seed in range(14):
+        logs.append(str(tmp_path / f"{seed}.mcap"))
+        call(monkeypatch, capsys, "navigate", "--rig", str(rig), "--seed", str(seed), "--start-angle", str(25 * seed),
+             "--log", logs[-1])  # fmt: skip
+    code, out, err = call(
+        monkeypatch, capsys, "diagnose", *logs, "--model", "toy", "-o", str(tmp_path / "out"), "--json"
+    )
+    assert code == 0, err
+    document = json.loads(out)
+    assert [e["name"] for e in document["effects"]] == ["tilt_offset"]
+    gamma = document["effects"][0]["parameters"]["gamma"]
+    assert gamma["value"] == pytest.approx(np.radians(1.2), abs=3e-3)
+    assert any("in navigation" in note for note in document["notes"]), "what feedback hides is said"
+    assert (tmp_path / "out" / "report.html").stat().st_size > 20_000
+    assert (tmp_path / "out" / "model" / "reference.yaml").is_file()
