@@ -25,6 +25,7 @@ ENOUGH = 2400  # samples to find it by; a clearance of a fraction of a degree sh
 SMALLEST = 2e-3  # rad; play worth a word
 SMALLEST_BAND, BANDS = 1e-3, 24  # rad; a dead band worth a word, and how many are tried
 STRIDE = (MOST / SMALLEST_BAND) ** (1.0 / (BANDS - 1))
+LOOKED_AT = 4  # of the coarse bands
 SURE = 15.0  # of -2 log L
 
 
@@ -55,11 +56,16 @@ def _fit_with_band(
     def refitted(band: float) -> float:
         return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float), plain.axis).rms
 
-    coarse = min((band for band in bands if band < 0.5 * float(np.ptp(u))), key=refitted)
-    axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks).axis
-    fine: list[float] = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS).tolist()
-    band, width = min(fine, key=lambda b: off(axis, b)), fine[1] - fine[0]
-    found = fit_axis(obeyed(u, band)[rows], angle[rows], dt, breaks)
+    def refined(coarse: float) -> tuple[StageFit, float, float]:
+        """The axis with the best band about a coarse one, that band, and the width of the grid."""
+        axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks).axis
+        fine: list[float] = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS).tolist()
+        band = min(fine, key=lambda b: off(axis, b))
+        return fit_axis(obeyed(u, band)[rows], angle[rows], dt, breaks), band, fine[1] - fine[0]
+
+    # a band a little beside the true one obeys at other moments, so the best coarse one may be far from it
+    coarse = sorted((band for band in bands if band < 0.5 * float(np.ptp(u))), key=refitted)[:LOOKED_AT]
+    found, band, width = min((refined(band) for band in coarse), key=lambda one: one[0].rms)
     if 2.0 * plain.samples * math.log(plain.rms / found.rms) < SURE:
         return None
     stderr = {**found.axis.stderr, "deadband": width}

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from contactrig import Axis, Rig, record
 from plant import commands
 
+from mazeplan.data.table import Table
 from mazeplan.diagnosis.gears import fit_with_gears, fit_with_play
+from mazeplan.diagnosis.record import record_of
 
 DT = 1.0 / 30.0
 
@@ -58,3 +62,13 @@ def test_play_is_no_dead_band():
     found = fit_with_gears(u, angle, DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
     assert found.deadband == 0.0
     assert found.backlash > 0.015
+
+
+def test_a_dead_band_of_another_rigs_servo_is_not_called_play():
+    axis = Axis(deadband=math.radians(0.6))
+    table = Table(record(replace(Rig(), beta=axis), 200.0, 2))
+    rows = np.ones(len(table), dtype=bool)
+    seen = record_of(table, rows)
+    found = fit_with_gears(seen.u[:, 0], seen.beta, seen.dt, seen.first, rows).axis
+    assert found.backlash == 0.0
+    assert found.deadband == pytest.approx(axis.deadband, rel=0.02)
