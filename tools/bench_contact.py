@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from bench_body import contact_folder
@@ -84,8 +85,10 @@ def contact_section(quick: bool) -> list[str]:
     if folder is None:
         return [*lines, "The records are not on this machine (MAZEPLAN_DATA names their folder); nothing was measured."]
     table, (right, surplus) = list[str](), (0, 0)
-    for rig in (folder, folder.parent / "B"):
-        rows, first, more = rig_rows(rig, quick)
+    rigs = (folder, folder.parent / "B")
+    with ProcessPoolExecutor(len(rigs)) as pool:
+        found = list(pool.map(rig_rows, rigs, [quick] * len(rigs)))
+    for rig, (rows, first, more) in zip(rigs, found, strict=True):
         table += rows
         if rig.name == "A":
             right, surplus = first, more
