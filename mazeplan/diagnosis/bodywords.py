@@ -141,7 +141,9 @@ def _term(model: BodyModel, name: str) -> float:
 
 
 SHOWN = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
+SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
 CERTAIN, SURE = 8.0, 4.0  # standard errors
+DEG = 180.0 / math.pi
 
 
 def sentence(done: BodyVerdict) -> str:
@@ -151,17 +153,19 @@ def sentence(done: BodyVerdict) -> str:
     if done.was.remaining > REMAINS and done.remaining > REMAINS:
         left += f"; it was {done.was.remaining:.1f} times when the model was right"
     if done.verdict == "nothing_missing":
-        return f"Nothing is missing: the record agrees with {done.was.source}. {left}."
+        return f"Nothing is missing: the rig behaves as {done.was.source} says. {left}."
     parts = [_change(effect) for effect in done.effects]
     if done.unknown is not None:
-        parts.append(f"something without a name: {done.unknown['description']}")
+        parts.append(f"something without a name ({done.unknown['description']})")
     doubt = "".join(f" This record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
     if after != before:
-        error = f" The error of the angle 40 samples ahead goes from {before:.3f} to {after:.3f} rad on parts of the " \
-                f"record that took no part in the fit ({_surely(done)})."  # fmt: skip
-    lacks = "The record differs from" if done.was.body.start is None else "Other than"
-    return f"{lacks} {done.was.source}: {'; '.join(parts)}.{doubt}{error} {left}."
+        ahead = 40 * done.body.pictures.dt
+        error = f" {ahead:.1f} s ahead, the error of the predicted angle goes from {DEG * before:.1f} to " \
+                f"{DEG * after:.1f} degrees; this part of the record took no part in the fit."  # fmt: skip
+    sure = f" The finding is {_surely(done)}." if done.effects or after != before else ""
+    differs = "The rig differs from"
+    return f"{differs} {done.was.source}: {'; '.join(parts)}.{doubt}{sure}{error} {left}."
 
 
 def _surely(done: BodyVerdict) -> str:
@@ -170,7 +174,7 @@ def _surely(done: BodyVerdict) -> str:
     sizes += [ratio for effect in done.effects if (ratio := _ratio(effect)) and not sizes]
     size = min(sizes, default=0.0)
     word = "certain" if size > CERTAIN else "sure" if size > SURE else "likely"
-    return f"{word}: {size:.0f} standard errors" if size < 1000.0 else word
+    return f"{word} ({size:.0f} standard errors)" if 0.5 < size < 1000.0 else word
 
 
 def _ratio(effect: Mapping[str, Any]) -> float:
@@ -183,18 +187,31 @@ def _ratio(effect: Mapping[str, Any]) -> float:
 
 
 def _change(effect: dict[str, Any]) -> str:
-    """An effect, from what to what."""
+    """An effect, from what to what; where it is stands without what it was."""
     before, parts = effect["known_before"], []
     places = EFFECTS[effect["name"]].places if effect["name"] in EFFECTS else ()
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
         if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
             continue
-        factor, unit = SHOWN.get(number["unit"], (1.0, "" if number["unit"] == "1" else number["unit"]))
-        new = f"{factor * number['value']:.4g} ± {factor * error:.2g} {unit}".rstrip()
-        change = new if key in places else f"from {factor * old + 0.0:.4g} to {new}"
-        parts.append(f"{key.replace('_', ' ')} {change}")
-    return f"{_plain(effect['name'])} ({', '.join(parts)})"
+        factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
+        digits = _digits(factor * error, factor * number["value"])
+        new = f"{factor * number['value']:.{digits}f} ± {factor * error:.{digits}f} {unit}".rstrip()
+        change = new if key in places else f"from {factor * old + 0.0:.{digits}f} to {new}"
+        parts.append(f"{_called(effect['name'], key)} {change}")
+    return f"{_plain(effect['name'])} ({', '.join(parts)})" if parts else _plain(effect["name"])
+
+
+def _digits(error: float, value: float) -> int:
+    """Decimal places that a standard error leaves meaningful; three figures of a value without one."""
+    size = error if math.isfinite(error) and error > 0.0 else abs(value) / 10.0
+    return min(max(0, 1 - math.floor(math.log10(size))), 9) if size > 0.0 else 2
+
+
+def _called(effect: str, key: str) -> str:
+    """What a number of an effect is called."""
+    known = EFFECTS[effect].parameters.get(key) if effect in EFFECTS else None
+    return known.words if known is not None and known.words else _plain(key)
 
 
 def _plain(name: str) -> str:
@@ -202,22 +219,27 @@ def _plain(name: str) -> str:
 
 
 def advice(done: BodyVerdict, model: str | None = None) -> list[str]:
-    """What to do next; model: the folder of the new one, where it was written."""
-    way = f"--model {model}" if model else "add -o FOLDER, then --model FOLDER/model"
-    out = [
-        f"{REPAIRS[e['name']]}, or use a model that knows it: {way}."
-        if e.get("planned", True) else f"{REPAIRS[e['name']]}: no plan can allow for it ({e['why_not']})."
-        for e in done.effects if e["name"] in REPAIRS
+    """What to do next, a command behind a colon; model: the folder of the new one, where it was written."""
+    out, repairs = [], [e for e in done.effects if e["name"] in REPAIRS]
+    out += [f"{REPAIRS[e['name']]}." for e in repairs if e.get("planned", True)]
+    out += [
+        f"{REPAIRS[e['name']]}. No plan can allow for it: {e['why_not']}."
+        for e in repairs if not e.get("planned", True)
     ]  # fmt: skip
+    if any(e.get("planned", True) for e in done.effects):
+        out.append(f"Or leave the rig as it is, and plan with the new model: mazeplan navigate --rig RIG --model {model}."
+                   if model else "Or leave the rig as it is, and write a new model: add -o FOLDER to this command.")  # fmt: skip
     if any(e["name"] == "tilt_offset" for e in done.effects):
-        out.append("A steady draught would look the same: turn the maze by 90 degrees and record again to tell them "
-                   "apart.")  # fmt: skip
+        out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
     if done.alike:
-        out.append("Record longer, in all rings, to tell them apart: mazeplan collect --rings --seconds 900 -o LOG.")
+        out.append("Record longer, in all rings, to tell the causes apart: "
+                   "mazeplan collect --rings --seconds 900 -o LOG.")  # fmt: skip
     if done.unknown is not None:
-        out.append("Something is there that has no name: look at the rig, then learn the model again: "
+        out.append("One cause has no name yet. Look at the rig, then learn the model again: "
                    "mazeplan learn LOG -o FOLDER.")  # fmt: skip
     elif done.verdict == "nothing_missing" and done.remaining > TWICE:
-        out.append("More remains than noise explains, as it did when the model was right: learn the model again with "
-                   "--kind sp, which learns what has no name.")  # fmt: skip
+        out.append("More remains than noise explains, as when the model was right. Learn the model again with terms "
+                   "and a Gaussian process: mazeplan learn LOG --kind sp -o FOLDER.")  # fmt: skip
+    elif done.verdict == "nothing_missing":
+        out.append("Nothing needs to be done. Go on with the same model.")
     return out
