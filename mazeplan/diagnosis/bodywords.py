@@ -27,12 +27,13 @@ REPAIRS = {
     "deadband": "Check the servo", "command_delay": "Look for what delays the commands",
     "tilt_gain": "Calibrate the tilt sensor", "dry_friction": "Clean the ball and the floor",
     "viscous_friction": "Clean the ball and the floor", "wall_friction": "Clean the walls",
-    "quadratic_drag": "Look for what brakes a fast ball", "local_friction": "Clean the floor there",
+    "quadratic_drag": "Look for what brakes a fast ball", "local_friction": "Clean the floor",
     "friction_drift": "Look for what warms up or gets dirty", "constant_torque": "Look for a draught that goes round",
-    "surface_bump": "Look for a magnet or a dent there", "surface_profile": "Check that the floor is flat",
+    "surface_bump": "Look for a magnet or a dent", "surface_profile": "Check that the floor is flat",
     "table_rocking": "Stop the table from rocking", "camera_scale": "Calibrate the camera",
     "lens_distortion": "Calibrate the camera", "axis_coupling": "Align the axes of the plate",
-    "rolling_inertia": "Check that it is the same ball",
+    "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
+    "surface_ripple": "Check that the floor is flat",
 }  # fmt: skip
 
 
@@ -142,8 +143,9 @@ def _term(model: BodyModel, name: str) -> float:
 
 SHOWN = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
 SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
-CERTAIN, SURE = 8.0, 4.0  # standard errors
+CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors
 DEG = 180.0 / math.pi
+PLACES = ("centre", "start", "end", "angle")  # rad, where on a ring an effect is
 
 
 def sentence(done: BodyVerdict) -> str:
@@ -162,19 +164,21 @@ def sentence(done: BodyVerdict) -> str:
     if after != before:
         ahead = 40 * done.body.pictures.dt
         error = f" {ahead:.1f} s ahead, the error of the predicted angle goes from {DEG * before:.1f} to " \
-                f"{DEG * after:.1f} degrees; this part of the record took no part in the fit."  # fmt: skip
-    sure = f" The finding is {_surely(done)}." if done.effects or after != before else ""
-    differs = "The rig differs from"
-    return f"{differs} {done.was.source}: {'; '.join(parts)}.{doubt}{sure}{error} {left}."
+                f"{DEG * after:.1f} degrees on held-out parts."  # fmt: skip
+    return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{doubt}{_surely(done)}{error} {left}."
 
 
 def _surely(done: BodyVerdict) -> str:
-    """How sure the finding is, in words and a number."""
-    sizes = [done.held.likelier] if math.isfinite(done.held.likelier) else []
-    sizes += [ratio for effect in done.effects if (ratio := _ratio(effect)) and not sizes]
-    size = min(sizes, default=0.0)
+    """How sure the finding is, in words and a number; nothing where nobody can say."""
+    if math.isfinite(done.held.likelier):
+        size, why = done.held.likelier, "predicts held-out parts better by {} standard errors"
+    else:
+        sizes = [ratio for effect in done.effects if (ratio := _ratio(effect))]
+        size, why = min(sizes, default=0.0), "is a change of {} standard errors"
+    if size < BARELY:
+        return ""
     word = "certain" if size > CERTAIN else "sure" if size > SURE else "likely"
-    return f"{word} ({size:.0f} standard errors)" if 0.5 < size < 1000.0 else word
+    return f" The finding is {word}: it {why.format(f'{size:.0f}' if size < 1000.0 else 'over 1000')}."
 
 
 def _ratio(effect: Mapping[str, Any]) -> float:
@@ -195,9 +199,12 @@ def _change(effect: dict[str, Any]) -> str:
         if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
             continue
         factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
+        if key in places:
+            parts.append(f"{_called(effect['name'], key)} {factor * number['value']:.3g} {unit}".rstrip())
+            continue
         digits = _digits(factor * error, factor * number["value"])
-        new = f"{factor * number['value']:.{digits}f} ± {factor * error:.{digits}f} {unit}".rstrip()
-        change = new if key in places else f"from {factor * old + 0.0:.{digits}f} to {new}"
+        was = f"{factor * old:.{digits}f}" if old else "0"
+        change = f"from {was} to {factor * number['value']:.{digits}f} ± {factor * error:.{digits}f} {unit}".rstrip()
         parts.append(f"{_called(effect['name'], key)} {change}")
     return f"{_plain(effect['name'])} ({', '.join(parts)})" if parts else _plain(effect["name"])
 
@@ -218,14 +225,24 @@ def _plain(name: str) -> str:
     return name.replace("_", " ")
 
 
+def _place(effect: Mapping[str, Any]) -> str:
+    """Where to look, for what has a place."""
+    places = EFFECTS[effect["name"]].places if effect["name"] in EFFECTS else ()
+    at = {key: DEG * p["value"] for key, p in effect["parameters"].items() if key in PLACES and key in places}
+    if not at:
+        return ""
+    ring = next(iter(effect["rings"]), "")
+    angles = " to ".join(f"{(angle + 180.0) % 360.0 - 180.0:.0f}" for angle in at.values())
+    return f" at {angles} degrees" + (f" in ring {ring}" if ring else "")
+
+
 def advice(done: BodyVerdict, model: str | None = None) -> list[str]:
     """What to do next, a command behind a colon; model: the folder of the new one, where it was written."""
-    out, repairs = [], [e for e in done.effects if e["name"] in REPAIRS]
-    out += [f"{REPAIRS[e['name']]}." for e in repairs if e.get("planned", True)]
+    repairs = [(e, f"{REPAIRS[e['name']]}{_place(e)}") for e in done.effects if e["name"] in REPAIRS]
+    out = list(dict.fromkeys(f"{repair}." for e, repair in repairs if e.get("planned", True)))
     out += [
-        f"{REPAIRS[e['name']]}. No plan can allow for it: {e['why_not']}."
-        for e in repairs if not e.get("planned", True)
-    ]  # fmt: skip
+        f"{repair}. No plan can allow for it: {e['why_not']}." for e, repair in repairs if not e.get("planned", True)
+    ]
     if any(e.get("planned", True) for e in done.effects):
         out.append(f"Or leave the rig as it is, and plan with the new model: mazeplan navigate --rig RIG --model {model}."
                    if model else "Or leave the rig as it is, and write a new model: add -o FOLDER to this command.")  # fmt: skip

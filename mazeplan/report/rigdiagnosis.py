@@ -59,8 +59,7 @@ def _step(advice: str) -> Note:
 def _facts(document: Document) -> list[tuple[str, str]]:
     facts = [("verdict", VERDICTS.get(document["verdict"], str(document["verdict"])))]
     facts.append(("compared with", str(document["reference"])))
-    if isinstance(document.get("held_out"), int | float):
-        facts.append(("held out from the fit", f"{100.0 * document['held_out']:.0f} % of the record, by turns"))
+    facts.append(("held out", "each half of the record, predicted by a fit to the other"))
     if isinstance(document.get("model"), str):
         facts.append(("new model", document["model"]))
     return facts

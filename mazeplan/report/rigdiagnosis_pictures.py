@@ -9,6 +9,7 @@ import numpy as np
 
 from mazeplan.maze.mapfile import check_text
 from mazeplan.palette import COLOURS
+from mazeplan.records import Array
 from mazeplan.report import words
 from mazeplan.report.drawing import INK, beside, darker, line, nothing, plan_view
 from mazeplan.report.page import Picture
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WHEN = {"before": ("bad", AS_WAS), "after": ("good", AS_FOUND)}
-LEAST_LEFT, MOST_LEFT = 0.5, 2.5  # standard deviations, the ends of the colour scale
+HEALTHY = {"before": ("real", AS_WAS)}  # where nothing was found, nothing is bad
+MOST = 0.98  # share of the sectors before that are within the colour scale
 MM = 1e3
 PEAK = 12.0  # of a spectrum; noise alone is higher once in some dozen records
 
@@ -33,8 +35,8 @@ def rig_pictures(document: Document, evidence: Document) -> list[Picture]:
         ),
         Picture(
             "places", _places_title(document, evidence),
-            "map of the plate with the size of what was not expected, before and after",
-            lambda figure: _places(figure, document, evidence), (9.4, 4.4),
+            "map of the plate with the error of the prediction, before and after",
+            lambda figure: _places(figure, document, evidence), (9.4 if something_found(document) else 5.6, 4.4),
         ),
         Picture(
             "remains", _memory_title(document, evidence),
@@ -55,9 +57,9 @@ def rig_pictures(document: Document, evidence: Document) -> list[Picture]:
     return found
 
 
-def _shown(document: Document) -> list[str]:
-    """Before alone, where nothing was found."""
-    return ["before", "after"] if something_found(document) else ["before"]
+def _shown(document: Document) -> dict[str, tuple[str, str]]:
+    """Before and after, each with colour and words; before alone, where nothing was found."""
+    return WHEN if something_found(document) else HEALTHY
 
 
 def _error_title(document: Document, evidence: Document) -> str:
@@ -71,10 +73,9 @@ def _error_title(document: Document, evidence: Document) -> str:
 def _ahead(figure: Figure, document: Document, evidence: Document) -> None:
     (axes,) = beside(figure, (1.0,))
     t = np.array(evidence["ahead_s"], dtype=float)
-    for when in _shown(document):
-        colour, told = WHEN[when]
+    for when, (colour, told) in _shown(document).items():
         low, mean, high = (words.DEG * np.array(evidence[k][when], dtype=float) for k in ("low", "error", "quartile"))
-        axes.fill_between(t, low, high, color=COLOURS[colour], alpha=0.15, linewidth=0.0, label="middle half of them")
+        axes.fill_between(t, low, high, color=COLOURS[colour], alpha=0.15, linewidth=0.0, label=f"{told}: middle half")
         axes.plot(t, mean, **line(colour), label=f"{told}: mean")
     axes.set_xlabel("time ahead, s")
     axes.set_ylabel("error of the angle, deg")
@@ -99,42 +100,60 @@ def _blocks(figure: Figure, evidence: Document) -> None:
 
 
 def _places_title(document: Document, evidence: Document) -> str:
+    ahead = evidence["ahead_s"][evidence["places"]["ahead"] - 1]
+    asked = f"Where is the prediction off, {ahead:.1f} s ahead? "
     if not something_found(document):
-        return "Where did the ball surprise the model? Dark is as noise"
-    mark = " A circle or frame marks the place that was found." if evidence["marks"] else ""
-    return f"Where did the ball surprise the model? Light on the left should be dark on the right.{mark}"
+        return f"{asked}Light: far off; white: too few samples"
+    mark = " The black outline is the place that was found." if evidence["marks"] else ""
+    return f"{asked}Dark is good; white has too few samples.{mark}"
 
 
 def _places(figure: Figure, document: Document, evidence: Document) -> None:
-    shown = _shown(document)
+    shown, places = _shown(document), evidence["places"]
     panels = beside(figure, (1.0,) * len(shown))
     maze = check_text(evidence["map"]).maze
     if maze is None:
         for axes in panels:
             nothing(axes, "the map cannot be read")
         return
-    reach, drawn = MM * evidence["reach"], None
-    for axes, when in zip(panels, shown, strict=True):
-        left = np.array([[np.nan if v is None else v for v in row] for row in evidence["left"][when]], dtype=float)
+    values = {when: MM * np.array(places[when], dtype=float) for when in shown}
+    known = values["before"][np.isfinite(values["before"])]
+    most = float(np.quantile(known, MOST)) if known.size else 1.0
+    drawn = None
+    for axes, (when, (_, told)) in zip(panels, shown.items(), strict=True):
         plan_view(axes, maze, np.zeros((0, 2)), labels=False)
-        drawn = axes.imshow(
-            left, origin="lower", extent=(-reach, reach, -reach, reach), vmin=LEAST_LEFT, vmax=MOST_LEFT,
-            cmap=darker(), interpolation="nearest", zorder=1.5,
-        )  # fmt: skip
+        drawn = _sectors(axes, places["rings"], values[when], max(most, 0.1))
         for mark in evidence["marks"]:
             _mark(axes, mark)
-        axes.set_title(WHEN[when][1], fontsize=9)
+        axes.set_title(told, fontsize=9)
     if drawn is not None:
-        bar = figure.colorbar(drawn, ax=panels, shrink=0.8, extend="both")
-        bar.set_label("surprise, standard deviations\n(1: noise alone)")
+        bar = figure.colorbar(drawn, ax=panels, shrink=0.8, extend="max")
+        bar.set_label("error along the ring, mm")
+
+
+def _sectors(axes: Axes, rings: list[list[float]], values: Array, most: float) -> Any:
+    """Sectors of the rings, each in the colour of its value, mm; behind the walls."""
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Wedge
+
+    patches, each = [], 360.0 / values.shape[1]
+    for inner, outer in rings:
+        for i in range(values.shape[1]):
+            start = -180.0 + i * each
+            patches.append(Wedge((0.0, 0.0), MM * outer, start, start + each, width=MM * (outer - inner)))
+    good = np.isfinite(values.ravel())
+    drawn = PatchCollection([p for p, keep in zip(patches, good, strict=True) if keep], cmap=darker(), zorder=1.5)
+    drawn.set_array(values.ravel()[good])
+    drawn.set_clim(0.0, most)
+    return axes.add_collection(drawn)
 
 
 def _mark(axes: Axes, mark: Document) -> None:
     """A circle around a spot; a frame around a sector; a line across a ring at a threshold."""
-    style: dict[str, Any] = {"color": INK, "linewidth": 1.8, "zorder": 6}
+    style: dict[str, Any] = {"color": INK, "linewidth": 1.8, "zorder": 6, "clip_on": False}
     if "x" in mark:
         turn = np.linspace(0.0, 2.0 * math.pi, 60)
-        size = 2.0 * MM * mark["width"]
+        size = MM * mark["width"]
         axes.plot(MM * mark["x"] + size * np.cos(turn), MM * mark["y"] + size * np.sin(turn), **style)
         return
     inner, outer, half = MM * mark["inner"], MM * mark["outer"], mark.get("half", 0.0)
@@ -144,7 +163,7 @@ def _mark(axes: Axes, mark: Document) -> None:
 
 
 def _memory_title(document: Document, evidence: Document) -> str:
-    when = _shown(document)[-1]
+    when = "after" if something_found(document) else "before"
     most = max((abs(v) for v in evidence["correlation"][when][:3] if v is not None), default=0.0)
     limit = evidence["alike_from"]
     if most < limit:
@@ -156,8 +175,7 @@ def _memory(figure: Figure, document: Document, evidence: Document) -> None:
     (axes,) = beside(figure, (1.0,))
     white, limit, top = float(evidence["white"]), float(evidence["alike_from"]), 0.0
     axes.axhspan(-white, white, color=COLOURS["neutral"], alpha=0.25, label="noise alone, 95 %", linewidth=0.0)
-    for when in _shown(document):
-        colour, told = WHEN[when]
+    for when, (colour, told) in _shown(document).items():
         values = np.array(evidence["correlation"][when], dtype=float)
         axes.plot(np.arange(1, len(values) + 1), values, marker="o", markersize=4, **line(colour), label=told)
         top = max(top, float(np.nanmax(np.abs(values), initial=0.0)))
@@ -173,8 +191,7 @@ def _spectrum(figure: Figure, document: Document, evidence: Document) -> None:
     (axes,) = beside(figure, (1.0,))
     spectrum = evidence["spectrum"]
     hz = np.array(spectrum["hz"], dtype=float)
-    for when in _shown(document):
-        colour, told = WHEN[when]
+    for when, (colour, told) in _shown(document).items():
         axes.plot(hz, np.array(spectrum[when], dtype=float), **line(colour, linewidth=1.1), label=told)
     axes.axhline(PEAK, color=COLOURS["neutral"], linewidth=0.8, linestyle=":", label="noise alone is seldom higher")
     axes.set_yscale("log")
