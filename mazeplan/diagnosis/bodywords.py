@@ -155,17 +155,17 @@ def sentence(done: BodyVerdict) -> str:
     if done.was.remaining > REMAINS and done.remaining > REMAINS:
         left += f"; it was {done.was.remaining:.1f} times when the model was right"
     if done.verdict == "nothing_missing":
-        return f"Nothing is missing: the rig behaves as {done.was.source} says. {left}."
+        return f"Nothing is missing: the rig agrees with {done.was.source}. {left}."
     parts = [_change(effect) for effect in done.effects]
     if done.unknown is not None:
         parts.append(f"something without a name ({done.unknown['description']})")
-    doubt = "".join(f" This record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
+    doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
     if after != before:
         ahead = 40 * done.body.pictures.dt
         error = f" {ahead:.1f} s ahead, the error of the predicted angle goes from {DEG * before:.1f} to " \
                 f"{DEG * after:.1f} degrees on held-out parts."  # fmt: skip
-    return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{doubt}{_surely(done)}{error} {left}."
+    return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
 
 
 def _surely(done: BodyVerdict) -> str:
@@ -244,8 +244,9 @@ def advice(done: BodyVerdict, model: str | None = None) -> list[str]:
         f"{repair}. No plan can allow for it: {e['why_not']}." for e, repair in repairs if not e.get("planned", True)
     ]
     if any(e.get("planned", True) for e in done.effects):
-        out.append(f"Or leave the rig as it is, and plan with the new model: mazeplan navigate --rig RIG --model {model}."
-                   if model else "Or leave the rig as it is, and write a new model: add -o FOLDER to this command.")  # fmt: skip
+        way = (f"plan with the new model: mazeplan navigate --rig RIG --model {model}" if model
+               else "write a new model: add --model MODEL -o FOLDER to this command")  # fmt: skip
+        out.append(f"Or leave the rig as it is, and {way}.")
     if any(e["name"] == "tilt_offset" for e in done.effects):
         out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
     if done.alike:

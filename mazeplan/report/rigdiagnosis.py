@@ -8,7 +8,8 @@ from typing import Any
 
 from mazeplan.physics.registry import EFFECTS
 from mazeplan.report import words
-from mazeplan.report.inputs import Input
+from mazeplan.report.diagnosis import navigation_table
+from mazeplan.report.inputs import Input, is_rig_document
 from mazeplan.report.page import Note, Section, Steps, Table
 
 Document = dict[str, Any]
@@ -25,7 +26,7 @@ SMALL_UNITS = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # as people read them
 
 def is_rig(given: Input) -> bool:
     """Whether a diagnosis is one of a whole rig."""
-    return "reference" in given.document and "advice" in given.document
+    return is_rig_document(given.document)
 
 
 def rig_section(given: Input) -> Section:
@@ -39,6 +40,8 @@ def rig_section(given: Input) -> Section:
     if document.get("effects"):
         parts.append(_effects(document))
     parts.append(_errors(document))
+    if document.get("navigation"):
+        parts.append(navigation_table(document["navigation"]))
     if evidence is not None:
         parts += rig_pictures(document, evidence)
     else:
@@ -69,7 +72,7 @@ def _effects(document: Document) -> Table:
     """A row a number: what it was, and what it is."""
     rows = []
     for effect in document["effects"]:
-        rings, before = ", ".join(sorted(effect.get("rings", {}))), effect.get("known_before", {})
+        rings, before = ", ".join(effect.get("rings", {})), effect.get("known_before", {})
         planned = "yes" if effect.get("planned", True) else f"no: {effect.get('why_not', '')}"
         for i, (name, p) in enumerate(effect["parameters"].items()):
             factor, unit = SMALL_UNITS.get(p.get("unit", "1"), (1.0, str(p.get("unit", "1"))))
@@ -80,7 +83,7 @@ def _effects(document: Document) -> Table:
             told = [words.spoken(effect["name"]), rings, planned] if i == 0 else ["", "", ""]
             rows.append([told[0], words.parameter(effect["name"], name), old, size, told[1], told[2]])
     head = ("effect", "what of it", "before", "in this record ± standard error", "rings", "used by plans")
-    return Table("What differs; sizes are those of the first ring, where rings differ", head, rows)
+    return Table("What differs; sizes are those of the ring that is named first", head, rows)
 
 
 def _scaled(error: Any, factor: float) -> float | None:
