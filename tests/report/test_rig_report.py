@@ -43,7 +43,7 @@ def evidence(**changes):
     both = {"before": CURVE, "after": CURVE}
     return {
         "kind": "rig", "title": "friday.mcap", "map": MAP, "ahead_s": [0.03, 0.07, 0.1], "error": both, "low": both,
-        "quartile": both, "block_s": 10.0, "gain": [30.0, -2.0], "gain_t": [5.0, 15.0], "white": 0.02,
+        "quartile": both, "block_s": 10.0, "gain": [30.0, -2.0, 5.0], "gain_t": [5.0, 15.0, 25.0], "white": 0.02,
         "alike_from": 0.3, "places": PLACES,
         "marks": [SPOT, SECTOR], "correlation": both, "spectrum": None, "remaining": {"then": 1.02, "after": 1.08},
     } | changes  # fmt: skip
@@ -105,7 +105,7 @@ def test_it_has_its_pictures_and_loads_nothing(page):
     error, places, blocks, memory = titles(page)
     assert "11.5 degrees before" in error
     assert "black outline" in places
-    assert "1 of 2 blocks of 10 s are likelier" in blocks
+    assert "2 of 3 blocks of 10 s are likelier" in blocks
     assert "Yes" in memory
 
 
