@@ -27,12 +27,13 @@ REPAIRS = {
     "deadband": "Check the servo", "command_delay": "Look for what delays the commands",
     "tilt_gain": "Calibrate the tilt sensor", "dry_friction": "Clean the ball and the floor",
     "viscous_friction": "Clean the ball and the floor", "wall_friction": "Clean the walls",
-    "quadratic_drag": "Look for what brakes a fast ball", "local_friction": "Clean the floor there",
+    "quadratic_drag": "Look for what brakes a fast ball", "local_friction": "Clean the floor",
     "friction_drift": "Look for what warms up or gets dirty", "constant_torque": "Look for a draught that goes round",
-    "surface_bump": "Look for a magnet or a dent there", "surface_profile": "Check that the floor is flat",
+    "surface_bump": "Look for a magnet or a dent", "surface_profile": "Check that the floor is flat",
     "table_rocking": "Stop the table from rocking", "camera_scale": "Calibrate the camera",
     "lens_distortion": "Calibrate the camera", "axis_coupling": "Align the axes of the plate",
-    "rolling_inertia": "Check that it is the same ball",
+    "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
+    "surface_ripple": "Check that the floor is flat",
 }  # fmt: skip
 
 
@@ -141,7 +142,10 @@ def _term(model: BodyModel, name: str) -> float:
 
 
 SHOWN = {"rad": (180.0 / math.pi, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
-CERTAIN, SURE = 8.0, 4.0  # standard errors
+SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
+CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors
+DEG = 180.0 / math.pi
+PLACES = ("centre", "start", "end", "angle")  # rad, where on a ring an effect is
 
 
 def sentence(done: BodyVerdict) -> str:
@@ -151,26 +155,30 @@ def sentence(done: BodyVerdict) -> str:
     if done.was.remaining > REMAINS and done.remaining > REMAINS:
         left += f"; it was {done.was.remaining:.1f} times when the model was right"
     if done.verdict == "nothing_missing":
-        return f"Nothing is missing: the record agrees with {done.was.source}. {left}."
+        return f"Nothing is missing: the rig agrees with {done.was.source}. {left}."
     parts = [_change(effect) for effect in done.effects]
     if done.unknown is not None:
-        parts.append(f"something without a name: {done.unknown['description']}")
-    doubt = "".join(f" This record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
+        parts.append(f"something without a name ({done.unknown['description']})")
+    doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
     if after != before:
-        error = f" The error of the angle 40 samples ahead goes from {before:.3f} to {after:.3f} rad on parts of the " \
-                f"record that took no part in the fit ({_surely(done)})."  # fmt: skip
-    lacks = "The record differs from" if done.was.body.start is None else "Other than"
-    return f"{lacks} {done.was.source}: {'; '.join(parts)}.{doubt}{error} {left}."
+        ahead = 40 * done.body.pictures.dt
+        error = f" {ahead:.1f} s ahead, the error of the predicted angle goes from {DEG * before:.1f} to " \
+                f"{DEG * after:.1f} degrees on held-out parts."  # fmt: skip
+    return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
 
 
 def _surely(done: BodyVerdict) -> str:
-    """How sure the finding is, in words and a number."""
-    sizes = [done.held.likelier] if math.isfinite(done.held.likelier) else []
-    sizes += [ratio for effect in done.effects if (ratio := _ratio(effect)) and not sizes]
-    size = min(sizes, default=0.0)
+    """How sure the finding is, in words and a number; nothing where nobody can say."""
+    if math.isfinite(done.held.likelier):
+        size, why = done.held.likelier, "predicts held-out parts better by {} standard errors"
+    else:
+        sizes = [ratio for effect in done.effects if (ratio := _ratio(effect))]
+        size, why = min(sizes, default=0.0), "is a change of {} standard errors"
+    if size < BARELY:
+        return ""
     word = "certain" if size > CERTAIN else "sure" if size > SURE else "likely"
-    return f"{word}: {size:.0f} standard errors" if size < 1000.0 else word
+    return f" The finding is {word}: it {why.format(f'{size:.0f}' if size < 1000.0 else 'over 1000')}."
 
 
 def _ratio(effect: Mapping[str, Any]) -> float:
@@ -183,41 +191,73 @@ def _ratio(effect: Mapping[str, Any]) -> float:
 
 
 def _change(effect: dict[str, Any]) -> str:
-    """An effect, from what to what."""
+    """An effect, from what to what; where it is stands without what it was."""
     before, parts = effect["known_before"], []
     places = EFFECTS[effect["name"]].places if effect["name"] in EFFECTS else ()
     for key, number in effect["parameters"].items():
         old, error = before.get(key, 0.0) or 0.0, number["stderr"]
         if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
             continue
-        factor, unit = SHOWN.get(number["unit"], (1.0, "" if number["unit"] == "1" else number["unit"]))
-        new = f"{factor * number['value']:.4g} ± {factor * error:.2g} {unit}".rstrip()
-        change = new if key in places else f"from {factor * old + 0.0:.4g} to {new}"
-        parts.append(f"{key.replace('_', ' ')} {change}")
-    return f"{_plain(effect['name'])} ({', '.join(parts)})"
+        factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
+        if key in places:
+            parts.append(f"{_called(effect['name'], key)} {factor * number['value']:.3g} {unit}".rstrip())
+            continue
+        digits = _digits(factor * error, factor * number["value"])
+        was = f"{factor * old:.{digits}f}" if old else "0"
+        change = f"from {was} to {factor * number['value']:.{digits}f} ± {factor * error:.{digits}f} {unit}".rstrip()
+        parts.append(f"{_called(effect['name'], key)} {change}")
+    return f"{_plain(effect['name'])} ({', '.join(parts)})" if parts else _plain(effect["name"])
+
+
+def _digits(error: float, value: float) -> int:
+    """Decimal places that a standard error leaves meaningful; three figures of a value without one."""
+    size = error if math.isfinite(error) and error > 0.0 else abs(value) / 10.0
+    return min(max(0, 1 - math.floor(math.log10(size))), 9) if size > 0.0 else 2
+
+
+def _called(effect: str, key: str) -> str:
+    """What a number of an effect is called."""
+    known = EFFECTS[effect].parameters.get(key) if effect in EFFECTS else None
+    return known.words if known is not None and known.words else _plain(key)
 
 
 def _plain(name: str) -> str:
     return name.replace("_", " ")
 
 
+def _place(effect: Mapping[str, Any]) -> str:
+    """Where to look, for what has a place."""
+    places = EFFECTS[effect["name"]].places if effect["name"] in EFFECTS else ()
+    at = {key: DEG * p["value"] for key, p in effect["parameters"].items() if key in PLACES and key in places}
+    if not at:
+        return ""
+    ring = next(iter(effect["rings"]), "")
+    angles = " to ".join(f"{(angle + 180.0) % 360.0 - 180.0:.0f}" for angle in at.values())
+    return f" at {angles} degrees" + (f" in ring {ring}" if ring else "")
+
+
 def advice(done: BodyVerdict, model: str | None = None) -> list[str]:
-    """What to do next; model: the folder of the new one, where it was written."""
-    way = f"--model {model}" if model else "add -o FOLDER, then --model FOLDER/model"
-    out = [
-        f"{REPAIRS[e['name']]}, or use a model that knows it: {way}."
-        if e.get("planned", True) else f"{REPAIRS[e['name']]}: no plan can allow for it ({e['why_not']})."
-        for e in done.effects if e["name"] in REPAIRS
-    ]  # fmt: skip
+    """What to do next, a command behind a colon; model: the folder of the new one, where it was written."""
+    repairs = [(e, f"{REPAIRS[e['name']]}{_place(e)}") for e in done.effects if e["name"] in REPAIRS]
+    out = list(dict.fromkeys(f"{repair}." for e, repair in repairs if e.get("planned", True)))
+    out += [
+        f"{repair}. No plan can allow for it: {e['why_not']}." for e, repair in repairs if not e.get("planned", True)
+    ]
+    if any(e.get("planned", True) for e in done.effects):
+        way = (f"plan with the new model: mazeplan navigate --rig RIG --model {model}" if model
+               else "write a new model: add --model MODEL -o FOLDER to this command")  # fmt: skip
+        out.append(f"Or leave the rig as it is, and {way}.")
     if any(e["name"] == "tilt_offset" for e in done.effects):
-        out.append("A steady draught would look the same: turn the maze by 90 degrees and record again to tell them "
-                   "apart.")  # fmt: skip
+        out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
     if done.alike:
-        out.append("Record longer, in all rings, to tell them apart: mazeplan collect --rings --seconds 900 -o LOG.")
+        out.append("Record longer, in all rings, to tell the causes apart: "
+                   "mazeplan collect --rings --seconds 900 -o LOG.")  # fmt: skip
     if done.unknown is not None:
-        out.append("Something is there that has no name: look at the rig, then learn the model again: "
+        out.append("One cause has no name yet. Look at the rig, then learn the model again: "
                    "mazeplan learn LOG -o FOLDER.")  # fmt: skip
     elif done.verdict == "nothing_missing" and done.remaining > TWICE:
-        out.append("More remains than noise explains, as it did when the model was right: learn the model again with "
-                   "--kind sp, which learns what has no name.")  # fmt: skip
+        out.append("More remains than noise explains, as when the model was right. Learn the model again with terms "
+                   "and a Gaussian process: mazeplan learn LOG --kind sp -o FOLDER.")  # fmt: skip
+    elif done.verdict == "nothing_missing":
+        out.append("Nothing needs to be done. Go on with the same model.")
     return out

@@ -61,7 +61,7 @@ def diagnosis_section(given: Input) -> Section:
         parts.append(_effects(document))
     parts += _apart(document)
     if document.get("navigation"):
-        parts.append(_navigation(document["navigation"]))
+        parts.append(navigation_table(document["navigation"]))
     if evidence is not None:
         parts += diagnosis_pictures(document, evidence)
     else:
@@ -209,7 +209,7 @@ def _worth(effect: Document) -> str:
     return f"{evidence:.1f}" if isinstance(evidence, int | float) else words.MISSING
 
 
-def _navigation(navigation: Document) -> Table:
+def navigation_table(navigation: Document) -> Table:
     """Of `improve`: runs with the old model and with the new one."""
     rows = []
     for when in ("before", "after"):

@@ -46,6 +46,8 @@ def read_input(path: Path) -> list[Input]:
         check_diagnosis(document, path / "report.json")
         if shown is not None:
             check_evidence(shown, evidence)
+            if is_rig_document(document) != (shown.get("kind") == "rig"):
+                raise InputError("belongs to another report.json than the one beside it", file=evidence, key="kind")
         return [Input("diagnosis", path, path.name, document, shown)]
     if path.suffix.lower() == ".mcap":
         return [Input("run", path, path.stem, {})]
@@ -248,9 +250,21 @@ def _same_length(lists: dict[str, Any], names: tuple[str, ...], path: Path, key:
         raise InputError(f"got lists of {sorted(lengths)} numbers, expected as many in each", file=path, key=key)
 
 
+def is_rig_document(document: dict[str, Any]) -> bool:
+    """Whether a diagnosis is one of a whole rig."""
+    return "reference" in document and "advice" in document
+
+
 def check_diagnosis(document: dict[str, Any], path: Path, before: str = "") -> None:
     """Raises InputError at the first thing that is not as `diagnose --json` prints it."""
     _a(str, document, "verdict", path, f"{before}verdict")
+    if is_rig_document(document):
+        for name in ("sentence", "reference"):
+            _a(str, document, name, path, f"{before}{name}")
+        for i, text in enumerate(_a(list, document, "advice", path, f"{before}advice")):
+            _is(str, text, f"{before}advice[{i}]", path)
+        for name in ("before", "after"):
+            _a(dict, document, name, path, f"{before}{name}")
     for name in ("before", "after"):
         for key, value in _is(dict, document.get(name, {}), f"{before}{name}", path).items():
             if value is not None:
@@ -271,16 +285,39 @@ def _check_rig_evidence(document: dict[str, Any], path: Path) -> None:
     """The same of a whole rig."""
     for key in ("title", "map"):
         _a(str, document, key, path, key)
-    for key in ("reach", "block_s", "white"):
+    for key in ("block_s", "white", "alike_from"):
         _a(NUMBER, document, key, path, key)
     count = len(_a(list, document, "ahead_s", path, "ahead_s"))
-    _a(list, document, "gain", path, "gain")
-    for key in ("error", "quartile", "left", "correlation"):
+    _same_length(document, ("gain",), path, "gain")
+    if document["gain"] and len(_a(list, document, "gain_t", path, "gain_t")) != len(document["gain"]):
+        raise InputError(
+            f"got {len(document['gain_t'])} times, expected {len(document['gain'])}", file=path, key="gain_t"
+        )
+    for key in ("error", "low", "quartile", "correlation"):
         part = _a(dict, document, key, path, key)
-        for when in ("before", "after"):
-            values = _a(list, part, when, path, f"{key}.{when}")
-            if key in ("error", "quartile") and len(values) != count:
-                raise InputError(f"got {len(values)} values, expected {count}", file=path, key=f"{key}.{when}")
+        _same_length(part, ("before", "after"), path, key)
+        if key != "correlation" and len(part["before"]) != count:
+            raise InputError(f"got {len(part['before'])} values, expected {count}", file=path, key=f"{key}.before")
+    if document.get("spectrum") is not None:
+        _same_length(_a(dict, document, "spectrum", path, "spectrum"), ("hz", "before", "after"), path, "spectrum")
+    _check_places(_a(dict, document, "places", path, "places"), count, path)
+    for i, mark in enumerate(_a(list, document, "marks", path, "marks")):
+        names = ("x", "y", "width") if "x" in _is(dict, mark, f"marks[{i}]", path) else ("centre", "inner", "outer")
+        for name in names:
+            _a(NUMBER, mark, name, path, f"marks[{i}].{name}")
+
+
+def _check_places(places: dict[str, Any], count: int, path: Path) -> None:
+    """The map of errors: a row of sectors for each ring."""
+    ahead = _a(NUMBER, places, "ahead", path, "places.ahead")
+    if not (isinstance(ahead, int) and 1 <= ahead <= count):
+        raise InputError(f"got {ahead}, expected a number of samples from 1 to {count}", file=path, key="places.ahead")
+    rings = _a(list, places, "rings", path, "places.rings")
+    _table(rings, 2, "places.rings", path)
+    for when in ("before", "after"):
+        rows = _a(list, places, when, path, f"places.{when}")
+        columns = len(_is(list, rows[0], f"places.{when}[0]", path)) if rows else 0
+        _table(rows, columns, f"places.{when}", path, rows=len(rings))
 
 
 def check_evidence(document: dict[str, Any], path: Path) -> None:

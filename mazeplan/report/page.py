@@ -101,13 +101,21 @@ class Note:
 
 
 @dataclass(frozen=True)
+class Steps:
+    """caption; notes: what to do, one after the other."""
+
+    caption: str
+    notes: Sequence[Note]
+
+
+@dataclass(frozen=True)
 class Section:
     """title; lead: what came out, in a sentence; facts: (name, value) of what it is about; parts: in their order."""
 
     title: str
     lead: str
     facts: Sequence[tuple[str, str]]
-    parts: Sequence[Picture | Table | Note]
+    parts: Sequence[Picture | Table | Note | Steps]
 
 
 def write_page(path: Path, title: str, sections: Sequence[Section], pictures: Path | None = None) -> None:

@@ -12,17 +12,21 @@ from commands import call
 from mazeplan.errors import InputError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.report.diagnosis import write_diagnosis
-from mazeplan.report.inputs import read_input
+from mazeplan.report.inputs import check_evidence, read_input
 
-SENTENCE = "The record differs from the reference: dry friction (coefficient from 0.48 to 1.46 ± 0.01 rad/s^2)."
+SENTENCE = "The rig differs from the reference: dry friction (coefficient from 0.48 to 1.46 ± 0.01 rad/s²)."
 MAP = Path(str(load_map("cme").source)).read_text()
 CURVE = [0.01, 0.05, 0.2]
-CELLS = [[None, 1.0], [2.4, 0.9]]
+CELLS = [[None, 0.001, 0.004], [0.002, 0.009, 0.001]]
+PLACES = {"ahead": 2, "rings": [[0.02, 0.03], [0.03, 0.04]], "before": CELLS, "after": CELLS}
+SPOT = {"name": "surface_bump", "x": 0.04, "y": 0.06, "width": 0.01}
+SECTOR = {"name": "local_friction", "centre": 1.0, "half": 0.3, "inner": 0.03, "outer": 0.04}
+ADVICE = ["Clean the ball and the floor.", "Or plan with the new model: mazeplan navigate --rig RIG --model out/model."]
 
 
-def document(verdict="effect_found"):
+def document(verdict="effect_found", **changes):
     effect = {
-        "name": "dry_friction", "known_before": {"coefficient": 0.48}, "rings": {"1": {}, "2": {}}, "planned": True,
+        "name": "dry_friction", "known_before": {"coefficient": 0.48}, "rings": {"2": {}, "1": {}}, "planned": True,
         "parameters": {"coefficient": {"value": 1.46, "stderr": 0.01, "unit": "rad/s^2"}}, "before": 0.4, "after": 0.07,
     }  # fmt: skip
     found = verdict in ("effect_found", "ambiguous")
@@ -30,73 +34,152 @@ def document(verdict="effect_found"):
         "verdict": verdict, "sentence": SENTENCE, "effects": [effect] if found else [], "ambiguous_with": [],
         "unknown": {"description": "a force", "depends_on": []} if verdict == "unknown_effect" else None,
         "before": {"nrmse": None, "rollout20": 0.1, "rollout40": 0.42}, "after": {"nrmse": None, "rollout40": 0.07},
-        "held_out": 0.5, "remaining": 1.08, "advice": ["Clean the ball and the floor, or use --model out/model."],
+        "held_out": 0.5, "remaining": 1.08, "advice": ADVICE,
         "reference": "the reference", "notes": [], "model": "out/model", "report": "out/report.html", "rings": {},
-    }  # fmt: skip
+    } | changes  # fmt: skip
 
 
-def evidence():
+def evidence(**changes):
     both = {"before": CURVE, "after": CURVE}
     return {
-        "kind": "rig", "title": "today.mcap", "map": MAP, "reach": 0.097, "ahead_s": [0.03, 0.07, 0.1],
-        "error": both, "quartile": both, "block_s": 10.0, "gain": [30.0, -2.0], "white": 0.02,
-        "left": {"before": CELLS, "after": CELLS}, "correlation": both, "remaining": {"then": 1.0, "after": 1.08},
-    }  # fmt: skip
+        "kind": "rig", "title": "friday.mcap", "map": MAP, "ahead_s": [0.03, 0.07, 0.1], "error": both, "low": both,
+        "quartile": both, "block_s": 10.0, "gain": [30.0, -2.0, 5.0], "gain_t": [5.0, 15.0, 25.0], "white": 0.02,
+        "alike_from": 0.3, "places": PLACES,
+        "marks": [SPOT, SECTOR], "correlation": both, "spectrum": None, "remaining": {"then": 1.02, "after": 1.08},
+    } | changes  # fmt: skip
+
+
+def written(folder, told=None, shown=None):
+    write_diagnosis(told or document(), shown or evidence(), folder / "report.html")
+    return (folder / "report.html").read_text()
+
+
+def titles(page):
+    return re.findall(r"<figcaption>(.*?)</figcaption>", page)
 
 
 @pytest.fixture
 def page(tmp_path):
-    write_diagnosis(document(), evidence(), tmp_path / "report.html")
-    return (tmp_path / "report.html").read_text()
+    return written(tmp_path)
 
 
 def test_first_what_is_wrong_then_what_to_do_then_the_evidence(page):
-    where = [page.index(text) for text in ("dry friction (coefficient from", "Clean the ball", "What differs", "<img")]
+    told = ("dry friction (coefficient from", "What to do", "Clean the ball", "What differs", "How well", "<img",
+            "What remains")  # fmt: skip
+    where = [page.index(text) for text in told]
     assert where == sorted(where)
-    assert "1.1 times the noise of the camera" in page
     for riddle in ("-2 log L", "placebo", "innovation", "gates"):
         assert riddle not in page
 
 
-def test_a_size_stands_beside_what_it_was(page):
+def test_a_command_to_type_stands_apart_without_the_end_of_its_sentence(page):
+    assert "<code>mazeplan navigate --rig RIG --model out/model</code>" in page
+    assert "Or plan with the new model:" in page
+
+
+def test_a_size_stands_beside_what_it_was_and_its_ring_first(page):
     row = re.search(r"<tr>(?:(?!</tr>).)*dry friction.*?</tr>", page, re.S)
     assert row is not None
-    for cell in ("0.48", "1.460", "1, 2", "yes"):
+    for cell in (">0.480", ">1.460", ">2, 1<", ">yes<"):
         assert cell in row[0]
+
+
+def test_people_read_degrees_mm_and_ms(tmp_path):
+    delay = {
+        "name": "sensor_delay", "known_before": {"delay": 0.02}, "rings": {"1": {}}, "planned": False,
+        "why_not": "no plan has it", "parameters": {"delay": {"value": 0.05, "stderr": 0.001, "unit": "s"}},
+    }  # fmt: skip
+    page = written(tmp_path, document(effects=[delay]))
+    for text in ("20.0\u00a0ms", "50.0\u00a0±\u00a01.0\u00a0ms", "no: no plan has it", ">24.1<", ">4.0<"):
+        assert text in page
+
+
+def test_how_much_remains_stands_beside_what_it_was_when_the_model_was_right(page):
+    assert ">1.08<" in page
+    assert ">1.02<" in page
 
 
 def test_it_has_its_pictures_and_loads_nothing(page):
     assert page.count("data:image/svg+xml;base64,") == 4
     assert "http" not in re.sub(r"base64,[^\"]*", "", page).replace("http-equiv", "")
+    error, places, blocks, memory = titles(page)
+    assert "11.5 degrees before" in error
+    assert "black outline" in places
+    assert "2 of 3 blocks of 10 s are likelier" in blocks
+    assert "Yes" in memory
+
+
+def test_what_swings_has_a_spectrum(tmp_path):
+    page = written(tmp_path, None, evidence(spectrum={"hz": [1.0, 2.0], "before": [90.0, 2.0], "after": [2.0, 2.0]}))
+    assert page.count("data:image/svg+xml;base64,") == 5
+    assert titles(page)[-1].startswith("What swings?")
+
+
+def test_what_is_alike_is_no_noise(tmp_path):
+    (*_, memory) = titles(written(tmp_path, None, evidence(alike_from=0.1)))
+    assert "No" in memory
+    assert "0.20" in memory
 
 
 @pytest.mark.parametrize("verdict", ["nothing_missing", "effect_found", "ambiguous", "unknown_effect"])
 def test_every_verdict_has_a_page_in_words(tmp_path, verdict):
-    write_diagnosis(document(verdict), {**evidence(), "gain": []}, tmp_path / "report.html")
-    page = (tmp_path / "report.html").read_text()
+    page = written(tmp_path, document(verdict), evidence(gain=[], gain_t=[], marks=[]))
     assert verdict not in page
     assert page.count("data:image/svg+xml;base64,") == 3
+    assert ("with what was found" in page) == (verdict != "nothing_missing")
+    assert not any("outline" in title for title in titles(page))
 
 
 def test_a_map_that_is_gone_leaves_the_page(tmp_path):
-    write_diagnosis(document(), {**evidence(), "map": "rings: nowhere"}, tmp_path / "report.html")
-    assert (tmp_path / "report.html").stat().st_size > 20_000
+    assert len(written(tmp_path, None, evidence(map="rings: nowhere"))) > 20_000
 
 
-def test_the_folder_is_read_again_by_report(tmp_path, monkeypatch, capsys):
-    (tmp_path / "report.json").write_text(json.dumps(document()))
-    (tmp_path / "evidence.json").write_text(json.dumps(evidence()))
-    code, _, err = call(monkeypatch, capsys, "report", str(tmp_path), "-o", str(tmp_path / "all.html"))
+def folder_of(path, told, shown):
+    path.mkdir()
+    (path / "report.json").write_text(json.dumps(told))
+    if shown is not None:
+        (path / "evidence.json").write_text(json.dumps(shown))
+    return path
+
+
+@pytest.mark.parametrize(("shown", "pictures"), [(evidence(), 4), (None, 0)])
+def test_report_draws_a_folder_and_a_document_alone(monkeypatch, capsys, tmp_path, shown, pictures):
+    folder = folder_of(tmp_path / "out", document(), shown)
+    code, _, err = call(monkeypatch, capsys, "report", str(folder), "-o", str(tmp_path / "page.html"))
     assert code == 0, err
-    assert "Clean the ball" in (tmp_path / "all.html").read_text()
+    page = (tmp_path / "page.html").read_text()
+    assert "Clean the ball" in page
+    assert page.count("data:image/svg+xml;base64,") == pictures
+
+
+def test_navigations_of_improve_are_in_it(tmp_path):
+    runs = {"success": 3, "runs": 4, "time_s": {"mean": 7.0, "best": 6.0, "worst": 9.0}}
+    page = written(tmp_path, document(navigation={"before": runs, "after": runs}))
+    assert "3 of 4" in page
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [({"error": {"before": [1.0], "after": CURVE}}, "got 1 values, expected 3"), ({"gain": 3}, "gain")],
-)
-def test_evidence_that_is_wrong_is_told_with_its_key(tmp_path, change, message):
-    (tmp_path / "report.json").write_text(json.dumps(document()))
-    (tmp_path / "evidence.json").write_text(json.dumps({**evidence(), **change}))
-    with pytest.raises(InputError, match=message):
-        read_input(tmp_path)
+    ("changes", "key"),
+    [
+        ({"white": None}, "white"), ({"gain_t": [1.0]}, "gain_t"), ({"low": {"before": CURVE}}, "low.after"),
+        ({"error": {"before": [1.0], "after": [1.0]}}, "error.before"), ({"marks": [{"x": 1.0}]}, "marks[0].y"),
+        ({"places": {"ahead": 9, "rings": [], "before": [], "after": []}}, "places.ahead"),
+        ({"places": {"ahead": 2, "rings": [[0.0, 0.1]], "before": [], "after": []}}, "places.before"),
+        ({"spectrum": {"hz": [1.0], "before": [1.0], "after": []}}, "spectrum"),
+    ],
+)  # fmt: skip
+def test_evidence_that_pictures_cannot_rely_on_is_refused(changes, key):
+    with pytest.raises(InputError, match=re.escape(key)):
+        check_evidence(evidence(**changes), Path("evidence.json"))
+
+
+@pytest.mark.parametrize(("told", "key"), [({"advice": [1]}, "advice[0]"), ({"sentence": None}, "sentence")])
+def test_a_document_that_says_nothing_is_refused(tmp_path, told, key):
+    with pytest.raises(InputError, match=re.escape(key)):
+        read_input(folder_of(tmp_path / "out", document(**told), None))
+
+
+def test_evidence_of_another_diagnosis_is_refused(tmp_path):
+    other = {name: value for name, value in document().items() if name != "reference"}
+    with pytest.raises(InputError, match="belongs to another"):
+        read_input(folder_of(tmp_path / "out", other, evidence()))

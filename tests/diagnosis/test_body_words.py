@@ -1,0 +1,84 @@
+"""What is said of a rig: sentences that somebody who has only these can act on."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from mazeplan.diagnosis.bodywords import advice, sentence
+
+FRICTION = {
+    "name": "dry_friction", "known_before": {"coefficient": 0.47}, "rings": {"1": {}}, "planned": True,
+    "parameters": {"coefficient": {"value": 1.452, "stderr": 0.009, "unit": "rad/s^2"}},
+}  # fmt: skip
+MAGNET = {
+    "name": "surface_bump", "known_before": {"height": 0.0}, "rings": {"2": {}, "1": {}}, "planned": True,
+    "parameters": {"centre": {"value": 1.0472, "stderr": 0.01, "unit": "rad"},
+                   "height": {"value": -1.93, "stderr": 0.1, "unit": "rad/s^2"}},
+}  # fmt: skip
+TURNED = {
+    "name": "axis_misalignment", "known_before": {"angle": 0.0}, "rings": {"1": {}}, "planned": True,
+    "parameters": {"angle": {"value": 0.05, "stderr": 0.001, "unit": "rad"}},
+}  # fmt: skip
+ROCKING = {
+    "name": "table_rocking", "known_before": {}, "rings": {"1": {}}, "planned": False, "why_not": "its phase changes",
+    "parameters": {"beta": {"value": 0.0067, "stderr": 0.0003, "unit": "rad"}},
+}  # fmt: skip
+UNKNOWN = {"description": "a force along the rings", "depends_on": []}
+
+
+def done(*effects, verdict="effect_found", alike=(), unknown=None, likelier=33.0, remaining=1.07):
+    after = {"rollout40": 0.1 if effects else 0.4}
+    return SimpleNamespace(
+        effects=effects, verdict=verdict, alike=alike, unknown=unknown, remaining=remaining,
+        before={"rollout40": 0.4}, after=after, held=SimpleNamespace(likelier=likelier),
+        was=SimpleNamespace(source="the reference", remaining=1.0),
+        body=SimpleNamespace(pictures=SimpleNamespace(dt=1 / 30)),
+    )  # fmt: skip
+
+
+def test_it_says_what_differs_how_sure_that_is_and_what_it_does():
+    told = sentence(done(FRICTION))
+    parts = ("dry friction (coefficient from 0.4700 to 1.4520 ± 0.0090 rad/s²)", "certain", "by 33 standard errors",
+             "1.3 s ahead", "from 22.9 to 5.7 degrees", "1.1 times the noise of the camera")  # fmt: skip
+    where = [told.index(part) for part in parts]
+    assert where == sorted(where)
+
+
+@pytest.mark.parametrize(("likelier", "word"), [(9.0, "certain"), (5.0, "sure"), (3.0, "likely")])
+def test_a_word_stands_for_how_sure_it_is(likelier, word):
+    assert f"The finding is {word}:" in sentence(done(FRICTION, likelier=likelier))
+
+
+def test_without_held_out_gain_the_change_itself_says_how_sure_it_is():
+    assert "a change of 109 standard errors" in sentence(done(FRICTION, likelier=float("inf")))
+
+
+def test_a_place_is_where_to_look_and_an_angle_of_the_camera_is_none():
+    assert "centre 60 degrees, height from 0 to -1.93 ± 0.10" in sentence(done(MAGNET))
+    assert advice(done(MAGNET))[0] == "Look for a magnet or a dent at 60 degrees in ring 2."
+    assert advice(done(TURNED))[0] == "Turn the camera back."
+
+
+def test_a_plan_can_use_it_or_the_reason_why_not_is_told():
+    assert advice(done(FRICTION), "out/model")[-1].endswith(": mazeplan navigate --rig RIG --model out/model.")
+    assert "-o FOLDER" in advice(done(FRICTION))[-1]
+    (told,) = advice(done(ROCKING), "out/model")
+    assert told == "Stop the table from rocking. No plan can allow for it: its phase changes."
+
+
+def test_causes_that_cannot_be_told_apart_are_named_with_a_way():
+    both = done(FRICTION, verdict="ambiguous", alike=[("dry_friction", "viscous_friction")])
+    assert "cannot tell dry friction from viscous friction" in sentence(both)
+    assert "mazeplan collect" in advice(both)[-1]
+
+
+def test_what_has_no_name_is_told_and_so_is_nothing():
+    unknown = done(verdict="unknown_effect", unknown=UNKNOWN, likelier=float("inf"))
+    assert "something without a name (a force along the rings)" in sentence(unknown)
+    assert "finding is" not in sentence(unknown)
+    assert "mazeplan learn LOG" in advice(unknown)[-1]
+    healthy = done(verdict="nothing_missing")
+    assert sentence(healthy).startswith("Nothing is missing: the rig agrees with the reference.")
+    assert advice(healthy) == ["Nothing needs to be done. Go on with the same model."]
