@@ -91,8 +91,8 @@ def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
         "",
         f"`mazeplan improve --rig surprise@KIND --seconds {options.seconds:g} --runs {options.runs}`: the toy with one "
         "hidden change for every effect that has a name;",
-        "one record, one round, the same starts before and after, seed 0. Errors are on the last 30 % of the record. "
-        "True values are",
+        "one record, one round, the same starts before and after, seed 0. Errors: each half by "
+        "what the other half tells. True values are",
         "those of a ball that rolls on the floor alone: along a wall, gravity and the floor's friction count for 7/9.",
         "",
         head, "|---" * 8 + "|", *(done.line for done in rows),
