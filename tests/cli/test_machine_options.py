@@ -71,6 +71,6 @@ def test_diagnose_proposes_a_command_for_the_same_rig(monkeypatch, tmp_path):
     document = {"ring": 1, "declared": {}, "notes": [], "separate_by": [experiment_for(("a", "b"), 1)]}
     monkeypatch.setattr(module, "_of_ball", lambda *given: (None, document))
     monkeypatch.setattr(module, "finish", lambda done, document, *more: told.append(document))
-    module.diagnose(log(tmp_path, rig="worn", map=CME), system="ring", output=None)
+    module.diagnose([log(tmp_path, rig="worn", map=CME)], ring=1, system="ring", output=None)
     (way,) = told[0]["separate_by"]
     assert way["command"] == "mazeplan collect --rig worn --ring ring1 --seconds 900 -o apart.mcap"
