@@ -27,12 +27,13 @@ from mazeplan.diagnosis.bodysearch import (
     NOISE,
     POLISH,
     Candidate,
+    Reference,
     Searched,
     moved,
     search_body,
 )
 from mazeplan.diagnosis.bodywords import advice, in_registry, sentence
-from mazeplan.diagnosis.parts import changed, stage_effects
+from mazeplan.diagnosis.parts import AXES, TOLD, changed, entry, stage_effects
 from mazeplan.diagnosis.platemotion import Stage
 from mazeplan.diagnosis.record import record_of
 from mazeplan.diagnosis.wording import with_plan
@@ -135,13 +136,14 @@ def verdict_on(
     tell("stage")
     body, stage = body_filter(table, maze)
     check_map(body, maze, table.source.get("file"))
-    searched = search_body(body, was.body, maze, tell, own)
+    sensor = _sensor(body, stage, was)
+    searched = search_body(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
     tell("held-out part")
     old = _as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
     found = searched.found if held.likelier > BETTER and held.nearer else ()
     radii = _radii(maze, searched.fit.filtered)
-    effects, alike = _named(stage, was, searched, found, radii)
+    effects, alike = _named(stage, was, searched, found, radii, sensor)
     effects += [with_plan(e) for e in _of_open_numbers(body, searched, was, radii)]
     for e in effects:
         if e["name"] == "friction_drift":
@@ -210,8 +212,38 @@ def _notes(stage: Stage | None, was: RigReference) -> tuple[str, ...]:
     return tuple(notes)
 
 
+def _sensor(body: BodyFilter, stage: Stage | None, was: RigReference) -> dict[str, Any] | None:
+    """The scale of the tilt sensor as the JSON has it, where a changed gain is the sensor's: the ball felt tilts of the
+    old size."""
+    gain = None if stage is None or stage.hurried else changed(stage, rig.servo_gain, was.stage)
+    if gain is None or was.body.start is not None:
+        return None
+    had, scale = gain["known_before"], was.stage.values.get("tilt_gain", dict.fromkeys(AXES, 1.0))
+    ratio = {axis: gain["parameters"][axis]["value"] / had[axis] for axis in AXES}
+    values = {axis: scale[axis] * ratio[axis] for axis in AXES}
+    errors = {axis: gain["parameters"][axis]["stderr"] / had[axis] * scale[axis] for axis in AXES}
+    effect: dict[str, Any] = entry(rig.tilt_gain, values, errors, scale)
+    by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, effect).model))
+    return effect if by_servo - by_sensor > TOLD else None
+
+
+def _felt(was: RigReference, sensor: dict[str, Any]) -> Reference:
+    """The reference with tilts that are as much smaller than measured as the sensor's scale has grown."""
+    model, numbers = was.body.model, sensor["parameters"]
+    grown = {axis: numbers[axis]["value"] / sensor["known_before"][axis] for axis in AXES}
+    return replace(
+        was.body,
+        model=with_values(model, {f"gain_{axis}": value_of(model, f"gain_{axis}") / grown[axis] for axis in AXES}),
+    )
+
+
 def _named(
-    stage: Stage | None, was: RigReference, searched: Searched, found: Sequence[Candidate], radii: dict[int, float]
+    stage: Stage | None,
+    was: RigReference,
+    searched: Searched,
+    found: Sequence[Candidate],
+    radii: dict[int, float],
+    sensor: dict[str, Any] | None,
 ) -> tuple[list[dict[str, Any]], list[tuple[str, ...]]]:
     """Effects as in the JSON, and names between which the record cannot tell."""
     hurried = stage is not None and stage.hurried
@@ -220,14 +252,16 @@ def _named(
     if gain is not None and hurried:
         ratios = [p["value"] / gain["known_before"][key] for key, p in gain["parameters"].items()]
         gain = gain if max(abs(ratio - 1.0) for ratio in ratios) > CLEAR_GAIN else None
-    if gain is not None and not any(c.effect == "tilt_gain" for c in found):
+    if sensor is not None:
+        effects.append(sensor)
+    elif gain is not None and not any(c.effect == "tilt_gain" for c in found):
         effects.append(gain)
     for e in effects:
         values = {key: number["value"] for key, number in e["parameters"].items()}
         e["rings"] = {str(ring): {"after": values, "before": e["known_before"]} for ring in radii}
     alike = []
     for c, rivals in zip(searched.found, searched.rivals, strict=True):
-        if c not in found or not c.effect:
+        if c not in found or not c.effect or (c.effect == "tilt_gain" and sensor is not None):
             continue
         effects.append(in_registry(c, searched.fit, was.body, radii))
         names = tuple(r.effect for r in rivals if r.effect)
