@@ -8,16 +8,18 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate picture test check unit docs pictures coverage compiled bench constraints wheel firmware emulator clean
+.PHONY: help navigate picture test test-all check unit all docs pictures coverage compiled bench constraints wheel firmware emulator clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
 help:
 	@echo "make navigate [ARGS='--rig ideal']  the main job: the ball goes from ring 1 to ring 5"
 	@echo "make picture                        the same on the rig toy, drawn into runs/first.png"
-	@echo "make test                           check, then unit"
+	@echo "make test                           check, then unit: six minutes on two cores"
+	@echo "make test-all                       check, then all tests: twenty minutes"
 	@echo "make check                          formatting, lint, types, import contracts"
-	@echo "make unit [ARGS='-k map']           the tests"
+	@echo "make unit [ARGS='-k map']           the tests, without slow ones and those in real time"
+	@echo "make all [ARGS='-k map']            all tests"
 	@echo "make coverage                       the tests, and the lines they reach: 85 % or more"
 	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
 	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
@@ -63,6 +65,8 @@ picture: $(VENV)/installed
 
 test: compiled check unit
 
+test-all: compiled check all
+
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -71,13 +75,17 @@ check: $(VENV)/installed-dev
 
 # Tests start hundreds of programs. Where the environment forbids to write bytecode, each would compile the package anew,
 # half a second every time.
-unit coverage compiled: export PYTHONDONTWRITEBYTECODE =
+unit all coverage compiled: export PYTHONDONTWRITEBYTECODE =
 
 # one BLAS thread a worker: more of them fight over the same cores
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
-# what goes by the clock on the wall comes alone (5: none of them was asked for)
+# the tests of a newcomer: those marked slow or realtime belong to `all`
 unit: $(VENV)/installed-dev
+	$(PYTEST) -n $(JOBS) --dist worksteal -m 'not realtime and not slow' $(ARGS)
+
+# realtime tests go by the clock on the wall and run alone (status 5: the given ARGS select none of them)
+all: $(VENV)/installed-dev
 	@$(MAKE) --no-print-directory emulator || echo "without them the tests of the board are skipped"
 	$(PYTEST) -n $(JOBS) --dist worksteal -m 'not realtime' $(ARGS)
 	$(PYTEST) -m realtime $(ARGS) || [ $$? -eq 5 ]

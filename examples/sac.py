@@ -25,8 +25,8 @@ try:
     from stable_baselines3.common.env_util import make_vec_env
     from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-    import mazeplan.environment as room
-    from mazeplan.errors import MazeplanError
+    import mazeplan.apps.environment as room
+    from mazeplan.core.errors import MazeplanError
 except ImportError as missing:
     sys.exit(f"examples/sac.py needs {missing.name}: pip install stable-baselines3, and mazeplan with its extra gym")
 

@@ -10,37 +10,45 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mazeplan.core import moved
+
 if TYPE_CHECKING:
-    from mazeplan.behavior.leaf import Port
+    from mazeplan.behavior.controls import Control
+    from mazeplan.behavior.decorators import Decorator
     from mazeplan.behavior.mazeleaf import MazeLeaf
+    from mazeplan.behavior.ports import Port
     from mazeplan.behavior.status import Status
-    from mazeplan.goals import Goals
+    from mazeplan.core.records import NavigationResult, Observation
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.navigation import navigate
-    from mazeplan.records import NavigationResult, Observation
     from mazeplan.rigs.conformance import check_rig
     from mazeplan.rigs.interface import Rig
+    from mazeplan.run.goals import Goals
+    from mazeplan.run.navigate import navigate
 
 __version__ = "0.1.0"
 
+moved.install()
+
 _HOMES = {
-    "Goals": "mazeplan.goals",
+    "Goals": "mazeplan.run.goals",
     "Maze": "mazeplan.maze.geometry",
+    "Control": "mazeplan.behavior.controls",
+    "Decorator": "mazeplan.behavior.decorators",
     "MazeLeaf": "mazeplan.behavior.mazeleaf",
-    "NavigationResult": "mazeplan.records",
-    "Observation": "mazeplan.records",
-    "Port": "mazeplan.behavior.leaf",
+    "NavigationResult": "mazeplan.core.records",
+    "Observation": "mazeplan.core.records",
+    "Port": "mazeplan.behavior.ports",
     "Rig": "mazeplan.rigs.interface",
     "Status": "mazeplan.behavior.status",
     "check_rig": "mazeplan.rigs.conformance",
     "load_map": "mazeplan.maze.mapfile",
-    "navigate": "mazeplan.navigation",
+    "navigate": "mazeplan.run.navigate",
 }
 
 __all__ = [
-    "Goals", "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig", "Status", "check_rig", "load_map",
-    "navigate",
+    "Control", "Decorator", "Goals", "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig", "Status",
+    "check_rig", "load_map", "navigate",
 ]  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import sys
 def main() -> None:
     """Entry point of the `mazeplan` command."""
     try:
-        from mazeplan.cli import main as command
+        from mazeplan.apps.cli import main as command
     except KeyboardInterrupt:
         print("mazeplan: interrupted", file=sys.stderr)
         sys.exit(130)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.data.cme_import import PREFIX
-from mazeplan.data.cme_recovery import Published
+from mazeplan.learning.published_rig import PREFIX
+from mazeplan.learning.published_samples import Published
 
 RATE = 30.0
 ENDING = "_ring{}_toy.txt"

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).resolve().parent
-WHOLE = (TESTS, TESTS / "testing")  # folders whose tests drive the whole program, tick by tick
+WHOLE = (TESTS, TESTS / "testing", TESTS / "run")  # folders whose tests drive the whole program, tick by tick
 LONG = (  # a quarter of a minute or more in one test
-    "test_pages.py", "diagnosis/test_walls.py", "rigs/test_simulated.py", "diagnosis/test_drawn_sizes.py",
-    "test_improve.py",
+    "test_pages.py", "diagnosis/test_walls.py", "rigs/sim/test_simulated.py", "diagnosis/test_drawn_sizes.py",
+    "run/test_improve.py",
 )  # fmt: skip
 
 
@@ -39,7 +39,7 @@ def recorded(tmp_path_factory):
     """One run on the toy in which the deadline ended searches: its log, and its result."""
     from replayed import HURRIED
 
-    from mazeplan.navigation import navigate
+    from mazeplan.run.navigate import navigate
 
     path = tmp_path_factory.mktemp("replay") / "run.mcap"
     result = navigate(3, 5, rig="toy", settings=HURRIED, log=path, seed=4)

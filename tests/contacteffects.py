@@ -22,8 +22,9 @@ Truth = Callable[[Rig, float], dict[str, float]]
 class Effect:
     """change: (rig, size) to the rig it becomes; sizes: small, middle, large; truth: (rig after the change, radius of a
     ring in m) to parameters that matter, by name; names: any one of them is right, nothing found is right where there
-    are none; near: names that are no mistake beside one of them, or half a truth alone; also: per name in `names` that
-    is not the effect's own, its parameters."""
+    are none, but for what is nameless, which has to be called unknown; near: names that are no mistake beside one of
+    them, or half a truth alone; also: per name in `names` that is not the effect's own, its parameters; relative:
+    numbers are told over those of the healthy rig."""
 
     change: Callable[[Rig, float], Rig]
     sizes: tuple[float, float, float]
@@ -31,6 +32,8 @@ class Effect:
     names: tuple[str, ...]
     near: tuple[str, ...] = ()
     also: dict[str, Truth] = field(default_factory=dict)
+    nameless: bool = False
+    relative: bool = False
 
 
 def _nothing(rig, r):
@@ -123,6 +126,11 @@ def _scales(rig, r):
     return {"beta": rig.sensor[0], "gamma": rig.sensor[1]}
 
 
+def _gains(rig, r):
+    """Of tilts as they are measured."""
+    return {"beta": rig.beta.gain * rig.sensor[0], "gamma": rig.gamma.gain * rig.sensor[1]}
+
+
 EFFECTS = {
     "dry_friction": Effect(lambda rig, s: replace(rig, roll=rig.roll * s), (2.0, 3.0, 5.0), _dry, ("dry_friction",)),
     "viscous_friction": Effect(
@@ -176,7 +184,7 @@ EFFECTS = {
     ),
     "tilt_gain": Effect(
         lambda rig, s: replace(rig, sensor=(rig.sensor[0] * s, rig.sensor[1])), (1.04, 1.08, 1.13), _scales,
-        ("tilt_gain",), ("servo_gain",),
+        ("tilt_gain",), ("servo_gain",), relative=True,
     ),
     "axis_misalignment": Effect(
         _seen(angle=lambda c, s: c.angle + s * DEG), (1.5, 3.0, 5.0), lambda rig, r: {"angle": rig.camera.angle},
@@ -209,14 +217,28 @@ EFFECTS = {
         _servos({"play": lambda a, s: a.play + s * DEG}), (0.25, 0.5, 0.8), _of_axes("play"), ("backlash",)
     ),
     "servo_gain": Effect(
-        _servos({"gain": lambda a, s: a.gain * s}, {}), (0.935, 0.87, 0.79), _of_axes("gain"), ("servo_gain",),
-        ("tilt_gain",),
+        _servos({"gain": lambda a, s: a.gain * s}, {}), (0.935, 0.87, 0.79), _gains, ("servo_gain",), ("tilt_gain",),
     ),
     "servo_lag": Effect(
         _servos({"frequency": lambda a, s: a.frequency * s}), (0.8, 0.62, 0.45), _lags, ("servo_lag",)
     ),
     "axis_coupling": Effect(
         _servos({"coupling": lambda a, s: a.coupling + s}), (0.035, 0.07, 0.11), _couplings, ("axis_coupling",)
+    ),
+    # what mazeplan has no name for
+    "pulse": Effect(
+        lambda rig, s: replace(rig, pulse=(1.7, s)), (1.0, 2.0, 4.0), _nothing, (), nameless=True
+    ),
+    "kicks": Effect(  # a push along x, for a tenth of each period
+        lambda rig, s: replace(rig, kick=(0.9, s, 0.0, 0.1)), (0.3, 0.6, 1.0), _nothing, (), nameless=True
+    ),
+    "settling": Effect(  # s: degrees in 300 s
+        lambda rig, s: replace(rig, settle=(s * DEG / 300.0, 0.0)), (0.3, 0.6, 1.0), _nothing, (), ("tilt_offset",),
+        nameless=True,
+    ),
+    "churning": Effect(  # s: times the rolling friction at 0.2 rad/s
+        lambda rig, s: replace(rig, churn=5.0 * s * rig.roll), (2.0, 4.0, 8.0), _nothing, (), ("dry_friction",),
+        nameless=True,
     ),
     "lost_pictures": Effect(_seen(lost=lambda c, s: s), (0.05, 0.15, 0.3), _nothing, ()),
     "camera_noise": Effect(_seen(noise=lambda c, s: c.noise * s), (1.3, 1.7, 2.2), _nothing, ()),
@@ -229,10 +251,13 @@ def changed(rig, name, size=1):
     return effect.change(rig, effect.sizes[size])
 
 
-def truth(rig, name, told, radius):
+def truth(rig, name, told, radius, healthy):
     """Parameters that a finding called `told` should have on a changed rig, in a ring of a radius, m; none where that
-    name stands for something else."""
+    name stands for something else. healthy: the rig before."""
     effect = EFFECTS[name]
-    if told == name:
-        return effect.truth(rig, radius)
-    return effect.also[told](rig, radius) if told in effect.also else {}
+    if told != name:
+        return effect.also[told](rig, radius) if told in effect.also else {}
+    numbers = effect.truth(rig, radius)
+    if effect.relative:
+        return {key: value / effect.truth(healthy, radius)[key] for key, value in numbers.items()}
+    return numbers

@@ -42,7 +42,9 @@ class Body(NamedTuple):
     force along the rings over m r; push: m/s^2, force over mass, x and y of the table; warp: 1/m, floor
     z = a (x^2 - y^2) + 2 b x y; magnet: x, y (m), largest pull (m/s^2), and width (m), at which it is largest; patch:
     inner and outer radius (m), first angle and width (rad), rolling friction that is added there (m); eccentric: m from
-    the ball's middle to its mass; lean: rad, of the table about both axes; rock: Hz, two amplitudes and phase, rad."""
+    the ball's middle to its mass; lean: rad, of the table about both axes; rock: Hz, two amplitudes and phase, rad;
+    settle: rad/s, by which the lean grows; pulse: Hz and 1/s^2, a swirl that swings; kick: Hz, m/s^2 along x and y, and
+    share of a period that it lasts; churn: m s/rad, rolling friction that comes with how fast the plate tilts."""
 
     radius: float
     k: float
@@ -64,6 +66,10 @@ class Body(NamedTuple):
     eccentric: float
     lean: tuple[float, float]
     rock: tuple[float, float, float, float]
+    settle: tuple[float, float]
+    pulse: tuple[float, float]
+    kick: tuple[float, float, float, float]
+    churn: float
 
 
 class Servo(NamedTuple):
@@ -224,8 +230,12 @@ def _turned(axis, angle, rate, target):
 def _pull(body, t, b, c):
     """Gravity and draught in a plate that is tilted by (b, c) on its table, m/s^2, (3 numbers)."""
     swing = math.sin(2.0 * math.pi * body.rock[0] * t + body.rock[3])
-    lb, lc = body.lean[0] + body.rock[1] * swing, body.lean[1] + body.rock[2] * swing
+    lb = body.lean[0] + body.rock[1] * swing + body.settle[0] * t
+    lc = body.lean[1] + body.rock[2] * swing + body.settle[1] * t
     x, y = G * math.sin(lb) + body.push[0], -G * math.cos(lb) * math.sin(lc) + body.push[1]
+    often, kx, ky, lasts = body.kick
+    if (often * t) % 1.0 < lasts:
+        x, y = x + kx, y + ky
     z = -G * math.cos(lb) * math.cos(lc)
     x, z = math.cos(b) * x - math.sin(b) * z, math.sin(b) * x + math.cos(b) * z
     return x, math.cos(c) * y + math.sin(c) * z, math.cos(c) * z - math.sin(c) * y
@@ -235,7 +245,8 @@ def _pull(body, t, b, c):
 def _forces(body, t, p, v):
     """What acts on the ball besides gravity and the plate's motion, over its mass (2 numbers, m/s^2)."""
     drag = body.viscous + body.drift * t + body.quadratic * math.hypot(v[0], v[1])
-    ax, ay = -drag * v[0] - body.swirl * p[1], -drag * v[1] + body.swirl * p[0]
+    swirl = body.swirl + body.pulse[1] * math.sin(2.0 * math.pi * body.pulse[0] * t)
+    ax, ay = -drag * v[0] - swirl * p[1], -drag * v[1] + swirl * p[0]
     a, b = body.warp
     ax -= 2.0 * G * (a * p[0] + b * p[1])
     ay -= 2.0 * G * (b * p[0] - a * p[1])
@@ -315,6 +326,6 @@ def roll(body, beta, gamma, walls, targets, began, start, places, states):
         v[1] += H * ay
         v[2] += H * az
         _walls(body, walls, p, v, s)
-        _floor(body, _rolling(body, p), p, v, s)
+        _floor(body, _rolling(body, p) + body.churn * math.sqrt(bd * bd + cd * cd), p, v, s)
         p += H * v
         p[2] = max(p[2], 0.0)

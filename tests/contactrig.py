@@ -66,8 +66,8 @@ class Camera:
 class Rig:
     """Everything that a rig is. Lengths in m, angles in rad; names as in `contactplant.Body`.
 
-    sensor: scales of the tilt sensor; sensor_noise: rad. What lies around (swirl, push, warp, magnet, patch, rock) is
-    nothing on a healthy rig."""
+    sensor: scales of the tilt sensor; sensor_noise: rad. What lies around (swirl, push, warp, magnet, patch, rock,
+    settle, pulse, kick, churn) is nothing on a healthy rig."""
 
     radius: float = 6.35e-3
     k: float = 0.4
@@ -89,6 +89,10 @@ class Rig:
     eccentric: float = 0.0
     lean: tuple[float, float] = (0.0, 0.0)
     rock: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    settle: tuple[float, float] = (0.0, 0.0)
+    pulse: tuple[float, float] = (0.0, 0.0)
+    kick: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    churn: float = 0.0
     beta: Axis = Axis()
     gamma: Axis = Axis()
     sensor: tuple[float, float] = (1.0, 1.0)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from mazeplan.errors import RigError
-from mazeplan.rigs.hardware.chip import EmulatedChip, built
+from mazeplan.core.errors import RigError
+from mazeplan.rigs.emulation.chip import EmulatedChip, built
 
 NEEDED = os.environ.get("MAZEPLAN_EMULATOR") == "needed"  # set where the packages are: nothing is skipped there
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.settings import SimulatedSettings
-from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.sim.settings import SimulatedSettings
+from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("cme")
 R, BALL = MAZE.track_radius(1), MAZE.ball.radius

@@ -9,7 +9,7 @@ from numba import njit
 
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.physics.ring_parameters import RingParameters
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 LIMIT = math.radians(5.0)
 T, N = 15, 4  # horizon and states of the linear problem
@@ -160,3 +160,15 @@ class Ticking:
     def __call__(self) -> float:
         self.now += 1e-3 * self.ms
         return self.now
+
+
+def gradient(problem, plan):
+    """Derivatives (T, 2) of the cost by the controls."""
+    slope = np.zeros((T, 2))
+    for k in range(T):
+        for i in range(2):
+            for sign in (1.0, -1.0):
+                moved = plan.controls.copy()
+                moved[k, i] += sign * 1e-5
+                slope[k, i] += sign * problem.cost_of(problem.s0, moved) / 2e-5
+    return slope

@@ -4,9 +4,9 @@ deadline in wall time: or what a run does would depend on how busy the machine i
 
 from __future__ import annotations
 
-from mazeplan.settings import load_settings
-from mazeplan.testing.lightrig import LightRig as PlanarRig
-from mazeplan.testing.lightrig import identified as known
+from mazeplan.apps.testing.lightrig import LightRig as PlanarRig
+from mazeplan.apps.testing.lightrig import identified as known
+from mazeplan.run.settings import load_settings
 
 __all__ = ["PATIENT", "PlanarRig", "known"]
 

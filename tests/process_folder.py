@@ -8,20 +8,21 @@ import re
 
 import numpy as np
 import pytest
+from gaussian_processes import plain
 
-from mazeplan.errors import ModelError
-from mazeplan.models.gaussian_process import GaussianProcess, Hyperparameters
-from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.models.processfile import rounded
-from mazeplan.physics.ball import rolling_inertia
+from mazeplan.core.errors import ModelError
+from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.gp_file import rounded
+from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.stage import StageModel
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.rig.stage import StageModel
 
 
 def process(n=50, seed=0):
     rng = np.random.default_rng(seed)
     x = rounded(rng.standard_normal((n, 9)))
-    hyper = Hyperparameters.plain(np.exp(0.5 * rng.standard_normal(9)), 1.7320508, 0.31415926)
+    hyper = plain(np.exp(0.5 * rng.standard_normal(9)), 1.7320508, 0.31415926)
     return GaussianProcess.condition(hyper, x, np.zeros((n, 0)), np.sin(x[:, 0]) + x[:, 3])
 
 

@@ -6,13 +6,13 @@ from copy import deepcopy
 
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.attempt import run_job
-from mazeplan.data.runlog import RunLogWriter
-from mazeplan.data.runlog_reader import read_messages
-from mazeplan.job import Job, Setup
+from mazeplan.core.logs.run_log import RunLogWriter
+from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.maze.mapfile import load_map
-from mazeplan.replay import replay
-from mazeplan.settings import load_settings
+from mazeplan.run.execution import run_job
+from mazeplan.run.replay import replay
+from mazeplan.run.settings import load_settings
+from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
 HURRIED = load_settings().with_values({"travel": {"deadline_ms": 0.5}})  # searches end early, by the clock on the wall
@@ -36,7 +36,7 @@ def rewritten(path, change, name="other.mcap"):
     other = path.with_name(name)
     with RunLogWriter(other, header) as log:
         for topic, document in messages:
-            log._add(topic, 0.0, document)
+            log.write(topic, 0.0, document)
     return other
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from mazeplan.data.runlog import RunLogWriter
+from mazeplan.apps.report.page import PagePicture
+from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
+from mazeplan.core.logs.run_log import RunLogWriter
+from mazeplan.core.records import Plan, StopReason, TreeOutline
 from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.records import Plan, StopReason
 
 MAZE = load_map("cme")
 EVIL = "<script>alert('x')</script>"
@@ -25,16 +28,17 @@ def a_log(path, *, trees=True, rig="toy", detail="it does not move", result=True
         if trees:
             parents = [-1, 0, 1, 1, 0, 4]
             paths = ["Root", "Root/Go", *LEAVES[:2], "Root/Recover", LEAVES[2]]
-            log.tree(0.0, paths, ["Sequence"] * 6, [p.split("/")[-1] for p in paths], parents)
-        log.event(0.0, "ring", {"ring": 1})
+            names = tuple(p.split("/")[-1] for p in paths)
+            log.tree(0.0, TreeOutline(tuple(paths), ("Sequence",) * 6, names, tuple(parents)))
+        log.event(0.0, RingEntered(1))
         for k in range(90):
             t = k * STEP
             _tick(log, k, t)
             if k == 30:
-                log.event(t, "failure", {"kind": "stuck", "where": "Track", "detail": detail})
-                log.event(t, "recovery", {"recovery": "dither"})
+                log.event(t, FailureReported("stuck", "Track", detail))
+                log.event(t, RecoveryChosen("dither"))
             if k == 60:
-                log.event(t, "ring", {"ring": 2})
+                log.event(t, RingEntered(2))
             if trees and k in (0, 30, 60):
                 log.statuses(t, {0: "RRR---", 30: "RFF-RR", 60: "RRR-SS"}[k])
         if result:
@@ -51,7 +55,7 @@ def _tick(log, k, t):
     document = {"t": t, "x": place["estimate_x"], "y": place["estimate_y"], "beta": 0.01, "gamma": 0.0, "u_beta": 0.02,
                 "u_gamma": 0.0, "ring": 1 if k < 60 else 2, "leaf": leaf, "tick_ms": 1.0 + k, "goal_theta": t + 1.5,
                 **place}  # fmt: skip
-    log._add("/tick", t, document)
+    log.write("/tick", t, document)
     if k % 10 == 0:
         states = np.zeros((31, 6))
         states[:, 0] = t + 1.5 * STEP * np.arange(31)
@@ -132,3 +136,16 @@ def evidence(title="log, ring 2"):
             "rollout40": "theta error after 40 samples, rad"}, "drawn": "rollout40", "floor": 0.005, "accept": 15.0,
             "peak": 18.0, "axes": ["theta, rad", "theta_dot, rad/s"], "candidates": tried, "before": part(0.8),
             "after": part(0.1)}  # fmt: skip
+
+
+def drawn(parts, name):
+    """A picture of a section's parts by its name, drawn: its figure."""
+    figure = Figure()
+    picture = next(part for part in parts if isinstance(part, PagePicture) and part.name == name)
+    picture.draw(figure)
+    return figure
+
+
+def kept(parts, kind):
+    """The parts of one kind."""
+    return [part for part in parts if isinstance(part, kind)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
-from mazeplan.physics.ring_parameters import RingParameters
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
+from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 
 G = 9.81  # m/s^2
 PLACES = {

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from mazeplan.data.table import Table
+from mazeplan.core.logs.table import Table
 
 DT = 1.0 / 30.0  # s
 G = 9.81  # m/s^2

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from ring_record import DT
 
-from mazeplan.data.table import Table
-from mazeplan.maze.mapfile import load_map
-from mazeplan.models.samples import (
+from mazeplan.core.logs.table import Table
+from mazeplan.learning.samples import (
     ring_samples,
 )
+from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
 N = 60

@@ -1,12 +1,12 @@
-"""A run on the planar rig to which something is said at given ticks; shared by the tests of `goals`."""
+"""A run on the planar rig with orders at given ticks, for the tests of goals."""
 
 from __future__ import annotations
 
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.attempt import run_job
-from mazeplan.job import Job, Setup
 from mazeplan.maze.mapfile import load_map
+from mazeplan.run.execution import run_job
+from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
 SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
@@ -15,7 +15,7 @@ FIRST = tuple(opening.name for opening in MAZE.openings_between(1, 2))
 
 
 class Script:
-    """A mishap of the planar rig: at tick k do what stands under k; further mishaps are called at each tick."""
+    """A mishap of the planar rig: call `acts[k]` at tick k, and further mishaps at each tick."""
 
     def __init__(self, acts, *others):
         self.acts, self.others, self.k = acts, others, -1
@@ -35,6 +35,4 @@ def go(acts, *others, goals=None, start=1, goal=5, theta=0.3, limit=20.0, setup=
 
 
 def said(log):
-    return [
-        (e["t"], e["kind"], e["detail"]) for e in log.events if e["kind"] in ("goal", "closed", "opened", "stopped")
-    ]
+    return [(e.t, e.kind, e.detail) for e in log.events if e.kind in ("goal", "closed", "opened", "stopped")]

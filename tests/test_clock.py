@@ -10,38 +10,42 @@ import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
 import mazeplan
-from mazeplan import resources
-from mazeplan.display import NullDisplay
-from mazeplan.job import Job, Setup
+from mazeplan.core import resources
+from mazeplan.core.display import NullDisplay
 from mazeplan.maze.mapfile import load_map
-from mazeplan.run import Run
+from mazeplan.run.loop import Run
+from mazeplan.run.specification import Job, Setup
 
 PACKAGE = Path(mazeplan.__file__).parent
 CLOCKS = ("time", "datetime", "timeit", "sched", "asyncio", "calendar")
 LOOKS = ("perf_counter", "perf_counter_ns", "monotonic", "monotonic_ns", "process_time", "time_ns", "sleep", "utcnow",
          "today", "clock_gettime", "times")  # fmt: skip
 ALLOWED = {  # who may look at it, and for what
-    "control/stopwatch.py": {"import time", "perf_counter"},  # handed in; what it decided is in the log
-    "run.py": {"from time import perf_counter"},  # how long a tick took, for the report
+    "control/deadline.py": {"import time", "perf_counter"},  # handed in; what it decided is in the log
+    "run/loop.py": {"from time import perf_counter"},  # how long a tick took, for the report
     "rigs/watchdog.py": {"from time import monotonic"},  # judges the loop from outside
-    "rigs/faulty.py": {"from time import monotonic"},  # when a call was made to hang ...
-    "faultcampaign.py": {"from time import monotonic"},  # ... and how long it did, for the report
+    "rigs/faults/faulty.py": {"from time import monotonic"},  # when a call was made to hang ...
+    "run/campaign/faults.py": {"from time import monotonic"},  # ... and how long it did, for the report
     "rigs/paced.py": {"from time import monotonic"},  # holds a simulation to it, where somebody looks
-    "campaign/daskcluster.py": {"from time import monotonic"},  # how long workers are waited for
-    "campaign/work.py": {"from time import perf_counter", "from time import process_time"},  # what a run cost
-    "campaign/store.py": {"from datetime import UTC", "from datetime import datetime"},  # when it ended
-    "environment/record.py": {"times"},  # of samples: an array's name
-    "models/onlinefile.py": {"'now'"},  # a key of its file
-    "cli/live.py": {"from time import monotonic"},  # how long nobody has looked
-    "cli/calibrate.py": {"from datetime import date", "today"},  # when a calibration was made
-    "cli/calibrate_camera.py": {"from datetime import date", "today"},
+    "run/campaign/dask_cluster.py": {"from time import monotonic"},  # how long there are no workers
+    "run/campaign/worker.py": {"from time import perf_counter", "from time import process_time"},  # what a run cost
+    "run/campaign/store.py": {"from datetime import UTC", "from datetime import datetime"},  # when it ended
+    "apps/environment/record.py": {"times"},  # of samples: an array's name
+    "learning/online_folder.py": {"'now'"},  # a key of its file
+    "apps/monitor/server.py": {"import time", "monotonic"},  # Groot2 asks when a recording began
+    "apps/cli/live.py": {"from time import monotonic"},  # how long nobody has looked
+    "apps/cli/calibrate.py": {"from datetime import date", "today"},  # when a calibration was made
+    "apps/cli/calibrate_camera.py": {"from datetime import date", "today"},
+    "apps/cli/rig.py": {"from datetime import date", "today"},  # when latencies were measured
+    "apps/cli/progress.py": {"from datetime import timedelta"},  # how a time left is written
 }
 MACHINES = (
     "rigs/link/",
     "rigs/camera/source.py",
+    "rigs/emulation/",
     "rigs/hardware/",
 )  # of wood and wire: a rig's clock is made of theirs
-PEOPLE = ("view/",)  # the page is drawn so many times a second, in a process of its own, and decides nothing
+PEOPLE = ("apps/view/",)  # the page is drawn so many times a second, in a process of its own, and decides nothing
 MAZE = load_map("cme")
 
 
@@ -62,7 +66,7 @@ def looks_at_clocks(source: str) -> set[str]:
 
 def test_only_stopwatches_and_the_watchdog_look_at_a_clock():
     files = {path.relative_to(PACKAGE).as_posix(): path for path in PACKAGE.rglob("*.py")}
-    for room in ("behavior", "control", "estimation", "data", "maze", "models"):
+    for room in ("behavior", "control", "control/estimation", "core/logs", "maze", "learning"):
         assert any(name.startswith(f"{room}/") for name in files)
     found = {
         name: looks_at_clocks(path.read_text(encoding="utf-8"))
@@ -152,7 +156,7 @@ def test_a_run_is_the_same_at_any_speed(tmp_path):
         paced, kept = Paced(rig, speed), Kept()
         run = Run(paced, setup, Job(3, 5, 0.3), None, kept)  # pyright: ignore
         began = time.monotonic()
-        result = run.drive(None)
+        result = run.drive()
         took[speed] = time.monotonic() - began
         assert result.success
         assert speed != 1.0 or paced.slept > 0.0

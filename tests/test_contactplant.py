@@ -47,13 +47,6 @@ def travelled(seed):
     return rolled(rig, sines(rng, 1800), (TRACKS[1], 0.0))[0]
 
 
-def test_a_ball_in_the_disc_that_nothing_touches_keeps_its_speed():
-    rig = replace(QUIET, **NO_LOSS)
-    places, states = rolled(rig, STILL[:4], moving(rig, (-0.009, 0.0), 0.1, 0.0))
-    assert np.hypot(*np.diff(places, axis=0).T) * RATE * PER == pytest.approx(0.1, rel=1e-6)
-    assert energy(rig, states) == pytest.approx(0.007, rel=1e-6)
-
-
 @pytest.mark.parametrize("heading", [0.0, 0.7, 2.0, 4.0])
 def test_no_contact_gives_energy(heading):
     rig = replace(QUIET, **NO_LOSS, bounce=1.0, land=1.0, wall=0.3)
@@ -113,6 +106,7 @@ def test_a_fast_ball_hits_the_rim_with_restitution_and_its_spin_goes_on_into_the
     assert v[hit + 100] == pytest.approx((-0.6 * 0.4 + 0.4 * 0.4) / 1.4, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_the_ball_never_enters_a_wall_nor_leaves_the_maze(seed):
     places, rig = travelled(seed), drawn(seed)
@@ -211,17 +205,6 @@ def test_records_and_rigs_come_back_by_their_seed():
     assert drawn_rig(np.random.default_rng(1)) != drawn()
 
 
-def test_every_effect_of_the_contract_is_here():
-    unfit = {"gate_loss"}  # edges are there anyway
-    names = (
-        "rolling_inertia viscous_friction dry_friction quadratic_drag tilt_offset constant_torque surface_profile "
-        "surface_bump gate_loss friction_drift tilt_gain axis_misalignment camera_offset sensor_delay command_delay "
-        "deadband backlash wall_friction servo_gain servo_lag axis_coupling camera_scale lens_distortion table_rocking "
-        "constant_force local_friction ball_imbalance"
-    )
-    assert set(EFFECTS) == set(names.split()) - unfit | {"lost_pictures", "camera_noise"}
-
-
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_each_effect_changes_the_record_the_more_the_larger_it_is(name):
     rig = replace(drawn(), camera=replace(drawn().camera, noise=0.0), sensor_noise=0.0)
@@ -243,9 +226,9 @@ def test_a_truth_has_the_names_of_the_registry(name):
 
     rig = changed(drawn(), name)
     for told in EFFECTS[name].names:
-        assert set(truth(rig, name, told, 0.08)) <= set(PACKAGED[told].parameters)
+        assert set(truth(rig, name, told, 0.08, Rig())) <= set(PACKAGED[told].parameters)
     assert set(EFFECTS[name].near) <= set(PACKAGED)
-    assert bool(truth(rig, name, name, 0.08)) == bool(EFFECTS[name].names)
+    assert bool(truth(rig, name, name, 0.08, Rig())) == bool(EFFECTS[name].names)
 
 
 def test_time_goes_on_from_one_placing_of_the_ball_to_the_next():

@@ -6,8 +6,8 @@ import math
 import re
 from pathlib import Path
 
-from mazeplan.rigs.faultkinds import KINDS
-from mazeplan.rigs.faultschedule import load_schedule
+from mazeplan.rigs.faults.kinds import KINDS
+from mazeplan.rigs.faults.schedule import load_schedule
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "faults.md").read_text(encoding="utf-8")
 

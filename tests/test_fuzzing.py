@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.expression import ExpressionError, parse_expression
+from mazeplan.behavior.script import Scope, ScriptError, parse_script
 
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 
@@ -23,12 +23,13 @@ FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_c
 def test_random_trees_load_tick_and_halt_cleanly(tmp_path_factory, seed):
     path, rng = tmp_path_factory.getbasetemp() / "random.xml", Random(seed)
     path.write_text(random_tree(rng), encoding="utf-8")
-    run_tree(path, rng, 200)
+    ended, _ = run_tree(path, rng, 200)
+    assert ended in {"RUNNING", "SUCCESS", "FAILURE", "SKIPPED", "error"}
 
 
 def test_random_trees_come_to_every_end_and_use_every_node(tmp_path):
     ends, started, text = set(), 0, ""
-    for seed in range(60):
+    for seed in range(80):
         rng = Random(seed)
         text += (xml := random_tree(rng))
         (tmp_path / "random.xml").write_text(xml, encoding="utf-8")
@@ -56,23 +57,23 @@ def test_what_a_random_tree_is_judged_by_is_noticed():
 def test_any_text_is_an_expression_or_an_error_with_its_column(text):
     said, expression = "column", None
     try:
-        expression = parse_expression(text)
-    except ExpressionError as error:
+        expression = parse_script(text)
+    except ScriptError as error:
         said = str(error)
     assert "column" in said
     if expression is not None:
-        with suppress(ExpressionError):  # it can be read, and has no value
-            assert expression.holds(KEYS.__getitem__) in (True, False)
+        with suppress(ScriptError):  # it can be read, and has no value
+            assert expression.holds(Scope(Blackboard(values=KEYS))) in (True, False)
 
 
 @settings(FEW, max_examples=200)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_expressions_can_be_read_whatever_stands_on_the_blackboard(seed):
     rng = Random(seed)
-    expression = parse_expression(random_expression(rng))
+    expression = parse_script(random_expression(rng))
     board = {key: rng.choice((0, -1.5, True, "red", "3", None, [], float("nan"), 10**400)) for key in KEYS}
-    with suppress(ExpressionError):
-        assert expression.holds(board.__getitem__) in (True, False)
+    with suppress(ScriptError):
+        assert expression.holds(Scope(Blackboard(values=board))) in (True, False)
 
 
 @pytest.mark.parametrize("damaged", [damaged_trees, damaged_maps])

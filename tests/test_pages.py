@@ -74,6 +74,7 @@ def after(page: str) -> list[Block]:
     return [b for of in RUN.values() for b in of if f"docs/{b.marks.get('after')}" == page]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", FIRST)
 def test_commands_of_a_page_run_in_order(page, desk):
     lay_out(page, desk)
@@ -82,6 +83,7 @@ def test_commands_of_a_page_run_in_order(page, desk):
             follow(block, desk)
     for block in after(page):
         follow(block, desk)
+    assert any(block.commands for block in RUN[page])
 
 
 def test_no_command_is_lost():
@@ -100,6 +102,7 @@ PROGRAM_BLOCKS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", PROGRAM_BLOCKS, ids=lambda b: f"{b.page}:{b.line}")
 def test_programs_run(block, desk):
     done = run([sys.executable, "-c", block.text], desk)
@@ -138,7 +141,7 @@ def check_words(words: list[str]) -> None:
 @cache
 def whole() -> Any:
     """The whole tree of commands."""
-    from mazeplan.cli.app import app
+    from mazeplan.apps.cli.app import app
 
     return typer.main.get_command(app)
 

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from mazeplan import palette
+from mazeplan.apps import palette
 
 NAMES = """planned real commanded measured good bad unsure neutral ring1 ring2 ring3 ring4 ring5
 running success failure skipped idle"""

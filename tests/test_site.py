@@ -12,7 +12,7 @@ import pytest
 from pages import ROOT
 
 import mazeplan
-import mazeplan.testing
+import mazeplan.apps.testing
 
 LOADED = ("src", "srcset", "href", "data", "poster", "action")
 ABROAD = re.compile(r"(https?:)?//")
@@ -48,6 +48,7 @@ def site(tmp_path_factory):
     return home / "html"
 
 
+@pytest.mark.slow
 def test_every_page_is_there_and_can_be_reached(site):
     index = (site / "index.html").read_text(encoding="utf-8")
     for page in (ROOT / "docs").glob("*.md"):
@@ -76,5 +77,5 @@ def test_the_reference_has_all_public_names(site):
     missing = [name for name in mazeplan.__all__ if not re.search(rf'id="mazeplan\.[\w.]*\b{name}"', text)]
     assert not missing
     known = ["Player", "Script", "ScriptedRig", "PlayedRig", "Roll", "Rest", "Pass", "Jump"]  # returned, or parts
-    missing = [name for name in mazeplan.testing.__all__ if f'id="mazeplan.testing.{name}"' not in text]
+    missing = [name for name in mazeplan.apps.testing.__all__ if f'id="mazeplan.apps.testing.{name}"' not in text]
     assert sorted(missing) == sorted(known)

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from pages import blocks
 
-from mazeplan import resources
-from mazeplan.errors import TreeError
+from mazeplan.core import resources
+from mazeplan.core.errors import TreeError
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "trees.md").read_text(encoding="utf-8")
@@ -33,7 +33,7 @@ def test_the_example_of_a_new_goal_runs(tmp_path):
 
 
 def test_the_leaf_of_ones_own_rolls_the_ball_and_says_why_it_fails(tmp_path, monkeypatch):
-    from mazeplan.testing import run_tree
+    from mazeplan.apps.testing import run_tree
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rolling_of_the_page.py").write_text(ROLL, encoding="utf-8")
@@ -65,9 +65,9 @@ def test_the_page_names_what_a_context_has():
 def test_the_leaf_of_the_page_winds_down(tmp_path, monkeypatch):
     from planar_rig import PATIENT, PlanarRig, known
 
-    from mazeplan.attempt import run_job
-    from mazeplan.job import Job, Setup
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.run.execution import run_job
+    from mazeplan.run.specification import Job, Setup
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "leaves_of_the_page.py").write_text(LEAF, encoding="utf-8")

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from mazeplan.view.camera import FOV, fitted
+from mazeplan.apps.view.camera import FOV, fitted
 
 CHROMIUM = shutil.which("chromium")
 NEEDED = os.environ.get("MAZEPLAN_BROWSER") == "needed"  # set where the browser is: nothing is skipped there

@@ -46,7 +46,7 @@ from bench_solver import solver_section
 from bench_trees import trees_section
 from bench_view import view_section
 
-from mazeplan.settings import load_settings
+from mazeplan.run.settings import load_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch", "gpytorch")

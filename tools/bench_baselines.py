@@ -36,23 +36,24 @@ from bench_baselines_ways import (
 )  # fmt: skip
 from bench_plant import DECLARED, RADII, SECONDS, Job, jobs_of, plant
 
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.candidates import ring_library
-from mazeplan.diagnosis.diagnose import SEEN, Diagnosis, diagnose
-from mazeplan.diagnosis.fit import Likelihood
-from mazeplan.diagnosis.geometry import straightened
-from mazeplan.diagnosis.kalman import NODES
-from mazeplan.diagnosis.platemotion import plate_motion
-from mazeplan.diagnosis.record import Record, record_of
-from mazeplan.diagnosis.ringsystem import RingSystem
-from mazeplan.diagnosis.scores import score_starts
-from mazeplan.maths.angles import wrap
-from mazeplan.records import Array
+from mazeplan.core.logs.table import Table
+from mazeplan.core.maths.angles import wrap
+from mazeplan.core.records import Array
+from mazeplan.diagnosis.coordinate.fit import Likelihood
+from mazeplan.diagnosis.coordinate.kalman import NODES
+from mazeplan.diagnosis.coordinate.search import SEEN
+from mazeplan.diagnosis.record import RingRecord, record_of
+from mazeplan.diagnosis.ring.camera import straightened
+from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.diagnose import RingDiagnosis, diagnose
+from mazeplan.diagnosis.ring.scores import score_starts
+from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.stage.plate_motion import plate_motion
 
 RING, SIZE, SEEDS = "1", 3, 2
 
 
-def ground_of(record: Record, radius: float, done: Diagnosis) -> Ground:
+def ground_of(record: RingRecord, radius: float, done: RingDiagnosis) -> Ground:
     """From a record and its diagnosis; see the head of this file."""
     n, final, theta, offset = len(record), done.finding.final, record.theta, None
     if done.circle is not None and done.circle.shifted and record.r is not None:

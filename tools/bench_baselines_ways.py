@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from bench_plant import DECLARED, SECONDS
 
-from mazeplan.constants import GRAVITY
-from mazeplan.data.smoothing import Smoothing, acceleration_kernel, derivatives
-from mazeplan.diagnosis.kalman import SUBSTEPS
-from mazeplan.diagnosis.scores import AHEAD
-from mazeplan.maths.angles import difference
-from mazeplan.records import Array, IntArray
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array, IntArray
+from mazeplan.diagnosis.coordinate.kalman import SUBSTEPS
+from mazeplan.diagnosis.ring.scores import AHEAD
+from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivatives
 
 MOST, MOST_TRIED = 600, 300  # rows of the Gaussian process; where only a smoothing is tried
 FOLDS, TRIED = 5, 0.7  # blocks of the cross-validation; share of the seen part, on whose rest a smoothing is tried

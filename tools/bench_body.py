@@ -20,30 +20,29 @@ from bench_drive import runs_on
 from bench_learning import accelerations
 from random_rigs import packaged_model
 
-from mazeplan.attempt import run_job
-from mazeplan.collect import Collection, run_collection
-from mazeplan.data.table import Table, read_table
-from mazeplan.diagnosis.bodyrecord import BodySeen, body_filter, body_seen
-from mazeplan.estimation.bodyestimator import BodyEstimator
-from mazeplan.estimation.bodyfit import ORDINARY
-from mazeplan.estimation.bodynumbers import body_of
-from mazeplan.estimation.estimator import Estimator
-from mazeplan.evaluate import start_angle
-from mazeplan.job import Job, Setup
-from mazeplan.maths.angles import difference
+from mazeplan.control.estimation.estimator import Estimator
+from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
+from mazeplan.control.estimation.rigid_body_fit import ORDINARY
+from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.core.logs.table import Table, read_table
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array, Command, IntArray, Observation, State
+from mazeplan.diagnosis.rig.record import RigRecord, body_filter, rig_record
+from mazeplan.learning.identification import fit_rig
+from mazeplan.learning.modelfile import RigModel, load_model
+from mazeplan.learning.rig_gp import SMOOTHING
+from mazeplan.learning.rollout import STEPS, angle_noise, causal_start, choose_windows, roll_out
+from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.identification import fit_rig
-from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.models.rig_learning import SMOOTHING
-from mazeplan.models.rollout import STEPS, choose_windows, roll_out
-from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
-from mazeplan.models.start import angle_noise, causal_start
-from mazeplan.physics.arrays import RingKinematics
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.records import Array, Command, IntArray, Observation, State
+from mazeplan.physics.formulas.arrays import RingKinematics
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.settings import load_settings
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.run.campaign.evaluate import start_angle
+from mazeplan.run.collect import Collection, run_collection
+from mazeplan.run.execution import run_job
+from mazeplan.run.settings import load_settings
+from mazeplan.run.specification import Job, Setup
 
 ROOT = Path(__file__).resolve().parent.parent
 MAZE = load_map("cme")
@@ -90,7 +89,7 @@ def bead_errors(
 
         rows = np.flatnonzero(s.good)
         misfit = float(np.sqrt(np.nanmean((s.theta_ddot[rows] - accelerate(s.at(rows))) ** 2)))
-        theta, rate = causal_start(accelerate, s, start, angle_noise(s), misfit)
+        theta, rate, _ = causal_start(accelerate, s, start, angle_noise(s), misfit)
         if state is not None:
             x, y, vx, vy, _ = state[s.row[start]].T
             theta = s.measured[start] + difference(np.arctan2(y, x), s.measured[start])
@@ -100,7 +99,7 @@ def bead_errors(
     return out
 
 
-def body_errors(seen: BodySeen, windows: Windows, commands: bool = True) -> dict[int, Array]:
+def body_errors(seen: RigRecord, windows: Windows, commands: bool = True) -> dict[int, Array]:
     """The same of a ball with a body, whose numbers were found in another record; commands: the plate moves by them
     through the stage, else by the tilt sensor, as for the bead."""
     columns = {name: c for name, c in windows.table.columns.items() if commands or name not in COMMANDS}
@@ -127,7 +126,7 @@ def collected(seconds: float, seed: int) -> Table:
 def record_row(path: Path, model: RigModel) -> str:
     """What a record tells."""
     began = time.perf_counter()
-    seen = body_seen(read_table(path), MAZE, model, free=FREE)
+    seen = rig_record(read_table(path), MAZE, model, free=FREE)
     took, fit = time.perf_counter() - began, seen.fit
 
     def told(name: str, factor: float, digits: int) -> str:
@@ -227,7 +226,7 @@ def drive_rows(rig: str, runs: int) -> list[str]:
     return rows
 
 
-def speed_lines(seen: BodySeen) -> list[str]:
+def speed_lines(seen: RigRecord) -> list[str]:
     """What a picture and a predicted sample cost."""
     body, model = seen.body, seen.fit.model
     body.run(model)
@@ -254,7 +253,7 @@ def contact_rows(folder: Path, quick: bool) -> tuple[list[str], list[str]]:
         rows.append(record_row(folder / f"{name}.csv", known))
         print(rows[-1], file=sys.stderr, flush=True)
     past = read_table(folder / ("null-2.csv" if quick else "reference.csv"))
-    seen, bead = body_seen(past, MAZE, known), fit_rig(past, MAZE).model
+    seen, bead = rig_record(past, MAZE, known), fit_rig(past, MAZE).model
     windows = windows_of(read_table(folder / "null-1.csv"), bead.camera_delay)
     state = body_filter(windows.table, MAZE)[0].run(seen.fit.model).state
     return rows, ahead_rows("A", {
@@ -265,10 +264,10 @@ def contact_rows(folder: Path, quick: bool) -> tuple[list[str], list[str]]:
     })  # fmt: skip
 
 
-def toy_rows(quick: bool) -> tuple[list[str], BodySeen]:
+def toy_rows(quick: bool) -> tuple[list[str], RigRecord]:
     """The same of the toy, with the process of its packaged model."""
     toy = load_model("toy")
-    seen = body_seen(collected(60.0 if quick else 600.0, 1), MAZE, toy)
+    seen = rig_record(collected(60.0 if quick else 600.0, 1), MAZE, toy)
     windows = windows_of(collected(40.0 if quick else 300.0, 2), toy.camera_delay)
     ways = {"bead": bead_errors(toy, windows), "bead and process": bead_errors(toy, windows, True)}
     return ahead_rows("toy (simulated)", {**ways, "body": body_errors(seen, windows)}), seen

@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 from calibrate_packaged import calibrated
 
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.records import Array
 from mazeplan.rigs.camera.detector import BallDetector, Sighting
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers

@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mazeplan.campaign.executor import Executor, Lost, open_executor
-from mazeplan.campaign.parcel import Parcel
-from mazeplan.campaign.store import open_store
-from mazeplan.campaign.work import Ran, run_packed
-from mazeplan.evaluate import Campaign
-from mazeplan.records import NavigationResult
+from mazeplan.core.records import NavigationResult
+from mazeplan.run.campaign.evaluate import Campaign
+from mazeplan.run.campaign.executor import Executor, Lost, open_executor
+from mazeplan.run.campaign.parcel import Parcel
+from mazeplan.run.campaign.store import open_store
+from mazeplan.run.campaign.worker import Ran, run_packed
 
 BLOCK, RUNS = 100, 1000
 QUICK_BLOCK, QUICK_RUNS = 8, 16

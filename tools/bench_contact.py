@@ -14,11 +14,12 @@ from pathlib import Path
 
 from bench_body import contact_folder
 
-from mazeplan.data.table import read_table
-from mazeplan.diagnosis.bodyreference import RigReference, reference_of
-from mazeplan.diagnosis.bodyverdict import BodyVerdict, verdict_on
+from mazeplan.core.logs.table import read_table
+from mazeplan.diagnosis.rig.reference import RigReference, reference_of
+from mazeplan.diagnosis.rig.result import RigVerdict
+from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import load_model
 
 MAZE = load_map("cme")
 TRUE = {
@@ -30,7 +31,7 @@ TRUE = {
 }  # fmt: skip
 
 
-def record_row(path: Path, was: RigReference) -> tuple[str, BodyVerdict]:
+def record_row(path: Path, was: RigReference) -> tuple[str, RigVerdict]:
     """A line of the table: what was found, how it predicts, how long it took."""
     began = time.perf_counter()
     done = verdict_on(read_table(path), MAZE, was)

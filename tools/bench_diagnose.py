@@ -13,9 +13,9 @@ import numpy as np
 from bench_models import data_folder
 from bench_plant import DECLARED
 
-from mazeplan.data.table import read_table
-from mazeplan.diagnosis.diagnose import Diagnosis, diagnose
+from mazeplan.core.logs.table import read_table
 from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.ring.diagnose import RingDiagnosis, diagnose
 
 
 def undeclared_rows(folder: Path, quick: bool) -> list[str]:
@@ -31,7 +31,7 @@ def undeclared_rows(folder: Path, quick: bool) -> list[str]:
     return rows
 
 
-def in_words(done: Diagnosis) -> str:
+def in_words(done: RingDiagnosis) -> str:
     """Effects with values, groups that are hard to tell apart, the unknown."""
     parts = []
     for e in done.effects:

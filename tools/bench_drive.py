@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from random_rigs import RANGES, draw, drive, packaged_model
 
-from mazeplan.attempt import run_job
-from mazeplan.evaluate import start_angle
-from mazeplan.job import Job, Setup
+from mazeplan.core.records import NavigationResult
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.records import NavigationResult
 from mazeplan.rigs.registry import make_rig
-from mazeplan.settings import Settings, load_settings
+from mazeplan.run.campaign.evaluate import start_angle
+from mazeplan.run.execution import run_job
+from mazeplan.run.settings import Settings, load_settings
+from mazeplan.run.specification import Job, Setup
 
 ASKED = {
     "ideal": "32/32, mean 2.6 s",

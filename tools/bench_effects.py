@@ -9,35 +9,41 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bench_improve import better
 
-from mazeplan.improve import Options, improve
+from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, load_model
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.surprise import KINDS, Answer
+from mazeplan.rigs.sim.surprise import KINDS, Answer
+from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
+from mazeplan.run.campaign.improve import Options, improve
 
 AT_ONCE = 2
+HEALTHY, HEALTHY_RUNS = 10, 4  # rigs without a change, and runs of each before and after
+NEAR = 1.1  # times the healthy rig's time, within which navigation is as good as without the effect
 
 
 @dataclass(frozen=True)
 class Row:
-    """One kind: its line; whether its own name was found, and no other; whether error and navigation became better."""
+    """One kind: its line; whether its own name was found, and no other; whether error and navigation became better;
+    whether it can be planned with; whether all runs arrived then, as soon as on the healthy rig."""
 
     line: str
     named: bool
     alone: bool
     closer: bool
     faster: bool
+    planned: bool
+    well: bool
 
 
-def row(kind: str, options: Options) -> Row:
-    """What became of one kind."""
+def row(kind: str, options: Options, healthy: float) -> Row:
+    """What became of one kind. healthy: s, mean time on the rig without a change."""
     rig = f"surprise@{kind}"
     truth: Answer = make_rig(rig, load_map(options.map)).surprise  # type: ignore[attr-defined]
     with tempfile.TemporaryDirectory() as folder:
@@ -48,15 +54,33 @@ def row(kind: str, options: Options) -> Row:
     where = next((e["rings"] for e in done["effects"] if e["name"] == truth.effect), list(truth.by_ring))
     ring = next((n for n in truth.by_ring if n in where), next(iter(truth.by_ring), 1))
     found = "; ".join(_found(e, ring, model) for e in done["effects"]) or done["verdict"].replace("_", " ")
-    planned = "yes" if PACKAGED[truth.effect].planned else "no"
-    cells = [kind, truth.effect, planned, f"{_numbers(truth.by_ring.get(ring, {}))} (ring {ring})", found]
+    planned = PACKAGED[truth.effect].planned
+    cells = [
+        kind,
+        truth.effect,
+        "yes" if planned else "no",
+        f"{_numbers(truth.by_ring.get(ring, {}))} (ring {ring})",
+        found,
+    ]
     cells.append(" -> ".join(f"{done[when]['rollout40']:.3f}" for when in ("before", "after")))
     for when in ("before", "after"):
         n, mean = navigation[when], navigation[when]["time_s"]["mean"]
         cells.append(f"{n['success']}/{n['runs']}, " + (f"{mean:.2f} s" if mean is not None else "-"))
     closer = done["after"]["rollout40"] < done["before"]["rollout40"]
     faster = better(navigation["before"], navigation["after"])
-    return Row(f"| {' | '.join(cells)} |", truth.effect in names, names == [truth.effect], closer, faster)
+    after = navigation["after"]
+    well = after["success"] == after["runs"] and after["time_s"]["mean"] <= NEAR * healthy
+    line = f"| {' | '.join(cells)} |"
+    return Row(line, truth.effect in names, names == [truth.effect], closer, faster, planned, well)
+
+
+def left_alone(seed: int, options: Options) -> bool:
+    """Whether nothing is found on a healthy rig."""
+    with tempfile.TemporaryDirectory() as folder:
+        (entry,) = improve("toy", Path(folder), replace(options, seed=seed, runs=min(options.runs, HEALTHY_RUNS)))
+    verdict = entry["diagnosis"]["verdict"]
+    print(f"healthy, seed {seed}: {verdict}", file=sys.stderr, flush=True)
+    return bool(verdict == "nothing_missing")
 
 
 def _numbers(values: Mapping[str, float]) -> str:
@@ -81,10 +105,16 @@ def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
     options = Options(runs=2 if quick else 16, seconds=100.0 if quick else 400.0)
     chosen = kinds or list(KINDS)[: 2 if quick else None]
     rows = []
+    toy = summary(evaluate(Campaign(options.runs)))
+    healthy = float(toy["time_s"]["mean"])
+    count = 0 if kinds else 1 if quick else HEALTHY
     with ProcessPoolExecutor(AT_ONCE) as pool:
-        for done in pool.map(row, chosen, [options] * len(chosen)):
+        quiet = pool.map(left_alone, range(1, count + 1), [options] * count)
+        for done in pool.map(row, chosen, [options] * len(chosen), [healthy] * len(chosen)):
             rows.append(done)
             print(done.line, file=sys.stderr, flush=True)
+        silent = sum(quiet)
+    planned = [r for r in rows if r.planned]
     head = "| kind | effect | planned | true | found | 40-step error, rad | navigation before | after |"
     return [
         "## Closing the loop, effect by effect (simulated)",
@@ -100,6 +130,11 @@ def effects_section(quick: bool, kinds: list[str] | None = None) -> list[str]:
         f"The right name is among those found in {sum(r.named for r in rows)} of {len(rows)}, alone in "
         f"{sum(r.alone for r in rows)}. The error is lower in {sum(r.closer for r in rows)}, navigation better (more "
         f"arrived, or as many and sooner) in {sum(r.faster for r in rows)}.",
+        "",
+        f"Without a change (`--rig toy`, seeds 1 to {count}) nothing was found in {silent} of {count}. On that rig "
+        f"{toy['success']} of {toy['runs']} runs arrive, after {healthy:.2f} s. Of the {len(planned)} kinds that "
+        f"can be planned with, {sum(r.well for r in planned)} arrive every time afterwards and take at most "
+        f"{NEAR:.1f} times as long.",
     ]  # fmt: skip
 
 

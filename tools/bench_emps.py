@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from mazeplan.data.drivelog import MotionLog, read_drive
-from mazeplan.diagnosis.emps import EMPS
-from mazeplan.diagnosis.mechanismdiagnose import MechanismDiagnosis, diagnose_mechanism
+from mazeplan.diagnosis.mechanism.diagnose import MechanismDiagnosis, diagnose_mechanism
+from mazeplan.diagnosis.mechanism.drive_log import MotionLog, read_drive
+from mazeplan.diagnosis.mechanism.emps import EMPS
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from mazeplan.rigs.faultkinds import KINDS
+from mazeplan.rigs.faults.kinds import KINDS
 
 SEED = 7000  # while this was made, seeds 100, 101 and 200 to 209 were looked at
 RUNS = 10

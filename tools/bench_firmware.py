@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mazeplan.rigs.hardware.chip import EmulatedChip, built
+from mazeplan.rigs.emulation.chip import EmulatedChip, built
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.frames import Frame, FrameReader, encode
 from mazeplan.rigs.link.messages import AxisLimits, ServoLimits

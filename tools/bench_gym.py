@@ -16,18 +16,18 @@ import gymnasium
 import mujoco
 import numpy as np
 
-import mazeplan.environment as room
-from mazeplan.display import NullDisplay
-from mazeplan.job import Job, Setup
+import mazeplan.apps.environment as room
+from mazeplan.core.display import NullDisplay
+from mazeplan.core.records import LEVEL, Command
+from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import load_model
-from mazeplan.records import LEVEL, Command
-from mazeplan.rigs.fleet import Fleet
-from mazeplan.rigs.mjcf import mjcf
-from mazeplan.rigs.nearwalls import near_walls
-from mazeplan.rigs.settings import SimulatedSettings
-from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.run import Run
+from mazeplan.rigs.sim.fleet import Fleet
+from mazeplan.rigs.sim.mjcf import mjcf
+from mazeplan.rigs.sim.nearwalls import near_walls
+from mazeplan.rigs.sim.settings import SimulatedSettings
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.run.loop import Run
+from mazeplan.run.specification import Job, Setup
 
 ASKED = 3000.0  # samples a second on two cores; at 30 Hz 100 s of rig time
 SIZES = (1, 4, 16, 64, 256, 512)

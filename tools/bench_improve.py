@@ -10,10 +10,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from mazeplan.evaluate import Campaign, evaluate, summary
-from mazeplan.improve import Options, improve
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
+from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
+from mazeplan.run.campaign.improve import Options, improve
 
 SEEDS = range(10)  # the rule of the verdict was found on others, from 98 on
 

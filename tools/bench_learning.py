@@ -20,20 +20,20 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.collect import Collection, run_collection
-from mazeplan.data.table import read_table
-from mazeplan.evaluate import Campaign, run_one
-from mazeplan.learning import Learner, Ticks
+from mazeplan.apps.palette import COLOURS
+from mazeplan.core.logs.table import read_table
+from mazeplan.core.records import Array, IntArray, NavigationResult
+from mazeplan.learning.modelfile import RigModel, load_model
+from mazeplan.learning.online_gp import RULES
+from mazeplan.learning.online_rig import RESTING, OnlineOptions, accelerations
+from mazeplan.learning.rig_gp import SMOOTHING
+from mazeplan.learning.rollout import choose_windows, roll_out
+from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.models.online import SCORES
-from mazeplan.models.online_rig import RESTING, OnlineOptions, accelerations
-from mazeplan.models.rig_learning import SMOOTHING
-from mazeplan.models.rollout import choose_windows, roll_out
-from mazeplan.models.samples import RingSamples, SampleOptions, ring_samples
-from mazeplan.palette import COLOURS
-from mazeplan.records import Array, IntArray, NavigationResult
 from mazeplan.rigs.registry import make_rig
+from mazeplan.run.campaign.evaluate import Campaign, run_one
+from mazeplan.run.campaign.online_learning import Learner, Ticks
+from mazeplan.run.collect import Collection, run_collection
 
 RIG, MODEL, RUNS, CHANGE = "worn", "toy", 20, 11
 SEEDS = tuple(20_000 + 1000 * i for i in range(5))
@@ -188,7 +188,7 @@ def learning_section(quick: bool) -> list[str]:
     for label, part in parts:
         rows += [f"| {label} | {name} | {cell(done, part)} |" for name, done in (("fixed", fixed), ("learns", learned))]
     streams = [campaign(seed, runs, True, held) for seed in OTHERS[: 1 if quick else None]]
-    rules = [rule_row(rule, TIGHT, streams, held) for rule in SCORES]
+    rules = [rule_row(rule, TIGHT, streams, held) for rule in RULES]
     return [
         "## Learning while running (simulated)",
         "",

@@ -24,9 +24,9 @@ ASKED = {"nrmse": (0.38, 0.43, 0.42, 0.48), "20": (0.07, 0.11, 0.15, 0.22), "40"
 TRAINING = """
 import json, resource, time
 import numpy as np
-from mazeplan.physics.arrays import RingKinematics
-from mazeplan.models.fitting import FitOptions, fit_kind
-from mazeplan.models.samples import RingSamples
+from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.learning.fitting import FitOptions, fit_kind
+from mazeplan.learning.samples import RingSamples
 rng, n = np.random.default_rng(0), 4000
 state = dict(zip(("theta", "theta_dot", "beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot", "gamma_ddot"),
                  rng.normal(0.0, (9.0, 1.4, 0.05, 0.4, 3.0, 0.05, 0.4, 3.0), (n, 8)).T))
@@ -143,7 +143,7 @@ def toy_section(mazeplan: Mazeplan, quick: bool) -> list[str]:
 
 def openings_rows(found: dict[str, Any]) -> list[str]:
     """How far the learned openings are off those of the packaged map."""
-    from mazeplan.maths.angles import difference
+    from mazeplan.core.maths.angles import difference
     from mazeplan.maze.mapfile import load_map
 
     true, learned = load_map("cme"), load_map(ROOT / "build" / "learned.yaml")

@@ -17,21 +17,21 @@ from pathlib import Path
 
 import numpy as np
 
-from mazeplan.choices import resolve_model
-from mazeplan.constants import GRAVITY
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions, finished, follow_gains, follow_pd
-from mazeplan.estimation.estimator import Estimator, EstimatorOptions
-from mazeplan.maths.angles import difference, nearest
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.maths.angles import difference, nearest
+from mazeplan.core.records import LEVEL, Array, Command, Plan, State
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.parts import planners_of, plate_of
-from mazeplan.records import LEVEL, Array, Command, Plan, State
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.run.assembly import planners_of, plate_of
+from mazeplan.run.resolve import resolve_model
 
 ROOT = Path(__file__).resolve().parent.parent
 RINGS = (1, 2, 3, 4)

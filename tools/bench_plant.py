@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.diagnose import diagnose
+from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.ring.diagnose import diagnose
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))

@@ -22,24 +22,23 @@ from typing import Any
 import numpy as np
 from bench_taught import DRAWN, FITTED, Truth, taught_errors
 
-from mazeplan.choices import resolve_model
-from mazeplan.collect import Collection, run_tour
-from mazeplan.compare import by_ring, prepare
-from mazeplan.comparison import THOROUGH, CompareOptions, RingData
-from mazeplan.constants import GRAVITY
-from mazeplan.data.table import read_table
-from mazeplan.job import Setup
-from mazeplan.maths.angles import difference
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.logs.table import read_table
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array, Observation
+from mazeplan.learning.comparison import by_ring, prepare
+from mazeplan.learning.fitting import FitOptions, fit_kind
+from mazeplan.learning.ring_scores import THOROUGH, CompareOptions, RingData
+from mazeplan.learning.rollout import STEPS, Windows, angle_noise, causal_start, choose_windows, roll_out
+from mazeplan.learning.samples import SampleOptions
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.fitting import FitOptions, fit_kind
-from mazeplan.models.rollout import STEPS, Windows, choose_windows, roll_out
-from mazeplan.models.samples import SampleOptions
-from mazeplan.models.start import angle_noise, causal_start
-from mazeplan.records import Array, Observation
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.settings import SimulatedSettings
-from mazeplan.rigs.simulated import SimulatedRig, Snapshot
+from mazeplan.rigs.sim.settings import SimulatedSettings
+from mazeplan.rigs.sim.simulated import SimulatedRig, Snapshot
+from mazeplan.run.collect import Collection, run_tour
+from mazeplan.run.resolve import resolve_model
+from mazeplan.run.specification import Setup
 
 RINGS = (1, 2, 3, 4)
 CASES = ("start estimated", "spin, place unknown", "both")
@@ -173,7 +172,7 @@ def _errors(recorder: Recorder, ring: int, data: RingData, windows: Windows) -> 
     options = FitOptions(inputs="local", training=replace(THOROUGH, family="exponential"))
     model = fit_kind("sp", data.train, data.train_rows, options).model
     misfit = 0.5 * float(np.std(data.train.theta_ddot[data.train_rows]))
-    theta, rate = causal_start(model.mean, data.test, windows.start, angle_noise(data.train), misfit)
+    theta, rate, _ = causal_start(model.mean, data.test, windows.start, angle_noise(data.train), misfit)
     found = [roll_out(model.mean, data.test, windows.start, theta, rate).after(STEPS)]
     samples = data.test.row[windows.start] - LATE
     for estimated, hidden in ((True, False), (False, True), (True, True)):

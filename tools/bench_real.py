@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from bench_models import data_folder
 
-from mazeplan.cli.diagnose import gates_of
-from mazeplan.data.table import read_table
-from mazeplan.diagnosis.diagnose import Diagnosis, diagnose
-from mazeplan.diagnosis.holdout import BLOCK_S, FOLDS, seen_and_held
+from mazeplan.apps.cli.diagnose_ring import ring_openings
+from mazeplan.core.logs.table import read_table
+from mazeplan.core.records import Array
 from mazeplan.diagnosis.record import record_of, turned_round
+from mazeplan.diagnosis.ring.diagnose import RingDiagnosis, diagnose
+from mazeplan.diagnosis.ring.holdout import BLOCK_S, FOLDS, seen_and_held
 from mazeplan.maze.mapfile import load_map
-from mazeplan.records import Array
 
 ASKED = (
     (0.46, 0.40),
@@ -96,7 +96,7 @@ class _Ring:
 
 def _ring(folder: Path, ring: int) -> _Ring:
     maze = load_map("cme")
-    radius, gates = maze.track_radius(ring), gates_of(maze, ring)
+    radius, gates = maze.track_radius(ring), ring_openings(maze, ring)
     table, odd = turned_round(read_table(folder / f"ring{ring}.csv"), radius)
     record = record_of(table, np.ones(len(table), dtype=bool), odd)
     began = time.perf_counter()
@@ -130,7 +130,7 @@ def _split_row(ring: int, of: _Ring) -> str:
     return f"| {ring} | " + " | ".join(f"{score:.3f}" for column in (1, 2) for score in of.scores[:, column]) + " |"
 
 
-def effect_rows(ring: int, done: Diagnosis) -> list[str]:
+def effect_rows(ring: int, done: RingDiagnosis) -> list[str]:
     """A row an effect; of many amplitudes only how large they are together."""
     unknown = done.document()["unknown"]
     rows = [f"| {ring} | {done.verdict} | {e['name']} | {_sizes(e['parameters'])} |" for e in done.effects]

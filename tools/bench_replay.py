@@ -12,8 +12,8 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mazeplan.navigation import navigate
-from mazeplan.settings import load_settings
+from mazeplan.run.navigate import navigate
+from mazeplan.run.settings import load_settings
 
 HURRY_MS = 2.0  # deadline of a plan, so that the clock on the wall ends many searches
 # what, rig, runs, runs with --quick, deadline (ms; None: of the settings)

@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 import yaml
 
+from mazeplan.core.records import Array, NavigationResult
 from mazeplan.maze.mapfile import load_map
-from mazeplan.navigation import navigate
-from mazeplan.records import Array, NavigationResult
-from mazeplan.rigs.hardware import walk
-from mazeplan.rigs.hardware.emulated import EmulatedRig
+from mazeplan.rigs.emulation.rig import EmulatedRig
+from mazeplan.rigs.emulation.truth import Diode
+from mazeplan.rigs.hardware import check as hardware_check
 from mazeplan.rigs.hardware.latency import age, dead_time
 from mazeplan.rigs.hardware.tiltcalibration import Reading, fit_tilt
-from mazeplan.rigs.hardware.truth import Diode
 from mazeplan.rigs.registry import PACKAGED, make_rig
+from mazeplan.run.navigate import navigate
 
 MAZE = load_map("cme")
 SEEDS, DIODES, KILLS = 5, 200, 5
@@ -143,14 +143,14 @@ def latencies(delay_ms: float) -> tuple[float, float, float, float]:
         trace = Path(folder) / "trace.csv"
         rig = make_rig(str(rig_file(Path(folder), camera_delay_ms=delay_ms, trace=str(trace))), MAZE)
         assert isinstance(rig, EmulatedRig)
-        walk.dead_time, walk.age = keep_dead, age
+        hardware_check.dead_time, hardware_check.age = keep_dead, age
         try:
-            found = walk.measure(rig)
+            found = hardware_check.measure(rig)
             assert rig.table is not None
             shown = np.array(rig.table.shown)
         finally:
             rig.close()
-            walk.dead_time = dead_time
+            hardware_check.dead_time = dead_time
         rows = traced(trace)
     true = 1e3 * float(np.median(shown[:, 2] - shown[:, 0]))
     return 1e3 * found.camera.seconds, true, 1e3 * found.command.seconds, 1e3 * reached(kept["sent"], kept["u"], rows)

@@ -21,15 +21,15 @@ from bench_solver_rows import how_compared, other_rows, problem_of
 
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
+from mazeplan.core.records import Array, Plan, StopReason
+from mazeplan.learning import fast_gp
+from mazeplan.learning.features import inputs
+from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models import fast_gp
-from mazeplan.models.features import inputs
-from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.physics.arrays import RingKinematics
-from mazeplan.physics.ring_parameters import RingParameters
-from mazeplan.records import Array, Plan, StopReason
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
+from mazeplan.physics.formulas.arrays import RingKinematics
 
 RINGS, MEASURED = (1, 2, 3, 4), 1  # the ring on which solvers are compared
 HORIZON, WARM_STEPS, MOVE = 40, 8, math.pi / 4

@@ -27,8 +27,8 @@ from mazeplan.control import ilqg_workspace as workspace
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ilqg import PATIENCE, Dynamics, IlqgOptions
 from mazeplan.control.ring_planner import RING_COST
-from mazeplan.maths.compiled import INTEGER, POINTER, REAL, caller
-from mazeplan.records import Array
+from mazeplan.core.maths.compiled import INTEGER, POINTER, REAL, caller
+from mazeplan.core.records import Array
 
 SOURCES = Path(__file__).resolve().parent / "solvers"
 BUILT = SOURCES.parents[1] / "build" / "solvers"

@@ -21,8 +21,8 @@ from mazeplan.control import ilqg_core as core
 from mazeplan.control import ilqg_workspace as workspace
 from mazeplan.control.ilqg import PATIENCE, Cost, Dynamics, IlqgOptions
 from mazeplan.control.ring_planner import RING_COST
-from mazeplan.maths.compiled import address_of
-from mazeplan.records import Array, IntArray
+from mazeplan.core.maths.compiled import address_of
+from mazeplan.core.records import Array, IntArray
 
 N, M = 6, 2  # states and controls
 STAGE = N + M

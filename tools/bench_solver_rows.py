@@ -20,7 +20,7 @@ from bench_solver_sqp import hpipm_target, sqp_library
 from bench_solver_starts import EFFECTS, GUESS, LEVEL, WARM, Task, guess_of, start_of, tasks_of
 
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.records import Array, StopReason
+from mazeplan.core.records import Array, StopReason
 
 SAME_COMMANDS = np.radians(0.5)  # plans whose commands differ by less belong to the same minimum
 OTHER_COST = 1e-2  # relative: so far apart is another local minimum for certain

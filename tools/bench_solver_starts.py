@@ -14,7 +14,7 @@ from bench_solver_native import FOLLOW, ROLL_OUT, TAKE, Start
 
 from mazeplan.control.first_guess import first_guess
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.records import Array, Plan
+from mazeplan.core.records import Array, Plan
 
 LEVEL, GUESS, EFFECTS, WARM = "level", "first guess", "plan on effects", "warm"
 

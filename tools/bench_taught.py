@@ -15,15 +15,15 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from mazeplan.comparison import THOROUGH, RingData
-from mazeplan.data.split import uniform_downsample
+from mazeplan.core.records import Array, IntArray
+from mazeplan.learning.features import INPUT_SETS, LOCAL_TERMS, TERMS, local_inputs
+from mazeplan.learning.fitting import FitOptions, fit_kind
+from mazeplan.learning.ring_scores import THOROUGH, RingData
+from mazeplan.learning.rollout import STEPS, Windows, roll_out
+from mazeplan.learning.samples import MatchedKinematics
+from mazeplan.learning.split import uniform_downsample
 from mazeplan.maze.geometry import Maze
-from mazeplan.models.features import INPUT_SETS, LOCAL_TERMS, TERMS, local_inputs
-from mazeplan.models.fitting import FitOptions, fit_kind
-from mazeplan.models.rollout import STEPS, Windows, roll_out
-from mazeplan.models.samples import MatchedKinematics
-from mazeplan.physics.arrays import RingKinematics
-from mazeplan.records import Array, IntArray
+from mazeplan.physics.formulas.arrays import RingKinematics
 
 TAU = 2.0 * np.pi
 FITTED, DRAWN = 20, 20  # samples of a straight line; starts drawn for each window

@@ -17,13 +17,13 @@ from pathlib import Path
 from random import Random
 from time import process_time
 
-from fuzzing import DAMAGE_TO_XML, DAMAGE_TO_YAML, DiceRun, random_tree, run_tree
+from fuzzing import DAMAGE_TO_XML, DAMAGE_TO_YAML, LEAVES, DiceRun, random_tree, run_tree
 
-from mazeplan import resources
 from mazeplan.behavior.drawing import tree_text
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.treefile import load_tree
-from mazeplan.errors import MapError, TreeError
+from mazeplan.core import resources
+from mazeplan.core.errors import MapError, TreeError
 from mazeplan.maze.mapfile import check_text, dump_map, load_map
 
 TICKS = 200
@@ -59,12 +59,13 @@ def ticked_trees(count: int, folder: Path) -> tuple[Counter[str], int, list[str]
 
 
 def damaged_trees(count: int, folder: Path) -> Outcome:
-    """Mutants of the packaged trees, of seeds 0 to count - 1."""
+    """Mutants of the packaged trees and of random ones, of seeds 0 to count - 1."""
 
     def load(path: Path) -> None:
-        tree_text(load_tree(path, REGISTRY, DiceRun(Random(0))))
+        tree_text(load_tree(path, {**REGISTRY, **LEAVES}, DiceRun(Random(0))))
 
     sources = [path.read_bytes() for path in sorted(resources.share("behaviors").glob("*.xml"))]
+    sources += [random_tree(Random(seed)).encode() for seed in range(20)]  # of all kinds of nodes
     return _damaged(count, folder / "mutant.xml", sources, DAMAGE_TO_XML, load, TreeError)
 
 

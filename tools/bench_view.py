@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from mazeplan.apps.view.door import Door, listen
+from mazeplan.apps.view.link import PageLink
+from mazeplan.apps.view.livetab import Offer
 from mazeplan.maze.mapfile import load_map
-from mazeplan.navigation import navigate
 from mazeplan.rigs.paced import PacedRig
-from mazeplan.view.door import Door, listen
-from mazeplan.view.link import PageLink
-from mazeplan.view.livetab import Offer
+from mazeplan.run.navigate import navigate
 
 ROOT = Path(__file__).resolve().parent.parent
 BALL = "/maze/plate/ball"

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from chessboards import board_poses, draw_board
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.boards import board_poses, draw_board
-from mazeplan.rigs.camera.calibration import Calibration, Lens, calibrate_lens, calibrate_plate
+from mazeplan.rigs.camera.calibration import Calibration, LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.render import Overhead
 from mazeplan.rigs.camera.section import mapping
@@ -18,7 +18,7 @@ from mazeplan.rigs.camera.sensing import TRUE
 CORNERS, SQUARE, BOARDS, PLATES = (9, 6), 0.02, 16, 8
 
 
-def calibrated(seed: int = 0, boards: int = BOARDS) -> tuple[Lens, Calibration]:
+def calibrated(seed: int = 0, boards: int = BOARDS) -> tuple[LensCalibration, Calibration]:
     """The lens and the whole, from pictures with this seed."""
     rng = np.random.default_rng(seed)
     poses = board_poses(TRUE, CORNERS, SQUARE, boards, rng)

@@ -7,20 +7,20 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from mazeplan.data.runlog import read_log
-from mazeplan.evaluate import Campaign, evaluate, setup_document, summary
-from mazeplan.navigation import navigate
-from mazeplan.report.evaluation import evaluation_section
-from mazeplan.report.inputs import Input
-from mazeplan.report.page import Picture, Section
-from mazeplan.report.run import run_section
+from mazeplan.apps.report.evaluation import evaluation_section
+from mazeplan.apps.report.inputs import Input
+from mazeplan.apps.report.page import PagePicture, PageSection
+from mazeplan.apps.report.run import run_section
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.run.campaign.evaluate import Campaign, evaluate, setup_document, summary
+from mazeplan.run.navigate import navigate
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
-def save(section: Section, name: str, target: str) -> None:
+def save(section: PageSection, name: str, target: str) -> None:
     """The picture of a section by its name."""
-    picture = next(part for part in section.parts if isinstance(part, Picture) and part.name == name)
+    picture = next(part for part in section.parts if isinstance(part, PagePicture) and part.name == name)
     (DOCS / target).write_bytes(picture.files()[1])
     print(f"wrote {DOCS / target}")
 

@@ -14,20 +14,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from chessboards import board_poses, draw_board
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.boards import board_poses, draw_board
 from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.markers import corner_markers
 from mazeplan.rigs.camera.section import mapping, save_background
-from mazeplan.rigs.hardware.emulated import EmulatedRig
+from mazeplan.rigs.emulation.rig import EmulatedRig
+from mazeplan.rigs.emulation.table import EmulatedTable
+from mazeplan.rigs.emulation.truth import Truth
+from mazeplan.rigs.files import validated
+from mazeplan.rigs.hardware.check import measure
 from mazeplan.rigs.hardware.parts import open_board
-from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, WorldSettings, check_section, write_sections
-from mazeplan.rigs.hardware.table import Table
+from mazeplan.rigs.hardware.settings import HardwareSettings, Servo, WorldSettings, write_sections
 from mazeplan.rigs.hardware.tiltcalibration import TiltFit, fit_tilt
 from mazeplan.rigs.hardware.tiltreadings import grid, held, take_readings
-from mazeplan.rigs.hardware.truth import Truth
-from mazeplan.rigs.hardware.walk import measure
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.registry import PACKAGED, make_rig
 
@@ -42,19 +43,18 @@ READ_DEG = 0.04  # 1 sigma of the clinometer, before it rounds to a tenth
 RANGE_DEG = 6.5  # servo limits, about level
 TILTS, BOARDS, PLATES, CORNERS, SQUARE = 7, 16, 8, (9, 6), 0.02
 HEAD = """\
-# The rig on an emulated table: the firmware in a simulated chip behind a serial port, rendered pictures, and MuJoCo's
-# plate and ball, at the pace of the clock on the wall. Needs `make emulator`. What servos, diodes and camera are like
-# is drawn by world.seed and stands nowhere; all else was found by calibrations and a swing of the plate, as on a real
-# rig: python tools/emulated_rig.py
+# The emulated rig: the firmware on a simulated chip behind a serial port, rendered pictures, and MuJoCo's plate and
+# ball, in real time. Needs `make emulator`. world.seed draws the true servos, diodes and camera. Calibrations and a
+# swing of the plate found the other values, as on a real rig: python tools/emulated_rig.py
 class: mazeplan.rigs.hardware:EmulatedRig
 model: toy                     # what estimator and planner know of plate and ball
 """
 
 
 @contextmanager
-def opened(world: WorldSettings, servo: Servo | None = None) -> Iterator[tuple[Table, Board]]:
+def opened(world: WorldSettings, servo: Servo | None = None) -> Iterator[tuple[EmulatedTable, Board]]:
     """A table and its board."""
-    table = Table(MAZE, world)
+    table = EmulatedTable(MAZE, world)
     try:
         board = open_board(HardwareSettings(servo=servo or Servo()), table.port)
         try:
@@ -65,7 +65,7 @@ def opened(world: WorldSettings, servo: Servo | None = None) -> Iterator[tuple[T
         table.close()
 
 
-def tilt_readings(table: Table, board: Board, servo: Servo, count: int = TILTS) -> TiltFit:
+def tilt_readings(table: EmulatedTable, board: Board, servo: Servo, count: int = TILTS) -> TiltFit:
     """Read the clinometer over a grid, and fit."""
     rng = np.random.default_rng(SEED)
 
@@ -97,7 +97,7 @@ def servo_section(fit: TiltFit) -> dict[str, Any]:
     return {**out, "slew_us_per_s": 6000.0}
 
 
-def camera_section(table: Table, truth: Truth, background: Path) -> dict[str, Any]:
+def camera_section(table: EmulatedTable, truth: Truth, background: Path) -> dict[str, Any]:
     """Lens by chessboards that are held in front of the camera, pose and background by the level plate."""
     rng = np.random.default_rng(SEED)
     poses = board_poses(truth.camera, CORNERS, SQUARE, BOARDS, rng)
@@ -117,13 +117,13 @@ def camera_section(table: Table, truth: Truth, background: Path) -> dict[str, An
 def calibrate(folder: Path) -> None:
     """Write emulated.yaml and emulated.png into a folder."""
     path, today = folder / "emulated.yaml", date.today().isoformat()
-    world = check_section(WorldSettings, WORLD)
+    world = validated(WorldSettings, WORLD)
     path.write_text(HEAD, encoding="utf-8")
     with opened(world, wide(Servo())) as (table, board):
         fit = tilt_readings(table, board, wide(Servo()))
     print(f"tilt: {fit.error_deg:.3f} deg; left out: {fit.outliers}")
     servo = servo_section(fit)
-    with opened(world, check_section(Servo, servo)) as (table, board):
+    with opened(world, validated(Servo, servo)) as (table, board):
         level = servo["beta"]["level_us"], servo["gamma"]["level_us"]
         with held(board, level):
             for _ in range(60):  # until it rests

@@ -17,21 +17,30 @@ from xml.sax.saxutils import quoteattr
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.leaf import Leaf, Port
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.ports import Port
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import load_tree
-from mazeplan.errors import TreeError
+from mazeplan.core.errors import TreeError
 
 TICK = 1.0 / 30.0  # s of rig time
 KEYS = {"n": 2, "x": 0.5, "flag": True, "word": "red", "text": "3"}  # on the blackboard of every random tree
 WRITTEN: tuple[object, ...] = (*(0, 1, 2, "0", "1") * 10, 2.5, "red", None)  # the last ones fit few expressions
 OUTCOMES = (RUNNING, SUCCESS, FAILURE)
-MANY = ("Sequence", "SequenceWithMemory", "Fallback", "ReactiveSequence", "ReactiveFallback", "Parallel")
+MANY = (
+    "Sequence", "SequenceWithMemory", "Fallback", "ReactiveSequence", "ReactiveFallback", "Parallel", "AsyncSequence",
+    "AsyncFallback", "ParallelAll", "IfThenElse", "WhileDoElse", "Switch2", "Switch4", "TryCatch",
+)  # fmt: skip
+COUNTS = {"IfThenElse": (2, 4), "WhileDoElse": (2, 4), "Switch2": (3, 4), "Switch4": (5, 6), "TryCatch": (2, 5)}
 ONE = (
     "RetryUntilSuccessful", "Repeat", "Timeout", "Delay", "Inverter", "ForceSuccess", "ForceFailure",
-    "KeepRunningUntilFailure",
+    "KeepRunningUntilFailure", "RunOnce", "Precondition", "LoopInt", "LoopString", "SkipUnlessUpdated",
+    "WaitValueUpdate",
 )  # fmt: skip
+OWN = ("AlwaysSuccess", "AlwaysFailure", "Sleep", "Script", "ScriptCondition", "SetBlackboard", "WasEntryUpdated")
+SCRIPTS = ("n := 1", "n += 1", "x = 0.5; n := n * 2", "flag := !flag", "text := 'a' .. n", "n = n > 3 ? 0 : n + 1")
+ENDINGS = ("_onSuccess", "_onFailure", "_onHalted", "_post")
 CONDITIONS = ("_failureIf", "_successIf", "_skipIf", "_while")
 ATOMS = ("n", "x", "flag", "text", "0", "1", "2.5", "-3", "true", "false") * 10 + ("unset",)
 WORDS = ("word", "'red'", "'blue'", "''")
@@ -102,6 +111,10 @@ class Ask(Dice):
 
 
 LEAVES: dict[str, type[Leaf]] = {"Dice": Dice, "Ask": Ask}
+OWN_PORTS: dict[str, list[tuple[str, str]]] = {
+    "Sleep": [("msec", "50")], "ScriptCondition": [("code", "n > 1")], "WasEntryUpdated": [("entry", "{n}")],
+    "SetBlackboard": [("value", "2"), ("output_key", "text")],
+}  # fmt: skip
 
 
 def random_expression(rng: Random, depth: int = 3) -> str:
@@ -114,7 +127,7 @@ def random_expression(rng: Random, depth: int = 3) -> str:
     if kind == 2:
         return f"!({random_expression(rng, depth - 1)})"
     if kind == 3:
-        return f"({random_expression(rng, depth - 1)}) / {rng.choice(('2', '.5', 'n'))} >= 1"
+        return f"({random_expression(rng, depth - 1)}) / {rng.choice(('2', '0.5', 'n'))} >= 1"
     left, right = random_expression(rng, depth - 1), random_expression(rng, depth - 1)
     sign = rng.choice(("==", "!=", "<", "<=", ">", ">=", "&&", "||", "&&", "||", "+", "-", "*"))
     return f"({left}) {sign} ({right})"
@@ -142,12 +155,17 @@ def _node(rng: Random, budget: list[int], depth: int, below: list[str]) -> str:
         case "leaf":
             given += [("often", rng.choice(("2", "{n}")))] if rng.random() < 0.3 else []
             given += [("to", "{" + rng.choice(("n", "x", "flag", "text")) + "}")] if rng.random() < 0.3 else []
-            return _written(rng.choice(("Dice", "Dice", "Ask")), given)
+            kind = rng.choice(("Dice", "Dice", "Ask") * 4 + OWN)
+            if kind in OWN:
+                ports = [("code", rng.choice(SCRIPTS))] if kind == "Script" else OWN_PORTS.get(kind, [])
+                return _written(kind, ports + [pair for pair in given if pair[0].startswith("_")])
+            return _written(kind, given)
         case "one":
             kind = rng.choice(ONE)
             return _written(kind, _ports(rng, kind, 1) + given, _node(rng, budget, depth - 1, below))
         case _:
-            kind, n = rng.choice(MANY), rng.randrange(1, 5)
+            kind = rng.choice(MANY)
+            n = rng.randrange(*COUNTS.get(kind, (1, 5)))
             inside = "".join(_node(rng, budget, depth - 1, below) for _ in range(n))
             return _written(kind, _ports(rng, kind, n) + given, inside)
 
@@ -160,13 +178,29 @@ def _written(kind: str, attributes: list[tuple[str, str]], inside: str = "") -> 
 def _conditions(rng: Random) -> list[tuple[str, str]]:
     if rng.random() < 0.7:
         return []
-    return [(name, random_expression(rng)) for name in CONDITIONS if rng.random() < 0.4]
+    after = [(name, rng.choice(SCRIPTS)) for name in ENDINGS if rng.random() < 0.2]
+    return [(name, random_expression(rng)) for name in CONDITIONS if rng.random() < 0.4] + after
+
+
+FIXED = {
+    "Precondition": [("if", "n > 0"), ("else", "SKIPPED")],
+    "LoopInt": [("queue", "1;2;3"), ("value", "{n}")],
+    "LoopString": [("queue", "a;b"), ("value", "{word}"), ("if_empty", "FAILURE")],
+    "SkipUnlessUpdated": [("entry", "{n}")],
+    "WaitValueUpdate": [("entry", "{x}")],
+}
 
 
 def _ports(rng: Random, kind: str, n: int) -> list[tuple[str, str]]:
     if kind == "Parallel":
         ports = ("success_count", "failure_count")
         return [(port, str(rng.randrange(-n, n + 1))) for port in ports if rng.random() < 0.6]
+    if kind == "ParallelAll":
+        return [("max_failures", str(rng.randrange(-n, n + 1)))]
+    if kind.startswith("Switch"):
+        return [("variable", "{n}"), *((f"case_{i}", str(i)) for i in range(1, n))]
+    if kind in FIXED:
+        return FIXED[kind]
     number = {"RetryUntilSuccessful": "num_attempts", "Repeat": "num_cycles"}.get(kind)
     if number:
         return [(number, rng.choice(("-1", "0", "1", "2", "3", "{n}")))]
@@ -195,8 +229,13 @@ def run_tree(path: Path, rng: Random, ticks: int = 200) -> tuple[str, int]:
     except TreeError as error:
         ended, problem = "error", error
     assert problem is None or (problem.file == path and problem.line), f"no place in {problem}"
-    for _ in range(2):  # halting what is halted does nothing
-        tree.halt()
+    for i in range(2):  # halting what is halted does nothing
+        try:
+            tree.halt()
+        except TreeError as error:  # of a script
+            placed = error.file == path and error.line
+            if i or not placed:
+                raise AssertionError(f"halted twice, or no place in {error}") from None
         _check_idle(tree, run)
     assert not run.wrong, run.wrong
     return ended, run.started

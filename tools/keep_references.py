@@ -1,4 +1,4 @@
-"""Writes what the packaged rigs are like beside their models (mazeplan/models/packaged/*/reference.yaml).
+"""Writes what the packaged rigs are like beside their models (mazeplan/learning/packaged/*/reference.yaml).
 
 Records have a seed of their own. Usage: python tools/keep_references.py [NAME ...]
 """
@@ -9,13 +9,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from mazeplan.collect import Collection, run_collection
-from mazeplan.data.table import read_table
-from mazeplan.diagnosis.bodyreference import reference_of
-from mazeplan.diagnosis.referencefile import reference_path, save_reference
+from mazeplan.core.logs.table import read_table
+from mazeplan.diagnosis.rig.reference import reference_of
+from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
+from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import load_model
 from mazeplan.rigs.registry import make_rig
+from mazeplan.run.collect import Collection, run_collection
 
 SECONDS, SEED, RINGS = 600.0, 7001, (1, 2, 3, 4)
 

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.attempt import run_job
-from mazeplan.choices import resolve_model
-from mazeplan.job import Job, Setup
+from mazeplan.core.records import NavigationResult
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.physics.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.stage import StageAxis, StageModel
-from mazeplan.records import NavigationResult
+from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, tilt_offset, viscous_friction
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.settings import Settings
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.run.execution import run_job
+from mazeplan.run.resolve import resolve_model
+from mazeplan.run.settings import Settings
+from mazeplan.run.specification import Job, Setup
 
 RANGES = {  # key of a simulated rig: lowest, highest; whole numbers where both are
     "camera_noise_mm": (0.0, 1.2), "camera_delay_frames": (0, 3), "tilt_noise_deg": (0.0, 0.1),

@@ -20,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.records import Array
+from mazeplan.learning.batch import Plans, RingBatch
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.batch import Plans, RingBatch
-from mazeplan.models.modelfile import RigModel
-from mazeplan.parts import planners_of
-from mazeplan.records import Array
-from mazeplan.settings import Settings, load_settings
+from mazeplan.run.assembly import planners_of
+from mazeplan.run.settings import Settings, load_settings
 
 SCENES, DRAWS = 12, 32  # ways along each ring, and roll-outs of each plan
 TURN, SPEED = math.pi / 4, 0.1  # rad, m/s: openings are up to so far away, the ball up to so fast
@@ -147,7 +147,7 @@ def trial(rig: str, model: RigModel, candidates: int, runs: int, seed: int, spre
 
 
 def main() -> None:
-    from mazeplan.choices import resolve_model
+    from mazeplan.run.resolve import resolve_model
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     for name, default in (("candidates", 16), ("runs", 16), ("seed", 1)):

@@ -29,13 +29,13 @@ import random_rigs
 from random_rigs import draw, drive
 from screen import judged, screen
 
-from mazeplan.campaign.executor import each, open_executor
-from mazeplan.cli.output import say
-from mazeplan.cli.progress import Working
-from mazeplan.errors import MazeplanError, SettingsError
-from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.resources import to_install
-from mazeplan.settings import load_settings
+from mazeplan.apps.cli.output import say
+from mazeplan.apps.cli.progress import ProgressBar
+from mazeplan.core.errors import MazeplanError, SettingsError
+from mazeplan.core.resources import to_install
+from mazeplan.learning.modelfile import RigModel, load_model
+from mazeplan.run.campaign.executor import each, open_executor
+from mazeplan.run.settings import load_settings
 
 PENALTY = 10.0  # s
 MIX = ("ideal", "toy", "rough", "drawn", "ideal", "toy", "ideal", "drawn")
@@ -162,7 +162,7 @@ def main() -> None:
     workers = o.workers or (None if o.dask else 2)
     # workers elsewhere have no tools/: the functions of random_rigs go there with the tasks
     asked = open_executor(workers, o.dask, carry=(random_rigs,), say=say)
-    with asked as executor, Working("candidates") as shown:
+    with asked as executor, ProgressBar("candidates") as bar:
         for generation in range(o.generations):
             runs = schedule(o.seed, generation, o.runs)
             points = search.ask() if model is None else search.ask(o.spare * o.population)
@@ -172,7 +172,7 @@ def main() -> None:
             found: dict[int, list[float]] = {}
             for index, one in each(price, [((c, runs),) for c in candidates], executor):
                 found[index] = one
-                shown.advance(generation * len(candidates) + len(found), o.generations * len(candidates))
+                bar.advance(generation * len(candidates) + len(found), o.generations * len(candidates))
             times = [found[index] for index in range(len(candidates))]
             means = [float(np.mean(t)) for t in times]
             search.tell(points, means[: len(points)])

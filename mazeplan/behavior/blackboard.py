@@ -1,19 +1,42 @@
-"""The blackboard of one run: names and values, in scopes. A fresh object per run; py_trees' process-global one is
+"""The blackboard of one run: entries by name, in scopes. Each run has one of its own; py_trees' process-global one is
 not used.
 
-Each SubTree has a scope of its own; a port that is remapped ({key}) reads and writes the key of the scope outside, a
-port that is given a literal is a value of the scope itself.
+Each SubTree has a scope of its own. A port that is remapped ({key}) reads and writes the entry of the scope outside; a
+port with a literal is an entry of the scope itself. A name that begins with @ stands in the outermost scope.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
+
+
+class _Empty:
+    def __repr__(self) -> str:
+        return "EMPTY"
+
+
+EMPTY = _Empty()  # the value of an entry that is declared, but was never set
+
+
+class Entry:
+    """One value, and how often it was set."""
+
+    __slots__ = ("changes", "value")
+
+    def __init__(self, value: Any = EMPTY) -> None:
+        self.value = value
+        self.changes = 0 if value is EMPTY else 1
+
+    def put(self, value: Any) -> None:
+        """Set the value."""
+        self.value = value
+        self.changes += 1
 
 
 class Blackboard:
     """One scope. `remap`: {name here: name outside}; `values`: what it starts with; `autoremap`: names that are not
-    known here are those outside, but for private ones, which begin with _."""
+    known here are those outside, except private ones, which begin with _."""
 
     def __init__(
         self,
@@ -23,29 +46,56 @@ class Blackboard:
         *,
         autoremap: bool = False,
     ) -> None:
-        self._values: dict[str, Any] = dict(values or {})
+        self._entries = {name: Entry(value) for name, value in (values or {}).items()}
         self._outside, self._remap, self._autoremap = outside, dict(remap or {}), autoremap
 
     def _home(self, name: str) -> tuple[Blackboard, str]:
-        if self._outside is not None:
+        """The scope in which a name stands, and the name that it has there."""
+        if name.startswith("@"):
+            return self._outermost(), name[1:]
+        if name not in self._entries and self._outside is not None:
             if name in self._remap:
                 return self._outside._home(self._remap[name])
-            if self._autoremap and name not in self._values and not name.startswith("_"):
+            if self._autoremap and not name.startswith("_"):
                 return self._outside._home(name)
         return self, name
 
+    def _outermost(self) -> Blackboard:
+        return self if self._outside is None else self._outside._outermost()
+
+    def find(self, name: str) -> Entry | None:
+        """The entry of a name; None where it was neither declared nor set."""
+        home, name = self._home(name)
+        return home._entries.get(name)
+
+    def declare(self, name: str) -> Entry:
+        """The entry of a name, made without a value if there is none yet."""
+        home, name = self._home(name)
+        return home._entries.setdefault(name, Entry())
+
     def get(self, name: str) -> Any:
         """The value of a name. Raises KeyError when it was never set."""
-        home, name = self._home(name)
-        if name not in home._values:
-            raise KeyError(f"the blackboard has no {name!r}; it has {', '.join(sorted(home._values)) or 'nothing'}")
-        return home._values[name]
+        entry = self.find(name)
+        if entry is None or entry.value is EMPTY:
+            known = sorted(self._home(name)[0].values())
+            raise KeyError(f"the blackboard has no {name!r}; it has {', '.join(known) or 'nothing'}")
+        return entry.value
 
     def set(self, name: str, value: Any) -> None:
-        """Set a name, here or where it is remapped to."""
-        home, name = self._home(name)
-        home._values[name] = value
+        """Set a name, here or in the scope where it stands."""
+        self.declare(name).put(value)
+
+    def unset(self, name: str) -> None:
+        """Remove a name of this scope; names that stand outside stay."""
+        self._entries.pop(name, None)
+
+    def values(self) -> dict[str, Any]:
+        """{name: value} of the entries of this scope that were set."""
+        return {name: entry.value for name, entry in self._entries.items() if entry.value is not EMPTY}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values())
 
     def __contains__(self, name: str) -> bool:
-        home, name = self._home(name)
-        return name in home._values
+        entry = self.find(name)
+        return entry is not None and entry.value is not EMPTY

@@ -1,51 +1,70 @@
-"""Preconditions, which any node of a tree may have as attributes, with the semantics of BehaviorTree.CPP 4.
+"""Pre- and postconditions, which any node of a tree may have as attributes, with the semantics of BehaviorTree.CPP 4.
 
-| attribute | if the node is idle | if it is running |
+| precondition | if the node is idle | if it is running |
 |---|---|---|
-| _failureIf | true: FAILURE at once | not looked at |
-| _successIf | true: SUCCESS at once | not looked at |
-| _skipIf | true: SKIPPED | not looked at |
+| _failureIf | true: FAILURE at once | not evaluated |
+| _successIf | true: SUCCESS at once | not evaluated |
+| _skipIf | true: SKIPPED | not evaluated |
 | _while | false: SKIPPED | false: the node is halted, SKIPPED |
 
-They are looked at in this order, and the first that decides does; the names in them are those of the blackboard on
-which the node stands (for a SubTree that of the tree around it). Postconditions (_onSuccess ...) are not taken.
+They are evaluated in this order; the first that decides does. Postconditions are scripts: _onSuccess and _onFailure run
+when the node has ended so, _post after either, _onHalted when the node is halted while it runs. All of them stand on
+the blackboard of the node, for a SubTree on that of the tree around it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.expression import Expression, ExpressionError
-from mazeplan.behavior.status import FAILURE, SKIPPED, SUCCESS, Result
+from mazeplan.behavior.script import Scope, Script, ScriptError
+from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
 
-WHILE = "_while"
-DECISIONS: dict[str, tuple[bool, Result]] = {  # in the order in which they are looked at: if it is this, then that
+WHILE, POST, ON_HALTED = "_while", "_post", "_onHalted"
+DECISIONS: dict[str, tuple[bool, Result]] = {  # in the order of evaluation: if the script yields this, then that
     "_failureIf": (True, FAILURE),
     "_successIf": (True, SUCCESS),
     "_skipIf": (True, SKIPPED),
     WHILE: (False, SKIPPED),
 }
+ENDINGS: dict[str, Result] = {"_onSuccess": SUCCESS, "_onFailure": FAILURE}
+CONDITIONS = (*DECISIONS, *ENDINGS, ON_HALTED, POST)
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """The preconditions of one node: {attribute: expression}, and where their names stand."""
+    """The pre- and postconditions of one node: {attribute: script}, and where their names stand."""
 
-    given: Mapping[str, Expression]
-    blackboard: Blackboard
+    given: Mapping[str, Script] = field(default_factory=dict)
+    scope: Scope = field(default_factory=Scope)
 
-    def decide(self, running: bool) -> Result | None:
-        """What the node ends with without being ticked; None: it is ticked. Raises ExpressionError, which names the
-        attribute."""
+    def decide(self, status: Result) -> Result | None:
+        """What the node ends with without being ticked, by its status before; None: it is ticked. Raises ScriptError,
+        which names the attribute."""
         for name, (decisive, result) in DECISIONS.items():
-            if name not in self.given or (running and name != WHILE):
-                continue
-            try:
-                holds = self.given[name].holds(self.blackboard.get)
-            except ExpressionError as problem:
-                raise ExpressionError(f"{name}: {problem}") from None
-            if holds is decisive:
+            evaluated = status is not RUNNING or name == WHILE
+            if evaluated and name in self.given and self._named(name, Script.holds) is decisive:
                 return result
         return None
+
+    def after(self, result: Result) -> None:
+        """Run the scripts of a node that has ended. Raises ScriptError, which names the attribute."""
+        for name, ending in ENDINGS.items():
+            if result is ending:
+                self._run(name)
+        self._run(POST)
+
+    def halted(self) -> None:
+        """Run the script of a node that was halted while it ran. Raises ScriptError, which names the attribute."""
+        self._run(ON_HALTED)
+
+    def _run(self, name: str) -> None:
+        if name in self.given:
+            self._named(name, Script.run)
+
+    def _named(self, name: str, action: Callable[[Script, Scope], Any]) -> Any:
+        try:
+            return action(self.given[name], self.scope)
+        except ScriptError as problem:
+            raise ScriptError(f"{name}: {problem}") from None

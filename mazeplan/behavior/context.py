@@ -1,9 +1,8 @@
 """What the leaves of one run share: maze, model, route graph, planners, the state of this tick and the command
 given in it.
 
-One context per run. A leaf reads `state`, gives at most one command a tick through `steer`, and reports through
-`event` and
-`fail`; it knows neither the rig nor the log.
+One context per run. A leaf reads `state`, gives at most one command a tick through `steer`, and reports events and
+failures through `report` and `failed`. It knows neither the rig nor the log.
 """
 
 from __future__ import annotations
@@ -13,18 +12,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mazeplan.behavior.leaf import CommandError, shown
+from mazeplan.behavior.leaf import CommandError
+from mazeplan.behavior.ports import shown
 from mazeplan.control.cost import CostParameters
-from mazeplan.control.gate import GateOptions
-from mazeplan.control.gate_rollout import GateRollout, RolloutOptions
+from mazeplan.control.opening import OpeningOptions
+from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions
-from mazeplan.maths.angles import difference
-from mazeplan.maths.fields import check_numbers
+from mazeplan.core.events import FailureReported, LawChanged, OtherEvent, RecoveryChosen, RunEvent
+from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Command, Failure, FailureKind, Plan, State
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.graph import RouteGraph
-from mazeplan.records import Command, Failure, FailureKind, Plan, State
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class LeafOptions:
 
     cost: CostParameters = field(default_factory=CostParameters)
     travel: TravelOptions = field(default_factory=TravelOptions)
-    gate: GateOptions = field(default_factory=GateOptions)
+    gate: OpeningOptions = field(default_factory=OpeningOptions)
     rollout: RolloutOptions = field(default_factory=RolloutOptions)
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     settle: SettleOptions = field(default_factory=SettleOptions)
@@ -76,14 +77,15 @@ class TwoCommandsError(CommandError, AssertionError):
 
 @dataclass
 class RunContext:
-    """The shared side of one run. `clock` gives rig time; `on_event(kind, detail)` goes to log and display;
+    """The shared side of one run. `clock` gives rig time; `report` takes events and plans for log and display;
     `ahead(seconds, beside)` is the state that much later if the last command is held, from beside where the ball is
     (x, y in m) if that is given; `refused`: the opening that did not take
     a ball which was already taken for one in the next ring; `prepared`: a plan by which this opening was chosen; `law`:
     what is followed now; `late_s`: by how much what is seen is older than the moment at which a command acts, s, by the
-    model; `rollout`: tries commands before an opening, None where the gate's law alone is trusted; `rerouted`: openings
+    model; `rollout`: tries commands before an opening, None: only the law for the opening; `rerouted`: openings
     were closed or opened since the route was planned, so that it is another now; `since`: the first of `failures` that
-    belongs to this goal; `left_from`: the ring that is to be left by the opening chosen."""
+    belongs to this goal; `left_from`: the ring that is to be left by the opening chosen; `heading`:
+    the ring to which the tree has planned its route last, None: it has not."""
 
     maze: Maze
     graph: RouteGraph
@@ -91,7 +93,7 @@ class RunContext:
     goal: int
     planners: dict[int, RingPlanner]
     ahead: Callable[..., State]
-    on_event: Callable[[str, dict[str, Any]], None]
+    report: Callable[[RunEvent | Plan], None]
     options: LeafOptions = field(default_factory=LeafOptions)
     now: float = 0.0
     state: State | None = None
@@ -108,10 +110,11 @@ class RunContext:
     prepared: tuple[Opening, Plan] | None = None
     law: str = ""
     late_s: float = 0.0
-    rollout: GateRollout | None = None
+    rollout: OpeningRollout | None = None
     rerouted: bool = False
     since: int = 0
     left_from: int | None = None
+    heading: int | None = None
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 
@@ -134,8 +137,13 @@ class RunContext:
         """Those of the route from here; None where there is none, or nobody knows yet where the ball is."""
         if self.state is None or not math.isfinite(self.state.theta):
             return None
-        route = self.graph.route(self.state.ring, self.goal, self.state.theta)
+        route = self.graph.route(self.state.ring, self.target, self.state.theta)
         return None if route is None else route.openings
+
+    @property
+    def target(self) -> int:
+        """The ring on the way to which the tree is: that of its last route, before the first one that of the run."""
+        return self.goal if self.heading is None else self.heading
 
     def clock(self) -> float:
         """Rig time of this tick, s."""
@@ -146,6 +154,11 @@ class RunContext:
         self.now = self.graph.now = now
         self.state, self.measured = self._entered(state), measured
         self.command, self.commanded_by = None, ""
+
+    def again(self) -> None:
+        """The tree is ticked once more in this tick: what leaves commanded so far stands, but any of them may command
+        anew."""
+        self.commanded_by = ""
 
     def enter(self, target: int) -> None:
         """For ENTERING s from now on take the ball for one in ring `target`, which it is falling into."""
@@ -186,16 +199,20 @@ class RunContext:
         if not (math.isfinite(command.u_beta) and math.isfinite(command.u_gamma)):
             got = f"u_beta = {command.u_beta}, u_gamma = {command.u_gamma}"
             raise CommandError(f"command: got {got}, expected finite numbers, rad")
-        if self.command is not None:
+        if self.commanded_by:
             both = f"{leaf} and {self.commanded_by} both command the rig"
             raise TwoCommandsError(f"{both} at t = {self.now:.3f} s, expected one of them")
         self.command, self.commanded_by = command, leaf
+
+    def on_event(self, kind: str, detail: Mapping[str, Any]) -> None:
+        """Write an event of your own to the log; detail: plain data."""
+        self.report(OtherEvent(kind, detail))
 
     def follow(self, law: str) -> None:
         """Tell the log by what the ball is brought along its ring, when that changes: mpc, gains or pd."""
         if law != self.law:
             self.law = law
-            self.on_event("law", {"law": law})
+            self.report(LawChanged(law))
 
     def failed(self, failure: Failure) -> None:
         """Keep a failure, with the place of the ball, and tell log and display."""
@@ -203,14 +220,14 @@ class RunContext:
         if seen is not None and not seen.lost and math.isfinite(seen.r):
             failure = replace(failure, x=round(seen.x, 6), y=round(seen.y, 6))
         self.failures.append(failure)
-        self.on_event("failure", {"kind": str(failure.kind), "where": failure.where, "detail": failure.detail})
+        self.report(FailureReported(str(failure.kind), failure.where, failure.detail))
 
     def recovering(self, recovery: str) -> None:
         """Name the recovery chosen for the last failure."""
         last = self.last_failure
         if last is not None:
             self.failures[-1] = replace(last, recovery=recovery)
-        self.on_event("recovery", {"recovery": recovery})
+        self.report(RecoveryChosen(recovery))
 
     @property
     def last_failure(self) -> Failure | None:

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mazeplan.behavior.controls import CONTROLS
 from mazeplan.behavior.decorators import SubTree
-from mazeplan.behavior.leaf import Key, Leaf, TreeNode, shown
-from mazeplan.behavior.nodes import CONTROLS
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.ports import Key, shown
 from mazeplan.behavior.tree import BehaviorTree, parts_of
-from mazeplan.errors import InputError
+from mazeplan.core.errors import InputError
 
 # fill by kind of node, readable in grey and with any colour vision: light blue, light orange, white, light yellow
 COLOURS = {"control": "#cfe2f3", "decorator": "#fce5cd", "leaf": "#ffffff", "condition": "#ffffff", "tree": "#fff2a8"}

@@ -13,12 +13,13 @@ from typing import ClassVar
 import numpy as np
 from py_trees.common import Status
 
-from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
-from mazeplan.constants import GRAVITY
-from mazeplan.control.gate import aligned, gate_command
+from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.control.opening import aligned, opening_command
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.events import OpeningPassed
+from mazeplan.core.records import FailureKind
 from mazeplan.maze.geometry import Opening
-from mazeplan.records import FailureKind
 
 LOST_TRACK = 2.5  # rad; turn to the opening beyond which aligning makes no sense
 
@@ -55,7 +56,7 @@ class Align(MazeLeaf):
         ahead = run.ahead(run.options.gate.lead_s)
         run.steer(
             self.name,
-            gate_command(ahead, opening, opening.leads_to(self._ring), run.plate, run.options.gate, push_deg=push),
+            opening_command(ahead, opening, opening.leads_to(self._ring), run.plate, run.options.gate, push_deg=push),
         )
         return Status.RUNNING
 
@@ -89,7 +90,7 @@ class PassOpening(MazeLeaf):
         command = None if trusted is None else trusted.better(run.here, opening, target)
         if command is None:
             ahead = run.ahead(run.options.gate.lead_s)
-            command = gate_command(ahead, opening, target, run.plate, run.options.gate)
+            command = opening_command(ahead, opening, target, run.plate, run.options.gate)
         run.steer(self.name, command)
         return Status.RUNNING
 
@@ -105,7 +106,8 @@ class PassOpening(MazeLeaf):
 class ConfirmRing(MazeLeaf):
     """Confirm that the ball is in the ring behind the opening.
 
-    That is the one nearer the goal, but where radial walls may have asked for a detour the one that was not left."""
+    That is the one that was not left by the opening; where no leaf has chosen this opening, the one nearer the ring to
+    which the route leads."""
 
     ports: ClassVar[dict[str, Port]] = {
         "opening": Port(str, REQUIRED, "name of the opening it went through", choices="openings")
@@ -114,15 +116,15 @@ class ConfirmRing(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS in the ring behind the opening; FAILURE wrong_ring otherwise."""
         run, opening = self.context, self.current_opening()
-        target = opening.inner if run.goal >= opening.inner else opening.outer
-        if run.maze.radial_walls and run.opening == opening and run.left_from is not None:
+        target = opening.inner if run.target >= opening.inner else opening.outer
+        if run.opening == opening and run.left_from is not None:
             target = opening.leads_to(run.left_from)
         if run.here.ring != target:
             return self.fail_as(FailureKind.WRONG_RING, f"in ring {run.here.ring}, expected ring {target}")
         if (elsewhere := self.walled_off(opening)) is not None:
             return elsewhere
         run.graph.record(opening.name, success=True)
-        run.on_event("passed", {"opening": opening.name, "ring": target})
+        run.report(OpeningPassed(opening.name, target))
         return Status.SUCCESS
 
 

@@ -7,9 +7,10 @@ import math
 from py_trees.common import Status
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.leaf import Leaf, shown
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.ports import shown
+from mazeplan.core.records import Failure, FailureKind, State
 from mazeplan.maze.geometry import Opening
-from mazeplan.records import Failure, FailureKind, State
 
 STILL_RADIUS = 2.5e-3  # m; five times the noise of a camera sample
 STILL_AFTER = 0.6  # s of standing away from where it should be before it counts as stuck
@@ -63,7 +64,7 @@ class MazeLeaf(Leaf):
         refused, self.context.refused = self.context.refused, None
         if refused is not None:
             return self.fail_as(FailureKind.MISSED_OPENING, f"{refused.name} did not take the ball")
-        goal = self.context.goal
+        goal = self.context.target
         back = abs(ring - goal) > abs(start - goal)
         kind = FailureKind.FELL_BACK if back else FailureKind.WRONG_RING
         return self.fail_as(kind, f"ball is in ring {ring}, expected ring {start} or {target}")

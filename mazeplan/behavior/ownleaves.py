@@ -8,20 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from mazeplan.behavior.decorators import DECORATORS
-from mazeplan.behavior.leaf import CONVERSIONS, OF_THE_MAP, REQUIRED, Leaf, Port, shown
-from mazeplan.behavior.nodes import CONTROLS
+from mazeplan.behavior.builder import BUILTIN
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.ports import CONVERSIONS, OF_THE_MAP, REQUIRED, Port, shown
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.errors import InputError
-from mazeplan.plugins import LEAVES, Plugin, plugin, plugins
-from mazeplan.usermodule import user_module
+from mazeplan.core.errors import InputError
+from mazeplan.core.plugins import LEAVES, Plugin, plugin, plugins
+from mazeplan.core.user_modules import user_module
 
 OPTION = "--behavior-module"
 CATEGORIES = ("Action", "Condition")
 DIRECTIONS = ("in", "out", "inout")
 MOST_WIND_DOWN = 90  # ticks; 3 s at 30 Hz: nobody waits longer for a run to end
 # tags of the format itself
-RESERVED = (*CATEGORIES, *CONTROLS, *DECORATORS, "SubTree", "Control", "Decorator", "BehaviorTree", "TreeNodesModel")
+RESERVED = (*CATEGORIES, *BUILTIN, "SubTree", "Control", "Decorator", "BehaviorTree", "TreeNodesModel")
 
 
 class Registry(Mapping[str, type[Leaf]]):

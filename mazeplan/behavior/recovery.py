@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from py_trees.common import Status
 
-from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf
-from mazeplan.constants import GRAVITY
-from mazeplan.records import LEVEL, FailureKind
+from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.records import LEVEL, FailureKind
 
 BESIDE = 2.5  # diameters of the ball between an opening and a wall that leave no room to roll past it
 

@@ -12,11 +12,12 @@ from typing import ClassVar
 
 from py_trees.common import Status
 
-from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf
+from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.behavior.travel import arrival_s, plan_to
+from mazeplan.core.events import OpeningChosen, RoutePlanned
+from mazeplan.core.records import FailureKind
 from mazeplan.maze.graph import Choice
-from mazeplan.records import FailureKind
 
 MARGIN = 0.6  # s; an opening expected to be later than the best by more is not planned to
 
@@ -32,11 +33,12 @@ class PlanRoute(MazeLeaf):
     def step(self) -> Status:
         """Weigh the openings anew; FAILURE no_route where none leads there."""
         run, here = self.context, self.context.here
-        route = run.graph.route(here.ring, self.get("goal"), here.theta)
+        run.heading = goal = self.get("goal")
+        route = run.graph.route(here.ring, goal, here.theta)
         if route is None:
             return self.fail_as(FailureKind.NO_ROUTE, f"no way from ring {here.ring} to ring {self.get('goal')}")
         self.set("legs", len(route.legs))
-        run.on_event("route", {"openings": [leg.opening.name for leg in route.legs], "expected_s": route.expected_s})
+        run.report(RoutePlanned(tuple(leg.opening.name for leg in route.legs), route.expected_s))
         return Status.SUCCESS
 
 
@@ -51,13 +53,14 @@ class ChooseOpening(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS with the opening's name; FAILURE no_route."""
         run, here = self.context, self.context.here
-        choices, run.rerouted = run.graph.choices(here.ring, self.get("goal"), here.theta), False
+        run.heading = goal = self.get("goal")
+        choices, run.rerouted = run.graph.choices(here.ring, goal, here.theta), False
         if not choices:
             return self.fail_as(FailureKind.NO_ROUTE, f"no opening leads from ring {here.ring} to the goal")
         choice = self._soonest(choices)
         run.opening, run.left_from = choice.opening, here.ring
         self.set("opening", run.opening.name)
-        run.on_event("opening", {"opening": run.opening.name, "expected_s": round(choice.expected_s, 3)})
+        run.report(OpeningChosen(run.opening.name, round(choice.expected_s, 3)))
         return Status.SUCCESS
 
     def _soonest(self, choices: list[Choice]) -> Choice:

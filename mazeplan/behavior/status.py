@@ -20,3 +20,8 @@ Result = Status | Skipped
 SKIPPED = Skipped.SKIPPED
 RUNNING, SUCCESS, FAILURE, INVALID = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.INVALID
 FINISHED = (SUCCESS, FAILURE)
+
+
+def result_named(name: str) -> Result:
+    """SUCCESS, FAILURE, RUNNING or SKIPPED by its name."""
+    return SKIPPED if name == "SKIPPED" else Status(name)

@@ -16,14 +16,14 @@ import numpy as np
 from py_trees.common import Status
 
 from mazeplan.behavior.context import RunContext, TravelOptions
-from mazeplan.behavior.leaf import REQUIRED, Port
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
-from mazeplan.control.gate import aligned
+from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.control.opening import aligned
 from mazeplan.control.tracking import finished, follow_gains, follow_pd, off_plan, pd_to_angle
-from mazeplan.errors import SettingsError
-from mazeplan.maths.angles import difference, nearest
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.maths.angles import difference, nearest
+from mazeplan.core.records import Command, FailureKind, Plan
 from mazeplan.maze.geometry import Opening
-from mazeplan.records import Command, FailureKind, Plan
 
 USUAL_S = 4.0  # for a way along a ring before its opening counts as missed; ...
 LONG_WAY = 2.0  # ... so many times what a way is expected to take, where that is more: wide rings, long detours
@@ -89,7 +89,7 @@ def plan_to(run: RunContext, opening: Opening, travel: TravelOptions, warm: Plan
         deadline_ms=travel.deadline_ms,
     )
     run.planner_ms.append(plan.ms)
-    run.on_event("plan", {"plan": plan})
+    run.report(plan)
     return plan
 
 

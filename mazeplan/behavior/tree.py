@@ -2,33 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.leaf import TreeNode
-from mazeplan.behavior.nodes import Node
-from mazeplan.behavior.status import INVALID, RUNNING, Result
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.node import Node, TreeNode, Waker
+from mazeplan.behavior.status import FINISHED, INVALID, RUNNING, Result
+from mazeplan.core.records import TreeOutline
+
+MOST_ROUNDS = 1000  # ticks of the root in one tick; a tree that asks for more goes on at the next tick
 
 
 class BehaviorTree:
-    """Root node and blackboard of one run."""
+    """Root node and blackboard of one run. again: called before the root is ticked once more within a tick."""
 
-    def __init__(self, root: TreeNode, blackboard: Blackboard, name: str = "") -> None:
+    def __init__(
+        self, root: TreeNode, blackboard: Blackboard, name: str = "", again: Callable[[], None] | None = None
+    ) -> None:
         self.root, self.blackboard, self.name = root, blackboard, name
         self._paths = [(path, node) for path, node in _walk(root, "")]
+        self._waker, self._again = Waker(), again
+        for _, node in self._paths:
+            node.waker = self._waker
 
     def tick(self) -> Result:
-        """Tick once from the root: SUCCESS, FAILURE, RUNNING, or SKIPPED if its conditions or children say so."""
-        for _ in self.root.tick():
-            pass
-        return self.root.result
+        """Tick once from the root: SUCCESS, FAILURE, RUNNING, or SKIPPED if its conditions or children say so. The root
+        is ticked again at once where a loop has paused so that reactive nodes look at their conditions."""
+        self._waker.take()
+        result, rounds = self.root.execute(), 1
+        while result is RUNNING and rounds < MOST_ROUNDS and self._waker.take():
+            if self._again is not None:
+                self._again()
+            result, rounds = self.root.execute(), rounds + 1
+        if result in FINISHED:
+            self.root.status = INVALID
+        return result
 
     def halt(self) -> None:
-        """Halt everything that runs, also what an exception in the middle of a tick has left running."""
-        self.root.reset()
-        for _, node in self._paths:
-            if node.status is RUNNING or getattr(node, "_running", False):
-                node.stop(INVALID)
+        """Halt everything that runs, also what an exception in the middle of a tick has left running. Where a script or
+        a leaf fails at that, the others are halted all the same; then the first problem is raised."""
+        problems = list[Exception]()
+        try:
+            self.root.reset()
+        except Exception as problem:
+            problems.append(problem)
+        for _, node in reversed(self._paths):  # children first, so that a parent finds nothing left to halt
+            if node.status is RUNNING or (isinstance(node, Leaf) and node.interrupted):
+                try:
+                    node.halt_node()
+                except Exception as problem:
+                    problems.append(problem)
+        if problems:
+            raise problems[0]
 
     def nodes(self) -> Iterator[TreeNode]:
         """All nodes, parents first."""
@@ -36,26 +61,27 @@ class BehaviorTree:
 
     def snapshot(self) -> list[tuple[str, str]]:
         """(path, how its last tick ended) of every node; INVALID: it was halted since, or never ticked."""
-        return [(path, node.result.name) for path, node in self._paths]
+        return [(path, node.last.name) for path, node in self._paths]
 
-    def outline(self) -> tuple[list[str], list[str], list[str], list[int], list[int]]:
-        """Paths, kinds (class names), names and parents (numbers, -1 of the root) of all nodes, parents first; and the
-        numbers of those that only ask, whose failure is the answer no."""
+    def outline(self) -> TreeOutline:
+        """All nodes, for a log."""
         number = {id(node): i for i, (_, node) in enumerate(self._paths)}
         parents = [-1] * len(self._paths)
         for _, node in self._paths:
             for child in parts_of(node):
                 parents[number[id(child)]] = number[id(node)]
         nodes = list(self.nodes())
-        return (
-            [path for path, _ in self._paths], [type(node).__name__ for node in nodes],
-            [node.name for node in nodes], parents,
-            [i for i, node in enumerate(nodes) if getattr(node, "category", "") == "Condition"],
-        )  # fmt: skip
+        return TreeOutline(
+            paths=tuple(path for path, _ in self._paths),
+            kinds=tuple(type(node).__name__ for node in nodes),
+            names=tuple(node.name for node in nodes),
+            parents=tuple(parents),
+            conditions=tuple(i for i, node in enumerate(nodes) if getattr(node, "category", "") == "Condition"),
+        )
 
     def results(self) -> list[str]:
         """How the last tick of each node ended, in the same order; see `snapshot`."""
-        return [node.result.name for _, node in self._paths]
+        return [node.last.name for _, node in self._paths]
 
     def active_path(self) -> list[str]:
         """Names from the root to the leaf that is running; empty when none is."""

@@ -14,7 +14,7 @@ from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.status import RUNNING
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.control.tilt import Plate
-from mazeplan.records import LEVEL, Command
+from mazeplan.core.records import LEVEL, Command
 
 
 class WindDown:

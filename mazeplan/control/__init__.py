@@ -1,1 +1,1 @@
-"""Plans and how they are followed: the solver, its costs, tracking, and the passage through an opening."""
+"""Planning and control: the iLQG solver, its costs, tracking, passage of openings, state estimation."""

@@ -33,23 +33,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from mazeplan.maths.fields import check_numbers
-from mazeplan.records import Array
+from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.records import Array
 
 _THETA, _SPEED, _ARRIVAL, _LEAN, _RATE, _CONTROL, _SCALE, _A_THETA, _A_SPEED, _A_LEAN = range(10)
 _ZONE, _PAST, _F_THETA, _F_SPEED, _F_LEAN, _QUADRATIC, _GOAL, _GOAL_SPEED, _GOAL_LEAN = range(10, 19)
+_PACKED = (
+    *("theta", "speed", "arrival", "lean", "rate", "control", "control_scale", "width_theta", "width_speed"),
+    *("width_lean", "arrival_zone", "past", "final_theta", "final_speed", "final_lean", "quadratic"),
+)  # in this order
 
 
-@dataclass(frozen=True)
-class CostParameters:
-    """Weights per step, widths of the smooth absolute values, final weights. Raises SettingsError for a negative one.
-
-    theta: 1/rad; speed, arrival: s/rad; lean: 1/rad; rate: (s/rad)^2; control: -; control_scale: rad; width_*: in
-    the unit of their error (rad, rad/s, rad); arrival_zone: z, rad; past: fraction; final_*: as the weights per
-    step; quadratic: the three weights then count e^2 / 2; uncertainty: s^4/rad^2, of the variance of
-    what was learned (`uncertain_cost`), 0: none; prompt: share, and late_s: s, of `seen_late`. The defaults take a ball
-    at 5 degrees of tilt pi/4 along ring 2 of the packaged map in 0.65 s, without overshoot.
-    """
+@dataclass(frozen=True, kw_only=True)
+class StepWeights:
+    """Weights of each step. theta: 1/rad; speed, arrival: s/rad; lean: 1/rad; rate: (s/rad)^2; control: -;
+    control_scale: rad."""
 
     theta: float = 1.0
     speed: float = 0.1
@@ -58,11 +56,29 @@ class CostParameters:
     rate: float = 0.0
     control: float = 0.003
     control_scale: float = 0.06
+
+
+@dataclass(frozen=True, kw_only=True)
+class PenaltyShapes:
+    """width_*: of the smooth absolute values, in the unit of their error (rad, rad/s, rad); arrival_zone: z, rad;
+    past: factor of the angle's weight behind the goal."""
+
     width_theta: float = 0.03
     width_speed: float = 0.2
     width_lean: float = 0.02
     arrival_zone: float = 0.06
     past: float = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostParameters(PenaltyShapes, StepWeights):
+    """All settings of the cost. Raises SettingsError for a negative value.
+
+    final_*: weights of the last state; quadratic: the weights of theta, speed and lean count e^2 / 2; uncertainty:
+    s^4/rad^2, price of the variance of a learned model (`uncertain_cost`), 0: none; prompt, late_s: see `seen_late`.
+    The defaults take a ball at 5 degrees of tilt pi/4 along ring 2 of the packaged map in 0.65 s, without overshoot.
+    """
+
     final_theta: float = 5.0
     final_speed: float = 0.5
     final_lean: float = 0.0
@@ -76,21 +92,16 @@ class CostParameters:
         check_numbers(self, positive=("control", "control_scale", "late_s", *widths))
 
     def seen_late(self, late_s: float) -> CostParameters:
-        """The same for a rig on which a command acts so long after what was seen, s.
+        """The cost for a rig whose commands act `late_s` s after the measurement.
 
-        The way that a ball runs unseen is its speed times that delay, and by so much more is it off where it met
-        something that no model foretells. So the price of speed grows with the delay: from a share `prompt` of it where
-        nothing is late to the whole from `late_s` on."""
+        During the delay the ball moves unseen by its speed times the delay, so surprises cost more. The price of speed
+        grows with the delay: from the share `prompt` without delay to the whole from the field `late_s` on."""
         share = self.prompt + (1.0 - self.prompt) * min(1.0, late_s / self.late_s)
         return replace(self, speed=share * self.speed)
 
     def pack(self, goal_theta: float, goal_theta_dot: float = 0.0, lean: float = 0.0) -> Array:
-        """The vector that the compiled functions read: the fields above, then the wishes (rad, rad/s, rad)."""
-        weights = [
-            self.theta, self.speed, self.arrival, self.lean, self.rate, self.control, self.control_scale,
-            self.width_theta, self.width_speed, self.width_lean, self.arrival_zone, self.past,
-            self.final_theta, self.final_speed, self.final_lean, float(self.quadratic),
-        ]  # fmt: skip
+        """The vector for the compiled functions: the weights, then the targets (rad, rad/s, rad)."""
+        weights = [float(getattr(self, name)) for name in _PACKED]
         return np.array([*weights, goal_theta, goal_theta_dot, lean])
 
 

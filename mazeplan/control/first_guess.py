@@ -1,12 +1,12 @@
-"""Commands to begin a cold plan with: a simple law followed on the effects of the ring's model.
+"""First guess of a cold plan: the commands of a simple law, simulated on the effects of the ring's model.
 
-From level commands the solver would first have to find that it must accelerate, and then that it must brake. The law
-knows: it wishes for a speed from which the ball can still brake, and turns the plate for the acceleration to it,
+From level commands the solver must first find acceleration and then braking. The law knows both. It asks for a speed v
+from which the ball can still brake, and tilts the plate for the acceleration towards v:
 
     v = sign(e) min(RATE |e| + |v_g|, sqrt(v_g^2 + 2 a SHARE |e|)),    theta_dd = GAIN (v - theta_dot)
 
-e: angle left to the goal, v_g: speed wished there, a: what the tilt limit gives. The plate is late, so that the law
-looks LEAD ahead. A roll-out costs a fifth of an iteration and saves more than half of them.
+e: remaining angle, v_g: speed at the goal, a: acceleration at the tilt limit. The law looks LEAD ahead because the
+plate lags. The roll-out costs a fifth of an iteration and saves more than half of the iterations.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import math
 import numpy as np
 from numba import njit
 
-from mazeplan.physics.ring_dynamics import step
-from mazeplan.physics.ring_parameters import BETA_0, DRIVE, GAMMA_0
-from mazeplan.records import Array
+from mazeplan.core.records import Array
+from mazeplan.physics.dynamics.ring_dynamics import step
+from mazeplan.physics.dynamics.ring_parameters import BETA_0, DRIVE, GAMMA_0
 
 RATE, GAIN = 6.0, 14.0  # 1/s
 SHARE = 0.8  # of the deceleration that the tilt limit gives
@@ -48,7 +48,7 @@ def first_guess(
     """Commands (horizon, 2), rad, inside the tilt limit (rad).
 
     packed: `RingParameters.pack()`; state (6,); goal: rad, on the turn to be taken; goal_speed: rad/s; lean: outwards,
-    rad. Level commands where the effects know of no gravity."""
+    rad. Level commands if the effects have no gravity."""
     controls = np.zeros((horizon, 2))
     if packed[DRIVE] > 0.0:
         _follow(packed, np.array(state, dtype=float), goal, goal_speed, lean, limit, np.empty(6), controls)

@@ -2,22 +2,22 @@
 
     minimise  sum_{k<T} l_k(s_k, u_k) + l_T(s_T)   subject to   s_{k+1} = f(s_k, u_k),  low <= u_k <= high
 
-Tassa, Mansard, Todorov, ICRA 2014, with as much of the second derivatives of f as candidates have shown. Each
-iteration linearises along the trajectory, solves a box-limited quadratic problem in each step backwards, and rolls the
-new policy out with steps alpha until the cost falls by enough of what was expected. The cost never rises. Why it
-stopped (`Plan.reason`):
+Tassa, Mansard, Todorov, ICRA 2014, with second derivatives of f by a secant update (`ilqg_core`). Each iteration
+linearises along the trajectory, solves a box-limited quadratic problem in each step backwards, and rolls out the new
+policy with shorter and shorter steps alpha until the cost falls enough. The cost never rises. `Plan.reason` says why
+the search stopped:
 
-    1. CONVERGED     with no regularisation worth naming (at most mu_min), the largest correction of a control is below
+    1. CONVERGED     with regularisation at most mu_min, the largest correction of a control is below
                      control_tolerance, or the reduction expected or got is below tolerance * (1 + |cost|), or that
-                     got by the last PATIENCE iterations together, as where every full step fails
+                     of the last PATIENCE iterations together
     2. MAX_ITERATIONS
     3. DEADLINE      the next iteration would probably end after the deadline (the longest so far is the estimate)
     4. NO_DESCENT    regularisation above mu_max and still no step that lowers the cost
     5. NOT_FINITE    dynamics, cost or a derivative gave NaN or infinity along the way; the controls are then level
                      (the allowed ones nearest zero)
 
-In every case but the last the plan may be followed: controls are inside the limits, states belong to them, and the
-gains belong to that trajectory (zero in rows where the control is held at its limit).
+In all cases but the last the plan is usable: controls are inside the limits, and states and gains belong to them (a
+gain is zero in rows where the control is at its limit).
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ import numpy as np
 
 from mazeplan.control import ilqg_core as core
 from mazeplan.control import ilqg_workspace as workspace
-from mazeplan.control.stopwatch import Live, Stopwatch
-from mazeplan.errors import SettingsError
-from mazeplan.maths.compiled import address_of
-from mazeplan.records import Array, Certificate, Plan, StopReason
+from mazeplan.control.deadline import Live, Stopwatch
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.maths.compiled import address_of
+from mazeplan.core.records import Array, Certificate, Plan, StopReason
 
 PATIENCE = 5  # iterations
-NEARLY = 1.1  # times its cost
-MUCH = 0.01  # of the cost: a search that still gets so much is worth its time
+NEARLY = 1.1  # largest ratio to the cost of the last plan
+MUCH = 0.01  # of the cost: least gain for which a warm search goes on
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Planner:
         dt: float = 1.0 / 30.0,
         watch: Stopwatch | None = None,
     ) -> None:
-        """low, high: (2,) control limits; dt: s per step, for the plans; watch: by which deadlines end."""
+        """low, high: (2,) control limits; dt: s per step, for the plans; watch: stopwatch for deadlines."""
         self.options = options or IlqgOptions()
         self.dynamics, self.cost, self.dt, self._watch = dynamics, cost, dt, watch or Live()
         low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
@@ -145,17 +145,7 @@ class Planner:
             final=address_of(cost.final, workspace.FINAL),
             final_derivatives=address_of(cost.final_derivatives, workspace.FINAL_DERIVATIVES),
         )
-        o = self.options
-        self._rules = workspace.Rules(
-            o.tolerance,
-            o.control_tolerance,
-            o.min_ratio,
-            o.mu_min,
-            o.mu_max,
-            o.mu_factor,
-            o.shorter,
-            o.tries,
-        )
+        self._rules = workspace.Rules(*(getattr(self.options, name) for name in workspace.Rules._fields))
 
     def solve(
         self,
@@ -175,7 +165,7 @@ class Planner:
         None for zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
         tolerance: of the cost, relative, in place of that of the options; enough: iterations after which the search
         ends as soon as one gets less than MUCH of the cost, if the former plan is still NEARLY as good as it was.
-        trace(iteration, cost) is told of every cost on the way, the first included.
+        trace(iteration, cost) gets every cost, the first included.
         """
         self._watch.begin(self.options.deadline_ms if deadline_ms is None else deadline_ms)
         w, f, q = self._w, self._f, np.ascontiguousarray(cost_parameters, dtype=float)
@@ -211,7 +201,7 @@ class Planner:
         enough: int | None,
         trace: Callable[[int, float], None] | None,
     ) -> tuple[StopReason, int]:
-        """Iterate until a rule says stop; the reason and how many iterations were made."""
+        """Iterate until a stopping rule holds; the reason and the number of iterations."""
         w = self._w
         done, reason = 0, StopReason.MAX_ITERATIONS
         costs = [float(w.numbers[workspace.COST])]
@@ -241,7 +231,7 @@ class Planner:
         return _REASONS.get(code, reason), done
 
     def _stalls(self, costs: list[float], rules: workspace.Rules) -> bool:
-        """Whether the last iterations have got next to nothing, and not for want of longer steps."""
+        """Whether the last iterations gained almost nothing without regularisation."""
         if len(costs) <= PATIENCE or self._w.numbers[workspace.MU] > rules.mu_min:
             return False
         return costs[-1 - PATIENCE] - costs[-1] < rules.tolerance * (1.0 + abs(costs[-1]))
@@ -264,5 +254,5 @@ class Planner:
         return warm.states[np.minimum(np.arange(T + 1) + shift, had)]
 
     def warm_up(self, s0: Array, cost_parameters: Array) -> None:
-        """Compile or load everything, so that no later solve waits for it."""
+        """Compile or load everything before the first solve."""
         self.solve(s0, cost_parameters)

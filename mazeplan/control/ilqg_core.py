@@ -1,15 +1,16 @@
-"""The compiled inside of the iLQG planner: roll out, linearise, backward pass inside the control limits, line search.
+"""Compiled kernels of the iLQG solver: roll-out, linearisation, backward pass with control limits, line search.
 
-Everything works in place on one `Workspace`, so that an iteration allocates nothing, and calls dynamics and cost
-through their addresses (`mazeplan.maths.compiled`), so that one cached compilation serves every model. The method
-is control-limited DDP: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014. Of the
-second derivatives of the dynamics only what candidates have shown is used: where one moved by s and turned A by D, the
-curvature M that stands for V f_ss should give M s = V D = y (a secant). M is kept from one candidate to the next and
-never negative: if s' y falls short of s' M s, M shrinks to it; what then is missing, r = y - M s, comes in as
-r r' / r' s (the symmetric update of rank one; Nocedal, Wright, "Numerical Optimization", 2006, 6.2), or along s alone
-where that would be ill-conditioned. Without it, a learned model that is rough makes most full steps fail.
+All kernels work in place on one `Workspace`, so an iteration allocates nothing. They call dynamics and cost through
+addresses (`mazeplan.core.maths.compiled`), so one cached compilation serves every model. The method is control-limited
+DDP: Tassa, Mansard, Todorov, "Control-limited differential dynamic programming", ICRA 2014.
 
-Compiled functions cannot raise for numbers: what happened is returned as one of the codes below.
+Second derivatives of the dynamics come from the candidates alone. A candidate moves the state by s and changes A by D.
+The matrix M that stands for V f_ss should then satisfy the secant equation M s = V D = y. M stays from one candidate to
+the next and is never negative. If s' y < s' M s, M shrinks to fit. The remaining error r = y - M s enters as
+r r' / r' s (symmetric rank-one update; Nocedal, Wright, "Numerical Optimization", 2006, 6.2), or along s alone
+where that update is ill-conditioned. Without M, most full steps fail on a rough learned model.
+
+Kernels do not raise; they return one of the codes of `ilqg_workspace`.
 """
 
 from __future__ import annotations
@@ -18,49 +19,22 @@ import math
 
 from numba import njit
 
-from mazeplan.control.ilqg_workspace import (
-    ALL_STALE,
-    ALPHA,
-    CONVERGED,
-    COST,
-    COST_STALE,
-    CURVATURE,
-    EXPECTED,
-    FACTOR,
-    FINAL,
-    FINAL_DERIVATIVES,
-    FREE,
-    FRESH,
-    GO_ON,
-    GOT,
-    LARGEST,
-    LINEARISE,
-    MU,
-    NO_DESCENT,
-    NOT_FINITE,
-    RUNNING,
-    RUNNING_DERIVATIVES,
-    SECANT,
-    SLOPE,
-    STALE,
-    STEP,
-    WRONG,
-)
-from mazeplan.maths.boxqp import box_qp
-from mazeplan.maths.compiled import caller
+from mazeplan.control import ilqg_workspace as ws
+from mazeplan.control.boxqp import box_qp
+from mazeplan.core.maths.compiled import caller
 
-ILL_CONDITIONED = 0.03  # cosine between what is missing and the move
-_step, _linearise = caller(STEP), caller(LINEARISE)
-_running, _running_derivatives = caller(RUNNING), caller(RUNNING_DERIVATIVES)
-_final, _final_derivatives = caller(FINAL), caller(FINAL_DERIVATIVES)
+ILL_CONDITIONED = 0.03  # cosine between the missing part and the move
+_step, _linearise = caller(ws.STEP), caller(ws.LINEARISE)
+_running, _running_derivatives = caller(ws.RUNNING), caller(ws.RUNNING_DERIVATIVES)
+_final, _final_derivatives = caller(ws.FINAL), caller(ws.FINAL_DERIVATIVES)
 
 
 @njit(cache=True, error_model="numpy")
 def roll_out(w, f, p, q, reference, alpha, derive):
     """Cost of the candidate that the policy gives from states[0]; inf when it is not finite.
 
-    u = clip(controls + alpha k + K (s - reference)); p and q are the vectors of dynamics and cost. With derive the
-    dynamics along it are linearised, too, into new_a and new_b.
+    u = clip(controls + alpha k + K (s - reference)); p and q are the vectors of dynamics and cost. With derive, the
+    kernel also linearises the dynamics along the candidate.
     """
     T, n = w.K.shape[0], w.K.shape[2]
     total = 0.0
@@ -89,53 +63,54 @@ def begin(w, f, p, q, reference, mu):
     w.k[:] = 0.0
     cost = roll_out(w, f, p, q, reference, 0.0, True)
     _take(w)
-    w.numbers[COST], w.numbers[MU], w.numbers[FACTOR] = cost, mu, 1.0
-    w.numbers[EXPECTED] = w.numbers[GOT] = w.numbers[SECANT] = 0.0
-    w.numbers[ALPHA] = 1.0
-    w.bend[:] = 0.0
-    return GO_ON if math.isfinite(cost) else NOT_FINITE
+    w.numbers[ws.COST], w.numbers[ws.MU], w.numbers[ws.FACTOR] = cost, mu, 1.0
+    w.numbers[ws.EXPECTED] = w.numbers[ws.GOT] = w.numbers[ws.SECANT] = 0.0
+    w.numbers[ws.ALPHA] = 1.0
+    w.curvature[:] = 0.0
+    return ws.GO_ON if math.isfinite(cost) else ws.NOT_FINITE
 
 
 @njit(cache=True, error_model="numpy")
 def _take(w):
-    """The candidate becomes the trajectory."""
+    """Make the candidate the plan."""
     w.states[:] = w.new_states
     w.controls[:] = w.new_controls
     w.A[:] = w.new_a
     w.B[:] = w.new_b
-    w.numbers[STALE] = COST_STALE
+    w.numbers[ws.STALE] = ws.COST_STALE
 
 
 @njit(cache=True, error_model="numpy")
 def derivatives(w, f, p, q):
-    """Derivatives of cost, and where they are missing of dynamics, along the trajectory."""
+    """Derivatives of the cost along the plan, and those of the dynamics where they are stale."""
     T = w.controls.shape[0]
     for t in range(T):
-        if w.numbers[STALE] == ALL_STALE:
+        if w.numbers[ws.STALE] == ws.ALL_STALE:
             _linearise(f.linearise, (w.states[t], w.controls[t], p, w.Qx, w.A[t], w.B[t]))
         _running_derivatives(
-            f.running_derivatives, (t, w.states[t], w.controls[t], q, w.lx[t], w.lu[t], w.lxx[t], w.luu[t])
+            f.running_derivatives,
+            (t, w.states[t], w.controls[t], q, w.lx[t], w.lu[t], w.lxx[t], w.luu[t]),
         )
     _final_derivatives(f.final_derivatives, (w.states[T], q, w.lx[T], w.lxx[T]))
-    w.numbers[STALE] = FRESH
+    w.numbers[ws.STALE] = ws.FRESH
 
 
 @njit(cache=True, error_model="numpy")
 def _secant(w):
-    """What the candidate, which was linearised, tells of the curvature of the dynamics."""
+    """Note how far the linearised candidate moved, and how much its A changed."""
     for t in range(w.A.shape[0]):
         for i in range(w.V.shape[0]):
             w.moved[t, i] = w.new_states[t, i] - w.states[t, i]
             for j in range(w.V.shape[0]):
                 w.turned[t, i, j] = w.new_a[t, i, j] - w.A[t, i, j]
-    w.numbers[SECANT] = 1.0
+    w.numbers[ws.SECANT] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
-def _learn_bend(w, t):
-    """Bring the curvature M of the step into line with what the last candidate has shown."""
+def _learn_curvature(w, t):
+    """Update the curvature M of the step from the last candidate."""
     n = w.V.shape[0]
-    M, r, s = w.bend[t], w.missing, w.moved[t]
+    M, r, s = w.curvature[t], w.missing, w.moved[t]
     sy = sMs = ss = 0.0
     for j in range(n):
         r[j] = known = 0.0
@@ -165,7 +140,7 @@ def _learn_bend(w, t):
 
 @njit(cache=True, error_model="numpy")
 def _expand(w, t):
-    """Qx, Qxx, Qux of the step into the workspace; Qu and Quu returned as (g0, g1, h00, h01, h11)."""
+    """Write Qx, Qxx, Qux of the step into the workspace; return Qu and Quu as (g0, g1, h00, h01, h11)."""
     n = w.V.shape[0]
     A, B = w.A[t], w.B[t]
     for i in range(n):
@@ -198,17 +173,17 @@ def _expand(w, t):
                 w.Qxx[i, j] += a * w.VA[m, j]
             w.Qux[0, i] += B[m, 0] * w.VA[m, i]
             w.Qux[1, i] += B[m, 1] * w.VA[m, i]
-    if w.numbers[SECANT] > 0.0:
-        _learn_bend(w, t)
+    if w.numbers[ws.SECANT] > 0.0:
+        _learn_curvature(w, t)
         for i in range(n):
             for j in range(n):
-                w.Qxx[i, j] += w.bend[t, i, j]
+                w.Qxx[i, j] += w.curvature[t, i, j]
     return g0, g1, h00, h01, h11
 
 
 @njit(cache=True, error_model="numpy")
 def _feedback(w, t, h00, h01, h11, free0, free1):
-    """K of the step: -Quu^-1 Qux on the free rows, zero on the held ones."""
+    """K of the step: -Quu^-1 Qux on the free rows, zero on the rows at a limit."""
     for j in range(w.V.shape[0]):
         a, b = w.Qux[0, j], w.Qux[1, j]
         if free0 and free1:
@@ -238,7 +213,7 @@ def _value(w, t, g0, g1, h00, h01, h11):
 
 @njit(cache=True, error_model="numpy")
 def backward(w, mu):
-    """k and K along the trajectory with mu added to Quu's diagonal. Returns (code, slope, curvature, largest).
+    """k and K along the plan, with mu added to the diagonal of Quu. Returns (code, slope, curvature, largest).
 
     code: GO_ON, NO_DESCENT when Quu is not positive definite, or NOT_FINITE. Moving by alpha is expected to change
     the cost by alpha slope + alpha^2 curvature; largest is the largest full correction of a control, 0 at the
@@ -257,7 +232,7 @@ def backward(w, mu):
             h00 + mu, h01, h11 + mu, g0, g1, w.low[0] - a, w.high[0] - a, w.low[1] - b, w.high[1] - b
         )
         if not ok:
-            code = NO_DESCENT if math.isfinite(h00 + h01 + h11) else NOT_FINITE
+            code = ws.NO_DESCENT if math.isfinite(h00 + h01 + h11) else ws.NOT_FINITE
             return code, slope, curvature, largest
         w.k[t, 0], w.k[t, 1] = k0, k1
         _feedback(w, t, h00 + mu, h01, h11 + mu, free0, free1)
@@ -265,92 +240,91 @@ def backward(w, mu):
         curvature += 0.5 * (h00 * k0 * k0 + h11 * k1 * k1) + h01 * k0 * k1
         largest = max(largest, abs(k0), abs(k1))
         _value(w, t, g0, g1, h00, h01, h11)
-    return GO_ON if math.isfinite(slope + curvature) else NOT_FINITE, slope, curvature, largest
+    return ws.GO_ON if math.isfinite(slope + curvature) else ws.NOT_FINITE, slope, curvature, largest
 
 
 @njit(cache=True, error_model="numpy")
 def _harder(w, rules):
-    """Raise the regularisation; False when it has reached its end."""
-    w.numbers[FACTOR] = max(rules.mu_factor, w.numbers[FACTOR] * rules.mu_factor)
-    w.numbers[MU] = max(rules.mu_min, w.numbers[MU] * w.numbers[FACTOR])
-    return w.numbers[MU] <= rules.mu_max
+    """Raise the regularisation; False above mu_max."""
+    w.numbers[ws.FACTOR] = max(rules.mu_factor, w.numbers[ws.FACTOR] * rules.mu_factor)
+    w.numbers[ws.MU] = max(rules.mu_min, w.numbers[ws.MU] * w.numbers[ws.FACTOR])
+    return w.numbers[ws.MU] <= rules.mu_max
 
 
 @njit(cache=True, error_model="numpy")
 def _softer(w, rules):
-    """Lower the regularisation, to zero once below its least value."""
-    w.numbers[FACTOR] = min(1.0 / rules.mu_factor, w.numbers[FACTOR] / rules.mu_factor)
-    mu = w.numbers[MU] * w.numbers[FACTOR]
-    w.numbers[MU] = mu if mu >= rules.mu_min else 0.0
+    """Lower the regularisation, to zero below mu_min."""
+    w.numbers[ws.FACTOR] = min(1.0 / rules.mu_factor, w.numbers[ws.FACTOR] / rules.mu_factor)
+    mu = w.numbers[ws.MU] * w.numbers[ws.FACTOR]
+    w.numbers[ws.MU] = mu if mu >= rules.mu_min else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def policy(w, f, p, q, rules):
-    """Policy for the trajectory as it stands; raises the regularisation until it exists. Returns a code."""
-    if w.numbers[STALE] != FRESH:
+    """Policy for the plan; raises the regularisation until a policy exists. Returns a code."""
+    if w.numbers[ws.STALE] != ws.FRESH:
         derivatives(w, f, p, q)
-    code, slope, curvature, largest = backward(w, w.numbers[MU])
-    while code == NO_DESCENT and _harder(w, rules):
-        code, slope, curvature, largest = backward(w, w.numbers[MU])
-    w.numbers[SLOPE], w.numbers[CURVATURE], w.numbers[LARGEST] = slope, curvature, largest
+    code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
+    while code == ws.NO_DESCENT and _harder(w, rules):
+        code, slope, curvature, largest = backward(w, w.numbers[ws.MU])
+    w.numbers[ws.SLOPE], w.numbers[ws.CURVATURE], w.numbers[ws.LARGEST] = slope, curvature, largest
     return code
 
 
 @njit(cache=True, error_model="numpy")
 def finish(w, f, p, q, rules):
-    """Gains of the trajectory as it stands, whatever candidates there were on the way. Returns a code."""
-    if w.numbers[SECANT] == 0.0 and w.numbers[STALE] == FRESH:
-        return GO_ON  # there were none, and the policy has been made
-    w.numbers[SECANT] = 0.0
+    """Gains of the final plan, without the curvature of the secant. Returns a code."""
+    if w.numbers[ws.SECANT] == 0.0 and w.numbers[ws.STALE] == ws.FRESH:
+        return ws.GO_ON  # no candidate since the last policy
+    w.numbers[ws.SECANT] = 0.0
     return policy(w, f, p, q, rules)
 
 
 @njit(cache=True, error_model="numpy")
 def _try(w, f, p, q, rules, alpha):
-    """Roll a candidate out and take it if its cost is low enough. Returns its reduction, or NaN where it was not."""
+    """Roll a candidate out and take it if its cost is low enough. Returns the reduction, NaN if refused."""
     n = w.numbers
-    expected = -alpha * (n[SLOPE] + alpha * n[CURVATURE])
-    reduction = n[COST] - roll_out(w, f, p, q, w.states, alpha, True)
+    expected = -alpha * (n[ws.SLOPE] + alpha * n[ws.CURVATURE])
+    reduction = n[ws.COST] - roll_out(w, f, p, q, w.states, alpha, True)
     if math.isfinite(reduction):
         _secant(w)
     if not (reduction > rules.min_ratio * expected and reduction > 0.0):
         return math.nan
     _take(w)
-    n[COST] -= reduction
-    n[EXPECTED], n[GOT], n[ALPHA] = expected, reduction, alpha
+    n[ws.COST] -= reduction
+    n[ws.EXPECTED], n[ws.GOT], n[ws.ALPHA] = expected, reduction, alpha
     _softer(w, rules)
     return reduction
 
 
 @njit(cache=True, error_model="numpy")
 def iterate(w, f, p, q, rules):
-    """One iteration: policy, then a line search; only a lower cost replaces the trajectory. Returns a code.
+    """One iteration: policy, then a line search; only a lower cost replaces the plan. Returns a code.
 
-    Candidates are linearised on the way: those taken need no second pass, and those refused tell how the dynamics bend,
-    with which the policy is made anew for a shorter step. The first step is twice as long as the last one taken, at
-    most a full one: where steps had to be short, the next ones mostly have to be, too."""
+    The roll-out linearises each candidate. A taken candidate needs no second pass. A refused one shows the curvature of
+    the dynamics, and the policy for the shorter step uses it. The first step is twice the last one taken, at most 1."""
     n = w.numbers
-    small, alpha = rules.tolerance * (1.0 + abs(n[COST])), min(1.0, 2.0 * n[ALPHA])
+    small, alpha = rules.tolerance * (1.0 + abs(n[ws.COST])), min(1.0, 2.0 * n[ws.ALPHA])
     for _ in range(rules.tries):
         code = policy(w, f, p, q, rules)
-        if code != GO_ON:
+        if code != ws.GO_ON:
             return code
-        expected = -(n[SLOPE] + n[CURVATURE])
-        if n[MU] <= rules.mu_min and (n[LARGEST] < rules.control_tolerance or expected < small):
-            return CONVERGED
+        expected = -(n[ws.SLOPE] + n[ws.CURVATURE])
+        if n[ws.MU] <= rules.mu_min and (n[ws.LARGEST] < rules.control_tolerance or expected < small):
+            return ws.CONVERGED
         reduction = _try(w, f, p, q, rules, alpha)
         if math.isfinite(reduction):
-            return CONVERGED if reduction < small and n[MU] <= rules.mu_min and alpha > 0.5 else GO_ON
+            return ws.CONVERGED if reduction < small and n[ws.MU] <= rules.mu_min and alpha > 0.5 else ws.GO_ON
         alpha *= rules.shorter
-    return GO_ON if _harder(w, rules) else NO_DESCENT
+    return ws.GO_ON if _harder(w, rules) else ws.NO_DESCENT
 
 
 @njit(cache=True, error_model="numpy")
 def certify(w):
-    """First-order conditions of the trajectory, by the adjoint, from the derivatives as they stand.
+    """First-order optimality of the plan, by the adjoint of the stored derivatives.
 
-    Into numbers[FREE] the largest gradient of the cost by a control that is free, into numbers[WRONG] that by one held
-    at a limit though the cost falls inwards."""
+    numbers[FREE]: largest gradient of the cost by a control inside its limits. numbers[WRONG]: largest gradient by a
+    control at a limit where the cost falls inwards."""
     T, n = w.controls.shape[0], w.V.shape[0]
     free = wrong = 0.0
     w.V[:] = w.lx[T]
@@ -372,4 +346,4 @@ def certify(w):
             for m in range(n):
                 w.Qx[j] += w.A[t, m, j] * w.V[m]
         w.V[:] = w.Qx
-    w.numbers[FREE], w.numbers[WRONG] = free, wrong
+    w.numbers[ws.FREE], w.numbers[ws.WRONG] = free, wrong

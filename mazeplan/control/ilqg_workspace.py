@@ -1,4 +1,4 @@
-"""What the compiled inside of the planner works on: signatures of what it calls, codes, and its arrays."""
+"""Arrays, codes and signatures of the compiled iLQG solver."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from mazeplan.maths.compiled import INTEGER, MATRIX, REAL, VECTOR
-from mazeplan.records import Array
+from mazeplan.core.maths.compiled import INTEGER, MATRIX, REAL, VECTOR
+from mazeplan.core.records import Array
 
 STEP = types.void(VECTOR, VECTOR, VECTOR, VECTOR)  # s, u, p, out
 LINEARISE = types.void(VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX)  # s, u, p, out, A, B
@@ -20,7 +20,7 @@ FINAL_DERIVATIVES = types.void(VECTOR, VECTOR, VECTOR, MATRIX)  # s, p, l_x, l_x
 GO_ON, CONVERGED, NO_DESCENT, NOT_FINITE = range(4)
 COST, MU, FACTOR, STALE, SLOPE, CURVATURE, LARGEST, EXPECTED, GOT, FREE, WRONG, SECANT, ALPHA = range(13)
 NUMBERS = 13
-FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # which derivatives are those of the trajectory: all, dynamics, none
+FRESH, COST_STALE, ALL_STALE = 0.0, 1.0, 2.0  # derivatives that belong to the trajectory: all, those of dynamics, none
 
 
 class Functions(NamedTuple):
@@ -35,7 +35,7 @@ class Functions(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What an iteration needs of the options; see `IlqgOptions`."""
+    """The options that an iteration needs; see `IlqgOptions`."""
 
     tolerance: float
     control_tolerance: float
@@ -50,12 +50,16 @@ class Rules(NamedTuple):
 class Workspace(NamedTuple):
     """All arrays of one solver. T steps, n states, 2 controls.
 
-    states (T+1, n), controls (T, 2): the trajectory; new_states, new_controls: a candidate; low, high (2,): limits;
-    A (T, n, n), B (T, n, 2), lx (T+1, n), lu (T, 2), lxx (T+1, n, n), luu (T, 2, 2): derivatives along the trajectory;
-    new_a, new_b: along the candidate; moved (T, n), turned (T, n, n): its states and A less the trajectory's; bend
-    (T, n, n): what such moves have told of the curvature of the dynamics, missing (n,): what they tell it lacks;
-    k (T, 2), K (T, 2, n): correction and feedback; V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n): of the
-    backward pass; numbers: cost, regularisation and so on, at the indices above.
+    It is flat: compiled code that reads through nested records takes a quarter longer.
+
+    states (T+1, n), controls (T, 2), A (T, n, n), B (T, n, 2): the plan, with the derivatives of the dynamics along it;
+    new_states, new_controls, new_a, new_b: the same of the candidate under trial; low, high (2,): limits;
+    lx (T+1, n), lu (T, 2), lxx (T+1, n, n), luu (T, 2, 2): derivatives of the cost along the plan;
+    k (T, 2), K (T, 2, n): correction and feedback;
+    moved (T, n), turned (T, n, n): states and A of the candidate less those of the plan; curvature (T, n, n): of the
+    dynamics, as candidates have shown it; missing (n,): the part that the last candidate adds;
+    V, Qx (n,), VV, VA, Qxx (n, n), VB (n, 2), Qux (2, n): of the backward pass;
+    numbers: cost, regularisation and so on, at the indices above.
     """
 
     states: Array
@@ -70,7 +74,7 @@ class Workspace(NamedTuple):
     new_b: Array
     moved: Array
     turned: Array
-    bend: Array
+    curvature: Array
     missing: Array
     lx: Array
     lu: Array
@@ -104,7 +108,7 @@ def make_workspace(horizon: int, n: int, low: Array, high: Array) -> Workspace:
         new_b=z((T, n, 2)),
         moved=z((T, n)),
         turned=z((T, n, n)),
-        bend=z((T, n, n)),
+        curvature=z((T, n, n)),
         missing=z(n),
         lx=z((T + 1, n)),
         lu=z((T, 2)),

@@ -1,9 +1,8 @@
-"""Plans along one ring: the solver on the ring's dynamics and cost.
+"""Planner for one ring: iLQG on the ring's dynamics and cost.
 
-A cold start begins with the commands of a simple law (`first_guess`). On a model with a process a plan on the effects
-alone comes next, which is a tenth of the work and need not be exact: the process changes what the effects plan by
-little, but it bends the cost everywhere on the way there. Where the settings give what is not known a price, only the
-last part pays it.
+A cold start begins with the commands of a simple law (`first_guess`). With a Gaussian process, a coarse plan on the
+effects alone comes next. It costs a tenth of the work and lies near the final plan, while a direct search on the rough
+learned dynamics takes many iterations. Only the final search pays for uncertainty (`uncertain_cost`).
 """
 
 from __future__ import annotations
@@ -16,18 +15,18 @@ import numpy as np
 from mazeplan.control import cost as ring_cost
 from mazeplan.control import uncertain_cost
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.control.first_guess import first_guess
 from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
-from mazeplan.control.stopwatch import Live, Stopwatch
-from mazeplan.maths.angles import nearest
-from mazeplan.models import learned_dynamics
-from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.physics import ring_dynamics
-from mazeplan.physics.ring_parameters import RingParameters
-from mazeplan.records import Array, Plan
+from mazeplan.core.maths.angles import nearest
+from mazeplan.core.records import Array, Plan
+from mazeplan.learning import gp_dynamics as learned_dynamics
+from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.physics.dynamics import ring_dynamics
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
-COARSE, COARSE_SUBSTEPS = 3e-3, 1  # tolerance and integration of the plan on the effects alone
-SHARE = 0.5  # of the deadline that it may take
+COARSE, COARSE_SUBSTEPS = 3e-3, 1  # tolerance and substeps of the coarse plan
+SHARE = 0.5  # of the deadline that the coarse plan may take
 
 RING_COST = Cost(ring_cost.running, ring_cost.running_derivatives, ring_cost.final, ring_cost.final_derivatives)
 UNCERTAIN_COST = Cost(
@@ -51,15 +50,15 @@ class RingPlanner:
         process: GaussianProcess | None = None,
         watch: Stopwatch | None = None,
     ) -> None:
-        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: what it learned beyond
-        its parameters; watch: for deadlines."""
+        """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: Gaussian process on top
+        of the effects; watch: for deadlines."""
         self.parameters, self.tilt_limit, self.cost = parameters, tilt_limit, cost or CostParameters()
         limit, options, watch = np.full(2, tilt_limit), options or IlqgOptions(), watch or Live()
 
         def planner(dynamics: Dynamics, options: IlqgOptions, cost: Cost = RING_COST) -> Planner:
             return Planner(dynamics, cost, -limit, limit, options, dt=parameters.dt, watch=watch)
 
-        self._doubts = np.zeros(0)  # what the cost of what is not known needs behind the wishes
+        self._uncertain = np.zeros(0)  # vector of `uncertain_cost`
         self._effects = parameters.pack()
         effects = Dynamics(ring_dynamics.step, ring_dynamics.linearise, parameters.pack(), 6)
         self._coarse = None
@@ -69,9 +68,9 @@ class RingPlanner:
             packed = learned_dynamics.pack(parameters, process)
             learned = Dynamics(learned_dynamics.step, learned_dynamics.linearise, packed, 6)
             if self.cost.uncertainty > 0.0:
-                self._doubts = uncertain_cost.pack(self.cost, process)
-            self._planner = planner(learned, options, UNCERTAIN_COST if len(self._doubts) else RING_COST)
-            if parameters.physics:  # else there are no effects to plan with
+                self._uncertain = uncertain_cost.pack(self.cost, process)
+            self._planner = planner(learned, options, UNCERTAIN_COST if len(self._uncertain) else RING_COST)
+            if parameters.physics:  # else there are no effects for a coarse plan
                 rough = replace(effects, parameters=parameters.pack(COARSE_SUBSTEPS))
                 self._coarse = planner(rough, replace(options, tolerance=max(COARSE, options.tolerance)))
 
@@ -93,43 +92,43 @@ class RingPlanner:
     ) -> Plan:
         """A plan from a planner state (6,) to an angle, which must be on the turn to be taken (theta is not wrapped).
 
-        lean: wished outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm:
-        the last plan, of any turn; t0: rig time of the state, s. Never raises for numbers: see `Plan.reason`.
+        lean: wanted outward tilt, rad (negative: against the inner wall); goal_theta_dot: rad/s on arrival; warm:
+        the last plan, of any turn; t0: rig time of the state, s. Does not raise: see `Plan.reason`.
         """
         if warm is not None:
             warm = self._same_turn(warm, float(state[0]), t0)
-        wishes = self.cost.pack(goal_theta, goal_theta_dot, lean)
+        target = self.cost.pack(goal_theta, goal_theta_dot, lean)
         if warm is not None:
             wide, most = self.options.warm_tolerance, self.options.warm_iterations
-            q = self._with_doubts(wishes)
+            q = self._cost_vector(target)
             return self._planner.solve(state, q, warm, t0=t0, deadline_ms=deadline_ms, tolerance=wide, enough=most)
         guess = first_guess(
             self._effects, state, self.options.horizon, goal_theta, goal_theta_dot, lean, self.tilt_limit
         )
         if self._coarse is not None:
-            return self._from_effects(self._coarse, state, wishes, guess, t0, deadline_ms)
-        return self._planner.solve(state, self._with_doubts(wishes), guess, t0=t0, deadline_ms=deadline_ms)
+            return self._from_effects(self._coarse, state, target, guess, t0, deadline_ms)
+        return self._planner.solve(state, self._cost_vector(target), guess, t0=t0, deadline_ms=deadline_ms)
 
-    def _with_doubts(self, wishes: Array) -> Array:
-        """The vector of the cost with which the process is planned with."""
-        if not len(self._doubts):
-            return wishes
-        self._doubts[: len(wishes)] = wishes
-        return self._doubts
+    def _cost_vector(self, target: Array) -> Array:
+        """The vector of the cost on the full model."""
+        if not len(self._uncertain):
+            return target
+        self._uncertain[: len(target)] = target
+        return self._uncertain
 
     def _from_effects(
-        self, coarse: Planner, state: Array, wishes: Array, guess: Array, t0: float, deadline_ms: float | None
+        self, coarse: Planner, state: Array, target: Array, guess: Array, t0: float, deadline_ms: float | None
     ) -> Plan:
-        """A cold start: the plan of the effects, improved with the process. Times and iterations are those of both."""
+        """A cold start: the coarse plan on the effects, refined on the full model. Sums times and iterations."""
         deadline = self.options.deadline_ms if deadline_ms is None else deadline_ms
-        first = coarse.solve(state, wishes, guess, t0=t0, deadline_ms=SHARE * deadline)
+        first = coarse.solve(state, target, guess, t0=t0, deadline_ms=SHARE * deadline)
         warm = first if first.ok else None
         left = max(0.0, deadline - first.ms)
-        plan = self._planner.solve(state, self._with_doubts(wishes), warm, t0=t0, deadline_ms=left)
+        plan = self._planner.solve(state, self._cost_vector(target), warm, t0=t0, deadline_ms=left)
         return replace(plan, ms=first.ms + plan.ms, iterations=first.iterations + plan.iterations)
 
     def _same_turn(self, warm: Plan, theta: float, t0: float) -> Plan | None:
-        """The former plan moved by whole turns to where the ball is now; None if it cannot be used."""
+        """The last plan, moved by whole turns to the ball's angle; None if it cannot be used."""
         if not (warm.ok and math.isfinite(theta) and np.isfinite(warm.controls).all()):
             return None
         k = min(max(0, round((t0 - warm.t0) / warm.dt)), len(warm.controls))
@@ -143,7 +142,7 @@ class RingPlanner:
 
     @property
     def dynamics(self) -> Dynamics:
-        """What plans are made with."""
+        """Dynamics of the full model."""
         return self._planner.dynamics
 
     def warm_up(self) -> None:

@@ -1,11 +1,11 @@
-"""From the acceleration one wishes the ball to have to the tilt that gives it, inside the limits.
+"""Tilt commands for a wanted acceleration of the ball, inside the limits.
 
-Inverse of the gravity part of the ball's equation at small angles, without its rolling factor:
+The inverse of the gravity part of the ball's equation at small angles, without its rolling factor:
 
     a_x = g (beta + beta_0),   a_y = -g (gamma + gamma_0)
 
-where (beta_0, gamma_0) is the tilt of the table. An acceleration here is "tilt times g": the ball gets 5/7 of it or
-less.
+where (beta_0, gamma_0) is the tilt of the table. Acceleration here means tilt times g; the ball
+gets at most 5/7 of it.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 from numba import njit
 
-from mazeplan.constants import GRAVITY
-from mazeplan.records import Command
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.records import Command
 
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """What of the plate matters for commands: tilt limit per axis and the table's own tilt, rad."""
+    """Tilt limit per axis and tilt of the table, rad."""
 
     limit: float
     offset_beta: float = 0.0
@@ -32,13 +32,13 @@ class Plate:
         return Command(min(max(u_beta, -limit), limit), min(max(u_gamma, -limit), limit))
 
     def command(self, ax: float, ay: float) -> Command:
-        """The command for an acceleration wish in m/s^2, clipped per axis."""
+        """The command for a wanted acceleration, m/s^2, clipped per axis."""
         return self.clip(ax / GRAVITY - self.offset_beta, -ay / GRAVITY - self.offset_gamma)
 
     def command_along(self, first: tuple[float, float], then: tuple[float, float]) -> Command:
-        """The command for the wish `first` (m/s^2), plus as much of the wish `then` as the limits leave room for.
+        """The command for the acceleration `first`, plus the share of `then` that the limits allow, m/s^2.
 
-        What is asked first is never bent by what is asked second: braking comes before pushing.
+        `then` never changes the direction of `first`: braking comes before pushing.
         """
         base = self.command(*first)
         full = (first[0] + then[0]) / GRAVITY - self.offset_beta, -(first[1] + then[1]) / GRAVITY - self.offset_gamma

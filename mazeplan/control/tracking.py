@@ -1,4 +1,4 @@
-"""Following a plan: its own time-varying gains, or PD on its trajectory for comparison; and PD without a plan.
+"""Tracking laws: the plan's time-varying gains, PD on the planned trajectory, and PD without a plan.
 
     gains:  u = u_k + K_k (s - s_k)
     PD:     u = u_k + tilt along theta for  kp (theta_k - theta) + kd (theta_dot_k - theta_dot)
@@ -14,18 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.constants import GRAVITY
 from mazeplan.control.tilt import Plate
-from mazeplan.maths.angles import nearest
-from mazeplan.maths.fields import check_numbers
-from mazeplan.records import Array, Command, Plan, State
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.maths.angles import nearest
+from mazeplan.core.records import Array, Command, Plan, State
 
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """kp: 1/s^2 and kd: 1/s of the PD tracker, as angular acceleration; replan_theta: rad and replan_speed: rad/s of
-    deviation from the plan beyond which a new one is worth making; replan_every: ticks after which one is made
-    anyway. Raises SettingsError."""
+    """Settings of the tracking laws. Raises SettingsError.
+
+    kp: 1/s^2 and kd: 1/s of the PD law, as angular acceleration; replan_theta: rad and replan_speed: rad/s, deviations
+    from the plan that call for a new one; replan_every: ticks between plans at most."""
 
     kp: float = 60.0
     kd: float = 12.0
@@ -75,7 +76,7 @@ def follow_pd(plan: Plan, state: State, plate: Plate, options: TrackingOptions, 
 def pd_to_angle(
     state: State, turn: float, plate: Plate, options: TrackingOptions, radius: float, lean: float = 0.0
 ) -> Command:
-    """Without a plan: PD on the angle that is left to turn (rad), the plate leaning (rad, outwards positive)."""
+    """PD on the remaining angle `turn` (rad), with the plate leaning by `lean` (rad, outwards positive)."""
     along = (options.kp * turn - options.kd * state.theta_dot) * radius  # m/s^2
     outwards = GRAVITY * math.sin(lean)
     c, s = math.cos(state.theta), math.sin(state.theta)
@@ -83,6 +84,6 @@ def pd_to_angle(
 
 
 def off_plan(plan: Plan, state: State, options: TrackingOptions) -> bool:
-    """Whether ball and plan have parted so far that the plan should be made again."""
+    """Whether the ball is so far from the plan that a new plan is needed."""
     error = deviation(plan, state)
     return bool(abs(error[0]) > options.replan_theta or abs(error[1]) > options.replan_speed)

@@ -1,13 +1,13 @@
-"""Cost of a motion along one ring that also pays for what the model does not know.
+"""Cost of a motion along one ring, with a price on the uncertainty of the learned model.
 
-Each step costs what `cost` says, plus
+To the cost of `cost` each step adds
 
-    w v(s)      v: variance of the learned part of theta_dd at s, given the nearest row it was trained on
+    w v(s)      v: variance of the learned part of theta_dd at s, given the nearest training row
 
-so that a plan rather goes where the rig has been. v is never smaller than the variance given all rows, and needs no
-more than one look at them. The vector is that of `cost`, then w, the noise variance of a sample, and the process as
-`fast_gp.pack` has it. Numba keeps these functions by the date of this file alone: who changes what they call must
-change it, too. int64(): for a bare constant Numba would compile all that is called once more.
+so that plans prefer states that the rig has visited. v is never smaller than the variance given all rows, and needs
+only one pass over them. The packed vector is that of `cost`, then w, the noise variance of a sample, and the Gaussian
+process of `fast_gp.pack`. Numba caches these functions by the date of this file: touch it after changes to functions
+that it calls. int64(): with a bare constant Numba would compile all callees once more.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from numba import njit
 
 from mazeplan.control import cost
 from mazeplan.control.cost import CostParameters
-from mazeplan.models import fast_gp
-from mazeplan.models.fast_gp import D, variance_and_derivatives
-from mazeplan.models.fast_gp import variance as variance_at
-from mazeplan.models.gaussian_process import GaussianProcess
-from mazeplan.records import Array
+from mazeplan.core.records import Array
+from mazeplan.learning import fast_gp
+from mazeplan.learning.fast_gp import D, variance_and_derivatives
+from mazeplan.learning.fast_gp import variance as variance_at
+from mazeplan.learning.gaussian_process import GaussianProcess
 
-PLAIN = len(CostParameters().pack(0.0))  # numbers of the plain cost
+PLAIN = len(CostParameters().pack(0.0))  # length of the vector of `cost`
 _WEIGHT, _NOISE, _PROCESS = PLAIN, PLAIN + 1, PLAIN + 2
 
 final, final_derivatives = cost.final, cost.final_derivatives
@@ -31,7 +31,7 @@ plain_running, plain_derivatives = cost.running, cost.running_derivatives
 
 
 def pack(parameters: CostParameters, process: GaussianProcess) -> Array:
-    """The vector; its first PLAIN numbers are to be those of `CostParameters.pack`."""
+    """The packed vector; the caller fills its first PLAIN numbers from `CostParameters.pack`."""
     noise = process.hyper.noise
     return np.concatenate([np.zeros(PLAIN), [parameters.uncertainty, noise * noise], fast_gp.pack(process)])
 

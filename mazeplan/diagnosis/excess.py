@@ -1,4 +1,4 @@
-"""When more is left than noise leaves, and how that is said. It imports nothing: reports need it, too."""
+"""When an error is more than noise, and the words for it. It imports nothing, since reports need it, too."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ TOO_SELDOM = "what causes the rest comes too seldom or too irregularly to be nam
 
 
 def more_than_noise(error: float, floor: float) -> bool:
-    """Whether an error is by far more than what noise would cause (floor); of what is not finite nobody knows."""
+    """Whether an error is far above the noise floor; False if either is not finite."""
     return error > FAR_BEYOND * floor

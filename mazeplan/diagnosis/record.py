@@ -1,18 +1,18 @@
-"""From a table to a record that can be diagnosed: rows of one ring on a clock of their own, oddities named."""
+"""Records for a diagnosis: the rows of a table in which the ball is in one ring, with notes of what is odd."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mazeplan.data.table import Table, stretches
-from mazeplan.errors import TableError
-from mazeplan.models.samples import SampleOptions, orientation, ring_samples
-from mazeplan.physics.sensors import Camera
-from mazeplan.records import Array
+from mazeplan.core.errors import TableError
+from mazeplan.core.logs.table import Table, stretches
+from mazeplan.core.records import Array
+from mazeplan.learning.samples import SampleOptions, orientation, ring_samples
+from mazeplan.physics.rig.sensors import Camera
 
 FROZEN = 15  # equal measurements in a row that no ball and no camera give
 FEWEST = 300  # samples of the ball
@@ -20,10 +20,12 @@ STILL = 3e-3  # rad; a plate that tilts by less tells nothing
 
 
 @dataclass(frozen=True)
-class Record:
-    """One ring. t (N,): s, by counting samples; theta (unwrapped in each stretch), r: NaN where not seen, r None where
-    not measured; first: a stretch begins; beta, gamma, and u (N, 2) or None; notes: what was found odd; theta_ddot
-    (N,): the record's own, rad/s^2, None where it brings none."""
+class RingRecord:
+    """The ball in one ring, N samples.
+
+    t: s, by counting samples; theta: rad, unwrapped in each stretch, NaN if not seen; r: m, None if not measured;
+    first: True where a stretch begins; beta, gamma: measured tilt, rad; u (N, 2): commands, rad, None if unknown;
+    segment: number of the stretch; notes: what is odd; theta_ddot: the record's own accelerations, rad/s^2."""
 
     t: Array
     dt: float
@@ -40,10 +42,16 @@ class Record:
     def __len__(self) -> int:
         return len(self.t)
 
+    def part(self, rows: np.ndarray) -> RingRecord:
+        """The record of some rows (N,) alone, at their times."""
+        columns = ("t", "theta", "r", "first", "beta", "gamma", "u", "segment", "theta_ddot")
+        known = {name: column for name in columns if (column := getattr(self, name)) is not None}
+        return replace(self, **{name: column[rows] for name, column in known.items()})
+
 
 def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
-    """The table with beta and gamma counted as in the ball's equation, in which gravity pulls the ball downhill, and
-    what was turned round, in words."""
+    """The table with the signs of beta and gamma of the ball's equation, in which gravity pulls downhill; and notes on
+    each axis that was turned round. radius: of the track, m."""
     one = Table({name: column for name, column in table.columns.items() if name != "ring"})  # as if of one ring
     samples = ring_samples(one, None, None, SampleOptions(ring=1, radius=radius))
     columns, notes = dict(table.columns), []
@@ -59,8 +67,8 @@ def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
 
 
 def centred(table: Table, camera: Camera) -> Table:
-    """The table with what is known of the camera's offset, scale and lens taken off its positions; the camera's angle
-    is an effect of its own."""
+    """The table with positions corrected by the camera's known offset, scale and lens. The camera's angle is an effect
+    of its own."""
     known = replace(camera, angle=0.0)
     if "x" not in table or known == Camera():
         return table
@@ -69,10 +77,12 @@ def centred(table: Table, camera: Camera) -> Table:
     return Table({**table.columns, "x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}, table.source)
 
 
-def record_of(table: Table, rows: np.ndarray, notes: Sequence[str] = ()) -> Record:
-    """The record of the rows (N,) in which the ball is in the ring; notes: what is known to be odd already. Raises
-    TableError when nothing can be learned."""
+def record_of(table: Table, rows: np.ndarray | None = None, notes: Sequence[str] = ()) -> RingRecord:
+    """The record of the rows (N,) in which the ball is in the ring, None for all. notes: what is odd already.
+
+    Raises TableError for a ball that is seldom in the ring, or a plate that does not move."""
     dt, notes = table.dt, list(notes)
+    rows = np.ones(len(table), dtype=bool) if rows is None else rows
     starts = np.zeros(len(table), dtype=bool)
     for part in stretches(table):
         starts[part.start] = True
@@ -85,7 +95,7 @@ def record_of(table: Table, rows: np.ndarray, notes: Sequence[str] = ()) -> Reco
     gone = ~np.isfinite(theta)
     if gone.any() and rows.all():
         notes.append(f"the ball was not seen in {int(gone.sum())} of {len(theta)} samples")
-    starts |= _returns(rows)
+    starts[1:] |= rows[1:] != rows[:-1]  # the ball comes back into the ring, or leaves it
     seen = int(np.isfinite(theta).sum())
     if seen < FEWEST:
         where = "" if rows.all() else " in this ring"
@@ -102,20 +112,12 @@ def record_of(table: Table, rows: np.ndarray, notes: Sequence[str] = ()) -> Reco
     r = np.where(rows, table["r"], np.nan) if "r" in table else None
     if r is None:
         notes.append("no radius r in this record: the camera's offset cannot be checked")
-    whole = Record(
-        np.asarray(dt * np.arange(len(table)), dtype=np.float64),
-        dt,
-        theta,
-        r,
-        starts,
-        table["beta"],
-        table["gamma"],
-        u,
-        np.cumsum(starts),
-        tuple(notes),
-        np.where(rows, table["theta_ddot"], np.nan) if "theta_ddot" in table else None,
-    )
-    return replace(whole, theta=_unwrapped(theta, starts))
+    own = np.where(rows, table["theta_ddot"], np.nan) if "theta_ddot" in table else None
+    return RingRecord(
+        t=np.asarray(dt * np.arange(len(table)), dtype=np.float64), dt=dt, theta=_unwrapped(theta, starts), r=r,
+        first=starts, beta=table["beta"], gamma=table["gamma"], u=u, segment=np.cumsum(starts), notes=tuple(notes),
+        theta_ddot=own,
+    )  # fmt: skip
 
 
 def _unwrapped(theta: Array, first: np.ndarray) -> Array:
@@ -128,25 +130,17 @@ def _unwrapped(theta: Array, first: np.ndarray) -> Array:
 
 
 def _without_frozen(theta: Array, starts: np.ndarray) -> tuple[Array, int]:
-    """theta with runs of equal values taken out, and how many samples those were."""
+    """theta without runs of FROZEN repeated values, and the number of samples left out."""
     same = np.zeros(len(theta), dtype=bool)
     same[1:] = (theta[1:] == theta[:-1]) & ~starts[1:]
-    out, i = theta.copy(), 0
-    while i < len(theta):
-        if not same[i]:
-            i += 1
-            continue
-        j = i
-        while j < len(theta) and same[j]:
-            j += 1
-        if j - i >= FROZEN:
-            out[i:j] = np.nan
-        i = j
+    out = theta.copy()
+    for a, b in runs(same):
+        if b - a >= FROZEN:
+            out[a:b] = np.nan
     return out, int((np.isfinite(theta) & ~np.isfinite(out)).sum())
 
 
-def _returns(rows: np.ndarray) -> np.ndarray:
-    """Where the ball comes back into the ring, and where it leaves it."""
-    change = np.zeros(len(rows), dtype=bool)
-    change[1:] = rows[1:] != rows[:-1]
-    return change
+def runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First row of each run of True, and the row behind it."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
+    return zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

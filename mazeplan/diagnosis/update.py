@@ -1,49 +1,38 @@
-"""From a model and the effects that were found, a new model that has them: the old one but for their entries.
+"""The new model after a diagnosis: the old model with the entries of the effects that were found.
 
 | effect | entry |
 |---|---|
 | of stage, tilt sensor, camera | where its definition says (`Effect.entry`) |
 | of the ball, the same everywhere (`common`) | of every ring |
-| of the ball, others | of the rings where they were found; rolling, dry and viscous friction with `common` of all |
+| of the ball, others | of the rings where they were found |
 | friction_drift | viscous friction, as it was when the record ended |
 
-What was found in several rings is their mean, weighted by the standard errors. A value outside what the model allows
-becomes the nearest that it may be. Processes stay as they are: what they add was learned on top of the old effects, at
-the edges and joints of the maze, which are where they were.
+An effect found in several rings gets the mean, weighted by the standard errors. A value outside the model's bounds
+becomes the nearest bound. Gaussian processes stay: they were learned on top of the old effects, at edges and joints of
+the maze, which have not moved.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from mazeplan.constants import FREE_ROLLING, SOLID
-from mazeplan.maze.geometry import Maze
-from mazeplan.models.modelfile import RigModel
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import BALL
-from mazeplan.physics.entries import with_part
 from mazeplan.physics.registry import EFFECTS, make_term
-from mazeplan.physics.stage import StageModel
+from mazeplan.physics.rig.entries import with_part
+from mazeplan.physics.rig.stage import StageModel
 
 Parameters = dict[str, dict[str, Any]]  # parameter -> {"value", "stderr", "unit"}
 Found = Mapping[int, Sequence[Mapping[str, Any]]]  # ring -> effects as in the JSON of a diagnosis
-OF_THE_BALL = ("rolling_inertia", "dry_friction", "viscous_friction")
 DRIFT, FRICTION, UNTIL = "friction_drift", "viscous_friction", "until_s"
 
 
-def not_planned(names: Iterable[str]) -> list[str]:
-    """Those names of effects that a planner cannot use."""
-    return [name for name in names if name not in EFFECTS or not EFFECTS[name].planned]
-
-
-def base_model(
-    maze: Maze, ring: int | None, declared: Mapping[str, Mapping[str, float]], stage: StageModel | None
-) -> RigModel:
-    """The model that declarations stand for, of one ring (None: 1): effects and delay as declared, the stage as it was
-    fitted to the record, or textbook values without commands."""
+def base_model(ring: int | None, declared: Mapping[str, Mapping[str, float]], stage: StageModel | None) -> RigModel:
+    """The model of declarations, for one ring (None: 1). stage: as fitted to the record, None for textbook values."""
     effects = tuple(make_term(name, values) for name, values in declared.items() if EFFECTS[name].acts in BALL)
     model = RigModel(stage or StageModel(), {ring or 1: BallModel(effects)}, kind="pi")
     for name, values in declared.items():
@@ -53,7 +42,7 @@ def base_model(
 
 
 def merged(found: Found, name: str) -> Parameters:
-    """The parameters of an effect that is one thing in all rings: weighted means and their standard errors."""
+    """Weighted means and standard errors of an effect that is the same in all rings."""
     entries = [e["parameters"] for effects in found.values() for e in effects if e["name"] == name]
     out: Parameters = {}
     for key in entries[0] if entries else ():
@@ -67,8 +56,8 @@ def merged(found: Found, name: str) -> Parameters:
     return out
 
 
-def updated(model: RigModel, maze: Maze, found: Found, *, common: bool = False) -> RigModel:
-    """The model with what was found. common: what belongs to the ball was found in enough rings to count in all."""
+def updated(model: RigModel, found: Found) -> RigModel:
+    """The model with what was found."""
     for name in dict.fromkeys(str(e["name"]) for effects in found.values() for e in effects):
         effect = EFFECTS.get(name)
         if effect is None:
@@ -77,9 +66,9 @@ def updated(model: RigModel, maze: Maze, found: Found, *, common: bool = False) 
             p = merged(found, name)
             model = with_part(model, effect, _values(p), _stderr(p))
         elif name == DRIFT:
-            model = _balls(model, maze, FRICTION, _at_the_end(model, found), common)
+            model = _balls(model, FRICTION, _at_the_end(model, found))
         else:
-            model = _balls(model, maze, name, found, common)
+            model = _balls(model, name, found)
     return model
 
 
@@ -106,7 +95,7 @@ def _stderr(p: Parameters) -> dict[str, float]:
     return {key: math.inf if number["stderr"] is None else float(number["stderr"]) for key, number in p.items()}
 
 
-def _balls(model: RigModel, maze: Maze, name: str, found: Found, common: bool) -> RigModel:
+def _balls(model: RigModel, name: str, found: Found) -> RigModel:
     """The model, and in its rings an effect on the ball as found."""
     if EFFECTS[name].common:
         p = merged(found, name)
@@ -118,33 +107,7 @@ def _balls(model: RigModel, maze: Maze, name: str, found: Found, common: bool) -
     }
     for ring, p in here.items():
         balls[ring] = with_effect(balls[ring], name, _values(p), _stderr(p))
-    if common and name in OF_THE_BALL:
-        key = "factor" if name == "rolling_inertia" else "coefficient"
-        for ring in balls.keys() - here.keys():
-            elsewhere = [
-                _carried(name, p[key]["value"], r, ring, model, maze) for r, p in here.items() if r in model.balls
-            ]
-            if elsewhere:
-                known = next((e.values() for e in balls[ring].effects if e.name == name), {})
-                values = {**known, key: sum(elsewhere) / len(elsewhere)}
-                balls[ring] = with_effect(balls[ring], name, values, {})
     return replace(model, balls=balls)
-
-
-def _carried(name: str, value: float, ring: int, other: int, model: RigModel, maze: Maze) -> float:
-    """What a value found in a ring says of another ring, by how far it is from what the model said there.
-
-    Friction changes by as many m/s^2 (dry) or 1/s (viscous). Of the rolling factor 1 / (1 + l c) the ring has l (1 on
-    the floor alone, about 2 along a wall), the ball its inertia c m r^2."""
-    if name == "rolling_inertia":
-        was, there = (model.ball(r).parameter(name, "factor", FREE_ROLLING) for r in (ring, other))
-        inertia = SOLID * (1.0 / value - 1.0) / (1.0 / was - 1.0)
-        return 1.0 / (1.0 + (1.0 / there - 1.0) / SOLID * inertia)
-    change = value - model.ball(ring).parameter(name, "coefficient", 0.0)
-    if name == "dry_friction":
-        here, at = (max(maze.track_radius(r), 0.5 * maze.ring(r).outer_radius) for r in (ring, other))
-        change *= here / at
-    return model.ball(other).parameter(name, "coefficient", 0.0) + change
 
 
 def with_effect(ball: BallModel, name: str, values: Mapping[str, float], stderr: Mapping[str, float]) -> BallModel:

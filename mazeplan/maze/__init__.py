@@ -1,1 +1,1 @@
-"""The maze: its geometry, the map file, routes through it, openings learned from where the ball changed rings."""
+"""The maze: geometry, map file, routes, drawing, and maps learned from the ball's motion."""

@@ -1,13 +1,13 @@
-"""Rings from where the ball was: bands of radius between walls, told from camera noise and the camera's offset.
+"""Rings from positions of the ball: bands of radius between walls, with the camera's noise and offset.
 
 The ball's centre keeps its radius R_b away from walls, so ring k is the band [inner + R_b, outer - R_b] of its radius.
-It mostly rides one of the two walls. In and around a band the measured radius is therefore taken to be drawn from
+The ball mostly touches one of the two walls. The model of the measured radius in and around a band is therefore
 
     p(r) = w_1 N(r; inner, s) + w_2 N(r; outer, s) + w_3 (U[inner, outer] * N(0, s))(r) + w_4 U[window](r)
 
-(leaning on either wall, between them, passing through an opening), with one camera noise s for all bands. Quantiles
-of r would be wrong by the noise, and by how often the ball leans on which wall. Edges, s and the centre of the circles
-follow from the samples that lean on a wall: expectation and maximisation in turn.
+(at either wall, between them, passing through an opening), with one camera noise s for all bands. Expectation
+maximisation fits edges, s and the centre of the circles. Quantiles of r would depend on the noise and on how often the
+ball touches which wall.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.special import ndtr
 
-from mazeplan.errors import TableError
-from mazeplan.records import Array
+from mazeplan.core.errors import TableError
+from mazeplan.core.records import Array
 
 CELL = math.radians(2.0)  # of the angle, when it is counted how much of a circle was visited
 BIN = 1e-3  # m, of the radius, for the same; less than the play of a ball in a tight channel
@@ -58,7 +58,7 @@ class Bands:
 def fit_bands(x: Array, y: Array, ball_radius: float) -> Bands:
     """Bands and the circles' centre from places of the ball (N,), m; none may be NaN.
 
-    Raises TableError when fewer than two rings can be told apart, or none is the disc.
+    Raises TableError if the data show fewer than two rings, or no disc.
     """
     if len(x) < LEAST_SAMPLES:
         raise TableError(f"the ball was seen in {len(x)} samples, expected at least {LEAST_SAMPLES}")
@@ -242,7 +242,7 @@ def _around(start: Array) -> tuple[Array, Array]:
 def _shifted(centre: tuple[float, float], cos: Array, sin: Array, off: Array, weight: Array) -> tuple[float, float]:
     """The centre that explains best how far samples that lean on a wall are off it: r - edge = dx cos + dy sin."""
     a, b, c = np.dot(weight, cos * cos), np.dot(weight, cos * sin), np.dot(weight, sin * sin)
-    if a * c - b * b < 1e-3 * (a + c) ** 2:  # seen on one side only: the centre cannot be told from the radius
+    if a * c - b * b < 1e-3 * (a + c) ** 2:  # samples on one side do not separate centre and radius
         return centre
     p, q = np.dot(weight, cos * off), np.dot(weight, sin * off)
     det = a * c - b * b

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mazeplan.errors import InputError
-from mazeplan.maths.angles import difference
+from mazeplan.core.errors import InputError
+from mazeplan.core.maths.angles import difference
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _MM = 1000.0
 _ARC_STEP = math.radians(0.5)
 _WALL, _WALL_EDGE, _FLOOR = "#b9bec5", "#5b626b", "#ffffff"
 _INK, _CLOSED = "#22262b", "#c0392b"
-_ROUTE = "#d55e00"  # vermilion of the Okabe-Ito palette, which colour-blind people tell from grey and from the trail
+_ROUTE = "#d55e00"  # vermilion of the Okabe-Ito palette for colour-blind readers
 _TRAIL_MAP = "viridis"
 _FONT = 8.0
 _LABELLED = 1.27  # radii of the rim that a picture with labels shows to each side
@@ -74,9 +74,8 @@ def draw_maze(
 ) -> Axes:
     """Draw walls, openings, ball and tilt axes into `ax`, or into a figure of its own; returns the axes.
 
-    labels=False leaves the bare maze. path: (N, 2) in m, what will be drawn over the maze (a route, a trail): the ball
-    lies at its first point, ring numbers keep away from it, and the angles of the openings make room for it. ball=False
-    leaves the ball out.
+    labels=False draws the bare maze, ball=False no ball. path: (N, 2) in m, a route or trail to be drawn on top: the
+    ball lies at its first point, ring numbers keep away from it, and the angles of the openings are left out.
     """
     if ax is None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -302,10 +301,12 @@ def number_places(maze: Maze, path: Array | None = None) -> list[Array]:
 def _ball_place(maze: Maze, number: Array) -> Array:
     """Where the ball lies in ring 1 of a map without a path, (2,) in m: far from its openings, walls and number."""
     first = math.atan2(number[1], number[0])
-    gates = [opening.angle for opening in maze.openings if opening.outer == 1] + [first - 0.2, first, first + 0.2]
-    gates += [wall.angle for wall in maze.radial_walls_of(1)]
+    taken = [opening.angle for opening in maze.openings if opening.outer == 1] + [first - 0.2, first, first + 0.2]
+    taken += [wall.angle for wall in maze.radial_walls_of(1)]
     rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
-    ray = max(rays, key=lambda ray: (round(min(abs(difference(ray, g)) for g in gates), 6), math.cos(ray - 2.0)))
+    ray = max(
+        rays, key=lambda ray: (round(min(abs(difference(ray, angle)) for angle in taken), 6), math.cos(ray - 2.0))
+    )
     return maze.track_radius(1) * _unit(ray)
 
 

@@ -3,8 +3,8 @@
 All lengths in m, angles in rad, in the plate frame (origin in the centre, theta = atan2(y, x)). Ring 1 is the
 outermost; the last ring is a disc around the centre (inner radius 0). The wall between ring i and i+1 reaches from the
 outer radius of ring i+1 to the inner radius of ring i. An opening is a gap with parallel sides, `width` apart, whose
-middle line is the radius at `angle`. A radial wall shuts the channel of a ring at its `angle`: what lies between two of
-them is a sector of that ring, and between two places of a sector there is one way only.
+middle line is the radius at `angle`. A radial wall blocks the channel of a ring at its `angle`. Two neighbouring walls
+bound a sector of the ring; inside a sector there is only one way between two places.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from mazeplan.maths.angles import difference
+from mazeplan.core.maths.angles import difference
 
-CLEARANCE = 2e-4  # m that a ball which is placed keeps from a radial wall
+CLEARANCE = 2e-4  # m between a placed ball and a radial wall
 _TURN = 2.0 * math.pi
 
 
@@ -36,7 +36,7 @@ class Ring:
 
     @property
     def track_radius(self) -> float:
-        """Where the ball's centre is on average: the middle of the channel, 0 for the disc."""
+        """Mean radius of the ball's centre: the middle of the channel, 0 for the disc."""
         return 0.0 if self.inner_radius == 0.0 else 0.5 * (self.inner_radius + self.outer_radius)
 
     @property
@@ -49,8 +49,8 @@ class Ring:
 class Opening:
     """A gap in the wall between ring `outer` and ring `inner` = outer + 1.
 
-    name: unique, for people and logs, such as "1-2@45"; closed: not to be used; extra_cost: s added to its
-    passage when routes are weighed (what a user knows about it beforehand).
+    name: unique, for users and logs, such as "1-2@45"; closed: excluded from routes; extra_cost: s that a user adds to
+    its expected passage.
     """
 
     name: str
@@ -157,14 +157,14 @@ class Maze:
         return tuple(sorted((w for w in self.radial_walls if w.ring == ring), key=lambda w: w.angle % _TURN))
 
     def sector(self, ring: int, theta: float) -> int:
-        """Which sector of a ring an angle is in: n is the one behind the n-th of `radial_walls_of`, 0 in a ring without
-        any."""
+        """Sector of a ring at an angle: n follows the n-th wall of `radial_walls_of`; 0 in a ring without walls."""
         walls = self.radial_walls_of(ring) if self.radial_walls else ()
         return min(range(len(walls)), key=lambda n: (theta - walls[n].angle) % _TURN, default=0)
 
     def turn(self, ring: int, start: float, end: float) -> float | None:
-        """The signed angle by which the ball gets from one angle of a ring to another: the shorter way round, or the
-        only one that no radial wall shuts, which may be more than half a turn; None where there is none."""
+        """Signed angle of the ball's way from one angle of a ring to another; None if radial walls leave no way.
+
+        It is the shorter way, or the only open one, which may be more than half a turn."""
         walls = self.radial_walls_of(ring) if self.radial_walls else ()
         if not walls:
             return difference(end, start)
@@ -174,7 +174,7 @@ class Maze:
         return there - (start - begin) % _TURN if there < span else None
 
     def has_room(self, ring: int, theta: float) -> bool:
-        """Whether no radial wall keeps the ball from lying in the middle of a ring at that angle."""
+        """Whether the ball has room in the middle of a ring at an angle, beside its radial walls."""
         return self.clear_angle(ring, theta) == theta
 
     def clear_angle(self, ring: int, theta: float) -> float:

@@ -1,17 +1,16 @@
-"""Routes through the maze, chosen by expected time and by what the run has learned.
+"""Routes through the maze with the least expected time, from the map and the memory of openings.
 
-Rings are nodes, openings are edges. What a ring costs depends on where the ball enters it, so the shortest path is
-sought over states (opening, ring entered by it): the line graph of the maze with directions. From an opening at angle
-alpha to the next one at beta the ball travels s = r |beta - alpha| along its ring, at best half of it accelerating and
-half braking:
+Rings are nodes, openings are edges. The cost of a ring depends on the place of entry, so the search runs over states
+(opening, ring entered by it): the directed line graph of the maze. From an opening at angle alpha to the next one at
+beta the ball travels s = r |beta - alpha| along its ring, at best half of it accelerating and half braking:
 
     travel = 2 sqrt(s / a) + servo lag,    a = f g sin(tilt limit),   f = 5/9 for a ball that rolls on floor and wall
 
-Where radial walls stand in a ring, |beta - alpha| is the way that they leave, and openings that they keep apart are not
-joined by that ring: a route may have to leave it and come back elsewhere.
+In a ring with radial walls, |beta - alpha| is the length of the open way. The ring does not join openings in different
+sectors, so a route may leave the ring and come back.
 
-Passing an opening takes a fixed time, the extra cost given in the map, and for every attempt that is expected beyond
-the first a fixed loss. With probability of success p ~ Beta(prior + successes, prior + failures) the expected
+The passage of an opening costs a fixed time, the extra cost in the map, and a fixed loss for every expected attempt
+beyond the first. With probability of success p ~ Beta(prior + successes, prior + failures) the expected
 number of attempts is E[1/p] = (A + B - 1) / (A - 1). Successes and failures fade with time (`memory`).
 """
 
@@ -25,7 +24,7 @@ from typing import Any
 
 import networkx as nx
 
-from mazeplan.constants import GRAVITY
+from mazeplan.core.constants import GRAVITY
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.memory import OpeningMemory
 
@@ -34,11 +33,11 @@ _START, _GOAL = "start", "goal"
 
 @dataclass(frozen=True, slots=True)
 class RouteOptions:
-    """What the expected times are made of. Raises ValueError for values that make no sense.
+    """Parameters of the expected times. Raises ValueError for values out of range.
 
-    rolling_factor: part of gravity along the ring that accelerates the ball; servo_lag_s: until the plate follows;
+    rolling_factor: share of gravity along the ring that accelerates the ball; servo_lag_s: lag of the plate;
     passage_s: through an opening; disc_s: across the disc in the centre; retry_s: lost with every failed attempt;
-    prior_successes (> 1), prior_failures: Beta prior of an opening that was never tried.
+    prior_successes (> 1), prior_failures: Beta prior of an untried opening.
     """
 
     rolling_factor: float = 5.0 / 9.0
@@ -98,11 +97,11 @@ class Choice:
 
 
 class RouteGraph:
-    """The maze as a graph, with what runs have learned about its openings.
+    """The maze as a graph, with the memory of its openings.
 
     `graph` is a networkx MultiGraph: ring numbers, joined by one edge for each opening (key: its name, attribute
-    `opening`). Openings that are closed in the map start closed. `now` is the rig time (s) for which it answers;
-    whoever runs it moves that on. memory: of earlier runs, or of the same one towards another goal.
+    `opening`). Openings that are closed in the map start closed. The caller sets `now`, the rig time (s) of all
+    answers. memory: of earlier runs, or of the same run towards another goal.
     """
 
     def __init__(self, maze: Maze, options: RouteOptions | None = None, memory: OpeningMemory | None = None) -> None:
@@ -119,23 +118,23 @@ class RouteGraph:
 
     @property
     def closed(self) -> frozenset[str]:
-        """Names of the openings that no route uses now."""
+        """Names of the closed openings."""
         return frozenset(self._closed)
 
     def close(self, name: str) -> None:
-        """Use this opening no more. Raises KeyError if there is none of that name."""
+        """Exclude an opening from routes. Raises KeyError for an unknown name."""
         self._closed.add(self.maze.opening(name).name)
 
     def reopen(self, name: str) -> None:
-        """Use this opening again, even if the map calls it closed. Raises KeyError if there is none of that name."""
+        """Open an opening, even one closed in the map. Raises KeyError for an unknown name."""
         self._closed.discard(self.maze.opening(name).name)
 
     def record(self, name: str, success: bool) -> None:
-        """Learn from one attempt at an opening. Raises KeyError if there is none of that name."""
+        """Record one attempt at an opening. Raises KeyError for an unknown name."""
         self.memory.record(self.maze.opening(name).name, success, self.now)
 
     def tries(self, name: str) -> tuple[float, float]:
-        """Successes and failures at an opening, as they count now. Raises KeyError if there is none of that name."""
+        """Faded successes and failures at an opening. Raises KeyError for an unknown name."""
         return self.memory.tries(self.maze.opening(name).name, self.now)
 
     def expected_attempts(self, name: str) -> float:

@@ -1,8 +1,8 @@
-"""A map learned from where the ball was: rings from `bands`, openings from `transitions`, the rest from a prior map.
+"""Map learning from positions of the ball: rings from `bands`, openings from `transitions`, the rest from a prior map.
 
-What a log cannot tell (ball, tilt limit, height of the walls, thickness of the rim, radial walls) is the prior's, and
-so is what this log happens not to tell (the width of an opening that the ball hardly touched); the learned map says
-which.
+The prior map gives what logs never show (ball, tilt limit, height of the walls, thickness of the rim, radial walls) and
+what this log does not show, such as the width of an opening whose sides the ball hardly touched. The learned map states
+the source of each number.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from itertools import pairwise
 
 import numpy as np
 
+from mazeplan.core.progress import Words, no_words
 from mazeplan.maze.bands import MODEL_ERROR, Bands, Edges, fit_bands
 from mazeplan.maze.geometry import Maze, Opening, Ring
 from mazeplan.maze.mapfile import MapCheck, check_text, default_name, dump_map
-from mazeplan.maze.transitions import MIN_COUNT, LearnedOpening, Track, find_openings, find_passages
+from mazeplan.maze.transitions import MIN_COUNT, BallTrack, LearnedOpening, find_openings, find_passages
 from mazeplan.maze.yamltree import shown
-from mazeplan.progress import Words, no_words
 
-TOUCHES = 20  # samples that lean on a wall for its place to count as measured
+TOUCHES = 20  # samples at a wall that make its place a measurement
 PLACES_MM, PLACES_DEG = 2, 2  # decimals in the file: below what a camera resolves
 
 
@@ -42,10 +42,10 @@ class LearnedRing:
 
 @dataclass(frozen=True)
 class LearnedMap:
-    """What was learned: the maze (None if it is none yet, see `problems`), and where each figure is from.
+    """The learned maze (None if incomplete, see `problems`) and the source of each number.
 
-    widths: the width written for each opening, m, and its source; centre: of the circles in the camera's picture,
-    m, which rings and openings are measured from; noise: 1 sigma of the camera per axis, m; samples with the ball.
+    widths: width of each opening, m, and its source; centre: of the circles in the camera's frame, m, the origin of
+    rings and openings; noise: 1 sigma of the camera per axis, m; samples: with the ball.
     """
 
     maze: Maze | None
@@ -64,13 +64,13 @@ class LearnedMap:
 
 
 def learn_map(
-    track: Track, prior: Maze, *, prior_name: str, borrow: bool = False, min_count: int = MIN_COUNT,
+    track: BallTrack, prior: Maze, *, prior_name: str, borrow: bool = False, min_count: int = MIN_COUNT,
     name: str = "learned", progress: Words = no_words,
 ) -> LearnedMap:  # fmt: skip
-    """Rings and openings from a track; `prior` for what it does not tell, which `prior_name` calls.
+    """Rings and openings from a track; `prior` (in messages `prior_name`) for the rest.
 
-    borrow: take the prior's openings for walls that the ball never passed. Raises TableError when the track does not
-    show two rings.
+    borrow: use the prior's openings for walls that the ball never passed. Raises TableError if the track does not show
+    two rings.
     """
     radius = prior.ball.radius
     progress("rings")
@@ -104,19 +104,18 @@ def learn_map(
 
 
 def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, MapCheck, tuple[str, ...]]:
-    """The maze with the prior's radial walls, where they fit its rings and openings; what `check_text` says of it;
-    warnings."""
+    """The maze with the prior's radial walls, if they fit; the result of `check_text`; warnings."""
     check = check_text(dump_map(maze))
     if not prior.radial_walls:
         return maze, check, ()
-    told = f"radial walls, of which no log tells, are those of {prior_name}"
+    note = f"radial walls, which no log shows, are those of {prior_name}"
     if len(prior.rings) != len(maze.rings):
-        return maze, check, (f"{told}, but left out: it has {len(prior.rings)} rings",)
+        return maze, check, (f"{note}, but left out: it has {len(prior.rings)} rings",)
     with_them = replace(maze, radial_walls=prior.radial_walls)
     checked = check_text(dump_map(with_them))
     if checked.errors and not check.errors:
-        return maze, check, (f"{told}, but left out: {checked.errors[0].problem}",)
-    return with_them, checked, (told,)
+        return maze, check, (f"{note}, but left out: {checked.errors[0].problem}",)
+    return with_them, checked, (note,)
 
 
 def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
@@ -152,7 +151,7 @@ def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
 
 
 def _completed(bands: Bands, prior: Maze) -> tuple[Bands, dict[int, list[str]]]:
-    """Bands whose untouched edges are set by the wall beyond them, where that was touched; notes by index."""
+    """Bands with untouched edges placed by the other side of their wall, if that was touched; notes by index."""
     edges = list(bands.edges)
     notes: dict[int, list[str]] = {}
     reach = 2.0 * prior.ball.radius
@@ -186,7 +185,7 @@ def _untouched(which: str, beyond: bool, from_where: str) -> str:
 
 
 def _widen(edges: list[Edges], noise: float, prior: Maze, notes: dict[int, list[str]]) -> None:
-    """Give bands in which only one wall shows the play of a ball in the other rings."""
+    """Set the width of bands with only one visible wall to that of the other rings."""
     play = [e.high - e.low for e in edges if e.low > 0.0 and e.high - e.low > 2.0 * noise]
     nominal = [r.outer_radius - r.inner_radius - 2.0 * prior.ball.radius for r in prior.rings if not r.is_disc]
     usual = float(np.median(play or nominal))
@@ -214,13 +213,13 @@ def _ring(i: int, bands: Bands, ball_radius: float, notes: dict[int, list[str]])
 
 
 def _likely_width(prior: Maze, wall: int, rings: int) -> float:
-    """Width of an opening of this wall as the prior has it, m: of the same wall if it has as many rings."""
+    """Width of an opening in the prior, m: of the same wall if the prior has as many rings."""
     same = [o.width for o in prior.openings_between(wall, wall + 1)] if len(prior.rings) == rings else []
     return float(np.median(same or [o.width for o in prior.openings]))
 
 
 def _width(opening: LearnedOpening, all_: Sequence[LearnedOpening], likely: float, prior: str) -> tuple[float, str]:
-    """Width to write, m, and where it is from."""
+    """Width, m, and its source."""
     if opening.width is not None:
         return opening.width, "its sides"
     measured = [o.width for o in all_ if o.outer == opening.outer and o.width is not None and not o.problem]
@@ -311,5 +310,5 @@ def _preamble(learned: LearnedMap, sources: Sequence[str]) -> list[str]:
         f"# {learned.samples} samples, {learned.passages} changes of ring ({learned.skipped} could not be placed).",
         f"# The circles' centre was at x {x:.2f}, y {y:.2f} mm in the camera's picture; all below is measured from it.",
         f"# Noise of the camera {_mm(learned.noise)} mm per axis. After ±: 1 sigma.",
-        f"# No log tells ball, tilt limit, wall height and rim{and_walls}: they are from {learned.prior}.",
+        f"# No log shows ball, tilt limit, wall height and rim{and_walls}: they are from {learned.prior}.",
     ]

@@ -1,8 +1,9 @@
-"""Edits of a map's YAML text that leave the rest of the file as it was: comments, order, spacing, line ends.
+"""Edits of a map's YAML text that keep the rest of the file: comments, order, spacing, line ends.
 
-The parser's marks say where a value stands in the text; only these characters are replaced, or lines put in or taken
-out. What is edited may have errors (two openings that overlap while one of them is dragged), but must be YAML that
-`yamltree` reads. Angles in degrees and lengths in mm, as in the file; openings are counted from 0 in the file's order.
+The parser's marks give the place of a value in the text. An edit replaces only these characters, or adds or removes
+lines. The map may have errors (openings may overlap while a user drags one), but `yamltree` must read it. Angles in
+degrees and lengths in mm, as in the file; openings count from 0 in the file's order. (A round trip by ruamel.yaml would
+change spacing and line breaks.)
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from typing import Any
 
 import yaml
 
-from mazeplan.errors import MapError
+from mazeplan.core.errors import MapError
 from mazeplan.maze.mapfile import default_name
 from mazeplan.maze.yamltree import Tree, parse_yaml, shown
 
-ANGLE_STEP_DEG = 0.1  # finer than any wall is cut
+ANGLE_STEP_DEG = 0.1  # finer than the precision of a cut
 WIDTH_STEP_MM = 0.01
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -29,7 +30,7 @@ _BOM = "\ufeff"
 
 @dataclass(frozen=True)
 class Written:
-    """An opening as the text has it; `name` is what logs call it, `line` counts from 1."""
+    """An opening in the text; name: as in logs; line: from 1."""
 
     index: int
     line: int
@@ -42,7 +43,7 @@ class Written:
 
 
 def written_openings(text: str) -> tuple[Written, ...]:
-    """The openings whose rings and numbers can be read, also where the map has other errors; none if it is no YAML."""
+    """The openings with readable rings and numbers, even if the map has other errors; none if it is no YAML."""
     try:
         tree = parse_yaml(text.removeprefix(_BOM), file="map", error=MapError)
     except MapError:
@@ -51,29 +52,29 @@ def written_openings(text: str) -> tuple[Written, ...]:
 
 
 def move_opening(text: str, index: int, angle_deg: float) -> str:
-    """Another angle, rounded to `ANGLE_STEP_DEG` and brought into 0 to 360."""
+    """Set the angle, rounded to `ANGLE_STEP_DEG`, in 0 to 360."""
     return _set(text, index, "angle_deg", _angle(angle_deg))
 
 
 def widen_opening(text: str, index: int, width_mm: float) -> str:
-    """Another width, rounded to `WIDTH_STEP_MM`."""
+    """Set the width, rounded to `WIDTH_STEP_MM`."""
     return _set(text, index, "width_mm", _width(width_mm))
 
 
 def close_opening(text: str, index: int, closed: bool) -> str:
-    """Whether routes may not use it."""
+    """Close or open it for routes."""
     return _set(text, index, "closed", "true" if closed else "false")
 
 
 def add_opening(text: str, outer: int, angle_deg: float, width_mm: float) -> str:
-    """One more, in the wall inside ring `outer`, written as its neighbours are and below the last of that wall."""
+    """Add an opening in the wall inside ring `outer`, below the last one of that wall and in the same style."""
     found = _Text(text)
     pairs = [("rings", f"[{outer}, {outer + 1}]"), ("angle_deg", _angle(angle_deg)), ("width_mm", _width(width_mm))]
     return found.restored(found.added(outer, pairs))
 
 
 def remove_opening(text: str, index: int) -> str:
-    """Without it. A comment on its lines stays, and says what it was about."""
+    """Remove an opening. A comment on its lines stays, with the name of the opening."""
     found = _Text(text)
     return found.restored(found.removed(index))
 
@@ -119,7 +120,7 @@ def _written(tree: Tree) -> Iterator[Written]:
 
 
 class _Text:
-    """A map's text, read so far that places in it are known."""
+    """A map's text with the places of its openings."""
 
     def __init__(self, text: str) -> None:
         self.bom = _BOM if text.startswith(_BOM) else ""

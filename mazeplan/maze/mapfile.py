@@ -1,7 +1,6 @@
 """Map files (YAML) to and from `Maze`. The format is explained in maps/cme.yaml.
 
-`load_map` gives the maze or raises the first problem; `check_map` gives all of them, and warnings about what is allowed
-but perhaps not meant.
+`load_map` returns the maze or raises the first error. `check_map` returns all errors and warnings.
 """
 
 from __future__ import annotations
@@ -10,28 +9,35 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from mazeplan import resources
-from mazeplan.errors import MapError
+from mazeplan.core import resources
+from mazeplan.core.errors import MapError
 from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
 from mazeplan.maze.mapschema import MapFile, OpeningSection, complaints
-from mazeplan.maze.wallrules import cut_off, dead_regions, default_wall_name, wall_name, wall_problems
+from mazeplan.maze.wallrules import (
+    cut_off,
+    dead_regions,
+    default_wall_name,
+    duplicate_names,
+    overlaps,
+    wall_name,
+    wall_problems,
+)
 from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
 
 MIN_WALL_MM = 1.0  # thinner walls break in print and let a fast ball through in simulation
 
-MAX_REPORTED = 50  # errors in one file; a file with more was not meant as a map
+MAX_REPORTED = 50  # errors of one file
 
 Problem = tuple[Key, str]
 
 
 @dataclass(frozen=True)
 class MapCheck:
-    """What a map file holds: the maze (None if there are errors), all errors, and warnings as ready lines."""
+    """Result of a check: the maze (None if there are errors), all errors, and warnings as lines of text."""
 
     maze: Maze | None
     errors: tuple[MapError, ...]
@@ -47,7 +53,7 @@ def load_map(source: str | Path) -> Maze:
 
 
 def check_map(source: str | Path) -> MapCheck:
-    """Read a map and collect everything that is wrong with it; raises nothing for a bad file."""
+    """Read a map and collect all its errors; does not raise for a bad file."""
     try:
         path = find_map(source)
         return _check_tree(read_yaml(path, error=MapError, what="a map (YAML)"), path)
@@ -56,7 +62,7 @@ def check_map(source: str | Path) -> MapCheck:
 
 
 def check_text(text: str, *, file: str | Path = "map") -> MapCheck:
-    """As `check_map`, for YAML text; `file` is what errors call it."""
+    """As `check_map`, for YAML text; file: the name in messages."""
     try:
         return _check_tree(parse_yaml(text, file=file, error=MapError), file)
     except MapError as error:
@@ -151,8 +157,10 @@ def _opening_problems(spec: MapFile) -> Iterator[Problem]:
     yield from problems
     if problems:
         return
-    yield from _duplicate_names(spec)
-    yield from _overlaps(spec)
+    yield from duplicate_names("openings", [(_name(o), bool(o.name)) for o in spec.openings])
+    for inner in range(2, len(spec.rings) + 1):  # a gap with parallel sides is widest in angle at the inner face
+        gaps = ((o.angle_deg, i, o.width_mm) for i, o in enumerate(spec.openings) if max(o.rings) == inner)
+        yield from overlaps("openings", "wall", spec.rings[inner - 1].outer_radius_mm, gaps)
     for ring in _unreachable(spec, [_pair(o) for o in spec.openings]):
         yield ("rings", ring - 1), f"ring {ring} cannot be reached from ring 1, expected openings that lead to it"
 
@@ -174,37 +182,6 @@ def _one_opening(spec: MapFile, i: int) -> Iterator[Problem]:
             (*key, "width_mm"),
             f"got {opening.width_mm:g}, expected less than {wall:g}, the wall's inner diameter",
         )
-
-
-def _duplicate_names(spec: MapFile) -> Iterator[Problem]:
-    seen: dict[str, int] = {}
-    for i, opening in enumerate(spec.openings):
-        name = _name(opening)
-        if name in seen:
-            place = "name" if opening.name else "angle_deg"
-            yield ("openings", i, place), f"got the name {name!r}, which openings[{seen[name]}] has already"
-        else:
-            seen[name] = i
-
-
-def _overlaps(spec: MapFile) -> Iterator[Problem]:
-    """Openings of one wall whose edges cross on its inner face, where a gap with parallel sides is widest in angle."""
-    for inner in range(2, len(spec.rings) + 1):
-        radius = spec.rings[inner - 1].outer_radius_mm
-        wall = sorted((o.angle_deg, i) for i, o in enumerate(spec.openings) if max(o.rings) == inner)
-        pairs = list(pairwise(wall))
-        if len(wall) > 2:
-            pairs.append((wall[-1], wall[0]))
-        for (angle_a, a), (angle_b, b) in pairs:
-            apart = abs((angle_b - angle_a + 180.0) % 360.0 - 180.0)
-            halves = (math.degrees(math.asin(0.5 * spec.openings[i].width_mm / radius)) for i in (a, b))
-            if apart <= (needed := sum(halves)):
-                first, second = min(a, b), max(a, b)
-                yield (
-                    ("openings", second, "angle_deg"),
-                    f"overlaps openings[{first}] in the same wall: got {apart:g} deg between their middles, "
-                    f"expected more than {needed:.4g}",
-                )
 
 
 def _warnings(spec: MapFile) -> Iterator[Problem]:
@@ -231,7 +208,7 @@ def _name(opening: OpeningSection) -> str:
 
 
 def default_name(outer: int, inner: int, angle_deg: float) -> str:
-    """What an opening without a name is called: rings and angle, such as "1-2@45"."""
+    """Name of an opening without one: rings and angle, such as "1-2@45"."""
     return f"{outer}-{inner}@{angle_deg:.10g}"
 
 
@@ -272,7 +249,7 @@ def _maze(spec: MapFile, source: str) -> Maze:
 
 
 def dump_map(maze: Maze) -> str:
-    """YAML text that loads as an equal maze (but for a last bit where no number in mm or degrees gives that one)."""
+    """YAML text that loads as an equal maze (up to one bit where no decimal in mm or degrees gives the value)."""
     lines = [
         f"name: {json.dumps(maze.name)}",
         f"ball: {{radius_mm: {_milli(maze.ball.radius)}, mass_g: {_milli(maze.ball.mass)}}}",
@@ -322,7 +299,7 @@ def _degrees(value: float) -> str:
 
 
 def _shortest(number: float, same: Callable[[float], bool]) -> str:
-    """The shortest decimal near `number` that is read back as the same value."""
+    """The shortest decimal near `number` that reads back as the same value."""
     for digits in range(1, 18):
         rounded = float(f"{number:.{digits}g}")
         if same(rounded):

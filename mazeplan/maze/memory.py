@@ -1,8 +1,8 @@
-"""What happened at the openings of a maze: a Beta posterior of success for each, whose counts fade.
+"""Memory of the openings: counts of successes and failures for a Beta posterior, which fade with time.
 
-An opening that failed may be stuck for now, not for good: counts of successes and failures lose a part of their weight
-with rig time, by exp(-t / fading_s), and another from run to run, so that what was seen last counts most and an opening
-that nobody tries any more is as good as new after a while. On request they are kept in a file for the next run.
+A failure may be temporary. Therefore the counts decay with rig time by exp(-t / fading_s), and once more from run to
+run. Recent attempts count most, and an untried opening returns to the prior. A file can keep the counts for the next
+run.
 """
 
 from __future__ import annotations
@@ -17,20 +17,19 @@ from typing import Any
 
 import yaml
 
-from mazeplan.errors import InputError
+from mazeplan.core.errors import InputError
 from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
 
 FORMAT = 1
 FADING_S = 120.0  # s of rig time in which counts fall to 1/e
-KEPT = 0.8  # of the counts of one run, for the next
-MOST = 1e6  # attempts that a file may speak of
+KEPT = 0.8  # share of the counts kept for the next run
+MOST = 1e6  # attempts allowed in a file
 NOTE = "# What happened at the openings of the map, fading. Written by `mazeplan navigate --memory`; may be deleted.\n"
 
 
 @dataclass
 class OpeningMemory:
-    """Counts of successes and failures by opening. fading_s: rig time in which they fall to 1/e; attempts: how many
-    were recorded here."""
+    """Counts of successes and failures by opening. fading_s: rig time until they fall to 1/e; attempts: recorded."""
 
     fading_s: float = FADING_S
     _counts: dict[str, tuple[float, float, float]] = field(default_factory=dict)  # successes, failures, when
@@ -43,25 +42,24 @@ class OpeningMemory:
         self.attempts += 1
 
     def tries(self, name: str, now: float) -> tuple[float, float]:
-        """Successes and failures of an opening as they count at rig time now, s."""
+        """Faded successes and failures of an opening at rig time now, s."""
         successes, failures, when = self._counts.get(name, (0.0, 0.0, now))
         kept = math.exp(-max(now - when, 0.0) / self.fading_s)
         return successes * kept, failures * kept
 
     def at_end(self, now: float) -> dict[str, tuple[float, float]]:
-        """Successes and failures of all openings that were tried, as they count at rig time now, s."""
+        """Faded successes and failures of all tried openings at rig time now, s."""
         return {name: self.tries(name, now) for name in self._counts}
 
     def document(self) -> dict[str, Any]:
-        """All of it as plain data, to the last bit; see `memory_from_document`."""
+        """All counts as plain data, to the last bit; see `memory_from_document`."""
         names = ("successes", "failures", "when")
         counts = {name: dict(zip(names, values, strict=True)) for name, values in self._counts.items()}
         return {"fading_s": self.fading_s, "openings": counts}
 
 
 def memory_from_document(document: dict[str, Any]) -> OpeningMemory:
-    """What `OpeningMemory.document` told. Raises KeyError, TypeError, ValueError or AttributeError for anything
-    else."""
+    """Inverse of `OpeningMemory.document`. Raises KeyError, TypeError, ValueError or AttributeError for other data."""
     counts = {
         str(name): (float(c["successes"]), float(c["failures"]), float(c["when"]))
         for name, c in document["openings"].items()
@@ -70,9 +68,9 @@ def memory_from_document(document: dict[str, Any]) -> OpeningMemory:
 
 
 def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
-    """What a file keeps of earlier runs, faded by one run; nothing where there is no file yet.
+    """The counts in a file, faded by one run; empty if the file does not exist.
 
-    openings: names of those of the map. Raises InputError with file, line and key."""
+    openings: names in the map. Raises InputError with file, line and key."""
     memory = OpeningMemory()
     if not path.exists():
         return memory
@@ -91,7 +89,7 @@ def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
 
 
 def save_memory(memory: OpeningMemory, path: Path, now: float) -> None:
-    """Write what counts at the end of a run, rig time now (s), whole or not at all. Raises InputError."""
+    """Write the counts at rig time now (s) atomically. Raises InputError."""
     openings = {
         name: {"successes": round(successes, 4), "failures": round(failures, 4)}
         for name, (successes, failures) in sorted(memory.at_end(now).items())

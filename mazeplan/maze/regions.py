@@ -14,12 +14,12 @@ Region = tuple[int, int]  # ring, sector
 
 
 def regions(maze: Maze) -> list[Region]:
-    """All of them, from ring 1 inwards."""
+    """All regions, from ring 1 inwards."""
     return [(ring.number, n) for ring in maze.rings for n in range(max(1, len(maze.radial_walls_of(ring.number))))]
 
 
 def leading_to(maze: Maze, goal: int, closed: Collection[str] = ()) -> set[Region]:
-    """The regions from which a ring can be reached by openings that are not in `closed`."""
+    """The regions from which openings outside `closed` lead to a ring."""
     beside: dict[Region, list[Region]] = {region: [] for region in regions(maze)}
     for o in maze.openings:
         if o.name not in closed:

@@ -1,11 +1,11 @@
-"""Openings learned from transitions: where the ball changed rings, it must have come through a gap in the wall.
+"""Openings learned from the ball's changes of ring.
 
-A passage is a stretch between two rings that were each held for two samples, in one uninterrupted segment; noise
-at a boundary and a ball that turns back in the opening are none. Its place is where the straight line from the last
-point before to the first point after the change crosses the middle radius of the wall. Passages of a wall are
-clustered by arc length (DBSCAN, M. Ester et al., KDD 1996); each cluster is an opening.
+A passage joins two rings that each held the ball for two samples, in one uninterrupted segment. Noise at a boundary and
+a ball that turns back in the opening are not passages. The place of a passage is where the line from the last point
+before to the first point after the change crosses the middle radius of the wall. DBSCAN (M. Ester et al., KDD 1996)
+clusters the passages of a wall by arc length; each cluster is an opening.
 
-Everything is measured about the centre of the circles that the rings show, not the camera's origin.
+The origin is the centre of the rings, not the camera's.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mazeplan.errors import TableError
-from mazeplan.maths.angles import difference
+from mazeplan.core.errors import TableError
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array
 from mazeplan.maze.bands import Bands, Edges, fit_edges, sharpness
-from mazeplan.records import Array
 
 Index = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
 MAX_SPEED = 1.0  # m/s; a ball that rolls down half the outermost ring at 5 degrees of tilt reaches .6
-MAX_GAP = 4  # sample intervals without the ball within which a change can still be placed
-MIN_COUNT = 2  # passages that make an opening
-LEAST_IN_THROAT = 40  # samples inside an opening from which its sides can be told ...
+MAX_GAP = 4  # sample intervals; after a longer gap a change has no place
+MIN_COUNT = 2  # passages per opening
+LEAST_IN_THROAT = 40  # samples inside an opening needed to find its sides ...
 LEAST_AT_SIDE = 5  # ... if this many leaned on each side ...
 SHARP = 5.0  # ... and two sides explain them better than one bell curve by this log likelihood
 SIDE_ERROR = 2e-4  # m, of a side, besides its noise: few samples lean on it; seen in simulated logs of known maps
 
 
 @dataclass(frozen=True)
-class Track:
-    """Where the ball was: t s, x and y m (finite: samples without the ball are left out), segment, each (N,).
+class BallTrack:
+    """Positions of the ball: t s, x and y m (finite, only samples with the ball), segment, each (N,).
 
-    Jumps between segments mean nothing.
+    Motion between segments is not a passage.
     """
 
     t: Array
@@ -98,7 +98,7 @@ class LearnedOpening:
         return math.atan2(dy, dx) % (2.0 * math.pi)
 
 
-def find_passages(track: Track, bands: Bands) -> Passages:
+def find_passages(track: BallTrack, bands: Bands) -> Passages:
     """All changes between neighbouring rings, from places of the ball and the rings' bands."""
     t, segment = track.t, track.segment
     place = np.stack([track.x - bands.centre[0], track.y - bands.centre[1]], axis=1)
@@ -145,19 +145,19 @@ def rings_of(r: Array, bands: Bands) -> Index:
 
 
 def _held(ring: Index, segment: Array) -> Index:
-    """`ring` where it was the same for two samples in a row, 0 elsewhere: a single one may be a wrong position."""
+    """`ring` where it is the same for two samples in a row, 0 elsewhere: a single one may be an outlier."""
     same = (ring[1:] == ring[:-1]) & (segment[1:] == segment[:-1]) & (ring[1:] > 0)
     run = np.concatenate([[False], same]) | np.concatenate([same, [False]])
     return np.where(run, ring, 0)
 
 
 def find_openings(
-    passages: Passages, track: Track, bands: Bands, ball_radius: float, widths: Sequence[float], *,
+    passages: Passages, track: BallTrack, bands: Bands, ball_radius: float, widths: Sequence[float], *,
     min_count: int = MIN_COUNT,
 ) -> tuple[LearnedOpening, ...]:  # fmt: skip
-    """Openings by wall and angle, those that are not taken for one too (with their `problem`).
+    """Openings by wall and angle; rejected ones have a `problem`.
 
-    widths: m for every wall, what is likely where it cannot be measured. Raises TableError for min_count < 1.
+    widths: default width for each wall, m. Raises TableError for min_count < 1.
     """
     if min_count < 1:
         raise TableError(f"min_count: got {min_count}, expected at least 1")
@@ -217,7 +217,7 @@ def _turns(angle: Array, reference: float) -> Array:
 
 
 def _spread(angle: Array, groups: list[Index], radius: float, play: float, noise: float) -> float:
-    """1 sigma of one passage along the wall, m: from all openings of the wall, or what play and noise let expect."""
+    """1 sigma of one passage along the wall, m: from all openings of the wall, with a prior from play and noise."""
     free = sum(len(rows) - 1 for rows in groups)
     expected = play**2 / 3.0 + noise**2
     squares = sum(float(np.sum((radius * _turns(angle[rows], circular_mean(angle[rows]))) ** 2)) for rows in groups)
@@ -225,7 +225,7 @@ def _spread(angle: Array, groups: list[Index], radius: float, play: float, noise
 
 
 def _opening(
-    passages: Passages, rows: Index, track: Track, bands: Bands, outer: int, ball_radius: float, spread: float
+    passages: Passages, rows: Index, track: BallTrack, bands: Bands, outer: int, ball_radius: float, spread: float
 ) -> LearnedOpening:
     """One cluster of passages (their rows) as an opening."""
     angle, radius = circular_mean(passages.angle[rows]), middle_radius(bands, outer)
@@ -243,9 +243,9 @@ def _opening(
     )
 
 
-def _sides(track: Track, bands: Bands, outer: int, angle: float, ball_radius: float) -> Edges | None:
-    """Where the ball's centre touches the two sides of an opening, m along the wall from `angle`; None where too few
-    samples tell. Between the wall's faces the parallel sides bound the centre just as walls do in a ring."""
+def _sides(track: BallTrack, bands: Bands, outer: int, angle: float, ball_radius: float) -> Edges | None:
+    """Places where the ball's centre touches the two sides of an opening, m along the wall from `angle`; None with too
+    few samples. The parallel sides bound the centre as the walls of a ring do."""
     x, y = track.x - bands.centre[0], track.y - bands.centre[1]
     along, across = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
     inner, outer_face = bands.edges[outer].high + ball_radius, bands.edges[outer - 1].low - ball_radius

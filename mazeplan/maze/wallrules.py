@@ -1,4 +1,4 @@
-"""What is asked of the radial walls of a map file: where they may stand, and that they cut no ring off.
+"""Rules for the radial walls of a map file, and rules that they share with openings.
 
 Lengths in mm and angles in degrees, as in the file.
 """
@@ -6,7 +6,7 @@ Lengths in mm and angles in degrees, as in the file.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 from mazeplan.maze.geometry import Maze
@@ -23,18 +23,20 @@ def wall_name(wall: RadialWallSection) -> str:
 
 
 def default_wall_name(ring: int, angle_deg: float) -> str:
-    """What a radial wall without a name is called: ring and angle, such as "wall2@100"."""
+    """Name of a radial wall without one: ring and angle, such as "wall2@100"."""
     return f"wall{ring}@{angle_deg:.10g}"
 
 
 def wall_problems(spec: MapFile) -> Iterator[Problem]:
-    """Everything that is wrong with the radial walls, where rings and openings make sense."""
+    """All errors of the radial walls; rings and openings must be valid."""
     problems = [problem for i in range(len(spec.radial_walls)) for problem in _one_wall(spec, i)]
     yield from problems
     if problems:
         return
-    yield from _duplicate_names(spec)
-    yield from _overlaps(spec)
+    yield from duplicate_names("radial_walls", [(wall_name(w), bool(w.name)) for w in spec.radial_walls])
+    for number in range(1, len(spec.rings)):  # walls meet first at the inner wall of their ring
+        walls = ((w.angle_deg, i, w.thickness_mm) for i, w in enumerate(spec.radial_walls) if w.ring == number)
+        yield from overlaps("radial_walls", "ring", spec.rings[number - 1].inner_radius_mm, walls)
     yield from _before_openings(spec)
 
 
@@ -55,22 +57,19 @@ def _one_wall(spec: MapFile, i: int) -> Iterator[Problem]:
         )
 
 
-def _duplicate_names(spec: MapFile) -> Iterator[Problem]:
+def duplicate_names(section: str, names: Sequence[tuple[str, bool]]) -> Iterator[Problem]:
+    """Entries of a section with the name of an earlier one; names: of all entries, and whether the file gives it."""
     seen: dict[str, int] = {}
-    for i, wall in enumerate(spec.radial_walls):
-        name = wall_name(wall)
+    for i, (name, given) in enumerate(names):
         if name in seen:
-            place = "name" if wall.name else "angle_deg"
-            yield (
-                ("radial_walls", i, place),
-                f"got the name {name!r}, which radial_walls[{seen[name]}] has already",
-            )
+            place = "name" if given else "angle_deg"
+            yield (section, i, place), f"got the name {name!r}, which {section}[{seen[name]}] has already"
         else:
             seen[name] = i
 
 
-def _half(width: float, radius: float) -> float:
-    """Half of the angle, deg, that parallel sides so far apart take at a radius."""
+def half_angle(width: float, radius: float) -> float:
+    """Half of the angle, deg, between parallel sides at a distance `width`, at a radius."""
     return math.degrees(math.asin(min(1.0, 0.5 * width / radius)))
 
 
@@ -78,34 +77,31 @@ def _apart(a: float, b: float) -> float:
     return abs((b - a + 180.0) % 360.0 - 180.0)
 
 
-def _overlaps(spec: MapFile) -> Iterator[Problem]:
-    """Two walls of a ring that meet, which they do first at its inner wall."""
-    for number in range(1, len(spec.rings)):
-        radius = spec.rings[number - 1].inner_radius_mm
-        walls = sorted((w.angle_deg, i) for i, w in enumerate(spec.radial_walls) if w.ring == number)
-        pairs = list(pairwise(walls))
-        if len(walls) > 2:
-            pairs.append((walls[-1], walls[0]))
-        for (angle_a, a), (angle_b, b) in pairs:
-            needed = sum(_half(spec.radial_walls[i].thickness_mm, radius) for i in (a, b))
-            if (apart := _apart(angle_a, angle_b)) <= needed:
-                first, second = min(a, b), max(a, b)
-                yield (
-                    ("radial_walls", second, "angle_deg"),
-                    f"overlaps radial_walls[{first}] in the same ring: got {apart:g} deg between their middles, "
-                    f"expected more than {needed:.4g}",
-                )
+def overlaps(section: str, where: str, radius: float, entries: Iterable[tuple[float, int, float]]) -> Iterator[Problem]:
+    """Neighbours that overlap at a radius, mm; entries: (angle in degrees, index in the section, width in mm)."""
+    found = sorted(entries)
+    pairs = list(pairwise(found))
+    if len(found) > 2:
+        pairs.append((found[-1], found[0]))
+    for (angle_a, a, width_a), (angle_b, b, width_b) in pairs:
+        needed = half_angle(width_a, radius) + half_angle(width_b, radius)
+        if (apart := _apart(angle_a, angle_b)) <= needed:
+            first, second = min(a, b), max(a, b)
+            yield (
+                (section, second, "angle_deg"),
+                f"overlaps {section}[{first}] in the same {where}: got {apart:g} deg between their middles, "
+                f"expected more than {needed:.4g}",
+            )
 
 
 def _before_openings(spec: MapFile) -> Iterator[Problem]:
-    """Walls that reach in front of an opening: its sides, carried on across the channel, must stay free, or there is
-    no room for the ball beside the wall."""
+    """Walls in front of an opening: the channel between the extended sides of the opening must stay free."""
     for i, wall in enumerate(spec.radial_walls):
         radius = spec.rings[wall.ring - 1].inner_radius_mm
         for j, opening in enumerate(spec.openings):
             if wall.ring not in opening.rings:
                 continue
-            needed = _half(wall.thickness_mm, radius) + _half(opening.width_mm, radius)
+            needed = half_angle(wall.thickness_mm, radius) + half_angle(opening.width_mm, radius)
             if (apart := _apart(wall.angle_deg, opening.angle_deg)) < needed:
                 yield (
                     ("radial_walls", i, "angle_deg"),
@@ -138,6 +134,6 @@ def dead_regions(maze: Maze) -> Iterator[Problem]:
         if region in now or not maze.radial_walls_of(ring) or not holds_ball(maze, region):
             continue
         if region in leading and ring not in open_rings:
-            continue  # a ring that only closed openings lead to is told of as a whole
+            continue  # a ring behind closed openings has one warning of its own
         only = " but through closed openings" if region in leading else ""
         yield ("rings", ring - 1), f"warning: no way leads from {described(maze, region)} to ring {last}{only}"

@@ -1,9 +1,8 @@
-"""Reads a YAML file that a person wrote, and remembers the line of every key.
+"""Reader of YAML files that people write; keeps the line of every key.
 
-A small part of YAML is enough for settings: mappings with plain keys, lists, text, numbers, true/false, null. What
-makes YAML dangerous or surprising is refused: tags, anchors and aliases, tabs, duplicate keys, deep nesting, a second
-document. `yes`, `no` and `1:30` are text. Only events of the parser are used, so nothing is built before it is
-checked, and the work is bounded by `MAX_BYTES` and `MAX_ENTRIES`.
+It accepts a small part of YAML: mappings with plain keys, lists, text, numbers, true/false, null. It refuses tags,
+anchors and aliases, tabs, duplicate keys, deep nesting and a second document. `yes`, `no` and `1:30` are text. It works
+on the parser's events, so it checks before it builds, and `MAX_BYTES` and `MAX_ENTRIES` bound the work.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from typing import Any, NoReturn
 
 import yaml
 
-from mazeplan import filekinds
-from mazeplan.errors import InputError
+from mazeplan.core import file_kinds as filekinds
+from mazeplan.core.errors import InputError
 
 MAX_BYTES = 1 << 20
 MAX_ENTRIES = 20_000  # scalars and containers in one file
@@ -35,20 +34,20 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 @dataclass(frozen=True)
 class Tree:
-    """What a file says (dict, list, str, int, float, bool, None) and `lines`: the line, from 1, of every key path."""
+    """Content of a file (dict, list, str, int, float, bool, None) and the line, from 1, of every key path."""
 
     data: Any
     lines: dict[Key, int]
 
     def line(self, key: Key) -> int:
-        """Line of a key, or of the nearest thing around it that is in the file."""
+        """Line of a key, or of the nearest parent in the file."""
         while key and key not in self.lines:
             key = key[:-1]
         return self.lines.get(key, 1)
 
 
 def key_path(key: Key) -> str:
-    """`("openings", 0, "angle_deg")` as people write it: `openings[0].angle_deg`."""
+    """Text of a key path: `openings[0].angle_deg` for `("openings", 0, "angle_deg")`."""
     text = ""
     for part in key:
         if isinstance(part, int):
@@ -59,7 +58,7 @@ def key_path(key: Key) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as error messages quote it: on one line, short."""
+    """A value as short text for messages, on one line."""
     if isinstance(value, bool) or value is None:
         return {True: "true", False: "false", None: "nothing"}[value]
     if isinstance(value, dict):
@@ -71,7 +70,7 @@ def shown(value: Any) -> str:
 
 
 def read_yaml(path: Path, *, error: type[InputError] = InputError, what: str = "a YAML file") -> Tree:
-    """Read one file; what: it should be. Raises `error`, with file and line, for whatever cannot be used."""
+    """Read one file; what: the expected content. Raises `error` with file and line."""
     try:
         status = path.stat()
         if not path.is_file() or not status.st_size:
@@ -95,7 +94,7 @@ def read_yaml(path: Path, *, error: type[InputError] = InputError, what: str = "
 
 
 def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputError, language: str = "YAML") -> Tree:
-    """Parse YAML text; `file` and `language` are what errors call it. Raises `error` with the line."""
+    """Parse YAML text; file, language: names in messages. Raises `error` with the line."""
     if bad := _CONTROL.search(text):
         line = text.count("\n", 0, bad.start()) + 1
         raise error(f"not a text file: holds the control character {ord(bad[0]):#04x}", file=file, line=line)
@@ -113,7 +112,7 @@ def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputEr
 
 
 class _Builder:
-    """Walks the parser's events once and builds data and lines."""
+    """Builds data and lines in one pass over the parser's events."""
 
     def __init__(self, text: str, file: str | Path, error: type[InputError]) -> None:
         self.file, self.error = file, error
@@ -187,7 +186,7 @@ class _Builder:
 
 
 def plain_value(text: str) -> str | int | float | bool | None:
-    """What an unquoted scalar means."""
+    """Value of an unquoted scalar."""
     if text in ("", "~") or text.lower() == "null":
         return None
     if text.lower() in ("true", "false"):

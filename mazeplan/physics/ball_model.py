@@ -1,18 +1,18 @@
-"""The ball model of one ring: a sum of effects, whichever they are."""
+"""The ball model of one ring: a sum of effects."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mazeplan.physics import arrays
-from mazeplan.physics.arrays import RingKinematics
+from mazeplan.core.records import Array
 from mazeplan.physics.effect import Term
-from mazeplan.records import Array
+from mazeplan.physics.formulas import arrays
+from mazeplan.physics.formulas.arrays import RingKinematics
 
 
 @dataclass(frozen=True)
 class BallModel:
-    """A sum of effects. `stderr` holds standard errors as {effect: {parameter: value}} where they are known."""
+    """A sum of effects; stderr: known standard errors, {effect: {parameter: value}}."""
 
     effects: tuple[Term, ...] = ()
     stderr: dict[str, dict[str, float]] = field(default_factory=dict, compare=False)
@@ -26,11 +26,11 @@ class BallModel:
 
     @property
     def planned(self) -> tuple[Term, ...]:
-        """Those effects that planner and prediction use."""
+        """The effects that planner and prediction use."""
         return tuple(term for term in self.effects if term.effect.planned)
 
     def acceleration(self, k: RingKinematics) -> Array:
-        """theta_dd, shape (N,), rad/s^2; of effects of openings an acceleration says nothing."""
+        """theta_dd, shape (N,), rad/s^2, without effects of openings."""
         return arrays.acceleration(self.effects, k)
 
     def jacobian(self, k: RingKinematics) -> Array:

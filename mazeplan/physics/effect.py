@@ -1,15 +1,15 @@
-"""One definition an effect: everything else (compiled code, file entry, candidate, documentation) is derived from it.
+"""Definition of a physical effect; compiled code, file entries, candidates and documentation derive from it.
 
-An effect has parameters and a formula. The formula is a function of the symbols of the state (`symbols.State`) and of
-its own parameters; what it returns depends on where the effect acts:
+An effect has parameters and a formula. The formula is a function of the state's symbols (`symbols.Symbols`) and of the
+parameters. Its result depends on where the effect acts:
 
-gravity      {"factor", "beta", "gamma", "x", "y"}, any of them: a factor of the gravity part; tilt (rad) and horizontal
-             acceleration (m/s^2) that come to those of the plate
+gravity      {"factor", "beta", "gamma", "x", "y"}, any of them: a factor of gravity; tilt (rad) and horizontal
+             acceleration (m/s^2) added to those of the plate
 force        an acceleration along the ring, rad/s^2
 drag         a rate, 1/s: the ball loses speed at rate times speed
 dry          a deceleration against the motion, rad/s^2, that can hold a ball at rest
-wall         the same, of a ball that touches a wall
-opening      {"angle", "loss"}: where the ball passes something, rad, and the share of its speed that it loses there
+wall         the same, for a ball that touches a wall
+opening      {"angle", "loss"}: an angle, rad, and the share of its speed that a passing ball loses there
 stage, tilt sensor, camera
              None: these effects are numbers in the model of that part, see `entry`
 """
@@ -23,7 +23,7 @@ from typing import Any
 
 GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "wall", "opening"
 STAGE, TILT_SENSOR, CAMERA = "stage", "tilt sensor", "camera"
-BALL = (GRAVITY, FORCE, DRAG, DRY, WALL, OPENING)  # what acts on the ball: entries of a ring in a model file
+BALL = (GRAVITY, FORCE, DRAG, DRY, WALL, OPENING)  # effects on the ball: entries of a ring in a model file
 ACTS = (*BALL, STAGE, TILT_SENSOR, CAMERA)
 FINE = 0.01  # step of numeric derivatives, in smallest sizes, unless a parameter has a step of its own
 
@@ -32,9 +32,9 @@ FINE = 0.01  # step of numeric derivatives, in smallest sizes, unless a paramete
 class Parameter:
     """A parameter of an effect.
 
-    unit; default: the value without the effect; low, high: bounds; smallest: size worth a word, 0 for a parameter that
-    says where, not how large; step: of numeric derivatives, 0 for FINE smallest sizes; prior: standard deviation of
-    what is known beforehand; words: what reports call it; fixed: True for what is never fitted."""
+    unit; default: the value without the effect; low, high: bounds; smallest: smallest relevant size, 0 for a parameter
+    that says where; step: of numeric derivatives, 0: FINE smallest sizes; prior: standard deviation of prior knowledge;
+    words: its name in reports; fixed: True excludes it from fits."""
 
     unit: str
     default: float
@@ -51,17 +51,42 @@ class Parameter:
             object.__setattr__(self, "step", FINE * self.smallest or 1e-3)
 
 
+@dataclass(frozen=True, kw_only=True)
+class FitHints:
+    """How fits and the diagnosis treat an effect.
+
+    starts: start values of a fit; places: parameters that say where, not how large; rivals: effects with the same
+    meaning; named: False for a term that only shows a dependence; depends_on: its variables; placebo: an impossible
+    term, which measures what chance can explain."""
+
+    starts: tuple[tuple[float, ...], ...] = ()
+    places: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
+    named: bool = True
+    depends_on: tuple[str, ...] = ()
+    placebo: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class WallPattern:
+    """The openings of a wall as one effect, see `openings`.
+
+    pattern: their angles in the map, rad; side: 1 the outer wall of the ring, -1 the inner one; own: names of the
+    parameters that belong to one opening each."""
+
+    pattern: tuple[float, ...] = (0.0,)
+    side: float = 0.0
+    own: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
-class Effect:
+class Effect(WallPattern, FitHints):
     """A physical effect.
 
-    name, parameters, acts, formula: see above; text: what it is, in one sentence; source: where the formula is from;
-    why_not: why a planner cannot use it, empty where it can; entry: for parts of the rig, where each parameter stands
-    in the model (`stage.beta.gain`); by_radius: powers of the radius with which values go to another ring, by
-    parameter, None where they belong to their place; common: whether it is the same in all rings; starts: where fits
-    begin, tuples of values; places: parameters that say where; rivals: effects that say the same in other words;
-    named: False for a term that only says that something is there; depends_on: variables, for those; placebo: it
-    cannot be there, and shows what chance does; pattern, side, own: of openings of a wall, see `openings`."""
+    name, parameters, acts, formula: see above; text: a description in one sentence; source: of the formula; why_not:
+    why the planner cannot use it, empty if it can; entry: place of each parameter in the model of a part of the rig
+    (`stage.beta.gain`); by_radius: powers of the radius that scale each parameter to another ring, None: values hold
+    for one place; common: whether the effect is the same in all rings. The rest: see `FitHints`, `WallPattern`."""
 
     name: str
     parameters: Mapping[str, Parameter]
@@ -73,19 +98,11 @@ class Effect:
     entry: Mapping[str, str] = field(default_factory=dict)
     by_radius: Mapping[str, int] | None = None
     common: bool = False
-    starts: tuple[tuple[float, ...], ...] = ()
-    places: tuple[str, ...] = ()
-    rivals: tuple[str, ...] = ()
-    named: bool = True
-    depends_on: tuple[str, ...] = ()
-    placebo: bool = False
-    pattern: tuple[float, ...] = (0.0,)
-    side: float = 0.0
-    own: tuple[str, ...] = ()
 
     def __call__(self, *values: float, **more: float) -> Term:
-        """The effect with values, in the order of its parameters or by name; the rest are their defaults. Raises
-        ValueError for unknown names and for values out of bounds."""
+        """The effect with values, in the order of its parameters or by name; the others keep their defaults.
+
+        Raises ValueError for unknown names and for values out of bounds."""
         if len(values) > len(self.parameters):
             raise ValueError(f"got {len(values)} values of {self.name}, expected {len(self.parameters)} at most")
         given = dict(zip(self.parameters, values, strict=False)) | more
@@ -104,23 +121,22 @@ class Effect:
         return not self.why_not
 
     def numbers(self, values: Mapping[str, float]) -> list[float]:
-        """Its parameters in order, those that are not among the values as they are without it."""
+        """Its parameters in order; missing values are the defaults."""
         return [values.get(name, parameter.default) for name, parameter in self.parameters.items()]
 
     def of_opening(self, values: Mapping[str, float], i: int) -> list[float]:
-        """Parameters of opening i of the pattern: angle, loss, and what follows them; as they are without the effect,
-        where the values lack them."""
+        """Parameters of opening i of the pattern, in order; missing values are the defaults."""
         numbers = [values.get(name, one.default) for name, one in self.parameters.items() if name not in self.own]
         if self.own:
             numbers[1] += values.get(self.own[i], 0.0)
         return numbers
 
     def first(self) -> list[tuple[float, ...]]:
-        """Starts of a fit; the defaults where none are given."""
+        """Start values of a fit; the defaults if `starts` is empty."""
         return list(self.starts) or [tuple(p.default for p in self.parameters.values())]
 
     def size(self, values: Mapping[str, float], declared: Mapping[str, float]) -> float:
-        """Largest deviation from what was declared, in smallest sizes; 1 or more is worth a word."""
+        """Largest deviation from the declared values, in smallest sizes; from 1 on it is relevant."""
         sizes = [
             abs(values[name] - declared.get(name, p.default)) / p.smallest
             for name, p in self.parameters.items()
@@ -138,7 +154,7 @@ class Term:
 
     @property
     def name(self) -> str:
-        """That of the effect."""
+        """Name of the effect."""
         return self.effect.name
 
     def values(self) -> dict[str, float]:
@@ -146,5 +162,5 @@ class Term:
         return dict(zip(self.effect.parameters, self.numbers, strict=True))
 
     def told_as(self) -> tuple[str, dict[str, float]]:
-        """Name and values, for a fingerprint: not the effect's code."""
+        """Name and values for a fingerprint, without the effect's code."""
         return "".join(part.capitalize() for part in self.name.split("_")), self.values()

@@ -1,4 +1,4 @@
-"""All effects that can be named: those of the package, and those that users and other packages add."""
+"""Registry of effects: of the package, of users, and of installed packages."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from mazeplan.errors import InputError
-from mazeplan.physics import ball, openings, rig
+from mazeplan.core.errors import InputError
+from mazeplan.core.plugins import EFFECTS as GROUP
+from mazeplan.core.plugins import plugins
+from mazeplan.core.user_modules import reason, user_module
 from mazeplan.physics.effect import BALL, Effect, Parameter, Term
-from mazeplan.plugins import EFFECTS as GROUP
-from mazeplan.plugins import plugins
-from mazeplan.usermodule import reason, user_module
+from mazeplan.physics.effects import ball, openings, rig
 
 PACKAGED: dict[str, Effect] = {e.name: e for e in (*ball.FAMILY, *openings.FAMILY, *openings.WALLS, *rig.FAMILY)}
 EFFECTS: dict[str, Effect] = dict(PACKAGED)
-TRIED = ((0.3, 0.7, 1.0), (-2.5, -3.0, 20.0), (1.4, 0.0, 0.0))  # theta, theta_dot, t at which formulas are tried
+TRIED = ((0.3, 0.7, 1.0), (-2.5, -3.0, 20.0), (1.4, 0.0, 0.0))  # theta, theta_dot, t of the trial
 TILT = (0.02, 0.1, -1.0, -0.03, -0.2, 2.0, 0.07, 0.006, *([0.01] * 7))  # inputs there
 
 
 def make_term(name: str, values: Mapping[str, Any]) -> Term:
-    """The effect of that name with values; of an installed package, too. Raises ValueError naming what is allowed."""
+    """The effect of a name with values, also of an installed package. Raises ValueError with the allowed names."""
     if name not in EFFECTS:
         _look_into_packages(name)
     if name not in EFFECTS:
@@ -35,8 +35,8 @@ def ring_effects() -> dict[str, Effect]:
 
 
 def register(effects: Iterable[Effect]) -> None:
-    """Add effects: models may hold them, diagnosis looks for them. One that is there already stays. Raises InputError
-    for what is no effect, has the name of another, or whose formula gives no number."""
+    """Add effects for models and diagnosis. Raises InputError for an object that is no effect, a name of the package,
+    or a formula without a finite value."""
     for effect in effects:
         problem = problem_of(effect)
         if problem is not None:
@@ -45,18 +45,17 @@ def register(effects: Iterable[Effect]) -> None:
 
 
 def _look_into_packages(name: str) -> None:
-    """Register the effect of that name where an installed package has it; what is broken is left out."""
+    """Register the effect of a name from installed packages; broken ones are ignored."""
     for plugin in plugins(GROUP):
         try:
             found = [e for e in offered(plugin.load()) if getattr(e, "name", "") == name and problem_of(e) is None]
-        except Exception:  # whatever anybody's code does
+        except Exception:  # foreign code may raise anything
             continue
         register(found)
 
 
 def own_effects(spec: str | None) -> list[Effect]:
-    """The effects on the ball that a module of a user offers, `MODULE:FUNCTION`, registered; of the working folder,
-    too. Raises InputError for anything else."""
+    """Register and return the effects of a user's module, `MODULE:FUNCTION`. Raises InputError."""
     found = [] if spec is None else brought(spec)
     names = set[str]()
     for effect in found:
@@ -71,7 +70,7 @@ def own_effects(spec: str | None) -> list[Effect]:
 
 
 def brought(spec: str) -> list[Any]:
-    """What a module of a user offers, `MODULE:FUNCTION`, as it is. Raises InputError where nothing comes of it."""
+    """The objects that a user's module offers, `MODULE:FUNCTION`, unchecked. Raises InputError."""
     module, _, name = spec.partition(":")
     if not module or not name:
         raise InputError(f"--effects: got {spec!r}, expected MODULE:FUNCTION")
@@ -80,12 +79,12 @@ def brought(spec: str) -> list[Any]:
         return offered(getattr(code, name))
     except InputError as problem:
         raise InputError(f"--effects: {spec!r} {problem.problem}") from None
-    except Exception as problem:  # whatever anybody's code does
+    except Exception as problem:  # foreign code may raise anything
         raise InputError(f"--effects: {spec!r} gives no effects: {reason(problem)}") from None
 
 
 def offered(found: Any) -> list[Any]:
-    """What a module offers: one effect, several, or a function that returns them. Raises InputError."""
+    """A list from one effect, several, or a function that returns them. Raises InputError."""
     found = found if isinstance(found, Effect) or not callable(found) else found()
     if isinstance(found, Effect):
         return [found]
@@ -95,7 +94,7 @@ def offered(found: Any) -> list[Any]:
 
 
 def problem_of(effect: Any) -> str | None:
-    """Why something is no effect that could be added; None where it is one."""
+    """Why an object cannot be registered as an effect; None if it can."""
     if not isinstance(effect, Effect) or effect.acts not in BALL or effect.formula is None:
         what = effect.name if isinstance(effect, Effect) else repr(effect)
         return f"got {what}, expected an Effect with a formula that acts on the ball: {', '.join(BALL)}"
@@ -116,14 +115,14 @@ def problem_of(effect: Any) -> str | None:
 
 
 def _trial(effect: Effect) -> str | None:
-    """What goes wrong with a formula where balls are."""
+    """Error of a formula at typical states, or None."""
     import numpy as np
 
-    from mazeplan.physics.compiled import term_functions
+    from mazeplan.physics.formulas.compiled import term_functions
 
     try:
         functions = term_functions(effect).vectorised(np)
-    except Exception as problem:  # whatever anybody's code does
+    except Exception as problem:  # foreign code may raise anything
         return f"the formula of {effect.name} cannot be compiled: {reason(problem)}"
     if effect.acts == "gravity":
         return None
@@ -134,7 +133,7 @@ def _trial(effect: Effect) -> str | None:
             try:
                 value = functions[name](theta, rate, t, TILT, p)
                 finite = math.isfinite(value)
-            except Exception as problem:  # whatever anybody's code does
+            except Exception as problem:  # foreign code may raise anything
                 value, finite = reason(problem), False
             if not finite:
                 at = f"theta {theta}, theta_dot {rate}, t {t}, parameters {p}"
@@ -143,8 +142,8 @@ def _trial(effect: Effect) -> str | None:
 
 
 def document(effect: Effect) -> dict[str, Any]:
-    """An effect as `effect list --json` has it."""
-    from mazeplan.physics.equation import text
+    """The JSON of an effect for `effect list --json`."""
+    from mazeplan.physics.formulas.equation import text
 
     return {
         "name": effect.name,

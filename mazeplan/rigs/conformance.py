@@ -1,8 +1,7 @@
-"""A conformance suite for anybody's rig: `check_rig(rig, maze)` or `mazeplan rig check`.
+"""A conformance suite for any rig: `check_rig(rig, maze)` or `mazeplan rig check`.
 
-Each check resets the rig, drives it for a second or two, and says in one sentence what it saw. On hardware a person
-places the ball at
-each reset; `repeatable=False` leaves out the check that only a simulation can pass.
+Each check resets the rig, drives it for a second or two, and reports in one sentence. On hardware a person places the
+ball at each reset. `repeatable=False` leaves out the checks that only a simulation can pass.
 """
 
 from __future__ import annotations
@@ -15,24 +14,24 @@ from numbers import Real
 
 import numpy as np
 
-from mazeplan.errors import MazeplanError
-from mazeplan.maths.angles import difference
+from mazeplan.core.errors import MazeplanError
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Observation
 from mazeplan.maze.geometry import Maze
-from mazeplan.records import Observation
 from mazeplan.rigs.interface import Rig
 
 TILT = math.radians(3.0)  # rad, of the test commands
 SETTLED = math.radians(0.7)  # rad: servo, sensor noise and play together
 SETTLE_S = 0.8  # s: twice what a slow servo takes
-RAISED = "raised "  # how the detail of a check begins that something was raised in
-CLOCK = 0.02  # relative error of 1 / rate that a clock may show
-LEAP = 4.5  # periods from one sample to the next: more is no clock that goes on, or lost samples
-PLACED = 0.5  # rad from where a ball was to be placed to where it is seen: a person places it by eye
+RAISED = "raised "  # start of the detail of a check that raised
+CLOCK = 0.02  # largest relative error of a clock's period
+LEAP = 4.5  # periods between two samples: more means a clock that jumps, or lost samples
+PLACED = 0.5  # rad, largest error of the ball's place: a person places it by eye
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check: its name, whether it passed, and what was seen."""
+    """One check: its name, whether it passed, and a sentence."""
 
     name: str
     passed: bool
@@ -40,23 +39,23 @@ class CheckResult:
 
 
 class UnfitError(Exception):
-    """A sample that is none: no check can go on."""
+    """An invalid sample: the check cannot continue."""
 
 
-class Trial:
+class RigTrial:
     """One rig under test."""
 
     def __init__(self, rig: Rig, maze: Maze, seed: int) -> None:
         self.rig, self.maze, self.seed = rig, maze, seed
         self.dt = 1.0 / rig.rate_hz
-        self.leap: tuple[float, float] | None = None  # the first two samples with something wrong between, s
+        self.leap: tuple[float, float] | None = None  # times of the first two samples with a jump between, s
 
     def reset(self, ring: int = 1, theta: float = 0.0) -> None:
-        """A fresh start with the same random numbers each time."""
+        """Reset with the same random numbers each time."""
         self.rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(self.seed))
 
     def observe(self) -> Observation:
-        """A sample. Raises UnfitError for what is none, or has other things than numbers."""
+        """A sample. Raises UnfitError for another object, or other values than numbers."""
         sample = self.rig.observe()
         if not isinstance(sample, Observation):
             got = type(sample).__name__
@@ -68,7 +67,7 @@ class Trial:
         return sample
 
     def run(self, seconds: float, u_beta: float = 0.0, u_gamma: float = 0.0) -> list[Observation]:
-        """Samples under a command that is given anew at each."""
+        """Samples under a constant command, repeated after each sample."""
         samples = []
         for _ in range(max(2, round(seconds / self.dt))):
             samples.append(self.observe())
@@ -80,11 +79,11 @@ class Trial:
 
 
 def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -> list[CheckResult]:
-    """Run all checks; the rig is levelled and closed at the end, whatever happens.
+    """Run all checks; then level and close the rig.
 
-    A rig that raises in a check fails that check; the others are run all the same."""
-    trial = Trial(rig, maze, seed)
-    checks: list[tuple[str, Callable[[Trial], str | None]]] = [
+    A rig that raises in a check fails that check. The others run as well."""
+    trial = RigTrial(rig, maze, seed)
+    checks: list[tuple[str, Callable[[RigTrial], str | None]]] = [
         ("clock", _clock),
         ("observation", _observation),
         ("tilt follows beta", lambda t: _follows(t, "beta")),
@@ -105,16 +104,16 @@ def check_rig(rig: Rig, maze: Maze, *, seed: int = 0, repeatable: bool = True) -
             problem = check(trial)
         except UnfitError as unfit:
             problem = str(unfit)
-        except Exception as error:  # anybody's rig may raise anything; a check reports it
+        except Exception as error:  # a rig may raise anything; a check reports it
             problem = f"{RAISED}{type(error).__name__}: {error}"
-        told = "ok" if problem is None else f"as {first[problem]}" if problem in first else problem
+        detail = "ok" if problem is None else f"as {first[problem]}" if problem in first else problem
         if problem is not None:
             first.setdefault(problem, name)
-        results.append(CheckResult(name, problem is None, told))
+        results.append(CheckResult(name, problem is None, detail))
     return results
 
 
-def _clock(trial: Trial) -> str | None:
+def _clock(trial: RigTrial) -> str | None:
     trial.reset()
     times = [o.t for o in trial.run(0.5)]
     if abs(times[0]) > trial.dt:
@@ -125,7 +124,7 @@ def _clock(trial: Trial) -> str | None:
     return None
 
 
-def _observation(trial: Trial) -> str | None:
+def _observation(trial: RigTrial) -> str | None:
     trial.reset(theta=1.0)
     samples = trial.run(0.5)
     for o in samples:
@@ -139,7 +138,7 @@ def _observation(trial: Trial) -> str | None:
 
 
 def _misplaced(maze: Maze, number: int, theta: float, samples: list[Observation]) -> str | None:
-    """Whether the ball is seen elsewhere than where it was to be placed, the plate being level."""
+    """A sentence if the ball on the level plate is not at the place of the reset."""
     seen = [(o.x, o.y) for o in samples if o.x is not None and o.y is not None]
     if not seen:
         return "the ball was never seen"
@@ -154,7 +153,7 @@ def _misplaced(maze: Maze, number: int, theta: float, samples: list[Observation]
     return None
 
 
-def _placing(trial: Trial) -> str | None:
+def _placing(trial: RigTrial) -> str | None:
     for ring in trial.maze.rings:
         for theta in (2.0, -2.0):
             trial.reset(ring.number, theta)
@@ -164,14 +163,14 @@ def _placing(trial: Trial) -> str | None:
     return None
 
 
-def _goes_on(trial: Trial) -> str | None:
+def _goes_on(trial: RigTrial) -> str | None:
     if trial.leap is None:
         return None
     before, after = trial.leap
     return f"t went from {before:.4f} to {after:.4f} s between two samples, expected {trial.dt:.4f} s more"
 
 
-def _follows(trial: Trial, axis: str) -> str | None:
+def _follows(trial: RigTrial, axis: str) -> str | None:
     for sign in (1.0, -1.0):
         trial.reset()
         u = sign * TILT
@@ -188,15 +187,15 @@ def _follows(trial: Trial, axis: str) -> str | None:
     return None
 
 
-def _moved(trial: Trial, theta: float, u_beta: float, u_gamma: float) -> float:
-    """How far the ball turned within a second, rad; NaN if it was never seen."""
+def _moved(trial: RigTrial, theta: float, u_beta: float, u_gamma: float) -> float:
+    """Turn of the ball about the centre within a second, rad; NaN if it was never seen."""
     trial.reset(theta=theta)
     samples = trial.run(1.0, u_beta, u_gamma)
     seen = [math.atan2(o.y, o.x) for o in samples if o.x is not None and o.y is not None]
     return float(sum(difference(b, a) for a, b in itertools.pairwise(seen))) if seen else math.nan
 
 
-def _sign_beta(trial: Trial) -> str | None:
+def _sign_beta(trial: RigTrial) -> str | None:
     turned = _moved(trial, 0.5 * math.pi, TILT, 0.0)
     return (
         None
@@ -205,7 +204,7 @@ def _sign_beta(trial: Trial) -> str | None:
     )
 
 
-def _sign_gamma(trial: Trial) -> str | None:
+def _sign_gamma(trial: RigTrial) -> str | None:
     turned = _moved(trial, 0.0, 0.0, TILT)
     return (
         None
@@ -214,7 +213,7 @@ def _sign_gamma(trial: Trial) -> str | None:
     )
 
 
-def _level(trial: Trial) -> str | None:
+def _level(trial: RigTrial) -> str | None:
     trial.reset()
     trial.run(0.5, TILT, -TILT)
     trial.rig.level()
@@ -224,7 +223,7 @@ def _level(trial: Trial) -> str | None:
     return None if worst < SETTLED else f"level() left the plate at {math.degrees(worst):.2f} deg"
 
 
-def _refuses(trial: Trial, value: float) -> str | None:
+def _refuses(trial: RigTrial, value: float) -> str | None:
     trial.reset()
     trial.rig.observe()
     for command in ((value, 0.0), (0.0, value)):
@@ -236,7 +235,7 @@ def _refuses(trial: Trial, value: float) -> str | None:
     return None
 
 
-def _limit(trial: Trial) -> str | None:
+def _limit(trial: RigTrial) -> str | None:
     trial.reset()
     limit = trial.maze.tilt_limit
     samples = trial.run(SETTLE_S + 0.4, limit, limit)
@@ -245,7 +244,7 @@ def _limit(trial: Trial) -> str | None:
     return None if worst <= limit + SETTLED else f"the plate went to {math.degrees(worst):.2f} deg at the limit"
 
 
-def _repeatable(trial: Trial) -> str | None:
+def _repeatable(trial: RigTrial) -> str | None:
     runs = []
     for _ in range(2):
         trial.reset(theta=0.7)
@@ -256,7 +255,7 @@ def _repeatable(trial: Trial) -> str | None:
     return None
 
 
-def _close(trial: Trial) -> str | None:
+def _close(trial: RigTrial) -> str | None:
     trial.rig.level()
     trial.rig.close()
     trial.rig.close()  # an error here is reported by the caller

@@ -1,37 +1,28 @@
-"""What every rig must do. A rig owns the clock: nothing else reads wall time."""
+"""The interface of every rig. A rig owns the clock: nothing else reads wall time."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from mazeplan.maze.geometry import Maze
-from mazeplan.records import Observation
+from mazeplan.core.records import Array, Latency, Observation
 
 
 @runtime_checkable
 class Rig(Protocol):
-    """A plate that tilts, with a ball that is seen.
+    """A plate that tilts, and a camera that sees the ball on it.
 
-    Signs: positive beta lowers the +x side, so a ball at theta = 90 deg is pushed towards theta = 0; positive gamma
-    lifts the +y side, so a ball at theta = 0 is pushed towards negative theta.
+    Signs: positive beta lowers the +x side and pushes a ball at theta = 90 deg towards theta = 0. Positive gamma lifts
+    the +y side and pushes a ball at theta = 0 towards negative theta.
 
-    A rig is watched: it must give a sample and take a command in time (`watchdog`). A simulation that waits for nobody
-    says `realtime = False`.
-
-    It may also say `latency`, a `records.Latency` that was measured of it and counts for more than its model's, and
-    `unseen_s`: a run ends when the ball was not seen for so long. With a method `ready` it is asked, before a log is
-    opened, whether it could be driven: where not, that raises SettingsError. With a method `begin_run` it is told
-    before each run of `evaluate` which one comes, from 1 on.
-    """
+    mazeplan makes a rig as `Class(maze, settings)`: a Maze, and the keys of the rig's file as a mapping. That call
+    keeps the settings and opens nothing. A watchdog expects samples and commands in time (`watchdog`).
+    `RigTraits` lists what a rig may have besides."""
 
     rate_hz: float
-
-    def __init__(self, maze: Maze, settings: Mapping[str, Any]) -> None:
-        """Keep the settings; open nothing yet."""
-        ...
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Place the ball (a person does it on hardware), level the plate, set time to 0."""
@@ -42,7 +33,7 @@ class Rig(Protocol):
         ...
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Command a tilt in rad; it is held until the next command."""
+        """Command a tilt in rad. The rig holds it until the next command."""
         ...
 
     def level(self) -> None:
@@ -50,12 +41,76 @@ class Rig(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the machine back; may be called twice."""
+        """Release the machine. A second call does nothing."""
         ...
 
 
+@dataclass(frozen=True)
+class RigTraits:
+    """Optional attributes and methods of a rig, each with the value for a rig without it.
+
+    realtime: False for a simulation, which needs no watchdog; latency: a measured one replaces the model's; unseen_s: a
+    run ends after so many seconds without the ball; ready(): raises SettingsError if the rig cannot be driven yet;
+    begin_run(n): announces run n of a campaign, from 1 on; stop(): levels the plate until the next reset, from any
+    thread; inject(fault): makes the machine fail; cannot: kinds of faults that `inject` refuses; truth(), pictured():
+    state and picture of a simulation; surprise: what a simulated rig hides from the planner."""
+
+    realtime: bool = True
+    latency: Latency | None = None
+    unseen_s: float | None = None
+    ready: Callable[[], None] | None = None
+    begin_run: Callable[[int], None] | None = None
+    stop: Callable[[], None] | None = None
+    inject: Callable[[Any], None] | None = None
+    cannot: tuple[str, ...] = ()
+    truth: Callable[[], Array] | None = None
+    pictured: Callable[[], Array] | None = None
+    surprise: Any = None
+
+
+def traits(rig: object) -> RigTraits:
+    """The optional attributes and methods of a rig."""
+    return RigTraits(**{f.name: getattr(rig, f.name) for f in fields(RigTraits) if hasattr(rig, f.name)})
+
+
 def check_ready(rig: Rig) -> None:
-    """Ask a rig that can be asked whether it could be driven. Raises SettingsError."""
-    ready = getattr(rig, "ready", None)
-    if callable(ready):
+    """Raises SettingsError if the rig says that it cannot be driven yet."""
+    ready = traits(rig).ready
+    if ready is not None:
         ready()
+
+
+class RigWrapper:
+    """A rig around another one, `inside`. Passes every call and attribute on; subclasses replace some."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.inside, self.rate_hz = rig, rig.rate_hz
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name == "inside":  # a copy has no attributes yet
+            raise AttributeError(name)
+        return getattr(self.inside, name)
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """As the rig inside."""
+        self._call("reset", ring=ring, theta=theta, rng=rng)
+
+    def observe(self) -> Observation:
+        """As the rig inside."""
+        return self._call("observe")
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """As the rig inside."""
+        self._call("command", u_beta, u_gamma)
+
+    def level(self) -> None:
+        """As the rig inside."""
+        self._call("level")
+
+    def close(self) -> None:
+        """As the rig inside."""
+        self._call("close")
+
+    def _call(self, name: str, *args: Any, **more: Any) -> Any:
+        """Call a method of the rig inside."""
+        return getattr(self.inside, name)(*args, **more)

@@ -1,8 +1,7 @@
-"""From what a user writes after `--rig` to a rig: a packaged name, a YAML file, module:Class, or the name by which an
-installed package offers one (entry point `mazeplan.rigs`: its class, or the path of its YAML file).
+"""Makes the rig that `--rig` names: a packaged name, a YAML file, module:Class, or a rig of an installed package.
 
-Behind a name or file whose settings hold a surprise, @N is the seed of what is drawn: surprise@3; @KIND says what it
-is: surprise@gain.
+An installed package offers a rig by the entry point `mazeplan.rigs`: its class, or the path of its YAML file. The name
+of a rig with a surprise may end with a seed or a kind: surprise@3, surprise@gain.
 """
 
 from __future__ import annotations
@@ -13,19 +12,30 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from mazeplan import filekinds
-from mazeplan.errors import InputError, MazeplanError, RigError, SettingsError
+from mazeplan.core import file_kinds as filekinds
+from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
+from mazeplan.core.plugins import RIGS, Plugin, plugin, plugins
+from mazeplan.core.user_modules import user_module
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.maze.yamltree import Tree, shown
-from mazeplan.plugins import RIGS, Plugin, plugin, plugins
+from mazeplan.maze.yamltree import shown
+from mazeplan.rigs.files import FileSettings, placed, read_rig_file
 from mazeplan.rigs.interface import Rig
-from mazeplan.usermodule import user_module
+from mazeplan.rigs.sim.settings import settings_from
 
 PACKAGED = Path(__file__).resolve().parent
-HARDWARE = "hardware"  # this name means hardware.yaml in the folder where one works, if there is one
+HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
 SENSES = ("ideal", "camera")
-TABLE_KEYS = {"port", "servo", "tilt", "camera", "latency", "place_s", "unseen_s", "world"}  # of rigs on a table alone
+TABLE_KEYS = {
+    "port",
+    "servo",
+    "tilt",
+    "camera",
+    "latency",
+    "place_s",
+    "unseen_s",
+    "world",
+}  # only rigs on a table have these
 METHODS = ("reset", "observe", "command", "level", "close")
 
 
@@ -35,7 +45,7 @@ def rig_names() -> tuple[str, ...]:
 
 
 def unusable(found: Plugin) -> str | None:
-    """Why an installed rig cannot be used by its name, as far as the name tells; None: it can."""
+    """Why the name of an installed rig cannot be used; None if it can."""
     if found.name in rig_names():
         return "the program has a rig of this name, which comes first"
     if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", found.name) is None:
@@ -44,27 +54,28 @@ def unusable(found: Plugin) -> str | None:
 
 
 def installed_rigs() -> dict[str, Plugin]:
-    """Rigs of installed packages that can be used by name; none of their code is imported."""
+    """Rigs of installed packages with a usable name. Imports none of their code."""
     return {found.name: found for found in plugins(RIGS) if unusable(found) is None}
 
 
 def installed_rig(found: Plugin) -> type | Path:
-    """The class, or the YAML file, that a package offers. Raises InputError when it is neither."""
+    """The class or the YAML file that a package offers. Raises InputError if it is neither."""
     rig = found.load()
     if isinstance(rig, str | Path):
         if not Path(rig).is_file():
-            raise found.problem(f"got {str(rig)!r}, expected a YAML file that is there, or a class")
+            raise found.problem(f"got {str(rig)!r}, expected an existing YAML file, or a class")
         return Path(rig)
     _check_class(rig, found.label)
     return rig
 
 
 def rig_file(spec: str) -> Path | None:
-    """The YAML file that a spec stands for, or None for a class. Raises SettingsError when there is none, InputError
-    for an installed rig that is broken."""
+    """The YAML file that a spec names, or None for a class.
+
+    Raises SettingsError for an unknown rig, InputError for an installed rig that is broken."""
     spec, _ = seeded(spec)
     packaged = PACKAGED / f"{spec}.yaml"
-    if spec == HARDWARE and Path(packaged.name).is_file():  # the rig that one has, before the template
+    if spec == HARDWARE and Path(packaged.name).is_file():  # the user's rig comes before the template
         return Path(packaged.name)
     if spec in rig_names():
         return packaged
@@ -85,7 +96,7 @@ def rig_file(spec: str) -> Path | None:
 
 
 def seeded(spec: str) -> tuple[str, str | None]:
-    """The name or file, and the seed or the kind of its surprise where one is written behind it."""
+    """The name or file, and the seed or kind of its surprise (None without one)."""
     found = re.fullmatch(r"(.+)@([0-9]{1,9}|[a-z_]+)", spec)
     if found is None or Path(spec).is_file():
         return spec, None
@@ -93,18 +104,16 @@ def seeded(spec: str) -> tuple[str, str | None]:
 
 
 def with_seed(spec: str, seed: int) -> str:
-    """The spec with a seed for its surprise, where it holds one and names no seed itself."""
+    """The spec with a seed for its surprise, if it has a surprise and no seed yet."""
     path = rig_file(spec)
     if path is None or seeded(spec)[1] is not None:
         return spec
-    from mazeplan.rigs.settings import read_rig_file
-
-    kind, data, _ = read_rig_file(path)
+    kind, data = read_rig_file(path)
     return f"{spec}@{seed}" if kind is None and data.get("surprise") is not None else spec
 
 
 def rig_label(spec: str) -> str:
-    """What reports call it: the name, the file's stem, or the class."""
+    """Name in reports: the packaged name, the file's stem, or the class."""
     path, (name, seed) = rig_file(spec), seeded(spec)
     if path is None:
         return spec
@@ -113,84 +122,70 @@ def rig_label(spec: str) -> str:
 
 
 def runs_of_change(spec: str) -> list[int]:
-    """From which runs of a campaign on a simulated rig is otherwise (`changes` in its settings), in their order; of
-    any other rig none. Raises SettingsError for a file that cannot be used."""
-    from mazeplan.rigs.settings import read_rig_file, settings_from
+    """Runs of a campaign from which on the settings of a simulated rig change (`changes`), in their order.
+
+    Empty for other rigs. Raises SettingsError for a file that cannot be used."""
 
     path = rig_file(spec)
     if path is None:
         return []
-    kind, data, tree = read_rig_file(path)
+    kind, data = read_rig_file(path)
     if kind is not None or not data.get("changes"):
         return []
-    data.pop("model", None)
-    return sorted({change.from_run for change in settings_from(data, file=path, tree=tree).changes})
+    return sorted({change.from_run for change in settings_from(data).changes})
 
 
 def rig_model_hint(spec: str) -> str | None:
-    """The model that a rig's file asks for with `model:`; a path is taken from the file's folder."""
-    from mazeplan.rigs.settings import read_rig_file
-
+    """The model that a rig's file names with `model:`; a path beside the file comes first."""
     path = rig_file(spec)
     if path is None:
         return None
-    _, data, tree = read_rig_file(path)
+    data = read_rig_file(path)[1]
     hint = data.get("model")
-    if hint is None:
-        return None
-    if not isinstance(hint, str):
-        raise SettingsError(
-            f"got {shown(hint)}, expected a model's name or folder", file=path, line=tree.line(("model",)), key="model"
-        )
-    return _beside(path, hint)
+    if hint is not None and not isinstance(hint, str):
+        raise placed(SettingsError(f"got {shown(hint)}, expected a model's name or folder", key="model"), data)
+    return None if hint is None else _beside(path, hint)
 
 
 def _beside(path: Path, name: str) -> str:
-    """A file or folder named in a rig's file: taken from that file's own folder if it is there."""
+    """A file or folder that a rig's file names: beside that file if it exists there."""
     found = path.parent / name
     return str(found) if found.exists() else name
 
 
 def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
-    """The rig, with nothing opened yet. sense: how a simulated one sees the ball, None: as its settings say. Raises
-    SettingsError with file, line and key."""
+    """The rig, with nothing opened yet. Raises SettingsError with file, line and key.
+
+    sense: how a simulated rig sees the ball, by default as its settings say."""
     if sense not in (None, *SENSES):
         raise SettingsError(f"--sense: got {shown(sense)}, expected one of {', '.join(SENSES)}")
     path = rig_file(spec)
-    if path is None:
-        _simulated_only(spec, sense)
-        return _from_class(spec, maze, {})
-    from mazeplan.rigs.settings import read_rig_file, settings_from
-
-    kind, data, tree = read_rig_file(path)
+    kind, data = (spec, None) if path is None else read_rig_file(path)
     if kind is not None:
-        _simulated_only(spec, sense)
-        return _from_class(kind, maze, data, path, tree)
-    from mazeplan.rigs.simulated import SimulatedRig
+        if sense is not None:
+            raise SettingsError(f"--sense: got {sense} for {spec!r}, expected a rig whose pictures are simulated here")
+        return _from_class(kind, maze, data)
+    assert data is not None
+    from mazeplan.rigs.sim.simulated import SimulatedRig
 
     if TABLE_KEYS & data.keys():
         what = "is missing; the file of a rig on a table begins with `class: mazeplan.rigs.hardware:HardwareRig`"
         raise SettingsError(what, file=path, line=1, key="class")
-    settings, (_, seed) = settings_from(data, file=path, tree=tree), seeded(spec)
+    settings, (_, seed) = settings_from(data), seeded(spec)
     if seed is not None:
         if settings.surprise is None:
             raise SettingsError(f"got @{seed}, but there is no surprise in these settings", file=path)
-        told = {"surprise_seed": int(seed)} if seed.isdecimal() else {"surprise": seed}
-        settings = settings_from({**data, **told}, file=path, tree=tree)
+        data.update({"surprise_seed": int(seed)} if seed.isdecimal() else {"surprise": seed})
+        settings = settings_from(data)
     if sense is not None:
         settings = settings.model_copy(update={"sense": sense})
-    return SimulatedRig(maze if settings.map is None else load_map(_beside(path, settings.map)), settings)
+    return SimulatedRig(maze if settings.map is None else load_map(_beside(data.file, settings.map)), settings)
 
 
-def _simulated_only(spec: str, sense: str | None) -> None:
-    if sense is not None:
-        raise SettingsError(f"--sense: got {sense} for {spec!r}, expected a rig whose pictures are simulated here")
-
-
-def _from_class(
-    spec: str, maze: Maze, settings: dict[str, Any], file: Path | None = None, tree: Tree | None = None
-) -> Rig:
-    where: dict[str, Any] = {} if tree is None else {"file": file, "line": tree.line(("class",))}
+def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:
+    where: dict[str, Any] = {}
+    if settings is not None:
+        where = {"file": settings.file, "line": settings.tree.line(("class",))}
     found = None if ":" in spec else plugin(RIGS, spec)
     name = f"{spec!r}" if found is None else found.label
     kind: Any = _class(spec, where) if found is None else installed_rig(found)
@@ -198,16 +193,14 @@ def _from_class(
         _check_class(kind, name, where)
     elif isinstance(kind, Path):
         raise SettingsError(f"{name} is a YAML file, expected a class", **where)
-    from mazeplan.rigs.settings import FileSettings, placed
-
-    given = settings if file is None or tree is None else FileSettings(settings, file, tree)
+    given = {} if settings is None else settings
     try:
         rig = kind(maze, given)
-    except SettingsError as problem:  # the class knows the key, not where the key stands
+    except SettingsError as problem:  # the class knows the key, but not its place
         raise placed(problem, given) from None
     except MazeplanError:
         raise
-    except Exception as problem:  # it opens something, perhaps: a port that is not there
+    except Exception as problem:  # for example a port that does not exist
         code = traceback.extract_tb(problem.__traceback__)[-1]
         if code.filename == __file__:  # the call itself
             raise SettingsError(f"{name}: {problem}; expected __init__(self, maze, settings)", **where) from None
@@ -221,19 +214,16 @@ def _from_class(
 
 
 def _class(spec: str, where: dict[str, Any]) -> Any:
-    """What module:Class names."""
+    """The class that module:Class names."""
     module_name, _, class_name = spec.partition(":")
     file = where.get("file")
     try:
-        module = user_module(module_name, f"rig {spec!r}", None if file is None else Path(file).parent)
+        module = user_module(module_name, f"rig {spec!r}", None if file is None else file.parent)
     except InputError as problem:
         raise SettingsError(problem.problem, **where) from None
     if not hasattr(module, class_name):
-        taken = (
-            ""
-            if getattr(module, "__file__", None)
-            else f", for which the folder {next(iter(module.__path__))} is taken,"
-        )
+        own = getattr(module, "__file__", None)
+        taken = "" if own else f", for which the folder {next(iter(module.__path__))} is taken,"
         raise SettingsError(f"rig {spec!r}: module {module_name!r}{taken} has no {class_name!r}", **where)
     return getattr(module, class_name)
 

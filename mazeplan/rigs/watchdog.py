@@ -1,15 +1,14 @@
-"""A rig that is watched: whatever hangs, the plate goes level and the program comes to its end.
+"""A rig with a watchdog: whatever hangs, the plate goes level and the program ends.
 
     loop          observe() ........ command()        observe() ...
     rig's thread  [rig.observe] wait [rig.command]    [rig.observe] ...
                                 |--| longer than timeout_s: level, and RigError in the loop
 
-All calls of a rig run in a thread of its own, which is also the watchdog: after a sample it waits for the command and
-judges by the monotonic clock, outside the loop. The loop in turn waits for each call no longer than is sensible for it;
-only reset() may take as long as it likes, as a person places the ball. A loop that hangs in Python code, or waits for
-something, is woken by a signal where the system has them. One that hangs in compiled code cannot be, and is ended
-with its process where that is allowed (`own_process`). Code that never gives the interpreter's lock back stops this
-thread, too: against that only a watchdog in the machine itself helps.
+All calls of a rig run in one thread of its own, which is also the watchdog. After a sample it waits for the command, by
+the monotonic clock. The loop waits for each call only for a limited time; reset() has no limit, as a person places the
+ball. A signal wakes a loop that hangs in Python code or waits. Nothing wakes a loop that hangs in compiled code: the
+watchdog ends its process if that is allowed (`own_process`). Code that never releases the interpreter's lock stops this
+thread, too. Only a watchdog in the machine itself helps then.
 """
 
 from __future__ import annotations
@@ -21,38 +20,38 @@ import sys
 import threading
 import traceback
 from time import monotonic
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from mazeplan.errors import MazeplanError, RigError
-from mazeplan.records import Observation
-from mazeplan.rigs.interface import Rig
+from mazeplan.core.errors import MazeplanError, RigError
+from mazeplan.core.records import Observation
+from mazeplan.rigs.interface import Rig, RigWrapper, traits
 
 TIMEOUT_S = 0.2  # s from a sample to the command that answers it
 SAMPLES = 15  # periods that observe() may take ...
 START_S = 5.0  # s ... and so much longer after reset(), when cameras start
 LEVEL_S, CLOSE_S = 1.0, 2.0  # s
-WAKE_S = 2.0  # s after which a loop that was woken and not heard of is ended with its process
+WAKE_S = 2.0  # s from the signal until the watchdog ends the process of a loop that still hangs
 STDLIB = os.path.dirname(os.__file__) + os.sep
 WAKE = getattr(signal, "SIGUSR2", None)  # not on every system
 
 
 def watched(rig: Rig, *, own_process: bool = False) -> Rig:
-    """The rig, watched unless it says `realtime = False`, as simulations do that wait for nobody; what such a one of
-    somebody else's raises is a RigError all the same.
+    """The rig with a watchdog. A simulation (`realtime = False`) needs none; what a user's simulation raises becomes a
+    RigError.
 
     own_process: see `WatchedRig`."""
-    if isinstance(rig, WatchedRig | ToldRig):
+    if isinstance(rig, WatchedRig | CheckedRig):
         return rig
-    if not getattr(rig, "realtime", True):
+    if not traits(rig).realtime:
         ours = type(rig).__module__.partition(".")[0] == __name__.partition(".")[0]
-        return rig if ours else cast(Rig, ToldRig(rig))
-    return cast(Rig, WatchedRig(rig, own_process=own_process))  # a rig but for how it is made
+        return rig if ours else CheckedRig(rig)
+    return WatchedRig(rig, own_process=own_process)
 
 
 class _Call:
-    """One call of a method of the rig, for another thread to do."""
+    """One call of a method of the rig, to run in another thread."""
 
     def __init__(self, rig: Rig, name: str, *args: Any, **more: Any) -> None:
         self.name, self._rig, self._args, self._more = name, rig, args, more
@@ -64,11 +63,11 @@ class _Call:
         self.begun.set()
         try:
             self.result = getattr(self._rig, self.name)(*self._args, **self._more)
-        except BaseException as error:  # anybody's rig may raise anything; who waits is told
+        except BaseException as error:  # anybody's rig may raise anything; `outcome` raises it again
             self.error = error
 
     def outcome(self) -> Any:
-        """What was returned. Raises RigError for what the rig raised, with the place in its code."""
+        """The returned value. Raises RigError for what the rig raised, with the place in its code."""
         error = self.error
         if error is None:
             return self.result
@@ -79,92 +78,59 @@ class _Call:
         raise RigError(f"{self.name}() of the rig raised {what} ({frame.filename}:{frame.lineno})") from error
 
 
-class ToldRig:
-    """A rig that waits for nobody: its calls as they are, but whatever they raise is a RigError with the place."""
+class CheckedRig(RigWrapper):
+    """A simulation without a watchdog. Whatever its calls raise becomes a RigError with the place."""
 
     realtime = False
 
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # while being copied there is no _rig yet
-            raise AttributeError(name)
-        return getattr(self._rig, name)
-
-    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """As the rig's."""
-        self._ask("reset", ring=ring, theta=theta, rng=rng)
-
-    def observe(self) -> Observation:
-        """As the rig's."""
-        return self._ask("observe")
-
-    def command(self, u_beta: float, u_gamma: float) -> None:
-        """As the rig's."""
-        self._ask("command", u_beta, u_gamma)
-
-    def level(self) -> None:
-        """As the rig's."""
-        self._ask("level")
-
-    def close(self) -> None:
-        """As the rig's."""
-        self._ask("close")
-
-    def _ask(self, name: str, *args: Any, **more: Any) -> Any:
-        call = _Call(self._rig, name, *args, **more)
+    def _call(self, name: str, *args: Any, **more: Any) -> Any:
+        call = _Call(self.inside, name, *args, **more)
         call.run()
         return call.outcome()
 
 
-class WatchedRig:
-    """See `interface.Rig`. timeout_s: from a sample to its command; own_process: whether the process may be ended, with
-    exit status 3, when nothing else can end a loop that hangs.
+class WatchedRig(RigWrapper):
+    """See `interface.Rig`. timeout_s: from a sample to its command; own_process: the watchdog may end the process, with
+    exit status 3, if nothing else ends a loop that hangs.
 
-    Once it has struck (`reason` says why), the plate is level and observe, command and reset raise RigError."""
+    After it has struck (`reason` says why), the plate is level and observe, command and reset raise RigError."""
 
     realtime = True
 
     def __init__(self, rig: Rig, timeout_s: float = TIMEOUT_S, *, own_process: bool = False) -> None:
-        self._rig, self.timeout_s, self._own_process = rig, timeout_s, own_process
-        self.rate_hz = rig.rate_hz
+        super().__init__(rig)
+        self.timeout_s, self._own_process = timeout_s, own_process
         self.reason: str | None = None
         self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()  # of reason and _listens
-        self._heard = threading.Event()  # the loop came back after the watchdog had struck
+        self._heard = threading.Event()  # set when the loop returns after a strike
         self._first, self._hangs, self._level_hangs = True, False, False
         self._listens, self._handler_before = False, None
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # while being copied there is no _rig yet
-            raise AttributeError(name)
-        return getattr(self._rig, name)
-
-    # -- the loop's side --------------------------------------------------------------------------------------------
+    # -- calls of the loop -------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """As the rig's, without a limit of time."""
+        """As the rig inside, without a time limit."""
         self._listen()
         self._first = True
         self._ask("reset", None, ring=ring, theta=theta, rng=rng)
 
     def observe(self) -> Observation:
-        """As the rig's. Raises RigError when no sample comes in time."""
+        """As the rig inside. Raises RigError if no sample comes in time."""
         limit = SAMPLES / self.rate_hz + (START_S if self._first else 0.0)
         observation = self._ask("observe", limit)
         self._first = False
         return observation
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """As the rig's. Raises RigError when it comes too late or is not taken in time."""
+        """As the rig inside. Raises RigError if the command comes too late or the call takes too long."""
         self._ask("command", self.timeout_s, u_beta, u_gamma)
 
     def level(self) -> None:
-        """As the rig's, at most LEVEL_S, and past a call that hangs."""
+        """As the rig inside, for at most LEVEL_S, also while another call hangs."""
         self._heard.set()
-        if self._level_hangs:  # that has been said, and once more would only take longer
+        if self._level_hangs:  # an error has said so; another try would only take longer
             return
         call = self._give("level")
         if not call.done.wait(LEVEL_S):
@@ -173,7 +139,7 @@ class WatchedRig:
         call.outcome()
 
     def close(self) -> None:
-        """As the rig's, at most CLOSE_S, and past a call that hangs."""
+        """As the rig inside, for at most CLOSE_S, also while another call hangs."""
         self._heard.set()
         call = self._give("close")
         self._calls.put(None)
@@ -185,12 +151,12 @@ class WatchedRig:
         call.outcome()
 
     def _ask(self, name: str, limit: float | None, *args: Any, **more: Any) -> Any:
-        """Have the rig's thread do it, within so many seconds."""
+        """Call a method in the rig's thread, within so many seconds."""
         if self.reason is None:
-            call = _Call(self._rig, name, *args, **more)
+            call = _Call(self.inside, name, *args, **more)
             self._put(call)
             if call.done.wait(limit):
-                if self.reason is not None:  # the watchdog was quicker than this call
+                if self.reason is not None:  # the watchdog struck before this call
                     self._heard.set()
                 return call.outcome()
             self._strike(f"{name}() of the rig did not return within {limit:g} s")
@@ -200,12 +166,12 @@ class WatchedRig:
         raise RigError(str(self.reason))
 
     def _give(self, name: str) -> _Call:
-        """Have it done by the rig's thread; by another one as well when that hangs."""
-        call = _Call(self._rig, name)
-        self._put(call)  # also when it hangs: what it does when it comes to itself must not be the last word
+        """Call a method in the rig's thread, and in another one if that hangs."""
+        call = _Call(self.inside, name)
+        self._put(call)  # also while a call hangs: its late effect must not be the last one
         if call.begun.wait(0.0 if self._hangs else 2.0 / self.rate_hz):
             return call
-        apart = _Call(self._rig, name)
+        apart = _Call(self.inside, name)
         threading.Thread(target=self._do, args=(apart,), name=f"mazeplan rig {name}", daemon=True).start()
         return apart
 
@@ -216,7 +182,7 @@ class WatchedRig:
 
     def _put(self, call: _Call) -> None:
         if self._thread is None:
-            self._calls = queue.SimpleQueue()  # a former thread may hang and still wake
+            self._calls = queue.SimpleQueue()  # an earlier thread may hang and wake later
             self._thread = threading.Thread(target=self._work, args=(self._calls,), name="mazeplan rig", daemon=True)
             self._thread.start()
         self._calls.put(call)
@@ -227,7 +193,7 @@ class WatchedRig:
         call.done.set()
 
     def _work(self, calls: queue.SimpleQueue[_Call | None]) -> None:
-        due: float | None = None  # when a command must have come
+        due: float | None = None  # latest time of the command
         t = 0.0
         while True:
             try:
@@ -235,7 +201,7 @@ class WatchedRig:
             except queue.Empty:
                 due = None
                 self._strike(f"no command within {self.timeout_s:g} s of the sample at t = {t:.3f} s", stuck=True)
-                self._do(_Call(self._rig, "level"))
+                self._do(_Call(self.inside, "level"))
                 continue
             if call is None:
                 return
@@ -251,7 +217,7 @@ class WatchedRig:
     # -- striking ---------------------------------------------------------------------------------------------------
 
     def _strike(self, problem: str, *, stuck: bool = False) -> None:
-        """Note why, and wake the loop if it is that which hangs."""
+        """Store the reason, and wake the loop if it hangs."""
         with self._lock:
             if self.reason is not None:
                 return
@@ -269,7 +235,7 @@ class WatchedRig:
             os._exit(RigError.exit_status)
 
     def _listen(self) -> None:
-        """Let the watchdog wake this thread, which must be the main one: others take no signals."""
+        """Let the watchdog wake this thread, if it is the main one: other threads get no signals."""
         if WAKE is None or self._listens or threading.get_ident() != _main_ident():
             return
         self._handler_before = signal.signal(WAKE, self._on_wake)
@@ -277,7 +243,7 @@ class WatchedRig:
 
     def _stop_listening(self) -> None:
         if self._listens and threading.get_ident() == _main_ident():
-            with self._lock:  # no signal may be under way to a handler that is gone
+            with self._lock:  # no signal may arrive after the handler has gone
                 self._listens = False
                 signal.signal(WAKE, self._handler_before or signal.SIG_DFL)  # pyright: ignore[reportArgumentType]
 
@@ -291,7 +257,7 @@ def _main_ident() -> int:
 
 
 def _whereabouts() -> str:
-    """Where the main thread is now: the innermost place that is none of Python's own."""
+    """Place of the main thread now: the innermost one outside Python's own files."""
     frame = sys._current_frames().get(_main_ident())
     while frame is not None and frame.f_code.co_filename.startswith(("<", STDLIB)):
         frame = frame.f_back

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from mazeplan.apps.testing import Player, script
 from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.controls import CONTROLS
 from mazeplan.behavior.decorators import DECORATORS, SubTree
 from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.nodes import CONTROLS
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS
-from mazeplan.testing import Player, script
 
 SHORT = {RUNNING: "R", SUCCESS: "S", FAILURE: "F", SKIPPED: "-"}
 NODES = {**CONTROLS, **DECORATORS, "SubTree": SubTree}

@@ -7,10 +7,10 @@ import sys
 import pytest
 from commands import call as command
 
+from mazeplan.apps.testing import tick_tree
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.errors import TreeError
-from mazeplan.records import FailureKind
-from mazeplan.testing import tick_tree
+from mazeplan.core.errors import TreeError
+from mazeplan.core.records import FailureKind
 
 KINDS = ", ".join(map(str, FailureKind))
 OPENINGS = "expected one of 1-2@"

@@ -11,10 +11,10 @@ from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import LeafOptions, TravelOptions
-from mazeplan.behavior.leaf import Key
+from mazeplan.behavior.ports import Key
 from mazeplan.behavior.travel import arrival_s, arrival_speed, plan_to
-from mazeplan.control.gate import GateOptions
-from mazeplan.records import Plan, StopReason
+from mazeplan.control.opening import OpeningOptions
+from mazeplan.core.records import Plan, StopReason
 
 
 def patient(choices=3):
@@ -129,7 +129,7 @@ LEAD = 0.08
 
 def bench_that_sees_late(late_s, travel=BLIND):
     bench = Bench()
-    bench.run.options, bench.run.late_s = LeafOptions(travel=travel, gate=GateOptions(lead_s=LEAD)), late_s
+    bench.run.options, bench.run.late_s = LeafOptions(travel=travel, gate=OpeningOptions(lead_s=LEAD)), late_s
     return bench
 
 

@@ -7,10 +7,11 @@ from typing import ClassVar
 import pytest
 
 from mazeplan.behavior.drawing import save_tree_drawing, tree_text
-from mazeplan.behavior.leaf import Leaf, Port
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.ports import Port
 from mazeplan.behavior.status import FAILURE, INVALID, RUNNING, SKIPPED, SUCCESS
 from mazeplan.behavior.treefile import load_tree
-from mazeplan.errors import TreeError
+from mazeplan.core.errors import TreeError
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n<BehaviorTree ID="Main">\n'
 
@@ -117,7 +118,7 @@ def test_a_skipped_child_is_shown_and_the_next_is_ticked(tmp_path):
     assert tree.tick() is SUCCESS
     assert did == ["b"]
     assert tree.snapshot() == [("Sequence", "SUCCESS"), ("Sequence/a", "SKIPPED"), ("Sequence/b", "SUCCESS")]
-    assert tree.root.status is SUCCESS
+    assert tree.root.last is SUCCESS
     assert tree.active_path() == []
 
 

@@ -9,8 +9,8 @@ from py_trees.common import Status
 from test_leaves import MAZE, Bench, at
 
 from mazeplan.behavior.context import ENTERING
-from mazeplan.behavior.leaf import Key
-from mazeplan.records import FailureKind
+from mazeplan.behavior.ports import Key
+from mazeplan.core.records import FailureKind
 
 
 def falling(bench):

@@ -11,15 +11,16 @@ from py_trees.common import Status
 
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.context import RunContext, TwoCommandsError
-from mazeplan.behavior.leaf import Key
+from mazeplan.behavior.ports import Key
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
+from mazeplan.core.events import LawChanged, OpeningPassed, RecoveryChosen
+from mazeplan.core.records import LEVEL, Failure, FailureKind, State, StopReason
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.physics.ring_parameters import RingParameters
-from mazeplan.records import LEVEL, Failure, FailureKind, State, StopReason
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
 MAZE = load_map("cme")
 MODEL = RigModel.nominal(MAZE)
@@ -48,7 +49,7 @@ class Bench:
             maze=MAZE, graph=RouteGraph(MAZE), plate=Plate(MAZE.tilt_limit), goal=goal,
             planners={n: planner(n) for n in (1, 2)},
             ahead=lambda seconds, beside=(0.0, 0.0): self.run.here,
-            on_event=lambda kind, detail: self.events.append((kind, detail)),
+            report=self.events.append,
         )  # fmt: skip
 
     def leaf(self, kind, **ports):
@@ -113,7 +114,7 @@ def failing(bench, ring=1):
 
 
 def laws(bench):
-    return [detail["law"] for kind, detail in bench.events if kind == "law"]
+    return [event.law for event in bench.events if isinstance(event, LawChanged)]
 
 
 def test_without_any_plan_the_ball_is_brought_by_pd_and_the_log_says_so(bench):
@@ -244,7 +245,7 @@ def test_confirm_asks_for_the_side_nearer_the_goal(goal, ring, good):
     bench = Bench(goal)
     status = bench.tick(bench.leaf("ConfirmRing", opening="1-2@45"), at(ring, 45.0))
     assert status is (Status.SUCCESS if good else Status.FAILURE)
-    assert (("passed", {"opening": "1-2@45", "ring": ring}) in bench.events) == good
+    assert (OpeningPassed("1-2@45", ring) in bench.events) == good
 
 
 def test_settle_needs_the_time_inside_by_measurement(bench):
@@ -308,7 +309,7 @@ def test_recoveries_name_themselves_and_end(bench):
         assert bench.run.now == pytest.approx(duration, abs=0.05)
         assert all(abs(c.u_beta) <= MAZE.tilt_limit and abs(c.u_gamma) <= MAZE.tilt_limit for c in commands)
         assert any(c != LEVEL for c in commands)
-    assert [detail["recovery"] for kind, detail in bench.events if kind == "recovery"] == ["dither", "back_off"]
+    assert [e.recovery for e in bench.events if isinstance(e, RecoveryChosen)] == ["dither", "back_off"]
     assert bench.run.failures[-1].recovery == "back_off"
 
 

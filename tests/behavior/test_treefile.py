@@ -9,11 +9,12 @@ import pytest
 from py_trees.common import Status
 
 from mazeplan.behavior.drawing import save_tree_drawing, tree_text
-from mazeplan.behavior.leaf import REQUIRED, Leaf, Port
+from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.palette import write_palette
+from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.treefile import load_tree, tree_names
-from mazeplan.errors import TreeError
+from mazeplan.core.errors import TreeError
 
 
 class Run:
@@ -118,17 +119,24 @@ def test_two_trees_in_one_process_do_not_see_each_other(tmp_path):
         (main("<Say word='a'/>") + "\n" + main("<Say word='b'/>"), 5, "second tree of this name"),
         (main("<Say word='a'/><Say word='b'/>"), 2, "exactly one root node"),
         (main("<Action word='a'/>"), 3, "<Action> without ID"),
-        ("<BehaviorTree>\n<Say word='a'/></BehaviorTree>", 2, "without ID"),
+        ("<BehaviorTree>\n<Say word='a'/></BehaviorTree><BehaviorTree ID='B'/>", 2, "without ID"),
+        ("<BehaviorTree ID='Root'>\n<Say word='a'/></BehaviorTree>", 2, "ID: got 'Root', which is reserved"),
+        ("<BehaviorTree ID='a b'>\n<Say word='a'/></BehaviorTree>", 2, "ID: got 'a b', expected a name without ' '"),
+        (
+            "<BehaviorTree ID='Repeat'>\n<Say word='a'/></BehaviorTree>",
+            2,
+            "ID: got 'Repeat', which is the name of a node",
+        ),
         ("<BehaviorTree ID='Else'><Say word='a'/></BehaviorTree>", 1, "got 'Main', expected one of Else"),
-        ("<include path='other.xml'/>", 2, "got <include>, expected <BehaviorTree> or <TreeNodesModel>; other files"),
+        ("<include path='other.xml'/>", 2, "include: got 'other.xml', expected an XML file, seen from"),
         (main("<Say word='{my key}'/>"), 3, "got '{my key}', expected {key} of letters"),
         (main("<Say word='a' times='1_0'/>"), 3, "got '1_0', expected int"),
         (
-            main("<Say word='a' _skipIf='x = 1'/>"),
+            main("<Say word='a' _skipIf='x ] 1'/>"),
             3,
-            "Main/Say: _skipIf: column 3: got '= 1', expected numbers, 'text'",
+            "Main/Say: _skipIf: column 3: got '] 1', expected numbers, 'text'",
         ),
-        (main("<Say word='a' _onSuccess='x := 1'/>"), 3, "unknown attribute '_onSuccess', expected one of name, word"),
+        (main("<Say word='a' _onSuccess='x ] 1'/>"), 3, "_onSuccess: column 3: got"),
         (main("<Sequence _while='(a'>\n<Say word='a'/></Sequence>"), 3, "_while: column 3: got the end, expected"),
         (main("<Sequence name='a&#10;b'><Say word='a'/></Sequence>"), 3, "printing characters"),
         (main("<Decorator ID='Say' word='a'/>"), 3, 'expected <Action ID="Say">'),

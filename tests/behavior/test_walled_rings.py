@@ -10,10 +10,10 @@ import pytest
 from py_trees.common import Status
 from test_leaves import MAZE, Bench, at, failing
 
-from mazeplan.behavior.leaf import Key
+from mazeplan.behavior.ports import Key
+from mazeplan.core.records import FailureKind
 from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.graph import RouteGraph
-from mazeplan.records import FailureKind
 
 
 def walled(*walls: tuple[int, float], goal: int = 5) -> Bench:

@@ -10,19 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.attempt import run_job
 from mazeplan.behavior.ownleaves import MOST_WIND_DOWN, registry_with
-from mazeplan.data.runlog import read_log
-from mazeplan.errors import InputError, TreeError
-from mazeplan.goals import Goals
-from mazeplan.job import Job, Setup
+from mazeplan.core.errors import InputError, TreeError
+from mazeplan.core.logs.run_log import read_log
 from mazeplan.maze.mapfile import load_map
-from mazeplan.replay import replay
+from mazeplan.run.execution import run_job
+from mazeplan.run.goals import Goals
+from mazeplan.run.replay import replay
+from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
 LEAVES = '''
 from mazeplan import MazeLeaf, Status
-from mazeplan.records import Command
+from mazeplan.core.records import Command
 
 TOLD = []
 WANTED = []
@@ -128,7 +128,7 @@ def test_no_command_of_a_wind_down_is_larger_than_the_last_one(wanted, ticks):
     from mazeplan.behavior.tree import BehaviorTree
     from mazeplan.behavior.winding import WindDown
     from mazeplan.control.tilt import Plate
-    from mazeplan.records import Command
+    from mazeplan.core.records import Command
 
     class Endless(Leaf):
         wind_down_ticks = ticks

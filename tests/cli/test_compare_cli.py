@@ -1,4 +1,4 @@
-"""`compare` from the command line."""
+"""`compare`."""
 
 from __future__ import annotations
 
@@ -9,28 +9,27 @@ from functools import partial
 
 import numpy as np
 import pytest
-from commands import call, plain
+from commands import plain
 from ring_record import ring_table, write_csv
 from standalone_page import alone
 
-from mazeplan.data.table import Table
-from mazeplan.report.words import HARD
-from mazeplan.resources import to_install
+from mazeplan.apps.report.words import HARD
+from mazeplan.core.logs.table import Table
+from mazeplan.core.resources import to_install
 
 QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed", "--bands", "0")
 KINDS = {"rf", "p", "pi", "np", "sp"}
+BANDS = "share of measured angles within the 90 % band"
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """One thread, short training, and few draws of a bootstrap."""
-    import mazeplan.comparison as module
-    from mazeplan.models import gp_training
+    import mazeplan.learning.ring_scores as module
+    from mazeplan.learning import gp_training
 
-    torch = pytest.importorskip("torch")
-    torch.set_num_threads(1)
-    short = partial(gp_training.TrainingOptions, iterations=10)
-    monkeypatch.setattr(gp_training, "TrainingOptions", short)
+    pytest.importorskip("torch").set_num_threads(1)
+    monkeypatch.setattr(gp_training, "TrainingOptions", partial(gp_training.TrainingOptions, iterations=10))
     whole = module.block_bootstrap
     monkeypatch.setattr(module, "block_bootstrap", lambda *a: whole(*a, draws=100))
 
@@ -55,10 +54,21 @@ def folder(tmp_path_factory):
     return home
 
 
-def test_json_is_the_document_of_the_contract(monkeypatch, capsys, folder):
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "both.csv", *QUICK, "--json", terminal=True)
-    assert code == 0
-    document = json.loads(out)
+@pytest.fixture
+def compare(call, folder, monkeypatch):
+    """`compare` in the folder of the tables: stdout and stderr; with --json the document in place of stdout."""
+    monkeypatch.chdir(folder)
+
+    def compare(*arguments, **more):
+        code, out, err = call("compare", *arguments, **more)
+        assert code == 0, err
+        return json.loads(out) if "--json" in arguments else out, err
+
+    return compare
+
+
+def test_the_document_is_that_of_the_contract(compare):
+    document, err = compare("both.csv", *QUICK, "--json", terminal=True)
     assert list(document) == ["ring2", "ring3"]
     for ring in document.values():
         assert {"n_train", "n_test", "nrmse_train", "nrmse_test", "rollout"} <= set(ring)
@@ -73,12 +83,12 @@ def test_json_is_the_document_of_the_contract(monkeypatch, capsys, folder):
         assert ring["signs"] == {"beta": 1, "gamma": 1}
         assert ring["rates"] == "smoothed"
     for words in ("ring 2: sp", "ring 3: np, rbf, start 1 of", "ring 3: rolling out sp", r"[1-9]\d? %  left 0:00:\d\d"):
-        assert re.search(rf"comparing .*{words}", plain(err)), words  # beside the document
+        assert re.search(rf"comparing .*{words}", plain(err)), words
 
 
-def test_for_people_the_tables(monkeypatch, capsys, folder):
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK)
-    assert (code, err) == (0, "")
+def test_the_tables(compare):
+    out, err = compare("one.csv", *QUICK)
+    assert err == ""
     lines = out.splitlines()
     assert lines[0].split() == ["nRMSE", "of", "theta_dd", "rf", "p", "pi", "np", "sp"]
     assert lines[1].startswith("ring 2 train/test")
@@ -90,74 +100,58 @@ def test_for_people_the_tables(monkeypatch, capsys, folder):
     assert "note:" not in out
 
 
-def test_bands_are_told_in_a_line_for_each_ring(monkeypatch, capsys, folder):
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "long.csv", *QUICK[:-1], "500")
-    assert (code, err) == (0, "")
-    told = out.split("how often the measured angle lies in the band")[1].splitlines()
-    assert re.fullmatch(r"ring 2  500 roll-outs of 10 windows:  pi \d+/\d+  np \d+/\d+  sp \d+/\d+", told[1])
+def test_bands_have_a_line_for_each_ring(compare):
+    out, err = compare("long.csv", *QUICK[:-1], "500")
+    assert err == ""
+    line = out.split(BANDS)[1].splitlines()[1]
+    assert re.fullmatch(r"ring 2  500 roll-outs of 10 windows:  pi \d+/\d+  np \d+/\d+  sp \d+/\d+", line)
     assert re.search(r"sp 0\.\d{3} ± 0\.\d{3}/\d\.\d{3} ± 0\.\d{3}", out)
     assert re.search(r"95 % of the test( +\[\d\.\d{3}, \d\.\d{3}\]){5}\n", out)
     assert "too few" not in out
 
 
-def test_too_few_windows_say_so_instead_of_a_share_or_an_interval(monkeypatch, capsys, folder):
-    """The document keeps its numbers, and tells how many blocks there are."""
-    given = ("compare", folder / "one.csv", *QUICK[:-1], "100")
-    code, out, _ = call(monkeypatch, capsys, *given)
-    assert code == 0
-    told = out.split("how often the measured angle lies in the band")[1].splitlines()
-    assert told[1] == "ring 2  100 roll-outs of 2 windows: too few for a share"
+def test_with_too_few_windows_the_tables_have_no_intervals_but_the_document_has_all_numbers(compare):
+    given = ("one.csv", *QUICK[:-1], "100")
+    out, _ = compare(*given)
+    assert out.split(BANDS)[1].splitlines()[1] == "ring 2  100 roll-outs of 2 windows: too few for a share"
     rolled = out.split("mean absolute error")[1].splitlines()[1]
     assert re.match(r"ring 2  \d+ windows in 2 blocks of time \(too few for ±\), evenly spaced:   pi \d", rolled)
     assert rolled.count("±") == 1
-    code, out, _ = call(monkeypatch, capsys, *given, "--json")
-    ring = json.loads(out)["ring2"]
+    ring = compare(*given, "--json")[0]["ring2"]
     assert ring["blocks"] == {"test": 2, "windows": 2}
     assert 0.0 <= ring["confidence"]["sp"]["coverage40"] <= 1.0
     assert set(ring["interval95"]) == {"nrmse_test", "20", "40"}
 
 
-def test_a_ring_without_windows_says_so(monkeypatch, capsys, folder, tmp_path):
+def test_a_ring_without_windows(compare, tmp_path, folder):
     rows = (folder / "one.csv").read_text().splitlines()
     (tmp_path / "short.csv").write_text("\n".join(rows[:250]) + "\n")  # test blocks are of 31 rows
-    code, out, _ = call(monkeypatch, capsys, "compare", tmp_path / "short.csv", *QUICK)
-    assert code == 0
+    out, _ = compare(tmp_path / "short.csv", *QUICK)
     assert "\nring 2  0 windows: no stretch of test rows is long enough\n" in out
 
 
-def test_a_tilt_the_other_way_round_is_noted(monkeypatch, capsys, folder):
-    _, out, _ = call(monkeypatch, capsys, "compare", folder / "flipped.csv", *QUICK)
-    assert out.count("note: beta is counted the other way round") == 1
-    assert "note: gamma" not in out
-    _, out, _ = call(monkeypatch, capsys, "compare", folder / "flipped.csv", *QUICK, "--json")
-    assert json.loads(out)["ring2"]["signs"] == {"beta": -1, "gamma": 1}
+def test_a_tilt_of_the_other_sign_is_noted(compare):
+    out, _ = compare("flipped.csv", *QUICK)
+    assert out.count("note: these data count beta the other way round") == 1
+    assert "count gamma" not in out
+    assert compare("flipped.csv", *QUICK, "--json")[0]["ring2"]["signs"] == {"beta": -1, "gamma": 1}
 
 
-def test_a_ring_of_a_table_that_tells_rings_is_compared_as_if_alone(monkeypatch, capsys, folder):
-    """A log without rows of it is left out, and that is said."""
-    found = []
-    for given in (["one.csv"], ["both.csv", "--ring", "2"], ["both.csv", "one.csv", "--ring", "3"]):
-        monkeypatch.chdir(folder)
-        code, out, err = call(monkeypatch, capsys, "compare", *given, *QUICK, "--json")
-        assert code == 0
-        found.append((json.loads(out), err))
-    (alone_, _), (filtered, silent), (third, told) = found
+def test_one_ring_of_a_table_is_compared_as_if_alone_and_other_logs_are_left_out(compare):
+    given = (["one.csv"], ["both.csv", "--ring", "2"], ["both.csv", "one.csv", "--ring", "3"])
+    (single, _), (filtered, silent), (third, err) = (compare(*words, *QUICK, "--json") for words in given)
     assert list(filtered) == ["ring2"]
-    assert filtered["ring2"]["n_test"] == alone_["ring2"]["n_test"]
-    assert filtered["ring2"]["nrmse_test"]["p"] == pytest.approx(alone_["ring2"]["nrmse_test"]["p"], abs=1e-3)
+    assert filtered["ring2"]["n_test"] == single["ring2"]["n_test"]
+    assert filtered["ring2"]["nrmse_test"]["p"] == pytest.approx(single["ring2"]["nrmse_test"]["p"], abs=1e-3)
     assert "left out" not in silent
     assert list(third) == ["ring3"]
-    assert "left out: one.csv has no row of ring 3, but of 2" in told
+    assert "left out: one.csv has no row of ring 3, but of 2" in err
 
 
-def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
-    found = []
-    for test in ("one", "rubbish"):
-        arguments = ("compare", folder / "one.csv", "--test", folder / f"{test}.csv", *QUICK, "--json")
-        code, out, _ = call(monkeypatch, capsys, *arguments)
-        assert code == 0
-        found.append(json.loads(out)["ring2"])
-    good, bad = found
+def test_the_test_log_is_scored(compare):
+    good, bad = (
+        compare("one.csv", "--test", f"{test}.csv", *QUICK, "--json")[0]["ring2"] for test in ("one", "rubbish")
+    )
     assert good["n_test"] > 850
     assert good["nrmse_train"] == bad["nrmse_train"]
     for kind in ("np", "sp"):
@@ -165,18 +159,16 @@ def test_the_test_log_is_what_is_scored(monkeypatch, capsys, folder):
         assert bad["nrmse_test"][kind] > 0.9
 
 
-def test_learning_curves_are_drawn(monkeypatch, capsys, folder, tmp_path):
+def test_learning_curves_are_drawn(compare, tmp_path):
     picture = tmp_path / "new" / "one" / "curve.png"
     pages = ("--curve", picture, "--report", tmp_path / "page.html")
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv", *QUICK, *pages, "--json")
-    assert code == 0
+    document, err = compare("one.csv", *QUICK, *pages, "--json")
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert f"wrote {picture}" in err
-    curve = json.loads(out)["ring2"]["curve"]
-    assert set(curve) == KINDS - {"p"}
-    assert all(n == 50 for n, _ in curve["sp"])  # fewer are never tried
+    ring = document["ring2"]
+    assert set(ring["curve"]) == KINDS - {"p"}
+    assert all(n == 50 for n, _ in ring["curve"]["sp"])  # fewer are never tried
     page = alone(tmp_path / "page.html")
-    ring = json.loads(out)["ring2"]
     assert f"{ring['nrmse_train']['sp']:.3f} / {ring['nrmse_test']['sp']:.3f}" in page.replace(HARD, " ")
     assert page.count("<figure") == 4
     for kind, bands in ring["bands"].items():
@@ -184,18 +176,13 @@ def test_learning_curves_are_drawn(monkeypatch, capsys, folder, tmp_path):
     assert sum(map(sum, ring["residual"]["count"])) == ring["n_test"]
 
 
-def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK)
-    assert (code, out) == (2, "")
-    assert "bare.csv: cannot tell the ring of a row: expected a column ring, or r (or x, y), or --ring N" in err
-    code, _, err = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, "--ring", "8")
-    assert code == 2
-    assert "--ring: got 8, expected 1 to 5" in err
+def test_a_table_without_ring_needs_options(compare, refused):
+    message = "bare.csv: the ring of a row is unknown: expected a column ring, or r (or x, y), or --ring N"
+    assert message in refused("compare", "bare.csv", *QUICK)
+    assert "--ring: got 8, expected 1 to 5" in refused("compare", "bare.csv", *QUICK, "--ring", "8")
     found = []
     for more in (("--ring", "2"), ("--ring", "8", "--radius", "0.068915")):
-        code, out, _ = call(monkeypatch, capsys, "compare", folder / "bare.csv", *QUICK, *more, "--json")
-        assert code == 0
-        [ring] = json.loads(out).values()
+        [ring] = compare("bare.csv", *QUICK, *more, "--json")[0].values()
         found.append(ring["nrmse_test"]["p"])
     assert found[0] == pytest.approx(found[1], abs=2e-4)
 
@@ -205,12 +192,10 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
     [
         (["one.csv", "--rates", "late"], "--rates: got 'late', expected one of auto, smoothed, delayed, filtered"),
         (["one.csv", "--kernel", "matern"], "--kernel: got 'matern', expected one of auto, rbf, exponential"),
-        (["one.csv", "--smoothing", "none"], "--smoothing: got 'none', expected one of savgol, rts"),
-        (["one.csv", "--device", "tpu"], "got 'tpu', expected cpu or cuda"),
+        (["one.csv", "--device", "tpu"], "got 'tpu', expected one of cpu, cuda"),
         (["one.csv", "--delay", "nan"], "delay: got nan, expected a finite number"),
         (["one.csv", "--delay=-1"], "delay: got -1, expected a finite number"),
-        (["one.csv", "--delay", "1000"], "got 0 rows to train"),
-        (["one.csv", "--radius", "0"], "--radius: got 0, expected"),
+        (["one.csv", "--radius", "0"], "--radius: got '0', expected"),
         (["one.csv", "--ring", "0"], "--ring"),
         (["one.csv", "--ring", "5"], "--ring: got 5, a disc"),
         (["one.csv", "--ring", "99"], "--ring: got 99, expected 1 to 5 (map cme)"),
@@ -218,32 +203,28 @@ def test_a_table_without_ring_is_helped_by_options(monkeypatch, capsys, folder):
         (["both.csv", "--ring", "7", "--radius", "0.07"], "both.csv has no row of ring 7, but of 2, 3"),
         (["both.csv", "--ring", "3", "--test", "one.csv"], "one.csv has no row of ring 3, but of 2"),
         (["one.csv", "--most", "3"], "--most"),
-        (["one.csv", "--seed=-1"], "--seed"),
         (["one.csv", "--map", "none.yaml"], "none.yaml"),
         (["one.csv", "--report", "a.txt"], "--report: got 'a.txt', expected a file that ends in .html"),
         (["one.csv", "--curve", "a.txt"], "--curve: got 'a.txt', expected a file that ends in .png, .svg, .pdf"),
         (["one.csv", "--curve", "one.csv/a.png"], "one.csv is a file; expected a folder that can be made"),
-        (["one.csv", "--bands", "1"], "--bands: got 1, expected 0 (none), or 50"),
         (["one.csv", "--bands", "49"], "--bands: got 49, expected 0 (none), or 50"),
         (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
         (["none.csv"], "none.csv: no such file"),
         (["none.mcap"], "none.mcap: no such file"),
-        ([], "'logs'"),
+        ([], "Missing argument 'LOG...'"),
     ],
 )
-def test_bad_input_is_one_line_and_two(monkeypatch, capsys, folder, arguments, said):
+def test_bad_input(refused, monkeypatch, folder, arguments, said):
     monkeypatch.chdir(folder)
-    code, out, err = call(monkeypatch, capsys, "compare", *arguments)
-    assert code == 2
-    assert out == ""
-    lines = [line for line in err.strip().splitlines() if not line.startswith("ring ")]  # but for what is being done
-    assert len(lines) == 1
-    assert said in lines[0]
+    assert said in refused("compare", *arguments)
 
 
-def test_without_torch_it_says_what_to_install(monkeypatch, capsys, folder):
-    monkeypatch.setitem(sys.modules, "torch", None)
-    code, out, err = call(monkeypatch, capsys, "compare", folder / "one.csv")
+def test_a_delay_that_leaves_no_rows(call, folder):
+    code, out, err = call("compare", folder / "one.csv", "--delay", "1000")
     assert (code, out) == (2, "")
-    assert to_install("learn") in err
-    assert len(err.strip().splitlines()) == 1
+    assert "no ring has samples both to train and to test on; ring 2: got 0 rows to train" in err.splitlines()[-1]
+
+
+def test_without_torch_the_package_to_install_is_named(refused, monkeypatch, folder):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert to_install("learn") in refused("compare", folder / "one.csv")

@@ -1,19 +1,19 @@
+"""`data import-cme`."""
+
 from __future__ import annotations
 
 import json
 import re
+from functools import partial
 
 import pytest
 from cme_models import ENDING, record, train
-from commands import call, plain
-from typer.testing import CliRunner
-
-from mazeplan.cli.data import app
-from mazeplan.errors import InputError, ModelError
+from commands import plain
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, ["import-cme", *map(str, arguments)], catch_exceptions=False)
+@pytest.fixture
+def run(call):
+    return partial(call, "data", "import-cme")
 
 
 @pytest.fixture(scope="module")
@@ -26,14 +26,13 @@ def models(tmp_path_factory):
     return folder
 
 
-def test_json_is_one_document_that_tells_each_ring(models, tmp_path):
-    done = run(models, "-o", tmp_path / "out", "--json")
-    told = json.loads(done.stdout)
-    assert done.stderr == f"wrote ring1.csv, ring4.csv to {tmp_path / 'out'}\n"
-    assert done.exit_code == 0
-    assert list(told) == ["ring1", "ring4"]
+def test_the_document_describes_each_ring(run, models, tmp_path):
+    code, out, err = run(models, "-o", tmp_path / "out", "--json")
+    document = json.loads(out)
+    assert (code, err) == (0, f"wrote ring1.csv, ring4.csv to {tmp_path / 'out'}\n")
+    assert list(document) == ["ring1", "ring4"]
     for ring, step in (("ring1", 2), ("ring4", 3)):
-        got, rows = told[ring], (tmp_path / "out" / f"{ring}.csv").read_text().splitlines()[1:]
+        got, rows = document[ring], (tmp_path / "out" / f"{ring}.csv").read_text().splitlines()[1:]
         assert got["file"] == str(tmp_path / "out" / f"{ring}.csv")
         assert got["source"] == "data_X_f_acc_SP" + ENDING.format(ring[-1])
         assert (got["step"], got["segments"]) == (step, 3)
@@ -46,46 +45,34 @@ def test_json_is_one_document_that_tells_each_ring(models, tmp_path):
         assert all(0.0 <= value < 1e-5 for value in got["checks"].values())
 
 
-def test_for_people_a_line_a_ring(models, tmp_path, monkeypatch, capsys):
-    code, out, err = call(monkeypatch, capsys, "data", "import-cme", models, "-o", tmp_path, terminal=True)
-    lines = out.splitlines()
-    assert (code, len(lines)) == (0, 2)
+def test_as_text_there_is_a_line_per_ring(run, models, tmp_path):
+    code, out, err = run(models, "-o", tmp_path, terminal=True)
+    first, second = out.splitlines()
+    assert code == 0
     assert re.search(r"importing .* 100 %  left 0:00:00 ring 4", plain(err))
     assert plain(err).endswith(f"wrote ring1.csv, ring4.csv to {tmp_path}\n")
-    assert lines[0].startswith("ring 1: ")
+    assert first.startswith("ring 1: ")
     for part in ("rows published (1 sample in 2)", "recovered, 3 segments; noise", "rate filter", "acceleration"):
-        assert part in lines[0]
-    assert "(1 sample in 3)" in lines[1]
+        assert part in first
+    assert "(1 sample in 3)" in second
 
 
-def test_tables_are_overwritten_only_with_force(models, tmp_path):
+def test_tables_are_overwritten_only_with_force(run, refused, models, tmp_path):
     (tmp_path / "ring4.csv").write_text("precious")
-    with pytest.raises(InputError, match=r"ring4.csv: exists already; give --force"):
-        run(models, "-o", tmp_path)
+    error = refused("data", "import-cme", models, "-o", tmp_path)
+    assert "ring4.csv: exists already; give --force" in error
     assert [path.name for path in tmp_path.iterdir()] == ["ring4.csv"]
     assert (tmp_path / "ring4.csv").read_text() == "precious"
-    assert run(models, "-o", tmp_path, "--force").exit_code == 0
+    assert run(models, "-o", tmp_path, "--force")[0] == 0
     assert (tmp_path / "ring4.csv").read_text().startswith("ring,segment,t,")
 
 
-def test_nothing_is_written_when_one_ring_cannot_be_read(models, tmp_path):
+def test_nothing_is_written_if_one_ring_cannot_be_read(refused, models, tmp_path):
     broken = tmp_path / "models"
     broken.mkdir()
+    assert f"{broken}: no model in this folder" in refused("data", "import-cme", broken, "-o", tmp_path / "out")
     for path in models.iterdir():
         (broken / path.name).write_bytes(path.read_bytes())
     (broken / ("w_hat_SP" + ENDING.format(4))).write_text("1 2 3")
-    with pytest.raises(ModelError, match="got 3 numbers, expected 7"):
-        run(broken, "-o", tmp_path / "out")
+    assert "got 3 numbers, expected 7" in refused("data", "import-cme", broken, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_the_command_line_exits_2_with_one_line(tmp_path, capsys, monkeypatch):
-    from mazeplan.cli import main
-
-    monkeypatch.setattr("sys.argv", ["mazeplan", "data", "import-cme", str(tmp_path), "-o", str(tmp_path / "out")])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert f"{tmp_path}: no model in this folder" in said

@@ -1,4 +1,4 @@
-"""`doctor`: packages by what pyproject.toml asks for; what the emulated board needs, and where a real one may be."""
+"""`doctor`: packages that pyproject.toml requires, the emulated board, ports and browser."""
 
 from __future__ import annotations
 
@@ -9,50 +9,51 @@ import tomllib
 from email.message import Message
 
 import pytest
-from commands import call
 
-from mazeplan.cli import doctor
-from mazeplan.rigs.hardware import chip
+from mazeplan.apps.cli import doctor
+from mazeplan.apps.view import server
+from mazeplan.core.errors import InputError
+from mazeplan.rigs.emulation import chip
 from mazeplan.rigs.link import port
 
 
 @pytest.fixture
 def bare(monkeypatch, tmp_path):
-    """A machine without compiler, simulator or anything built, and with one board."""
+    """A machine with one board and without compiler, simulator or anything built."""
     monkeypatch.setattr(shutil, "which", lambda name: None)
     monkeypatch.setattr(chip, "HEADER", tmp_path / "sim_avr.h")
     monkeypatch.setattr(chip, "PACKAGE", tmp_path / "mazeplan")
     monkeypatch.setattr(port, "ports_found", lambda: ["/dev/ttyACM7"])
 
 
-def lines(monkeypatch, capsys):
-    code, out, _ = call(monkeypatch, capsys, "doctor")
-    assert code == 0
-    return out.splitlines()
+@pytest.fixture
+def line(call):
+    """The line of `doctor` that begins with a word; "" without one."""
+
+    def line(word, status=0):
+        code, out, _ = call("doctor")
+        assert code == status
+        return next((text for text in out.splitlines() if text.startswith(f"{word} ")), "")
+
+    return line
 
 
-def test_what_is_missing_is_named_with_what_to_do(bare, monkeypatch, capsys):
-    (line,) = (line for line in lines(monkeypatch, capsys) if line.startswith("emulator "))
-    assert "missing avr-gcc, simavr, firmware, emulator" in line
-    assert "sudo apt-get install gcc-avr avr-libc simavr libsimavr-dev libelf-dev, then make emulator" in line
-    code, out, _ = call(monkeypatch, capsys, "doctor", "--json")
-    assert code == 0
-    assert json.loads(out)["emulator"] == dict.fromkeys(("avr-gcc", "simavr", "firmware", "emulator"))
-    assert json.loads(out)["ports"] == ["/dev/ttyACM7"]
+@pytest.fixture
+def document(call):
+    return lambda: json.loads(call("doctor", "--json")[1])
 
 
-def test_what_is_built_needs_no_compiler(bare, monkeypatch, capsys, tmp_path):
-    for path in chip.paths(tmp_path / "build"):
-        path.parent.mkdir(parents=True)
-        path.touch()
-    (line,) = (line for line in lines(monkeypatch, capsys) if line.startswith("emulator "))
-    assert "to have it" not in line
-    assert "ports     /dev/ttyACM7: where a board may be plugged in" in lines(monkeypatch, capsys)
+@pytest.fixture
+def installed(monkeypatch):
+    """Pretend that these versions are installed; None: not installed."""
+    real = doctor.installed
 
+    def pretend(**versions):
+        changed = {name.replace("_", "-"): value for name, value in versions.items()}
+        known = lambda package: changed[package] if package in changed else real(package) or "999"  # noqa: E731
+        monkeypatch.setattr(doctor, "installed", known)
 
-def test_without_pyserial_there_are_no_ports_to_tell_of(bare, monkeypatch, capsys):
-    monkeypatch.setattr("mazeplan.cli.doctor.installed", lambda package: None if package == "pyserial" else "999")
-    assert not [line for line in lines(monkeypatch, capsys) if line.startswith("ports")]
+    return pretend
 
 
 @pytest.fixture
@@ -60,80 +61,72 @@ def project():
     return tomllib.loads(doctor.resources.CHECKOUT.read_text(encoding="utf-8"))["project"]
 
 
-def with_versions(monkeypatch, **versions):
-    """Everything is installed as it should be, but for these."""
-    real = doctor.installed
-    changed = {name.replace("_", "-"): value for name, value in versions.items()}
-    monkeypatch.setattr(doctor, "installed", lambda package: changed.get(package, real(package) or "999"))
+def test_missing_parts_are_named_with_the_way_to_get_them(bare, line, document):
+    text = line("emulator")
+    assert "missing avr-gcc, simavr, firmware, emulator" in text
+    assert "sudo apt-get install gcc-avr avr-libc simavr libsimavr-dev libelf-dev, then make emulator" in text
+    assert line("browser") == "browser   missing chromium: tests of the live page; sudo apt-get install chromium"
+    assert document()["emulator"] == dict.fromkeys(("avr-gcc", "simavr", "firmware", "emulator"))
+    assert document()["ports"] == ["/dev/ttyACM7"]
 
 
-def test_every_package_of_pyproject_is_looked_at_and_every_extra_has_words(monkeypatch, capsys, project):
-    code, out, _ = call(monkeypatch, capsys, "doctor", "--json")
-    document = json.loads(out)
+def test_a_built_emulator_needs_no_compiler_and_ports_need_pyserial(bare, line, installed, tmp_path):
+    for path in chip.paths(tmp_path / "build"):
+        path.parent.mkdir(parents=True)
+        path.touch()
+    assert "to build it" not in line("emulator")
+    assert line("ports") == "ports     /dev/ttyACM7: where a board may be connected"
+    installed(pyserial=None)
+    assert not line("ports")
+
+
+def test_every_package_of_pyproject_is_checked_and_every_extra_is_described(document, project):
     groups = {"core": project["dependencies"], **project["optional-dependencies"]}
-    assert code == 0
-    assert list(document["packages"]) == list(groups)
+    found = document()
+    assert list(found["packages"]) == list(groups)
     for extra, texts in groups.items():
-        asked = {re.split(r"[^\w-]", text)[0] for text in texts}
-        assert set(document["packages"][extra]) == asked
+        assert set(found["packages"][extra]) == {re.split(r"[^\w-]", text)[0] for text in texts}
     assert set(doctor.FEATURES) == set(groups)
-    assert document["needed"]["core"]["scipy"] == next(t for t in groups["core"] if "scipy" in t).removeprefix("scipy")
-    assert document["features"]["core"]["ready"]
+    assert found["needed"]["core"]["scipy"] == next(t for t in groups["core"] if "scipy" in t).removeprefix("scipy")
+    assert found["features"]["core"]["ready"]
 
 
-def test_a_package_that_is_too_old_is_said_with_what_is_needed(monkeypatch, capsys):
-    with_versions(monkeypatch, viser="0.2.1", torch="2.13.0+cpu")
-    told = lines(monkeypatch, capsys)
-    (line,) = (line for line in told if line.startswith("view "))
-    assert line.startswith(
-        "view      viser is 0.2.1, needed <2,>=1.1: the live page in the browser; to have it: pip install"
-    )
-    assert "'.[view]'" in line
-    (line,) = (line for line in told if line.startswith("learn "))
-    assert line.startswith("learn     ready: "), "what follows the + is no other version"
-    document = json.loads(call(monkeypatch, capsys, "doctor", "--json")[1])
-    view = document["features"]["view"]
+def test_an_old_package_is_named_with_the_needed_version(line, document, installed):
+    installed(viser="0.2.1", torch="2.13.0+cpu")
+    begin = "view      viser is 0.2.1, needed <2,>=1.1: the live page in the browser; to install it: pip install"
+    assert line("view").startswith(begin)
+    assert "'.[view]'" in line("view")
+    assert line("learn").startswith("learn     ready: "), "the part after + does not count"
+    features = document()["features"]
+    view = features["view"]
     assert (view["ready"], view["missing"], view["too_old"]) == (False, [], ["viser"])
-    assert document["features"]["learn"]["get"] is None
+    assert features["learn"]["get"] is None
 
 
-def test_without_what_everything_needs_the_exit_status_is_one(monkeypatch, capsys):
-    real = doctor.installed
-    monkeypatch.setattr(doctor, "installed", lambda package: None if package == "mujoco" else real(package))
-    code, out, _ = call(monkeypatch, capsys, "doctor")
-    assert code == 1
-    assert "core      mujoco is missing: " in out
+def test_a_missing_core_package_is_status_1(line, installed):
+    installed(mujoco=None)
+    assert line("core", status=1).startswith("core      mujoco is missing: ")
 
 
-def test_away_from_a_checkout_the_installed_package_is_asked(monkeypatch, tmp_path, project):
+def test_without_a_checkout_the_installed_metadata_count(monkeypatch, tmp_path, project):
     expected = {extra: [str(r) for r in group] for extra, group in doctor.requirements().items()}
-    told = Message()
-    for text in project["dependencies"]:
-        told["Requires-Dist"] = text
-    told["Requires-Dist"] = "winonly>=1; sys_platform == 'no such system'"
+    package = Message()
+    for text in [*project["dependencies"], "winonly>=1; sys_platform == 'no such system'"]:
+        package["Requires-Dist"] = text
     for extra, texts in project["optional-dependencies"].items():
-        told["Provides-Extra"] = extra
+        package["Provides-Extra"] = extra
         for text in texts:
-            told["Requires-Dist"] = f'{text}; extra == "{extra}"'
-    monkeypatch.setattr(doctor, "metadata", lambda name: told)
+            package["Requires-Dist"] = f'{text}; extra == "{extra}"'
+    monkeypatch.setattr(doctor, "metadata", lambda name: package)
     monkeypatch.setattr(doctor.resources, "CHECKOUT", tmp_path / "pyproject.toml")
     found = {extra: [str(r).split(";")[0] for r in group] for extra, group in doctor.requirements().items()}
     assert found == expected
     assert doctor.advice("view") == "pip install --upgrade 'mazeplan[view]'"
 
 
-def test_a_clone_is_told_what_the_doctor_says(monkeypatch):
-    from mazeplan.errors import InputError
-    from mazeplan.view import server
-
+def test_the_page_gives_the_advice_of_the_doctor(monkeypatch):
     monkeypatch.setattr(server, "find_spec", lambda name: None)
     with pytest.raises(InputError) as problem:
         server.check_installed()
     assert str(problem.value) == f"the page needs viser: {doctor.advice('view')}"
     assert "-e '.[view]' in " in str(problem.value)
-
-
-def test_the_browser_is_told(bare, monkeypatch, capsys):
-    assert "browser   missing chromium: tests of the live page; to have them: sudo apt-get install chromium" in lines(
-        monkeypatch, capsys
-    )

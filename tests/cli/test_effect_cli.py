@@ -1,4 +1,4 @@
-"""`effect list`, `effect show`, and the page about effects that is written by them."""
+"""`effect list`, `effect show`, and the page of the documentation that they write."""
 
 from __future__ import annotations
 
@@ -7,34 +7,33 @@ import re
 from pathlib import Path
 
 import pytest
-from commands import call
 
 from mazeplan.physics.registry import EFFECTS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
+NAMED = [name for name, effect in EFFECTS.items() if effect.named]
 
 
-def test_the_list_tells_of_every_effect_what_contract_and_reader_need(monkeypatch, capsys):
-    code, out, err = call(monkeypatch, capsys, "effect", "list", "--json")
+def test_the_document_has_the_keys_of_the_contract(call):
+    code, out, err = call("effect", "list", "--json")
     assert code == 0, err
-    told = {entry["name"]: entry for entry in json.loads(out)}
-    assert {name for name, e in EFFECTS.items() if e.named} <= set(told)
-    for entry in told.values():
+    effects = {entry["name"]: entry for entry in json.loads(out)}
+    assert set(NAMED) <= set(effects)
+    for entry in effects.values():
         assert set(entry) == {"name", "acts_on", "formula", "parameters", "planned", "why_not"}
         assert entry["formula"], entry["name"]
         assert entry["planned"] == (entry["why_not"] is None)
         for p in entry["parameters"].values():
             assert set(p) == {"unit", "default", "low", "high", "smallest"}
             assert p["low"] <= p["default"] <= p["high"]
-    assert told["servo_gain"]["acts_on"] == "stage"
-    assert told["quadratic_drag"]["parameters"]["coefficient"]["unit"] == "1/rad"
-    assert told["table_rocking"]["planned"] is False
+    assert effects["servo_gain"]["acts_on"] == "stage"
+    assert effects["quadratic_drag"]["parameters"]["coefficient"]["unit"] == "1/rad"
+    assert effects["table_rocking"]["planned"] is False
 
 
-def test_the_list_for_people_has_a_line_for_each_and_says_what_no_plan_can_use(monkeypatch, capsys):
-    _, out, _ = call(monkeypatch, capsys, "effect", "list")
-    lines = {line.split()[0]: line for line in out.splitlines()}
-    assert set(lines) >= {name for name, e in EFFECTS.items() if e.named}
+def test_the_list_has_a_line_per_effect_and_names_unplanned_ones(call):
+    lines = {line.split()[0]: line for line in call("effect", "list")[1].splitlines()}
+    assert set(lines) >= set(NAMED)
     assert "not planned with: " in lines["table_rocking"]
     assert "not planned with" not in lines["dry_friction"]
 
@@ -49,34 +48,28 @@ def test_the_list_for_people_has_a_line_for_each_and_says_what_no_plan_can_use(m
         ("friction_drift", ["planned    no: a plan does not know the time"]),
     ],
 )  # fmt: skip
-def test_one_effect_is_shown_with_formula_bounds_and_its_place_in_a_model(monkeypatch, capsys, name, words):
-    code, out, err = call(monkeypatch, capsys, "effect", "show", name)
+def test_an_effect_is_shown_with_formula_bounds_and_model_entry(call, name, words):
+    code, out, err = call("effect", "show", name)
     assert code == 0, err
-    for word in words:
-        assert word in out
+    assert all(word in out for word in words)
 
 
-def test_an_unknown_effect_is_one_line_and_two(monkeypatch, capsys):
-    code, out, err = call(monkeypatch, capsys, "effect", "show", "magic")
-    assert (code, out) == (2, "")
-    assert "got effect 'magic', expected one of rolling_inertia" in err
-    assert len(err.strip().splitlines()) == 1
+def test_an_unknown_effect(refused):
+    assert "got effect 'magic', expected one of rolling_inertia" in refused("effect", "show", "magic")
 
 
-def test_an_effect_of_ones_own_is_in_the_list(monkeypatch, capsys, tmp_path):
+def test_your_own_effect_is_shown(call, monkeypatch, tmp_path):
     (code,) = re.findall("```python\n(.*?)```", DOCS.read_text(), re.S)
     (tmp_path / "fans.py").write_text(code)
     monkeypatch.chdir(tmp_path)
-    status, out, err = call(monkeypatch, capsys, "effect", "show", "wind", "--effects", "fans:effects", "--json")
+    status, out, err = call("effect", "show", "wind", "--effects", "fans:effects", "--json")
     assert status == 0, err
     assert json.loads(out)["formula"] == "-force*sin(theta)"
 
 
-def test_the_page_about_effects_is_the_registry(monkeypatch, capsys):
-    _, out, _ = call(monkeypatch, capsys, "effect", "list", "--markdown")
-    table = [line for line in out.splitlines() if line.startswith("|")]
+def test_the_page_about_effects_is_the_registry(call):
     (shown,) = re.findall(r"^\| name \|.*?\n(?=\n)", DOCS.read_text(), re.S | re.M)
-    named = ("| name |", "|---|", *(f"| {name} |" for name, e in EFFECTS.items() if e.named))
-    expected = [line for line in table if line.startswith(named)]
+    named = ("| name |", "|---|", *(f"| {name} |" for name in NAMED))
+    expected = [line for line in call("effect", "list", "--markdown")[1].splitlines() if line.startswith(named)]
     assert shown.splitlines() == expected
     assert all(line.count("|") == 6 for line in expected), "no formula with a bar in it"

@@ -1,4 +1,4 @@
-"""SIGTERM and SIGHUP end a run as Ctrl-C does: plate level, log complete; and a key at the terminal, at once."""
+"""Signals and a key at the terminal end a run with a level plate and a complete log."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ import os
 import pty
 import select
 import signal
-import subprocess
 import sys
 import termios
 import time
 
 import pytest
+from commands import start
 
-from mazeplan.cli.emergency import stop_key
-from mazeplan.data.runlog import read_log
+from mazeplan.apps.cli.emergency import stop_key
+from mazeplan.core.logs.run_log import read_log
 
-MAIN = "import mazeplan.cli, sys; sys.argv = ['mazeplan', *sys.argv[1:]]; mazeplan.cli.main()"
 RIG = """
 import pathlib, time
-from mazeplan.testing.lightrig import LightRig
+from mazeplan.apps.testing.lightrig import LightRig
 
 class Slow(LightRig):
     realtime = True
@@ -48,28 +47,30 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_signals_that_end_the_program_level_the_plate_first(place, number, status):
-    process = subprocess.Popen(
-        [sys.executable, "-c", MAIN, *ARGUMENTS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
-    )  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "status", "message"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "SIGTERM"), (signal.SIGHUP, 129, "SIGHUP")],
+)
+def test_a_signal_ends_the_run_with_a_level_plate_and_a_complete_log(place, number, status, message):
+    process = start(*ARGUMENTS)
     assert process.stdout is not None
     for _ in range(5):
         process.stdout.readline()
     process.send_signal(number)
     _, err = process.communicate(timeout=60)
     assert process.returncode == status
-    assert err.splitlines()[-1] == f"mazeplan: {number.name}"
+    assert err.splitlines()[-1] == f"mazeplan: {message}"
     assert "Traceback" not in err
     assert (place / "levelled").exists()
-    assert read_log(place / "run.mcap").result["reason"] == "interrupted"
+    log = read_log(place / "run.mcap")
+    assert (log.complete, log.result["reason"]) == (True, "interrupted")
 
 
-def test_a_key_at_the_terminal_stops_the_rig_at_once_and_leaves_the_terminal_as_it_was(place):
-    child, master = pty.fork()  # the child has a terminal of its own, as it would at a person's desk
+def test_a_key_stops_the_rig_at_once_and_leaves_the_terminal_as_it_was(place):
+    child, master = pty.fork()  # the child has a terminal of its own
     if child == 0:
-        os.execv(sys.executable, [sys.executable, "-c", MAIN, *ARGUMENTS])
+        os.execv(sys.executable, [sys.executable, "-m", "mazeplan", *ARGUMENTS])
     before, said, pressed = termios.tcgetattr(master), b"", 0.0
     while True:
         try:
@@ -92,23 +93,18 @@ def test_a_key_at_the_terminal_stops_the_rig_at_once_and_leaves_the_terminal_as_
     os.close(master)
 
 
-def test_rigs_that_cannot_be_stopped_and_programs_without_a_terminal_touch_none(tmp_path):
-    class Plain:
-        pass
-
+def test_a_rig_without_stop_and_a_program_without_a_terminal_listen_to_no_key(tmp_path):
     class Stoppable:
         def stop(self):
             raise AssertionError
 
-    with stop_key(Plain(), lambda: None) as listens:
-        assert not listens
-    with stop_key(Stoppable(), lambda: None, terminal=str(tmp_path / "none")) as listens:
-        assert not listens
-    master, slave = pty.openpty()  # a terminal, but not ours
+    master, slave = pty.openpty()  # the terminal of another program
     before = termios.tcgetattr(slave)
-    with stop_key(Stoppable(), lambda: None, terminal=os.ttyname(slave)) as listens:
-        assert not listens
-        os.write(master, b"x\n")
-        assert termios.tcgetattr(slave) == before
+    none, other = str(tmp_path / "none"), os.ttyname(slave)
+    for rig, terminal in ((object(), other), (Stoppable(), none), (Stoppable(), other)):
+        with stop_key(rig, lambda: None, terminal=terminal) as listens:
+            assert not listens
+            os.write(master, b"x\n")
+            assert termios.tcgetattr(slave) == before
     os.close(master)
     os.close(slave)

@@ -1,4 +1,4 @@
-"""`new rig`: what it writes is a rig at once, and nothing is written over."""
+"""`new rig`: a working rig from the start, and no file overwritten."""
 
 from __future__ import annotations
 
@@ -6,59 +6,58 @@ import os
 import subprocess
 import sys
 import tomllib
+from functools import partial
 
 import pytest
-from commands import call
 from pages import ROOT
+
+PYTEST = ("pytest", "-q", "-p", "no:cacheprovider")
+RUFF = ("--isolated", "--line-length", "120")
 
 
 @pytest.fixture
-def new(tmp_path, monkeypatch, capsys):
+def new(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return lambda *words: call(monkeypatch, capsys, "new", "rig", *words)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield partial(call, "new", "rig")
+    for name in ("my_table", "other_table"):
+        sys.modules.pop(name, None)
 
 
-def test_what_it_writes_is_a_rig_with_a_test_that_passes_and_arrives(new, tmp_path, monkeypatch, capsys):
+def module(*words, cwd):
+    """Run a Python module in a folder."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    words = [sys.executable, "-m", *map(str, words)]
+    return subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False, env=env)
+
+
+def test_the_written_rig_passes_its_test_and_arrives(new, call, tmp_path, monkeypatch):
     code, out, _ = new("my_table")
-    assert code == 0
-    assert out == "cd my_table && python -m pytest && mazeplan navigate --rig my_table.yaml\n"
+    assert (code, out) == (0, "cd my_table && python -m pytest && mazeplan navigate --rig my_table.yaml\n")
     home = tmp_path / "my_table"
     files = {str(path.relative_to(home)) for path in home.rglob("*") if path.is_file()}
     assert files == {"my_table.py", "my_table.yaml", "tests/test_my_table.py", "pyproject.toml", "README.md"}
     project = tomllib.loads((home / "pyproject.toml").read_text())["project"]
     assert project["entry-points"]["mazeplan.rigs"] == {"my_table": "my_table:MyTableRig"}
     assert project["name"] == "my-table"
-    env = {**os.environ, "PYTHONPATH": str(ROOT)}
-    for words in (
-        ["ruff", "check", "--isolated", "--line-length", "120", "--select", "E,F,I,B,UP", "."],
-        ["ruff", "format", "--isolated", "--line-length", "120", "--check", "."],
-        ["pytest", "-q", "-p", "no:cacheprovider"],
-    ):
-        done = subprocess.run(
-            [sys.executable, "-m", *words], cwd=home, capture_output=True, text=True, check=False, env=env
-        )
+    check, layout = ("ruff", "check", *RUFF, "--select", "E,F,I,B,UP", "."), ("ruff", "format", *RUFF, "--check", ".")
+    for words in (check, layout, PYTEST):
+        done = module(*words, cwd=home)
         assert done.returncode == 0, done.stdout + done.stderr
     file = home / "my_table.yaml"
     good = file.read_text()
-    file.write_text(good.replace("beta_sign: 1", "beta_sign: -1"))  # is what is tested what will be driven?
-    words = ["pytest", "-q", "-p", "no:cacheprovider", "-k", "is_a_rig"]
-    done = subprocess.run(
-        [sys.executable, "-m", *words], cwd=home, capture_output=True, text=True, check=False, env=env
-    )
-    assert "sign of beta: " in done.stdout
+    file.write_text(good.replace("beta_sign: 1", "beta_sign: -1"))  # the test drives the rig of this file
+    assert "sign of beta: " in module(*PYTEST, "-k", "is_a_rig", cwd=home).stdout
     file.write_text(good)
     monkeypatch.chdir(home)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    code, out, err = call(monkeypatch, capsys, "navigate", "--from", "ring4", "--rig", "my_table.yaml", "--json")
+    code, out, err = call("navigate", "--from", "ring4", "--rig", "my_table.yaml", "--json")
     assert code == 0, err
     assert '"rig": "my_table"' in out
-    del sys.modules["my_table"]
 
 
-def test_settings_of_the_new_rig_are_checked_with_their_line(new, tmp_path, monkeypatch, capsys):
+def test_settings_of_the_new_rig_are_checked_with_their_line(new, refused, tmp_path, monkeypatch):
     new("other_table", "-o", "here")
     monkeypatch.chdir(tmp_path / "here")
-    monkeypatch.setattr(sys, "path", list(sys.path))
     file = tmp_path / "here" / "other_table.yaml"
     text = file.read_text()
     for old, changed, said in (
@@ -67,20 +66,15 @@ def test_settings_of_the_new_rig_are_checked_with_their_line(new, tmp_path, monk
         ("rate_hz", "rate", "other_table.yaml:4: rate: unknown key, expected one of machine, rate_hz"),
     ):
         file.write_text(text.replace(old, changed))
-        code, _, err = call(monkeypatch, capsys, "navigate", "--rig", "other_table.yaml")
-        assert code == 2
-        assert said in err
-    del sys.modules["other_table"]
+        assert said in refused("navigate", "--rig", "other_table.yaml")
 
 
 @pytest.mark.parametrize("there", ["cart.py", "cart.yaml", "tests/test_cart.py", "pyproject.toml", "README.md"])
-def test_nothing_is_written_over(new, tmp_path, there):
+def test_no_file_is_overwritten(new, refused, tmp_path, there):
     file = tmp_path / "cart" / there
     file.parent.mkdir(parents=True)
     file.write_text("mine")
-    code, out, err = new("cart")
-    assert (code, out) == (2, "")
-    assert err == f"mazeplan: cart/{there} is there already, and nothing is written over; expected another NAME or -o\n"
+    assert f"cart/{there} exists already and is never overwritten" in refused("new", "rig", "cart")
     assert file.read_text() == "mine"
     assert len([path for path in (tmp_path / "cart").rglob("*") if path.is_file()]) == 1
 
@@ -95,41 +89,30 @@ def test_nothing_is_written_over(new, tmp_path, there):
         ("tests", "which is the folder of its tests"),
     ],
 )  # fmt: skip
-def test_a_name_that_will_not_do_is_one_line_and_two(new, tmp_path, name, said):
-    code, out, err = new(name, "-o", "here")
-    assert (code, out) == (2, "")
-    assert f"NAME: got {name!r}" in err
-    assert said in err
-    assert len(err.strip().splitlines()) == 1
+def test_bad_names(new, refused, tmp_path, name, said):
+    error = refused("new", "rig", name, "-o", "here")
+    assert f"NAME: got {name!r}" in error
+    assert said in error
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_in_the_place_of_the_folder_is_told(new, tmp_path):
+def test_a_file_in_place_of_the_folder(new, refused, tmp_path):
     (tmp_path / "cart").write_text("")
-    code, _, err = new("cart")
-    assert code == 2
-    assert "is a file; expected a folder" in err
+    assert "is a file; expected a folder" in refused("new", "rig", "cart")
 
 
-def test_it_can_be_driven_from_any_folder(new, tmp_path):
-    new("far_table")  # the folder has the name of the module: without the file's own folder it would be taken for it
+@pytest.mark.slow
+def test_the_rig_can_be_driven_from_any_folder(new, tmp_path):
+    new("far_table")  # the folder has the name of the module: Python would take it without the file's own folder
     away = tmp_path / "away"
-    away.mkdir()
-    words = ("evaluate", "--from", "ring4", "--runs", "2", "--workers", "2", "--rig")
+    (away / "bla").mkdir(parents=True)
+    words = ("mazeplan", "evaluate", "--from", "ring4", "--runs", "2", "--workers", "2", "--rig")
     for folder, file in ((tmp_path, "far_table/far_table.yaml"), (away, "../far_table/far_table.yaml")):
-        done = subprocess.run(
-            [sys.executable, "-m", "mazeplan", *words, file],
-            cwd=folder, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
+        done = module(*words, file, cwd=folder)
         assert done.returncode == 0, done.stderr
         assert "arrived       2 of 2" in done.stdout
-    (away / "bla").mkdir()
     (away / "odd.yaml").write_text("class: bla:Rig\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "mazeplan", "rig", "check", "odd.yaml"],
-        cwd=away, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = module("mazeplan", "rig", "check", "odd.yaml", cwd=away)
     assert done.returncode == 2
-    assert (
-        f"odd.yaml:1: rig 'bla:Rig': module 'bla', for which the folder {away / 'bla'} is taken, has no" in done.stderr
-    )
+    taken = f"module 'bla', for which the folder {away / 'bla'} is taken, has no"
+    assert f"odd.yaml:1: rig 'bla:Rig': {taken}" in done.stderr

@@ -1,4 +1,4 @@
-"""Effects of one's own, as the documentation shows them."""
+"""Your own effects, as the documentation shows them."""
 
 from __future__ import annotations
 
@@ -9,17 +9,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commands import call
 from plant import play
 from ring_record import write_csv
 
-from mazeplan.data.table import Table
-from mazeplan.models.modelfile import load_model
-from mazeplan.physics.registry import EFFECTS, own_effects
+from mazeplan.core.logs.table import Table
+from mazeplan.learning.modelfile import load_model, save_model
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.registry import EFFECTS, make_term, own_effects
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
          "viscous_friction.coefficient=0.35")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs") / "log.csv"
+    write_csv(Table(play(seed=3, seconds=90.0, wave=(0.0, -0.3, 0.0, 0.0))), path)
+    return path
 
 
 @pytest.fixture
@@ -27,14 +34,22 @@ def folder(tmp_path, monkeypatch):
     (code,) = re.findall("```python\n(.*?)```", DOCS.read_text(), re.S)
     (tmp_path / "mine.py").write_text(code)
     (tmp_path / "bad.py").write_text("def nothing():\n    return [1]\n")
-    write_csv(Table(play(seed=3, seconds=90.0, wave=(0.0, -0.3, 0.0, 0.0))), tmp_path / "log.csv")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_an_effect_of_ones_own_is_found_added_planned_with_and_replayed(folder, monkeypatch, capsys):
-    arguments = ("log.csv", *KNOWN, "--effects", "mine:effects", "-o", folder / "out", "--json")
-    code, out, err = call(monkeypatch, capsys, "diagnose", *arguments)
+@pytest.fixture
+def windy(folder):
+    """The folder of a model with wind in ring 1."""
+    packaged = load_model("ideal")
+    own_effects("mine:effects")
+    balls = {**packaged.balls, 1: BallModel((*packaged.ball(1).effects, make_term("wind", {"force": 2.0})))}
+    save_model(replace(packaged, balls=balls), folder / "windy")
+    return folder / "windy"
+
+
+def test_your_own_effect_is_found_and_added_to_the_model(call, folder, log):
+    code, out, err = call("diagnose", log, *KNOWN, "--effects", "mine:effects", "-o", folder / "out", "--json")
     assert code == 0, err
     document = json.loads(out)
     assert [e["name"] for e in document["effects"]] == ["wind"]
@@ -44,60 +59,42 @@ def test_an_effect_of_ones_own_is_found_added_planned_with_and_replayed(folder, 
     assert found["wind"]["force"] == pytest.approx(0.3, abs=0.01)
 
 
-def windy(folder, monkeypatch, capsys):
-    """The folder of a model with wind in ring 1, learned and written by nobody; ideal beside it."""
-    packaged = load_model("ideal")
-    own_effects("mine:effects")
-    from mazeplan.models.modelfile import save_model
-    from mazeplan.physics.ball_model import BallModel
-    from mazeplan.physics.registry import make_term
-
-    balls = {**packaged.balls, 1: BallModel((*packaged.ball(1).effects, make_term("wind", {"force": 2.0})))}
-    save_model(replace(packaged, balls=balls), folder / "windy")
-    return folder / "windy"
-
-
-def test_a_model_with_it_is_navigated_with_replayed_and_evaluated(folder, monkeypatch, capsys):
-    model = windy(folder, monkeypatch, capsys)
+@pytest.mark.slow
+def test_a_model_with_it_navigates_replays_and_evaluates(call, folder, windy):
     run = ("--rig", "ideal", "--from", "ring1", "--to", "ring2", "--seed", "1")
-    own = ("--model", model, "--effects", "mine:effects")
-    code, out, err = call(monkeypatch, capsys, "navigate", *run, *own, "--log", folder / "run.mcap", "--json")
+    own = ("--model", windy, "--effects", "mine:effects")
+    code, out, err = call("navigate", *run, *own, "--log", folder / "run.mcap", "--json")
     assert code in (0, 1), err
     with_wind = json.loads(out)
-    code, out, err = call(monkeypatch, capsys, "navigate", *run, "--json")
+    code, out, err = call("navigate", *run, "--json")
     assert code == 0, err
     assert json.loads(out)["time_s"] != with_wind["time_s"], "the plan knows the wind"
-    del EFFECTS["wind"]  # as in a process that begins
-    code, out, err = call(monkeypatch, capsys, "log", "replay", folder / "run.mcap", "--json")
+    del EFFECTS["wind"]  # as in a new process
+    code, out, err = call("log", "replay", folder / "run.mcap", "--json")
     assert code == 0, err
     assert json.loads(out)["identical"] is True
-    code, out, err = call(monkeypatch, capsys, "evaluate", *run, *own, "--runs", "2", "--workers", "2", "--json")
+    code, out, err = call("evaluate", *run, *own, "--runs", "2", "--workers", "2", "--json")
     assert code in (0, 1), err
     assert json.loads(out)["setup"]["effects"] == "mine:effects"
 
 
-def test_a_model_with_it_needs_it(folder, monkeypatch, capsys):
-    model = windy(folder, monkeypatch, capsys)
+def test_a_model_with_it_needs_it(refused, windy, monkeypatch):
     monkeypatch.delitem(EFFECTS, "wind")
-    code, out, err = call(monkeypatch, capsys, "navigate", "--rig", "ideal", "--model", model)
-    assert (code, out) == (2, "")
-    assert "got effect 'wind'" in err
-    assert "an effect of your own needs --effects MODULE:FUNCTION" in err
-    assert len(err.strip().splitlines()) == 1
+    error = refused("navigate", "--rig", "ideal", "--model", windy)
+    assert "got effect 'wind'" in error
+    assert "an effect of your own needs --effects MODULE:FUNCTION" in error
 
 
-@pytest.mark.parametrize("command", [("diagnose", "log.csv", *KNOWN), ("navigate",), ("evaluate",)])
+@pytest.mark.parametrize("command", [("diagnose",), ("navigate",), ("evaluate",)])
 @pytest.mark.parametrize(
     ("spec", "words"),
     [("mine", "expected MODULE:FUNCTION"), ("nowhere:x", "'nowhere' cannot be imported"),
      ("mine:nothing", "gives no effects"),
      ("bad:nothing", "got 1, expected an Effect with a formula that acts on the ball")],
 )  # fmt: skip
-def test_what_gives_none_is_one_line_and_two(folder, monkeypatch, capsys, command, spec, words):
-    code, out, err = call(monkeypatch, capsys, *command, "--effects", spec)
-    assert (code, out) == (2, "")
-    assert words in err
-    assert len(err.strip().splitlines()) == 1
+def test_modules_without_effects(refused, folder, log, command, spec, words):
+    given = (log, *KNOWN) if command == ("diagnose",) else ()
+    assert words in refused(*command, *given, "--effects", spec)
 
 
 HEAD = """
@@ -130,18 +127,15 @@ def fine(s, p):
         ("effects = one(fine, 'head wind')", "expected letters, digits and underscores"),
         ("effects = Effect('mine', {'c': Parameter('', 0.0, -1.0, 1.0, 0.1)}, 'camera', fine)", "acts on the ball"),
     ],
-)  # fmt: skip
-def test_what_is_wrong_with_an_effect_is_one_line_before_it_is_tried(folder, monkeypatch, capsys, code, said):
+)
+def test_bad_effects_are_refused_before_the_search(refused, folder, log, monkeypatch, code, said):
     (folder / "strange.py").write_text(HEAD + code)
     monkeypatch.delitem(sys.modules, "strange", raising=False)
     monkeypatch.syspath_prepend(str(folder))
-    status, out, err = call(monkeypatch, capsys, "diagnose", "log.csv", *KNOWN, "--effects", "strange:effects")
-    assert (status, out) == (2, ""), err
-    assert re.search(said, err), err
-    assert len(err.strip().splitlines()) == 1
+    assert re.search(said, refused("diagnose", log, *KNOWN, "--effects", "strange:effects"))
 
 
-def test_one_effect_alone_will_do(folder, monkeypatch):
+def test_one_effect_without_a_list_is_enough(folder, monkeypatch):
     (folder / "single.py").write_text(HEAD + "effects = one(fine)")
     monkeypatch.syspath_prepend(str(folder))
-    assert [c.name for c in own_effects("single:effects")] == ["mine"]
+    assert [effect.name for effect in own_effects("single:effects")] == ["mine"]

@@ -1,4 +1,4 @@
-"""`report`, as a person would call it."""
+"""`report`."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import json
 import re
 from functools import partial
 
-import commands
 import pytest
 from report_documents import EVIL, a_log, comparison, diagnosis, evaluation, evidence
 from standalone_page import alone
 
-from mazeplan.data.runlog import RunLogWriter
-from mazeplan.records import Command, Observation
+from mazeplan.core.logs.run_log import RunLogWriter
+from mazeplan.core.records import Command, Observation
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
-    return partial(commands.call, monkeypatch, capsys, "report")
+def report(call):
+    return partial(call, "report")
 
 
 def written(path, document):
@@ -25,7 +24,8 @@ def written(path, document):
     return path
 
 
-def test_each_kind_in_one_page_that_stands_alone(call, tmp_path):
+@pytest.mark.slow
+def test_each_kind_in_one_page_that_stands_alone(report, tmp_path):
     folder = tmp_path / "diagnosed"
     folder.mkdir()
     written(folder / "report.json", diagnosis())
@@ -37,31 +37,31 @@ def test_each_kind_in_one_page_that_stands_alone(call, tmp_path):
         folder,
         written(tmp_path / "f.json", evaluation("other")),
     ]
-    code, out, err = call(*inputs, "-o", tmp_path / "all.html", "--pictures", tmp_path / "pictures")
-    assert (code, out) == (0, ""), err
-    assert err == f"wrote {tmp_path / 'all.html'}, pictures in {tmp_path / 'pictures'}\n"
+    code, out, err = report(*inputs, "-o", tmp_path / "all.html", "--pictures", tmp_path / "pictures")
+    assert (code, out, err) == (0, "", f"wrote {tmp_path / 'all.html'}, pictures in {tmp_path / 'pictures'}\n")
     page = alone(tmp_path / "all.html")
     assert EVIL not in page
     assert page.count("&lt;script&gt;") >= 4
     titles = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
     assert [title.split()[0] for title in titles] == ["Run", "Evaluations:", "Models,", "Diagnosis"]
-    for number in (
+    numbers = (
         "2.97 s",
         "7.71 s",
         "3.33 s",
         "0.200 / 0.345</b><br><small>[0.31, 0.37]",
         "16.78",
         "0.412 ± 0.020 rad/s²",
-    ):
+    )
+    for number in numbers:
         assert number in page.replace("\u00a0", " "), number
-    assert len(list((tmp_path / "pictures").glob("*.svg"))) == 5 + 5 + 4 + 3
-    assert len(list((tmp_path / "pictures").glob("*.png"))) == 5 + 5 + 4 + 3
+    for ending in ("svg", "png"):
+        assert len(list((tmp_path / "pictures").glob(f"*.{ending}"))) == 5 + 5 + 4 + 3
 
 
-def test_the_rounds_of_improve(call, tmp_path):
+def test_the_rounds_of_improve(report, tmp_path):
     part = {"runs": 16, "success": 12, "time_s": {"mean": 3.217, "best": 2.0, "worst": None}}
     entry = {"diagnosis": diagnosis(), "navigation": {"before": part, "after": {**part, "success": 16}}}
-    code, _, err = call(written(tmp_path / "i.json", {"rounds": [entry, entry]}), "-o", tmp_path / "i.html")
+    code, _, err = report(written(tmp_path / "i.json", {"rounds": [entry, entry]}), "-o", tmp_path / "i.html")
     assert code == 0, err
     page = alone(tmp_path / "i.html")
     assert len(re.findall("<h2[^>]*>Diagnosis of i, round", page)) == 2
@@ -101,45 +101,32 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_one_line_with_its_place(call, tmp_path, name):
+def test_bad_documents(refused, tmp_path, name):
     document, words = BAD[name]
     path = tmp_path / "x.json"
     if document is not None:
         path.write_text(document if isinstance(document, str) else json.dumps(document))
-    code, out, err = call(path, "-o", tmp_path / "x.html")
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1
-    assert words in err
-    assert str(path) in err
+    error = refused("report", path, "-o", tmp_path / "x.html")
+    assert words in error
+    assert str(path) in error
     assert not (tmp_path / "x.html").exists()
 
 
-def test_places_to_write_to_are_looked_at_first(call, tmp_path):
+def test_bad_outputs_and_other_inputs(refused, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     log = a_log(tmp_path / "run.mcap")
     (tmp_path / "folder.html").mkdir()
     (tmp_path / "file").write_text("")
-    for arguments, words in (
-        (("-o", tmp_path / "x.pdf"), "expected a file that ends in .html"),
-        (("-o", tmp_path / "folder.html"), "a folder, expected"),
-        (("-o", tmp_path / "file" / "x.html"), "is a file; expected a folder"),
-        (("-o", tmp_path / "x.html", "--pictures", tmp_path / "file"), "is a file; expected a folder"),
+    with RunLogWriter(tmp_path / "c.mcap", {"rig": "toy", "excitation": "multisine"}) as collected:
+        collected.sample(Observation(0.0, 0.09, 0.0, 0.0, 0.0), Command(0.0, 0.0))
+    for words, message in (
+        ((log, "-o", "x.pdf"), "expected a file that ends in .html"),
+        ((log, "-o", "folder.html"), "a folder, expected"),
+        ((log, "-o", "file/x.html"), "is a file; expected a folder"),
+        ((log, "-o", "x.html", "--pictures", "file"), "is a file; expected a folder"),
+        ((tmp_path, "-o", "x.html"), "got a folder without report.json or model.yaml"),
+        (("none.mcap", "-o", "x.html"), "none.mcap: no such file"),
+        (("c.mcap", "-o", "x.html"), "got a log of `collect`, expected one of `navigate --log`"),
     ):
-        code, _, err = call(log, *arguments)
-        assert (code, err.count("\n")) == (2, 1)
-        assert words in err
-    code, _, err = call(tmp_path, "-o", tmp_path / "x.html")
-    assert code == 2
-    assert "got a folder without report.json or model.yaml" in err
-    code, _, err = call(tmp_path / "none.mcap", "-o", tmp_path / "x.html")
-    assert code == 2
-    assert "none.mcap: no such file" in err
-
-
-def test_what_was_collected_is_no_run(call, tmp_path):
-    with RunLogWriter(tmp_path / "c.mcap", {"rig": "toy", "excitation": "multisine"}) as log:
-        log.sample(Observation(0.0, 0.09, 0.0, 0.0, 0.0), Command(0.0, 0.0))
-    code, _, err = call(str(tmp_path / "c.mcap"), "-o", str(tmp_path / "c.html"))
-    assert code == 2
-    assert err.count("\n") == 1
-    assert "got a log of `collect`, expected one of `navigate --log`" in err
-    assert not (tmp_path / "c.html").exists()
+        assert message in refused("report", *words)
+    assert not (tmp_path / "x.html").exists()

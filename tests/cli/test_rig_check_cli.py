@@ -1,5 +1,4 @@
-"""`rig check` of a rig on a table whose board is a few lines at the other end of a pseudo terminal: what is tried
-first, and what its exit status tells."""
+"""`rig check` of a real rig whose board is a script behind a pseudo terminal: its order and exit status."""
 
 from __future__ import annotations
 
@@ -7,11 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from commands import call
 from fake_board import FakeBoard, accept, silent
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.hardware import walk
+from mazeplan.rigs.hardware import check as hardware_check
 from mazeplan.rigs.hardware.rig import HardwareRig
 from mazeplan.rigs.link import handshake
 from mazeplan.rigs.link.frames import encode
@@ -43,20 +41,20 @@ class Moving(FakeBoard):
 
 
 @pytest.fixture
-def check(tmp_path, monkeypatch, capsys):
+def check(call, tmp_path, monkeypatch):
     """`rig check` with a file whose text is given."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(walk, "SETTLE_S", 0.5)
+    monkeypatch.setattr(hardware_check, "SETTLE_S", 0.5)
 
     def run(text, *words):
         Path("mine.yaml").write_text(text)
-        status, out, err = call(monkeypatch, capsys, "rig", "check", "mine.yaml", "--yes", *words)
+        status, out, err = call("rig", "check", "mine.yaml", "--yes", *words)
         return status, [line.split()[:3] for line in out.splitlines()], out, err
 
     return run
 
 
-def test_on_the_first_day_the_board_can_be_tried_without_calibrations(check):
+def test_the_board_can_be_checked_without_calibrations(check):
     with Moving() as board:
         status, rows, out, err = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
     assert status == 2
@@ -70,7 +68,7 @@ def test_on_the_first_day_the_board_can_be_tried_without_calibrations(check):
     assert board.pulses == (15000, 15000)
 
 
-def test_a_servo_that_does_not_move_is_a_check_that_did_not_pass(check):
+def test_a_servo_that_does_not_move_fails_its_check(check):
     with Moving() as board:
         board.current = False
         _, rows, out, _ = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
@@ -79,18 +77,18 @@ def test_a_servo_that_does_not_move_is_a_check_that_did_not_pass(check):
     assert rows[3] == ["FAILED", "gamma", "servo"]
 
 
-def test_a_servo_that_turns_the_other_way_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(walk, "SETTLE_S", 0.5)
+def test_a_servo_that_turns_the_other_way_is_noted(tmp_path, monkeypatch):
+    monkeypatch.setattr(hardware_check, "SETTLE_S", 0.5)
     path = tmp_path / "mine.yaml"
     with Moving() as board:
         path.write_text(TEMPLATE.replace("port: auto", f"port: {board.port}"))
         rig = make_rig(str(path), load_map("cme"))
         assert isinstance(rig, HardwareRig)
-        steps = walk.Walk(rig, lambda question: "+x side" not in question).steps()
+        steps = hardware_check.HardwareCheck(rig, lambda question: "+x side" not in question).steps()
         results = [next(steps) for _ in range(4)]
         rig.close()
     assert all(result.passed for result in results)
-    assert "turns the other way, which `mazeplan calibrate tilt` finds" in results[2].detail
+    assert "turns the other way, which `mazeplan calibrate tilt` corrects" in results[2].detail
     assert "other way" not in results[3].detail
 
 
@@ -131,8 +129,8 @@ def test_a_file_that_is_wrong_is_status_2_and_nothing_is_opened(check, monkeypat
     assert said in err.splitlines()[-1]
 
 
-def test_a_board_that_falls_silent_in_the_midst_is_status_3(check, monkeypatch):
-    """After the firmware has answered: the walk ends there, with what is behind it."""
+def test_a_board_that_falls_silent_later_is_status_3(check, monkeypatch):
+    """The walk ends there, and keeps its results so far."""
     monkeypatch.setattr(handshake.Patience, "__init__", _hasty(handshake.Patience.__init__))
     with Moving() as board:
 
@@ -140,7 +138,7 @@ def test_a_board_that_falls_silent_in_the_midst_is_status_3(check, monkeypatch):
             board.unplug()
             return "ok"
 
-        monkeypatch.setattr(walk.Walk, "_firmware", firmware)
+        monkeypatch.setattr(hardware_check.HardwareCheck, "_firmware", firmware)
         status, rows, _, err = check(TEMPLATE.replace("port: auto", f"port: {board.port}"))
     assert status == 3
     assert rows[-1] == ["FAILED", "beta", "servo"]

@@ -1,24 +1,22 @@
-"""Machines and leaves that hang or break: the program ends by itself, in time, with status 3 and a reason."""
+"""Rigs and leaves that hang or break: the program ends by itself, in time, with status 3 and a reason."""
 
 from __future__ import annotations
 
 import json
 import re
-import signal
-import subprocess
 import sys
 import textwrap
 import time
 
 import pytest
-from commands import call
+from commands import start
 
-from mazeplan.data.runlog import read_log
+from mazeplan.core.logs.run_log import read_log
 from mazeplan.rigs import watchdog
 
 RIG = """
     import os, pathlib, threading, time
-    from mazeplan.rigs.simulated import SimulatedRig
+    from mazeplan.rigs.sim.simulated import SimulatedRig
 
     WHERE, HOW = os.environ["WHERE"], os.environ["HOW"]
 
@@ -67,7 +65,7 @@ LEAF = """
             threading.Event().wait()
 """
 TREE = '<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M"><Hang/></BehaviorTree></root>'
-MAIN = "import mazeplan.cli, sys; sys.argv = ['mazeplan', *sys.argv[1:]]; mazeplan.cli.main()"
+NAVIGATE = ("navigate", "--rig", "bad_rig:Bad", "--model", "ideal")
 
 
 @pytest.fixture
@@ -78,9 +76,23 @@ def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield tmp_path
-    sys.modules.pop("bad_rig", None)
+    for name in ("bad_rig", "worse", "shut_rig", "wrong_rig"):
+        sys.modules.pop(name, None)
 
 
+@pytest.fixture
+def bad(monkeypatch):
+    """Say where and how the rig goes wrong, and at which sample."""
+
+    def bad(where, how, at=None):
+        for name, value in (("WHERE", where), ("HOW", how), ("AT", at)):
+            if value is not None:
+                monkeypatch.setenv(name, value)
+
+    return bad
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "how", "said", "levelled"),
     [
@@ -94,15 +106,10 @@ def place(tmp_path, monkeypatch):
         ("leaf", "deaf", "nothing could wake it", True),
     ],
 )
-def test_what_hangs_ends_the_program_in_time(place, monkeypatch, where, how, said, levelled):
-    monkeypatch.setenv("WHERE", where)
-    monkeypatch.setenv("HOW", how)
+def test_a_hanging_part_ends_the_program_in_time(place, bad, where, how, said, levelled):
+    bad(where, how)
     leaf = ("--behavior", "tree.xml", "--behavior-module", "bad_leaf") if where == "leaf" else ("--from", "ring4")
-    arguments = ("navigate", "--rig", "bad_rig:Bad", "--model", "ideal", "--log", "run.mcap", *leaf)
-    process = subprocess.Popen(
-        [sys.executable, "-c", MAIN, *arguments],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = start(*NAVIGATE, "--log", "run.mcap", *leaf)
     assert process.stdout is not None
     assert process.stdout.readline().strip() == "now"
     began = time.monotonic()
@@ -122,13 +129,13 @@ def test_what_hangs_ends_the_program_in_time(place, monkeypatch, where, how, sai
     elif where == "close":  # the run was over
         assert log.result["reason"] == "arrived"
     else:
-        assert log.complete
-        assert (log.result["success"], log.result["reason"]) == (False, "rig_failed")
+        assert (log.complete, log.result["success"], log.result["reason"]) == (True, False, "rig_failed")
         event = log.events[-1]
-        assert (event["kind"], event["detail"]["kind"]) == ("failure", "rig_failed")
-        assert event["detail"]["detail"] in last
+        assert (event.kind, event.detail["kind"]) == ("failure", "rig_failed")
+        assert event.detail["detail"] in last
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -140,23 +147,20 @@ def test_what_hangs_ends_the_program_in_time(place, monkeypatch, where, how, sai
         ("improve", "--runs", "1", "--seconds", "5"),
     ],
 )
-def test_every_command_that_moves_a_rig_watches_it(place, monkeypatch, capsys, arguments):
-    monkeypatch.setenv("WHERE", "observe")
-    monkeypatch.setenv("HOW", "hang")
-    monkeypatch.setenv("AT", "1")
+def test_every_command_that_moves_a_rig_watches_it(place, bad, monkeypatch, call, arguments):
+    bad("observe", "hang", "1")
     monkeypatch.setattr(watchdog, "START_S", 0.2)
     began = time.monotonic()
-    code, _, err = call(monkeypatch, capsys, *arguments, "--rig", "bad_rig:Bad")
+    code, _, err = call(*arguments, "--rig", "bad_rig:Bad")
     assert code == 3
     assert "watchdog: observe() of the rig did not return within" in err.splitlines()[-1]
     assert (place / "levelled").exists()
     assert time.monotonic() - began < 60.0
 
 
-def test_rig_check_tells_what_hangs(place, monkeypatch, capsys):
-    for name, value in (("WHERE", "observe"), ("HOW", "hang"), ("AT", "30")):
-        monkeypatch.setenv(name, value)
-    code, out, _ = call(monkeypatch, capsys, "rig", "check", "bad_rig:Bad")
+def test_rig_check_names_the_call_that_hangs(place, bad, call):
+    bad("observe", "hang", "30")
+    code, out, _ = call("rig", "check", "bad_rig:Bad")
     lines = [line for line in out.splitlines() if line != "now"]
     assert code == 1
     assert lines[0].startswith("ok      clock")
@@ -164,10 +168,9 @@ def test_rig_check_tells_what_hangs(place, monkeypatch, capsys):
     assert lines[-1].startswith("ok      close")
 
 
-def test_a_rig_that_fails_leaves_one_document_with_json(place, monkeypatch, capsys):
-    monkeypatch.setenv("WHERE", "observe")
-    monkeypatch.setenv("HOW", "raise")
-    code, out, err = call(monkeypatch, capsys, "navigate", "--rig", "bad_rig:Bad", "--model", "ideal", "--json")
+def test_a_failing_rig_leaves_one_document_with_json(place, bad, call):
+    bad("observe", "raise")
+    code, out, err = call(*NAVIGATE, "--json")
     assert code == 3
     document = json.loads(out.removeprefix("now\n"))
     assert (document["success"], document["reason"]) == (False, "rig_failed")
@@ -178,27 +181,38 @@ def test_a_rig_that_fails_leaves_one_document_with_json(place, monkeypatch, caps
     assert err.count("OSError") == 1
 
 
-def test_a_rig_that_fails_before_its_first_tick_says_why_once(place, monkeypatch, capsys):
-    monkeypatch.setenv("WHERE", "observe")
-    monkeypatch.setenv("HOW", "raise")
-    monkeypatch.setenv("AT", "1")
-    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", "bad_rig:Bad", "--model", "ideal")
+def test_a_rig_that_fails_before_its_first_tick_names_the_reason_once(place, bad, call):
+    bad("observe", "raise", "1")
+    code, _, err = call(*NAVIGATE)
     assert code == 3
     assert err.splitlines()[-1].startswith("mazeplan: observe() of the rig raised")
     assert err.count("raised") == 1
     assert "rig_failed" not in err
 
 
-def test_what_ended_the_run_is_said_last_though_close_fails_too(place, monkeypatch, capsys):
+def test_the_first_failure_is_the_last_line_if_close_fails_too(place, bad, call):
     (place / "worse.py").write_text(
         "from bad_rig import Bad\nclass Worse(Bad):\n    def close(self):\n        raise OSError('close, too')\n"
     )
-    monkeypatch.setenv("WHERE", "observe")
-    monkeypatch.setenv("HOW", "raise")
-    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", "worse:Worse", "--model", "ideal")
-    sys.modules.pop("worse")
+    bad("observe", "raise")
+    code, _, err = call("navigate", "--rig", "worse:Worse", "--model", "ideal")
     assert code == 3
     assert "observe() of the rig raised" in err.splitlines()[-1]
+
+
+def test_the_result_is_printed_if_only_closing_failed(place, bad, call):
+    (place / "shut_rig.py").write_text((place / "bad_rig.py").read_text().replace("    realtime = True\n", ""))
+    bad("close", "raise")
+    words = ("navigate", "--rig", "shut_rig:Bad", "--model", "ideal", "--from", "ring4", "--memory", "doors.json")
+    code, out, err = call(*words, "--json")
+    document = json.loads(out.removeprefix("now\n"))
+    assert (code, document["success"], document["reason"]) == (3, True, "arrived")
+    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError: [Errno 5] no answer (")
+    assert (place / "doors.json").exists()
+    code, out, err = call(*words)
+    assert code == 3
+    assert "arrived (rig " in err + out
+    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError")
 
 
 WRONG = """
@@ -240,58 +254,9 @@ class Alone(Pair):
         ("Alone", 2, r"'wrong_rig:Alone': .*__init__\(\) takes 2 .*; expected __init__\(self, maze, settings\)"),
     ],
 )
-def test_a_rig_that_is_wrong_in_itself_gives_a_line(tmp_path, monkeypatch, capsys, kind, status, said):
-    (tmp_path / "wrong_rig.py").write_text(WRONG)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    code, _, err = call(monkeypatch, capsys, "navigate", "--rig", f"wrong_rig:{kind}", "--model", "ideal")
-    sys.modules.pop("wrong_rig")
+def test_a_wrong_rig_class_is_one_line(place, call, kind, status, said):
+    (place / "wrong_rig.py").write_text(WRONG)
+    code, _, err = call("navigate", "--rig", f"wrong_rig:{kind}", "--model", "ideal")
     assert code == status
     assert re.fullmatch(f"mazeplan: {said}", err.splitlines()[-1])
     assert "Traceback" not in err
-
-
-def test_an_interrupted_run_says_so(place, monkeypatch):
-    monkeypatch.setenv("WHERE", "nowhere")
-    monkeypatch.setenv("HOW", "hang")
-    (place / "slow_rig.py").write_text(
-        "import time\n"
-        "from bad_rig import Bad\n"
-        "class Slow(Bad):\n"
-        "    def observe(self):\n"
-        "        print('now', flush=True)\n"
-        "        time.sleep(0.03)\n"
-        "        return super().observe()\n"
-    )
-    process = subprocess.Popen(
-        [sys.executable, "-c", MAIN, "navigate", "--rig", "slow_rig:Slow", "--model", "ideal"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        # whoever runs the tests in the background of a shell has it ignored, and children inherit that
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
-    assert process.stdout is not None
-    for _ in range(5):
-        process.stdout.readline()
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert err.splitlines()[-1] == "mazeplan: interrupted"
-    assert (place / "levelled").exists()
-
-
-def test_what_a_run_came_to_is_told_where_only_closing_failed(place, monkeypatch, capsys):
-    source = (place / "bad_rig.py").read_text().replace("    realtime = True\n", "")
-    (place / "shut_rig.py").write_text(source)
-    monkeypatch.setenv("WHERE", "close")
-    monkeypatch.setenv("HOW", "raise")
-    words = ("navigate", "--rig", "shut_rig:Bad", "--model", "ideal", "--from", "ring4", "--memory", "doors.json")
-    code, out, err = call(monkeypatch, capsys, *words, "--json")
-    assert code == 3
-    document = json.loads(out.removeprefix("now\n"))
-    assert (document["success"], document["reason"]) == (True, "arrived")
-    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError: [Errno 5] no answer (")
-    assert (place / "doors.json").exists()
-    code, out, err = call(monkeypatch, capsys, *words)
-    assert code == 3
-    assert "arrived (rig " in err + out
-    assert err.splitlines()[-1].startswith("mazeplan: close() of the rig raised OSError")

@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from ilqg_problems import LIMIT, LinearProblem, T, ring_planner
+from ilqg_problems import LIMIT, LinearProblem, T, gradient, ring_planner
 
 from mazeplan.control.ilqg import IlqgOptions
-from mazeplan.records import StopReason
+from mazeplan.core.records import StopReason
 
 
-def gradient(problem, plan):
-    """Derivatives (T, 2) of the cost by the controls."""
-    slope = np.zeros((T, 2))
-    for k in range(T):
-        for i in range(2):
-            for sign in (1.0, -1.0):
-                moved = plan.controls.copy()
-                moved[k, i] += sign * 1e-5
-                slope[k, i] += sign * problem.cost_of(problem.s0, moved) / 2e-5
-    return slope
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("limited", [True, False])
 @pytest.mark.parametrize("iterations", [1, 100])
 def test_it_is_the_gradient_by_finite_differences(limited, iterations):

@@ -16,7 +16,7 @@ from mazeplan.control.cost import (
     running,
     running_derivatives,
 )
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 
 ALL = CostParameters(rate=0.01, final_lean=2.0, lean=3.0, arrival_zone=0.3)
 WISHES = [(0.4, 0.0, 0.0), (0.4, 1.3, -0.03), (0.4, -1.3, 0.02)]

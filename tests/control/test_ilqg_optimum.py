@@ -11,8 +11,8 @@ from scipy.linalg import expm
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.physics.ring_parameters import SUBSTEPS, RingParameters
-from mazeplan.records import StopReason
+from mazeplan.core.records import StopReason
+from mazeplan.physics.dynamics.ring_parameters import SUBSTEPS, RingParameters
 
 RING_2 = RingParameters(0.0689)
 RING_4_ROUGH = ring_of(0.0287, viscous=0.3, dry=0.4, offset_beta=0.003, offset_gamma=-0.004)
@@ -128,10 +128,5 @@ def test_the_cost_equals_that_of_an_interior_point_optimiser(name):
     reference = ipopt(p, c, s0, wishes)
     assert plan.reason is StopReason.CONVERGED
     assert plan.cost == pytest.approx(reference, rel=1e-4)
-
-
-def test_the_first_problems_press_against_the_limits():
-    for name in list(PROBLEMS)[:4]:
-        p, c, s0, wishes = PROBLEMS[name]
-        controls = RingPlanner(p, LIMIT, cost=c).plan(s0, wishes[0], lean=wishes[2]).controls
-        assert np.mean(np.abs(controls) == LIMIT) > 0.05
+    if name in list(PROBLEMS)[:4]:
+        assert np.mean(np.abs(plan.controls) == LIMIT) > 0.05, "the problem presses against the limits"

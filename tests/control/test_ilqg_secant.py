@@ -22,7 +22,10 @@ def bent(seed: int, sign: float):
     along = w.new_states[:T] - w.states[:T]
     true = np.einsum("i,ijk,tj,tk->t", w.V, H, along, along)
     w.V[:] *= sign * np.sign(true[0])  # positive or negative along the first move, as wished
-    w.A[:], w.new_a[:] = np.einsum("ijk,tk->tij", H, w.states[:T]), np.einsum("ijk,tk->tij", H, w.new_states[:T])
+    w.A[:], w.new_a[:] = (
+        np.einsum("ijk,tk->tij", H, w.states[:T]),
+        np.einsum("ijk,tk->tij", H, w.new_states[:T]),
+    )
     core._secant(w)
     return w, along, true * sign * np.sign(true[0])
 
@@ -35,8 +38,8 @@ def eigenvalues(M):
 def test_the_curvature_along_the_move_is_exact_for_quadratic_dynamics(seed):
     w, along, true = bent(seed, 1.0)
     assert w.numbers[SECANT] == 1.0
-    core._learn_bend(w, 0)
-    M, d = w.bend[0], along[0]
+    core._learn_curvature(w, 0)
+    M, d = w.curvature[0], along[0]
     assert d @ M @ d == pytest.approx(true[0], rel=1e-9)
     np.testing.assert_allclose(M, M.T, atol=1e-12)
     assert np.linalg.matrix_rank(M, tol=1e-9) == 1
@@ -48,14 +51,14 @@ def test_the_secant_equation_holds_where_it_is_well_conditioned():
     for seed in range(8):
         w, along, _ = bent(seed, 1.0)
         y = np.einsum("i,ij->j", w.V, w.turned[0])
-        core._learn_bend(w, 0)
+        core._learn_curvature(w, 0)
         d = along[0]
         if y @ d > core.ILL_CONDITIONED * np.linalg.norm(y) * np.linalg.norm(d):
-            np.testing.assert_allclose(w.bend[0] @ d, y, atol=1e-9)
+            np.testing.assert_allclose(w.curvature[0] @ d, y, atol=1e-9)
             held += 1
         else:  # of rank one along the move alone: nothing is known of other directions
             across = np.linalg.svd(d[None])[2][1:]
-            np.testing.assert_allclose(across @ w.bend[0], 0.0, atol=1e-9)
+            np.testing.assert_allclose(across @ w.curvature[0], 0.0, atol=1e-9)
     assert held >= 5
 
 
@@ -69,35 +72,35 @@ def test_what_earlier_moves_have_told_is_kept():
     for move in np.linalg.qr(rng.normal(size=(N, N)))[0]:
         w.moved[0] = move
         w.turned[0, 0] = H @ move
-        core._learn_bend(w, 0)
-        assert eigenvalues(w.bend[0]).min() > -1e-9
-    np.testing.assert_allclose(w.bend[0], H, atol=1e-9)
+        core._learn_curvature(w, 0)
+        assert eigenvalues(w.curvature[0]).min() > -1e-9
+    np.testing.assert_allclose(w.curvature[0], H, atol=1e-9)
 
 
 def test_knowledge_that_no_longer_holds_shrinks_to_what_the_move_shows():
     w = make_workspace(T, N, np.full(2, -1.0), np.full(2, 1.0))
     w.V[0], w.moved[0, 0] = 1.0, 0.5
-    w.bend[0] = 4.0 * np.eye(N)
+    w.curvature[0] = 4.0 * np.eye(N)
     w.turned[0, 0, 0] = 1.0 * 0.5  # a curvature of one where four was believed
-    core._learn_bend(w, 0)
-    np.testing.assert_allclose(w.bend[0], np.eye(N), atol=1e-12)
+    core._learn_curvature(w, 0)
+    np.testing.assert_allclose(w.curvature[0], np.eye(N), atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_only_what_is_convex_counts(seed):
     w, _, true = bent(seed, -1.0)
     assert true[0] < 0.0
-    w.bend[0] = np.eye(N)
-    core._learn_bend(w, 0)
-    assert (w.bend[0] == 0.0).all()
+    w.curvature[0] = np.eye(N)
+    core._learn_curvature(w, 0)
+    assert (w.curvature[0] == 0.0).all()
 
 
 def test_a_candidate_that_did_not_move_tells_nothing():
     w, _, _ = bent(0, 1.0)
     w.moved[:] = 0.0
-    w.bend[0] = np.eye(N)
-    core._learn_bend(w, 0)
-    assert (w.bend[0] == np.eye(N)).all()
+    w.curvature[0] = np.eye(N)
+    core._learn_curvature(w, 0)
+    assert (w.curvature[0] == np.eye(N)).all()
 
 
 def test_what_is_taken_brings_its_derivatives_along():

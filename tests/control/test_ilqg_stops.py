@@ -22,9 +22,9 @@ from ilqg_problems import (
 
 from mazeplan.control import ilqg
 from mazeplan.control import ilqg_workspace as workspace
+from mazeplan.control.deadline import Live
 from mazeplan.control.ilqg import IlqgOptions
-from mazeplan.control.stopwatch import Live
-from mazeplan.records import Plan, StopReason
+from mazeplan.core.records import Plan, StopReason
 
 # --- why it stopped ---
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazeplan.control.play import Gears
-from mazeplan.physics.stage import StageAxis, StageModel, played
-from mazeplan.records import Command
+from mazeplan.control.backlash import Gears
+from mazeplan.core.records import Command
+from mazeplan.physics.rig.stage import StageAxis, StageModel, played
 
 LIMIT = 0.087
 

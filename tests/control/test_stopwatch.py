@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from ilqg_problems import ring_planner
 
-from mazeplan.control.stopwatch import Live, Recorded
-from mazeplan.records import StopReason
+from mazeplan.control.deadline import Live, Recorded
+from mazeplan.core.records import StopReason
 
 
 class Clock:

@@ -17,7 +17,7 @@ from mazeplan.control.tracking import (
     pd_to_angle,
     plan_step,
 )
-from mazeplan.records import Plan, State, StopReason
+from mazeplan.core.records import Plan, State, StopReason
 
 PLATE = Plate(limit=0.0873)
 RADIUS = 0.07

@@ -6,15 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from gaussian_processes import nearest_variance
 from ilqg_problems import LIMIT
 from test_ilqg_learned import WAVY, P, process, seen
 
 from mazeplan.control import uncertain_cost
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ring_planner import RingPlanner
-from mazeplan.models import fast_gp
-from mazeplan.models.fast_gp import D, nearest_variance
-from mazeplan.records import StopReason
+from mazeplan.core.records import StopReason
+from mazeplan.learning import fast_gp
+from mazeplan.learning.fast_gp import D
 
 NOISE2 = WAVY.hyper.noise**2
 
@@ -27,7 +28,7 @@ def states(n, seed=5):
 def test_variance_is_that_of_the_nearest_row_alone():
     packed, points = fast_gp.pack(WAVY), states(200)
     got = [fast_gp.variance(packed, 0, s, NOISE2, np.empty(D)) for s in points]
-    np.testing.assert_allclose(got, nearest_variance(WAVY, seen(points), rows=1), rtol=1e-9)
+    np.testing.assert_allclose(got, nearest_variance(WAVY, seen(points)), rtol=1e-9)
     assert (np.array(got) >= WAVY.variance(seen(points)) - 1e-9).all(), "never smaller than given all rows"
     assert np.ptp(got) > 0.5 * WAVY.hyper.only.amplitude**2, "some are near a row, some are not"
 
@@ -85,7 +86,7 @@ def test_a_plan_goes_where_more_is_known(weight):
     gp = sparse()
 
     def doubt(plan):
-        return nearest_variance(gp, seen(plan.states[:-1]), rows=1).sum()
+        return nearest_variance(gp, seen(plan.states[:-1])).sum()
 
     plain = RingPlanner(P, LIMIT, process=gp).plan(np.zeros(6), 0.8)
     careful = RingPlanner(P, LIMIT, process=gp, cost=CostParameters(uncertainty=weight)).plan(np.zeros(6), 0.8)

@@ -13,18 +13,18 @@ import plainball
 import pytest
 from commands import call
 
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.bodyreference import reference_of
-from mazeplan.diagnosis.bodysearch import Reference, search_body
-from mazeplan.diagnosis.bodyupdate import moved_model
-from mazeplan.diagnosis.bodywords import in_registry
-from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Pictures
-from mazeplan.estimation.bodyfit import fit_body
-from mazeplan.estimation.bodynumbers import value_of, with_values
+from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import fit_body
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.rig.reference import reference_of
+from mazeplan.diagnosis.rig.registry import in_registry
+from mazeplan.diagnosis.rig.search import Reference, search_rig
+from mazeplan.diagnosis.rig.update import moved_model
+from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, load_model
-from mazeplan.physics.plate import PlateMotion
-from mazeplan.physics.walls import GAP, SLAB, Walls
+from mazeplan.physics.dynamics.plate import PlateMotion
+from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls
 
 FREE = (
     "rolling", "spin", "wall", "restitution", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay", "noise",
@@ -42,7 +42,7 @@ def filtered(toy, seed, table=TABLE, delay=2.0 / 30.0, lost=0.0):
     plate = PlateMotion(0.0, 5e-3, np.array([plainball.plate_at(wave, at) for at in grid]))
     wall = np.array([[toy.inner - 0.003, toy.inner - 1e-3, 0.0, 0.0]])
     walls = Walls(wall, np.zeros((0, GAP)), np.zeros((0, SLAB)), toy.outer, toy.radius, 1e-3)
-    return BodyFilter(Pictures(t, 1.0 / 30.0, y, t == 0.0), plate, walls)
+    return BodyFilter(BallPictures(t, 1.0 / 30.0, y, t == 0.0), plate, walls)
 
 
 @cache
@@ -53,9 +53,10 @@ def reference():
 
 @cache
 def searched(toy, **how):
-    return search_body(filtered(toy, 2, **how), reference(), MAZE)
+    return search_rig(filtered(toy, 2, **how), reference(), MAZE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("toy", "how", "effect", "name", "true"), [
     (plainball.Toy(c=0.18), {"lost": 0.2}, "dry_friction", "rolling", 0.18),
     (plainball.Toy(k=2.0 / 3.0), {}, "rolling_inertia", "inertia", 2.0 / 3.0),
@@ -69,13 +70,15 @@ def test_one_thing_that_changed_is_named_with_its_size_and_nothing_else(toy, how
     assert value_of(found.fit.model, name) == pytest.approx(true, rel=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_rig_as_it_was_raises_no_alarm(seed):
-    found = search_body(filtered(plainball.Toy(), seed), reference(), MAZE)
+    found = search_rig(filtered(plainball.Toy(), seed), reference(), MAZE)
     assert found.found == ()
     assert found.fit.minus2 == found.first.minus2
 
 
+@pytest.mark.slow
 def test_a_pull_without_a_body_of_its_own_is_not_called_a_friction():
     found = searched(plainball.Toy(push=2.0))  # cos(theta) along the ring
     assert found.found
@@ -96,7 +99,7 @@ def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
     model = RigModel.nominal(MAZE)
     found = searched(plainball.Toy(c=0.18), lost=0.2)
     told = in_registry(found.found[0], found.fit, reference(), {1: 0.08, 2: 0.04})
-    new = moved_model(model, MAZE, [told], found.fit)
+    new = moved_model(model, [told], found.fit)
     for ring, radius in ((1, 0.08), (2, 0.04)):
         was, now = (m.ball(ring).parameter("dry_friction", "coefficient", 0.0) for m in (model, new))
         assert now - was == pytest.approx(0.12 / 1.4 / radius, rel=0.08)
@@ -105,6 +108,7 @@ def test_a_model_of_beads_moves_by_as_much_as_the_body_did():
     )
 
 
+@pytest.mark.slow
 def test_a_record_without_commands_tells_the_ball_and_nothing_of_the_stage():
     t, y, wave, _ = plainball.record(plainball.Toy(), seed=2, seconds=60.0, noise=5e-4)
     tilts = np.array([plainball.plate_at(wave, at) for at in t])
@@ -121,6 +125,7 @@ def shortened(name, tmp_path, rows):
     return str(path)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CONTACT.is_dir(), reason="no records of others' rigs with contact here")
 def test_from_the_command_line_a_rig_with_contact_tells_what_changed_and_gets_a_model_with_it(
     tmp_path, monkeypatch, capsys

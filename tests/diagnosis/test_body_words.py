@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mazeplan.diagnosis.bodywords import advice, sentence
+from mazeplan.diagnosis.rig.result import Unknown, advice, sentence
 
 FRICTION = {
     "name": "dry_friction", "known_before": {"coefficient": 0.47}, "rings": {"1": {}}, "planned": True,
@@ -25,7 +25,7 @@ ROCKING = {
     "name": "table_rocking", "known_before": {}, "rings": {"1": {}}, "planned": False, "why_not": "its phase changes",
     "parameters": {"beta": {"value": 0.0067, "stderr": 0.0003, "unit": "rad"}},
 }  # fmt: skip
-UNKNOWN = {"description": "a force along the rings", "depends_on": []}
+UNKNOWN = Unknown("a force along the rings")
 
 
 def done(*effects, verdict="effect_found", alike=(), unknown=None, likelier=33.0, remaining=1.07):
@@ -79,6 +79,8 @@ def test_what_has_no_name_is_told_and_so_is_nothing():
     assert "something without a name (a force along the rings)" in sentence(unknown)
     assert "finding is" not in sentence(unknown)
     assert "mazeplan learn LOG" in advice(unknown)[-1]
+    seen = done(verdict="unknown_effect", unknown=Unknown("a force", look=("Look for a fan",)))
+    assert advice(seen)[0] == "Look for a fan."
     healthy = done(verdict="nothing_missing")
     assert sentence(healthy).startswith("Nothing is missing: the rig agrees with the reference.")
     assert advice(healthy) == ["Nothing needs to be done. Go on with the same model."]

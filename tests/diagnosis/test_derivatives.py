@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plant import play
+from ring_records import DECLARED, record
 
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.candidates import ring_library, stage_errors
-from mazeplan.diagnosis.fit import Likelihood
-from mazeplan.diagnosis.platemotion import fit_stage, plate_motion
-from mazeplan.diagnosis.record import record_of
-from mazeplan.diagnosis.ringsystem import RingSystem
-
-DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
+from mazeplan.diagnosis.coordinate.fit import Likelihood
+from mazeplan.diagnosis.ring.candidates import ring_library, stage_errors
+from mazeplan.diagnosis.ring.system import RingSystem
+from mazeplan.diagnosis.stage.plate_motion import fit_stage, plate_motion
 
 
 @pytest.fixture(scope="module")
 def likelihood():
-    record = record_of(Table(play(seed=3, seconds=60.0)), np.ones(1800, dtype=bool))
+    seen = record(seed=3, seconds=60.0)
     rows = np.ones(1800, dtype=bool)
-    stage = fit_stage(record, rows)
+    stage = fit_stage(seen, rows)
     assert stage is not None
-    system = RingSystem(record.t, record.theta, record.first, 0.0925, plate_motion(record, stage), DECLARED)
+    system = RingSystem(seen.t, seen.theta, seen.first, 0.0925, plate_motion(seen, stage), DECLARED)
     return Likelihood(system, [*ring_library(), stage_errors(stage.directions)], rows)
 
 

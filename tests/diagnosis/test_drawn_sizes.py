@@ -4,8 +4,11 @@ standard error."""
 from __future__ import annotations
 
 import bench_plant
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+pytestmark = pytest.mark.slow
 
 DRAWN = settings(deadline=None, derandomize=True, database=None)
 

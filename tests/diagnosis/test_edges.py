@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from numba import njit
 
-from mazeplan.data.smoothing import derivatives
-from mazeplan.diagnosis.candidates import ring_library
-from mazeplan.diagnosis.fit import fit
-from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
-from mazeplan.diagnosis.scores import MATCHED
-from mazeplan.diagnosis.windows import WindowLikelihood, refined
-from mazeplan.physics.compiled import term_functions
-from mazeplan.physics.openings import Openings, closer_library, finer_library, wall_library
-from mazeplan.physics.symbols import INPUTS
+from mazeplan.diagnosis.coordinate.fit import fit
+from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.scores import MATCHED
+from mazeplan.diagnosis.ring.system import RingSystem, Tilt
+from mazeplan.diagnosis.ring.windows import WindowLikelihood, refined
+from mazeplan.learning.smoothing import derivatives
+from mazeplan.physics.effects.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.formulas.compiled import term_functions
+from mazeplan.physics.formulas.symbols import INPUTS
 
 RADIUS, DT = 0.0488, 1.0 / 30.0
 PULL = 9.81 / RADIUS

@@ -10,9 +10,9 @@ import pytest
 from contactrig import Axis, Rig, record
 from plant import commands
 
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.gears import fit_with_gears, fit_with_play
+from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.stage.backlash import fit_with_gears
 
 DT = 1.0 / 30.0
 
@@ -33,7 +33,7 @@ def plate(u, play, rng):
 def test_play_is_found_to_within_its_error(play):
     rng = np.random.default_rng(3)
     u = commands(rng, 1800)[:, 0]
-    found = fit_with_play(u, plate(u, play, rng), DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
+    found = fit_with_gears(u, plate(u, play, rng), DT, np.zeros(1800, dtype=bool), np.ones(1800, dtype=bool)).axis
     if not play:
         assert found.backlash == 0.0
         return

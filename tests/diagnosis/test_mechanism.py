@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from ring_records import names, parameters
 
-from mazeplan.data.drivelog import MotionLog
-from mazeplan.diagnosis.mechanism import mechanism_of
-from mazeplan.diagnosis.mechanismdiagnose import diagnose_mechanism
-from mazeplan.diagnosis.mechanismscores import course_of, sized
-from mazeplan.errors import InputError
+from mazeplan.core.errors import InputError
+from mazeplan.diagnosis.mechanism.diagnose import diagnose_mechanism
+from mazeplan.diagnosis.mechanism.drive_log import MotionLog
+from mazeplan.diagnosis.mechanism.mechanism import mechanism_of
+from mazeplan.diagnosis.mechanism.scores import course_of, sized
 from mazeplan.physics import Effect, Parameter, sin
 
 MASS = Parameter("kg", 1.0, 0.01, 100.0)
@@ -56,8 +57,7 @@ def cart(rate=100.0, seconds=30.0, mass=2.0, dry=0.0, viscous=0.0, noise=1e-4, f
 
 
 def value(done, name, parameter):
-    (effect,) = (e for e in done.effects if e["name"] == name)
-    return effect["parameters"][parameter]
+    return parameters(done, name)[parameter]
 
 
 @pytest.mark.parametrize("rate", [100.0, 1000.0])
@@ -65,7 +65,7 @@ def test_friction_of_a_cart_is_a_force_in_n(rate):
     log = cart(rate=rate, dry=1.5, fine=20 if rate < 500.0 else 4)
     log.position[200:230] = np.nan  # nobody looked
     done = diagnose_mechanism(mechanism_of(Cart), log, {})
-    assert [e["name"] for e in done.effects] == ["dry_friction"], done.sentence()
+    assert names(done) == ["dry_friction"], done.sentence()
     found = value(done, "dry_friction", "coefficient")
     assert found["value"] == pytest.approx(1.5, rel=0.03)
     assert found["unit"] == "N"
@@ -96,7 +96,7 @@ def test_a_motion_may_know_nothing():
     x = 1.2 * np.exp(-0.05 * t) * np.cos(4.0 * t)
     x += 1e-3 * np.random.default_rng(0).standard_normal(len(t))
     done = diagnose_mechanism(mechanism_of(Free), MotionLog(0.02, x, np.empty((len(t), 0))), {})
-    assert sorted(e["name"] for e in done.effects) == ["elastic_force", "viscous_friction"], done.sentence()
+    assert names(done) == ["elastic_force", "viscous_friction"], done.sentence()
     assert value(done, "elastic_force", "stiffness") == {
         "value": pytest.approx(16.0 + 0.05**2, rel=0.01), "stderr": pytest.approx(0.0, abs=0.05), "unit": "1/s^2",
     }  # fmt: skip

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.picture import camera_effects, fit_picture
+from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.maze_camera import camera_effects, fit_picture
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.sensors import Camera
+from mazeplan.physics.rig.sensors import Camera
+
+pytestmark = pytest.mark.slow
 
 MAZE, NOISE = load_map("cme"), 6e-4
 

@@ -6,26 +6,27 @@ from dataclasses import replace
 
 import pytest
 
-from mazeplan.diagnosis.bodyreference import RigReference
-from mazeplan.diagnosis.bodysearch import Reference
-from mazeplan.diagnosis.parts import Known
-from mazeplan.diagnosis.referencefile import NAME, known_reference, load_reference, save_reference
-from mazeplan.errors import ModelError
-from mazeplan.estimation.bodyfilter import BodyModel
-from mazeplan.estimation.bodynumbers import with_values
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_parameters import with_values
+from mazeplan.core.errors import ModelError
+from mazeplan.diagnosis.rig.reference import RigReference
+from mazeplan.diagnosis.rig.reference_file import NAME, known_reference, load_reference, save_reference
+from mazeplan.diagnosis.rig.search import Reference
+from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.learning.modelfile import RigModel, load_model, model_names, save_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, load_model, model_names, save_model
-from mazeplan.physics.ball import viscous_friction
 from mazeplan.physics.effect import Term
-from mazeplan.physics.planeterms import floor_bump
+from mazeplan.physics.effects.ball import viscous_friction
+from mazeplan.physics.effects.local_forces import floor_bump
 
 MAZE = load_map("cme")
 MODEL = RigModel.nominal(MAZE)
 BODY = with_values(BodyModel(), {"rolling": 0.0631, "offset_x": -0.0021, "delay": 0.0667, "wall": 0.23})
 BUMP = Term(floor_bump, (0.05, -0.07, 0.02, 0.015))
 KNOWN = RigReference(
-    Reference(BODY._replace(terms=(BUMP,)), {"rolling": 6e-4, "wall": 0.003}), Known.of_model(MODEL), 0.02, 1.08
-)
+    Reference(BODY._replace(terms=(BUMP,)), {"rolling": 6e-4, "wall": 0.003}), Known.of_model(MODEL), 0.02, 1.08,
+    errors={1: 0.035, 4: 0.18},
+)  # fmt: skip
 
 
 def test_what_is_written_is_read_again(tmp_path):
@@ -36,6 +37,7 @@ def test_what_is_written_is_read_again(tmp_path):
     assert again.body.stderr == KNOWN.body.stderr
     assert again.body.model.terms == (BUMP,)
     assert (again.memory, again.remaining) == (0.02, 1.08)
+    assert again.errors == {1: 0.035, 4: 0.18}
     for part in ("ball", "tilting", "view"):
         assert getattr(again.body.model, part)[:-1] == pytest.approx(getattr(BODY, part)[:-1], rel=1e-5)
 

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mazeplan.diagnosis.rigevidence import SECTORS, _block_times, _by_place, _marks, _power
-from mazeplan.estimation.bodyfilter import BodyModel
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.diagnosis.rig.evidence import SECTORS, _block_times, _by_place, _marks, _power
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import Term
-from mazeplan.physics.planeterms import floor_bump
+from mazeplan.physics.effects.local_forces import floor_bump
 
 MAZE = load_map("cme")
 

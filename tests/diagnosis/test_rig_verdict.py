@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call
-from contacteffects import EFFECTS, changed
+from contacteffects import EFFECTS, changed, truth
 from contactrig import Rig, record
 
 import mazeplan
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.bodyreference import reference_of, textbook
-from mazeplan.diagnosis.bodyverdict import verdict_on
-from mazeplan.diagnosis.candidates import ring_library
+from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.rig.reference import reference_of, textbook
+from mazeplan.diagnosis.rig.scores import HeldOut
+from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.diagnosis.ring.candidates import ring_library
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.effect import DRAG, Effect, Parameter
+
+pytestmark = pytest.mark.slow
 
 MAZE, SECONDS = load_map("cme"), 120.0
 
@@ -44,6 +47,42 @@ def test_one_thing_that_changed_is_named_and_nothing_else(name):
     assert name.replace("_", " ") in first
     assert "times the noise of the camera" in first
     assert rest, "what to do"
+
+
+def test_of_a_long_record_a_part_chooses_and_the_whole_gives_the_size():
+    rig = changed(Rig(), "dry_friction", 1)
+    done = verdict_on(Table(record(rig, 210.0, 2)), MAZE, known())
+    assert [e["name"] for e in done.effects] == ["dry_friction"]
+    assert len(done.searched.fit.filtered.nu) == 6300
+    told = done.effects[0]["parameters"]["coefficient"]
+    ring = MAZE.track_radius(int(next(iter(done.effects[0]["rings"]))))
+    assert told["value"] == pytest.approx(
+        truth(rig, "dry_friction", "dry_friction", ring, Rig())["coefficient"], rel=0.05
+    )
+    assert done.after["rollout40"] < done.before["rollout40"]
+
+
+def test_a_push_that_repeats_is_neither_a_rocking_table_nor_its_third_harmonic():
+    done = verdict_on(table_of(changed(Rig(), "kicks", 2), 2), MAZE, known())
+    assert done.verdict == "unknown_effect"
+    assert not done.effects
+    assert "again and again, every 1.11 s (0.900 Hz)" in done.sentences()[0]
+    assert "Look for what bumps the table" in done.sentences()[1]
+
+
+def test_a_ball_that_is_predicted_much_worse_than_before_is_not_called_healthy():
+    done = verdict_on(table_of(changed(Rig(), "ball_imbalance", 2), 2), MAZE, known())
+    assert done.verdict == "unknown_effect"
+    assert "times as badly as when the model was right" in done.sentences()[0]
+    assert any("evenly heavy" in advice for advice in done.sentences()[1:])
+
+
+def test_what_predicts_the_ball_no_better_is_not_called_found(monkeypatch):
+    monkeypatch.setattr(HeldOut, "better", False)
+    done = verdict_on(table_of(changed(Rig(), "servo_gain", 2), 2), MAZE, known())
+    assert done.verdict == "unknown_effect"
+    assert not done.effects
+    assert "looks like servo gain, but predicts the ball no better" in done.sentences()[0]
 
 
 def test_a_healthy_rig_that_loses_pictures_is_left_alone():

@@ -5,23 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plant import commands, play
+from ring_records import DECLARED, found, names
 
-from mazeplan.data.table import Table
-from mazeplan.diagnosis.diagnose import diagnose
+from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.record import record_of
-from mazeplan.physics.nameless import PLACEBOS
-
-DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
-
-
-def found(radius=0.0925, **what):
-    columns = play(radius=radius, **what)
-    record = record_of(Table(columns), np.ones(len(columns["t"]), dtype=bool))
-    return diagnose(record, radius, DECLARED)
-
-
-def names(done):
-    return sorted(e["name"] for e in done.effects)
+from mazeplan.diagnosis.ring.diagnose import diagnose
+from mazeplan.physics.effects.nameless import PLACEBOS
 
 
 def test_placebos_run_along_and_lose():
@@ -34,22 +23,26 @@ def test_placebos_run_along_and_lose():
     assert any(note.startswith("placebo") for note in done.notes)
 
 
+@pytest.mark.slow
 def test_two_effects_of_which_an_unnamed_one_takes_a_share_of_both():
     done = found(seed=302, seconds=200.0, radius=0.0488, viscous=0.44, factor=5 / 7 * 1.045)
     assert done.verdict != "unknown_effect", done.sentence()
     assert names(done) == ["rolling_inertia", "viscous_friction"]
 
 
+@pytest.mark.slow
 def test_what_came_first_is_exchanged_when_another_explains_more_beside_the_second():
     done = found(seed=305, seconds=200.0, radius=0.0488, bump=(1.0, 0.3, 0.3), offset=(0.0015, -0.0015))
     assert names(done) == ["surface_bump", "tilt_offset"], done.sentence()
 
 
+@pytest.mark.slow
 def test_a_scale_of_both_tilts_is_not_taken_for_the_ball_or_the_other_way_round():
     assert names(found(seed=0, seconds=300.0, factor=5 / 7 * 1.015)) == ["rolling_inertia"]
     assert names(found(seed=0, gain=(1.05, 0.95))) == ["tilt_gain"]
 
 
+@pytest.mark.slow
 def test_scales_far_off_on_both_axes_alike_may_be_the_ball():
     done = found(seed=0, seconds=100.0, gain=(1.4, 1.4))
     assert (names(done), done.verdict) == (["tilt_gain"], "ambiguous")
@@ -59,6 +52,7 @@ def test_scales_far_off_on_both_axes_alike_may_be_the_ball():
     assert (names(apart), apart.verdict) == (["tilt_gain"], "effect_found")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [-2.0, 0.81, 3.1])
 def test_a_gate_is_found_wherever_it_is(angle):
     done = found(seed=4, gate=(angle, 0.1), seconds=150.0)
@@ -89,6 +83,6 @@ def test_a_servo_that_ignores_small_changes_is_named_and_nothing_of_the_ball():
         kept[k] = np.where(np.abs(u[k] - kept[k - 1]) >= 0.008, u[k], kept[k - 1])
     columns = play(seed=9, seconds=120.0, u=kept)
     columns |= {"u_beta": u[:, 0], "u_gamma": u[:, 1]}
-    done = diagnose(record_of(Table(columns), np.ones(3600, dtype=bool)), 0.0925, DECLARED)
+    done = diagnose(record_of(Table(columns)), 0.0925, DECLARED)
     assert names(done) == ["deadband"], done.sentence()
     assert done.effects[0]["parameters"]["gamma"]["value"] == pytest.approx(0.008, rel=0.1)

@@ -8,10 +8,8 @@ import pytest
 import yaml
 
 from mazeplan.diagnosis.update import base_model, merged, updated
-from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import load_model, model_document, save_model
+from mazeplan.learning.modelfile import load_model, model_document, save_model
 
-MAZE = load_map("cme")
 TOY = load_model("toy")
 
 
@@ -49,7 +47,7 @@ def changed(old, new, key=()):
     ids=lambda value: value["name"] if isinstance(value, dict) else "",
 )  # fmt: skip
 def test_the_new_file_differs_by_one_entry_and_can_be_read(tmp_path, found, entries):
-    new = updated(TOY, MAZE, {2: [found]})
+    new = updated(TOY, {2: [found]})
     old_document, new_document = (yaml.safe_load(yaml.dump(model_document(m))) for m in (TOY, new))
     prefixes = {next((e for e in entries if key[: len(e)] == e), key) for key in changed(old_document, new_document)}
     assert prefixes == entries
@@ -67,7 +65,7 @@ def test_declared_by_the_new_model_is_what_was_found():
         effect("backlash", beta=(0.017, 1e-3), gamma=(0.0, 0.0)),
         effect("surface_bump", centre=(1.0, 0.1), width=(0.2, 0.1), height=(-2.0, 0.1)),
     ]
-    declared = updated(TOY, MAZE, {3: found}).declared(3)
+    declared = updated(TOY, {3: found}).declared(3)
     for entry in found:
         assert declared[entry["name"]] == pytest.approx({k: p["value"] for k, p in entry["parameters"].items()})
 
@@ -75,7 +73,7 @@ def test_declared_by_the_new_model_is_what_was_found():
 def test_friction_that_drifted_is_in_the_new_model_as_it_was_in_the_end():
     had = TOY.ball(2).parameter("viscous_friction", "coefficient", 0.0)
     found = {**effect("friction_drift", rate=(1e-3, 1e-4), start=(0.05, 0.01)), "until_s": 200.0}
-    new = updated(TOY, MAZE, {2: [found]})
+    new = updated(TOY, {2: [found]})
     assert new.ball(2).parameter("viscous_friction", "coefficient", 0.0) == pytest.approx(had + 0.05 + 0.2)
     assert new.ball(2).stderr["viscous_friction"]["coefficient"] == pytest.approx(math.hypot(0.01, 0.02))
     assert all(term.name != "friction_drift" for term in new.ball(2).effects)
@@ -86,37 +84,19 @@ def test_the_mean_of_several_rings_is_weighted_by_their_errors():
     delay = merged(found, "sensor_delay")["delay"]
     assert delay["value"] == pytest.approx(0.12)
     assert delay["stderr"] == pytest.approx(1.0 / math.hypot(1000.0, 500.0))
-    assert updated(TOY, MAZE, found).camera_delay == pytest.approx(0.12)
-
-
-def test_a_hollow_ball_is_hollow_in_every_ring():
-    solid, shell = (1.0 / (1.0 + 2.0 * c) for c in (0.4, 2.0 / 3.0))  # along a wall
-    old = updated(TOY, MAZE, {ring: [effect("rolling_inertia", factor=(solid, 0.01))] for ring in (1, 2, 3, 4)})
-    new = updated(old, MAZE, {2: [effect("rolling_inertia", factor=(shell, 0.01))]}, common=True)
-    assert new.ball(1).parameter("rolling_inertia", "factor", 0.0) == pytest.approx(shell)
-    assert new.ball(5).parameter("rolling_inertia", "factor", 0.0) == pytest.approx(1.0 / (1.0 + 2.0 / 3.0), rel=1e-3)
-    alone = updated(old, MAZE, {2: [effect("rolling_inertia", factor=(shell, 0.01))]})
-    assert alone.ball(1) == old.ball(1)
-
-
-def test_more_friction_is_as_many_metres_per_second_squared_in_every_ring():
-    had = [TOY.ball(ring).parameter("dry_friction", "coefficient", 0.0) for ring in (1, 3)]
-    new = updated(TOY, MAZE, {1: [effect("dry_friction", coefficient=(had[0] + 0.5, 0.01))]}, common=True)
-    more = new.ball(3).parameter("dry_friction", "coefficient", 0.0) - had[1]
-    assert more == pytest.approx(0.5 * MAZE.track_radius(1) / MAZE.track_radius(3))
+    assert updated(TOY, found).camera_delay == pytest.approx(0.12)
 
 
 def test_values_outside_what_a_model_may_have_become_the_nearest():
-    new = updated(
-        TOY, MAZE, {1: [effect("sensor_delay", delay=(-0.01, 0.001)), effect("quadratic_drag", coefficient=(-1, 1))]}
-    )
+    found = [effect("sensor_delay", delay=(-0.01, 0.001)), effect("quadratic_drag", coefficient=(-1, 1))]
+    new = updated(TOY, {1: found})
     assert new.camera_delay == 0.0
     assert new.ball(1).parameter("quadratic_drag", "coefficient", 1.0) == 0.0
 
 
 def test_declarations_alone_make_a_model_of_one_ring():
     declared = {"rolling_inertia": {"factor": 0.6}, "sensor_delay": {"delay": 0.05}}
-    model = base_model(MAZE, 2, declared, None)
+    model = base_model(2, declared, None)
     there = model.declared(2)
     assert {name: there.pop(name) for name in declared} == declared
     assert set(there) == {"servo_gain", "servo_lag"}, "a servo as in a textbook"

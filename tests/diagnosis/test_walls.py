@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plant import play
+from ring_records import DECLARED
 
-from mazeplan.cli.diagnose import gates_of
-from mazeplan.data.smoothing import derivatives
-from mazeplan.data.table import Table, read_table
-from mazeplan.diagnosis.candidates import ring_library
-from mazeplan.diagnosis.diagnose import diagnose
-from mazeplan.diagnosis.geometry import as_seen, bending, unbent
-from mazeplan.diagnosis.holdout import seen_and_held
+from mazeplan.apps.cli.diagnose_ring import ring_openings
+from mazeplan.core.logs.table import Table, read_table
 from mazeplan.diagnosis.record import record_of, turned_round
-from mazeplan.diagnosis.scores import MATCHED
-from mazeplan.diagnosis.windows import spread_of, weights_of
+from mazeplan.diagnosis.ring.camera import as_seen, bending, unbent
+from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.diagnose import diagnose
+from mazeplan.diagnosis.ring.holdout import seen_and_held
+from mazeplan.diagnosis.ring.scores import MATCHED
+from mazeplan.diagnosis.ring.windows import spread_of, weights_of
+from mazeplan.learning.smoothing import derivatives
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.ball import surface_ripple, wall_friction
-from mazeplan.physics.compiled import term_functions
-from mazeplan.physics.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.effects.ball import surface_ripple, wall_friction
+from mazeplan.physics.effects.openings import Openings, closer_library, finer_library, wall_library
+from mazeplan.physics.formulas.compiled import term_functions
+from mazeplan.physics.formulas.symbols import INPUTS
 from mazeplan.physics.registry import EFFECTS
-from mazeplan.physics.symbols import INPUTS
 
-DECLARED = {"rolling_inertia": {"factor": 5 / 7}, "viscous_friction": {"coefficient": 0.35}}
 QUARTERS = tuple(0.5 * math.pi * i for i in range(4))
 RADIUS = 0.0689
 
@@ -38,7 +38,7 @@ def smoothed_record(seconds=240.0, seed=3, **what):
     theta = np.unwrap(columns["theta"])
     found = derivatives(theta, 1.0 / 30.0, MATCHED)
     bare = {name: columns[name] for name in ("t", "beta", "gamma")}
-    return record_of(Table({**bare, "theta": theta, "theta_ddot": found.acceleration}), np.ones(len(theta), dtype=bool))
+    return record_of(Table({**bare, "theta": theta, "theta_ddot": found.acceleration}))
 
 
 def of_effect(effect, what, theta, rate, values, **told):
@@ -111,13 +111,14 @@ def test_records_in_pieces_hold_out_blocks_all_over():
             "segment": np.arange(1800.0) // 300.0,
         }
     )
-    rows, held, words = seen_and_held(record_of(table, np.ones(1800, dtype=bool)))
+    rows, held, words = seen_and_held(record_of(table))
     assert not rows[held].any()
     assert held[: len(held) // 2].any()
     assert held[len(held) // 2 :].any()
     assert "blocks" in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "name", "parameter", "true"),
     [
@@ -144,6 +145,7 @@ def test_walls_gates_and_camera_are_named(what, name, parameter, true, asked):
         assert abs(off) < 0.05
 
 
+@pytest.mark.slow
 def test_what_no_effect_explains_is_learned_without_a_name():
     """Gates that are not among the effects looked for: a process knows most of what they do by the state."""
     pytest.importorskip("torch")
@@ -166,12 +168,13 @@ def test_every_candidate_of_a_ring_is_an_effect_that_can_be_listed():
 DATA = Path(os.environ.get("MAZEPLAN_DATA", Path(__file__).parents[3] / "shared" / "data")) / "cme-rig"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "ring4.csv").exists(), reason="the measured tables of the rig are not on this machine")
 def test_the_measured_rig_rolls_on_floor_and_wall_and_its_camera_is_off():
     maze = load_map("cme")
     table, odd = turned_round(read_table(DATA / "ring4.csv"), maze.track_radius(4))
     record = record_of(table, np.ones(len(table), dtype=bool), odd)
-    done = diagnose(record, maze.track_radius(4), {}, gates=gates_of(maze, 4))
+    done = diagnose(record, maze.track_radius(4), {}, gates=ring_openings(maze, 4))
     names = {e["name"]: e["parameters"] for e in done.effects}
     assert {"rolling_inertia", "wall_friction", "camera_offset", "outer_edges"} <= set(names), done.sentence()
     assert names["rolling_inertia"]["factor"]["value"] == pytest.approx(5 / 9, abs=0.05)

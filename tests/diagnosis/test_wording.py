@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mazeplan.diagnosis.wording import effect_words
+from mazeplan.diagnosis.coordinate.diagnosis import effect_words
 
 
 @pytest.mark.parametrize(

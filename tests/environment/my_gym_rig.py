@@ -1,6 +1,6 @@
 """A rig of somebody's own, behind the six methods alone: the ball goes straight inwards."""
 
-from mazeplan.records import Observation
+from mazeplan.core.records import Observation
 
 
 class Sinking:

@@ -9,10 +9,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
-import mazeplan.environment as room
-from mazeplan.environment.expert import Expert
-from mazeplan.errors import InputError, SettingsError
-from mazeplan.rigs.fleet import Fleet
+import mazeplan.apps.environment as room
+from mazeplan.apps.environment.expert import Expert
+from mazeplan.core.errors import InputError, SettingsError
+from mazeplan.rigs.sim.fleet import Fleet
 
 HERE = Path(__file__).resolve().parent
 

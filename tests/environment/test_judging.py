@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.environment.judging import HOLD, LOST, OUT, Judge, expected_times
-from mazeplan.environment.senses import HIGH, LOW, NAMES, RATE, Senses
-from mazeplan.environment.task import Task
-from mazeplan.errors import SettingsError
+from mazeplan.apps.environment.judging import HOLD, LOST, OUT, Judge, expected_times
+from mazeplan.apps.environment.senses import HIGH, LOW, NAMES, RATE, Senses
+from mazeplan.apps.environment.task import Task
+from mazeplan.core.errors import SettingsError
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.fleet import Samples
+from mazeplan.rigs.sim.fleet import Samples
 
 MAZE = load_map("cme")
 ROW = np.array([0])

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.pictures import Pictures
+from mazeplan.rigs.camera.sensing import RenderedPictures
 
 
 @pytest.mark.parametrize("name", ["cme", "seven"])
 def test_the_ball_is_in_the_small_picture_wherever_it_is(name):
     maze = load_map(name)
-    pictures, radius = Pictures(maze), maze.track_radius(1)
+    pictures, radius = RenderedPictures(maze), maze.track_radius(1)
     seen = []
     for k in range(8):
         angle = math.tau * k / 8

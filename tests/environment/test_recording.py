@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from commands import call
 
-from mazeplan.environment.record import Recording, load_episodes
-from mazeplan.environment.record import record as write
-from mazeplan.errors import SettingsError
+from mazeplan.apps.environment.record import Recording, load_episodes
+from mazeplan.apps.environment.record import record as write
+from mazeplan.core.errors import SettingsError
 
 
 @pytest.fixture(scope="module")
@@ -83,9 +83,9 @@ def test_from_the_command_line(monkeypatch, capsys, tmp_path):
         ([], "expected one"),
         (["-o", "a.parquet", "--minari", "a-v0"], "expected one"),
         (["-o", "{here}/file/a.parquet"], "is a file"),
-        (["-o", "a.csv"], "-o: got a.csv, expected a name that ends in .parquet"),
+        (["-o", "a.csv"], "-o: got 'a.csv', expected a file that ends in .parquet"),
         (["-o", "a.parquet", "--from", "ring9"], "start_ring: got 'ring9'"),
-        (["-o", "a.parquet", "--reward", "great"], "reward: got 'great', expected sparse or dense"),
+        (["-o", "a.parquet", "--reward", "great"], "--reward: got 'great', expected one of sparse, dense"),
         (["-o", "a.parquet", "--model", "no-such-model"], "no-such-model"),
     ],
 )
@@ -103,11 +103,11 @@ def test_who_interrupts_is_told_what_is_kept(monkeypatch, capsys, tmp_path):
     def interrupted(env, expert, seed):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mazeplan.environment.record.played", interrupted)
+    monkeypatch.setattr("mazeplan.apps.environment.record.played", interrupted)
     monkeypatch.chdir(tmp_path)
     code, out, err = call(monkeypatch, capsys, "record", "--rig", "ideal", "-o", "a.parquet")
     assert (code, out) == (130, "")
-    assert "no episode is kept: a data set is written whole or not at all\n" in err
+    assert "no episode is kept: a data set is written only when it is complete\n" in err
     assert not [*tmp_path.iterdir()]
 
 

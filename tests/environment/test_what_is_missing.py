@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from commands import call
 
-from mazeplan.resources import to_install
+from mazeplan.core.resources import to_install
 
 SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "sac.py"
 
 
 def without(monkeypatch, package):
     """As if it were not installed, and nothing of it or of the environment loaded yet."""
-    for name in [n for n in sys.modules if n.partition(".")[0] == package or n.startswith("mazeplan.environment")]:
+    for name in [n for n in sys.modules if n.partition(".")[0] == package or n.startswith("mazeplan.apps.environment")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
 

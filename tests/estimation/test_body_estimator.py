@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from commands import call
 
-from mazeplan.errors import ModelError
-from mazeplan.estimation.bodyestimator import BodyEstimator
-from mazeplan.estimation.bodynumbers import body_of, with_body
-from mazeplan.estimation.delay_bank import DelayBank, estimator_for
-from mazeplan.estimation.estimator import Estimator
+from mazeplan.control.estimation.delay_bank import DelayBank, estimator_for
+from mazeplan.control.estimation.estimator import Estimator
+from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
+from mazeplan.control.estimation.rigid_body_parameters import body_of, with_body
+from mazeplan.core.errors import ModelError
+from mazeplan.core.records import Command, Latency, Observation
+from mazeplan.learning.modelfile import RigModel, load_model, save_model
+from mazeplan.learning.rigid_body_entries import KEPT, Body, stamp
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.bodyentries import KEPT, Body, stamp
-from mazeplan.models.modelfile import RigModel, load_model, save_model
-from mazeplan.physics.ball import dry_friction
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.records import Command, Latency, Observation
+from mazeplan.physics.effects.ball import dry_friction
 from mazeplan.rigs.registry import make_rig
 
 MAZE = load_map("cme")

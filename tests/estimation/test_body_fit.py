@@ -8,13 +8,15 @@ import numpy as np
 import plainball
 import pytest
 
-from mazeplan.estimation.bodyfilter import BodyFilter, BodyModel, Pictures
-from mazeplan.estimation.bodyfit import ORDINARY, autocorrelation, fit_body
-from mazeplan.estimation.bodynumbers import with_values
+from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import ORDINARY, autocorrelation, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import with_values
+from mazeplan.physics.dynamics.plate import PlateMotion
+from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls
 from mazeplan.physics.effect import FORCE, Effect, Parameter
-from mazeplan.physics.plate import PlateMotion
-from mazeplan.physics.symbols import cos
-from mazeplan.physics.walls import GAP, SLAB, Walls
+from mazeplan.physics.formulas.symbols import cos
+
+pytestmark = pytest.mark.slow
 
 TABLE, NOISE = (0.003, -0.004), 5e-4
 FREE = tuple(name for name in ORDINARY if name not in ("hold", "strike"))  # plainball's floor always holds
@@ -35,7 +37,7 @@ def recorded(toy, lost=0.0):
     plate = PlateMotion(0.0, 5e-3, np.array([plainball.plate_at(wave, at) for at in grid]))
     wall = np.array([[toy.inner - 0.003, toy.inner - 1e-3, 0.0, 0.0]])
     walls = Walls(wall, np.zeros((0, GAP)), np.zeros((0, SLAB)), toy.outer, toy.radius, 1e-3)
-    body = BodyFilter(Pictures(t, 1.0 / 30.0, y, t == 0.0), plate, walls)
+    body = BodyFilter(BallPictures(t, 1.0 / 30.0, y, t == 0.0), plate, walls)
     return body, with_values(BodyModel(), {"hold": 1.0, "inertia": toy.k})
 
 

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import pytest
 
-from mazeplan.estimation.bodyfilter import BodyModel
-from mazeplan.estimation.bodynumbers import number_of, said_by, value_of, with_values
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_parameters import number_of, said_by, value_of, with_values
+from mazeplan.learning.modelfile import load_model
+from mazeplan.learning.rigid_body_entries import PARAMETERS, REACH
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.bodyentries import PARAMETERS, REACH
-from mazeplan.models.modelfile import load_model
-from mazeplan.physics.ball import dry_friction, quadratic_drag, rolling_inertia, surface_bump, viscous_friction
 from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.effects.ball import dry_friction, quadratic_drag, rolling_inertia, surface_bump, viscous_friction
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.physics.sensors import TiltSensor
+from mazeplan.physics.rig.sensors import TiltSensor
 
 MAZE = load_map("cme")
 

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-import mazeplan.estimation.estimator as estimator_module
-from mazeplan.choices import resolve_model
-from mazeplan.estimation.delay_bank import FRAMES, DelayBank, estimator_for
-from mazeplan.estimation.estimator import Estimator
+import mazeplan.control.estimation.estimator as estimator_module
+from mazeplan.control.estimation.delay_bank import FRAMES, DelayBank, estimator_for
+from mazeplan.control.estimation.estimator import Estimator
+from mazeplan.core.records import Command
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.records import Command
-from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.run.resolve import resolve_model
 
 MAZE = load_map("cme")
 NOMINAL = RigModel.nominal(MAZE)

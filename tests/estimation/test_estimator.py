@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mazeplan.estimation.estimator import Estimator, EstimatorOptions
-from mazeplan.estimation.plate import AxisFilter, PlateNoise, servo_transition
+from mazeplan.control.estimation.estimator import Estimator, EstimatorOptions
+from mazeplan.control.estimation.plate import AxisFilter, PlateNoise, servo_transition
+from mazeplan.core.records import Command, Observation
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.physics.planar import PlanarModel, predict
-from mazeplan.records import Command, Observation
+from mazeplan.physics.dynamics.planar import PlanarModel, predict
 
 MAZE = load_map("cme")
 DT = 1.0 / 30.0

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from test_estimator import MAZE, Played, model, wave
 
-from mazeplan.errors import RigError
-from mazeplan.estimation.estimator import Estimator
-from mazeplan.estimation.plate import TiltGate
-from mazeplan.estimation.scrutiny import Scrutiny
-from mazeplan.records import Doubt, Observation
+from mazeplan.control.estimation.estimator import Estimator
+from mazeplan.control.estimation.plate import TiltCheck
+from mazeplan.control.estimation.sample_check import Scrutiny
+from mazeplan.core.errors import RigError
+from mazeplan.core.records import Doubt, Observation
 
 DT = 1.0 / 30.0
 
@@ -101,23 +101,23 @@ def test_a_ball_or_plate_may_be_doubted_for_as_long_as_it_takes():
 
 
 def test_a_spike_is_not_believed_and_a_move_is():
-    gate = TiltGate()
-    assert gate.believes(0.0, 0.0)
-    assert not gate.believes(math.radians(8.0), 0.0)
-    assert not gate.believes(math.nan, 0.0)
-    assert gate.believes(math.radians(0.5), 0.0)
+    check = TiltCheck()
+    assert check.accepts(0.0, 0.0)
+    assert not check.accepts(math.radians(8.0), 0.0)
+    assert not check.accepts(math.nan, 0.0)
+    assert check.accepts(math.radians(0.5), 0.0)
     for k in range(20):  # faster than predicted, slower than a leap
-        assert gate.believes(math.radians(2.0 * k), 0.0)
-    assert gate.believes(math.radians(-5.0), math.radians(-4.0))  # as predicted, however far from the last one
+        assert check.accepts(math.radians(2.0 * k), 0.0)
+    assert check.accepts(math.radians(-5.0), math.radians(-4.0))  # as predicted, however far from the last one
 
 
 def test_what_is_said_four_times_in_a_row_is_the_truth():
-    gate, off = TiltGate(), math.radians(10.0)
-    assert gate.believes(0.0, 0.0)
-    assert [gate.believes(off, 0.0) for _ in range(5)] == [False, False, False, True, True]
-    gate = TiltGate()
-    gate.believes(0.0, 0.0)
-    assert not any(gate.believes((-1) ** k * off, 0.0) for k in range(20))  # but not what contradicts itself
+    check, off = TiltCheck(), math.radians(10.0)
+    assert check.accepts(0.0, 0.0)
+    assert [check.accepts(off, 0.0) for _ in range(5)] == [False, False, False, True, True]
+    check = TiltCheck()
+    check.accepts(0.0, 0.0)
+    assert not any(check.accepts((-1) ** k * off, 0.0) for k in range(20))  # but not what contradicts itself
 
 
 def estimated(change, ticks=60):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.maths.angles import difference, nearest, wrap
+from mazeplan.core.maths.angles import difference, nearest, wrap
 
 TURN = 2.0 * math.pi
 

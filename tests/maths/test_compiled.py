@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from mazeplan.maths.compiled import REAL, VECTOR, address_of, caller
+from mazeplan.core.maths.compiled import REAL, VECTOR, address_of, caller
 
 SIGNATURE = REAL(VECTOR, REAL)
 call = caller(SIGNATURE)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from mazeplan.choices import resolve_model
-from mazeplan.maths.fingerprint import fingerprint
+from mazeplan.core.maths.fingerprint import fingerprint
+from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, load_model
+from mazeplan.run.resolve import resolve_model
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mazeplan.maths.trigonometry import SMALL, sine_and_cosine
+from mazeplan.core.maths.trigonometry import SMALL, sine_and_cosine
 
 
 def test_they_are_those_of_the_library():

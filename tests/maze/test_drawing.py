@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.errors import InputError
+from mazeplan.core.errors import InputError
 from mazeplan.maze.drawing import (
     draw_maze,
     draw_route,

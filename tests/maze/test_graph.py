@@ -9,7 +9,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from mazeplan.maths.angles import difference
+from mazeplan.core.maths.angles import difference
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import Route, RouteGraph, RouteOptions
 from mazeplan.maze.mapfile import load_map

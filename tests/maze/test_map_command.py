@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from mazeplan.cli.arguments import parse_opening, parse_ring, positive
-from mazeplan.cli.map import app
-from mazeplan.errors import InputError
+from mazeplan.apps.cli.log_context import parse_opening, parse_ring
+from mazeplan.apps.cli.map import app
+from mazeplan.core.errors import InputError
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map, load_map
 
@@ -35,13 +35,6 @@ def test_parse_opening():
     assert parse_opening("1-2@45", CME) == "1-2@45"
     with pytest.raises(InputError, match="expected one of 1-2@45, 1-2@135"):
         parse_opening("1-2@46", CME)
-
-
-def test_positive():
-    assert positive("--x", 0.5) == 0.5
-    for bad in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(InputError, match=r"--x: got .*, expected a finite number > 0"):
-            positive("--x", bad)
 
 
 def test_check_good_maps():
@@ -82,7 +75,7 @@ def test_route_in_words():
     lines = result.stdout.splitlines()
     assert len(lines) == 5
     assert lines[0].startswith("ring 1: turn   -25.0 deg, opening 1-2@315 to ring 2")
-    assert lines[-1].startswith("ring 5: there")
+    assert lines[-1].startswith("ring 5: goal")
 
 
 def test_route_as_json():
@@ -123,7 +116,7 @@ def test_show(tmp_path):
 )
 def test_the_route_in_a_picture_of_a_run_begins_where_the_run_did(monkeypatch, tmp_path, words, ring, angle):
     trail = np.array([[math.nan, 0.0, 0.0], [CME.track_radius(2), 0.0, 0.1], [0.0, 0.0, 9.0]])
-    monkeypatch.setattr("mazeplan.cli.map._trail", lambda log, maze: trail)
+    monkeypatch.setattr("mazeplan.apps.cli.map._trail", lambda log, maze: trail)
     drawn = {}
     monkeypatch.setattr("mazeplan.maze.drawing.save_drawing", lambda maze, path, **what: drawn.update(what))
     assert run("show", "--route", "--log", "x.mcap", "-o", str(tmp_path / "x.png"), *words).exit_code == 0
@@ -138,7 +131,6 @@ def test_the_route_in_a_picture_of_a_run_begins_where_the_run_did(monkeypatch, t
         ("route", "nope"),
         ("route", "--to", "ring9"),
         ("route", "--close", "x"),
-        ("route", "--start-angle", "nan"),
         ("route", "detour", "--start-angle", "100"),  # a radial wall
         ("show", "detour", "--route", "--start-angle", "97"),
         ("show", "-o", "maze.gif"),
@@ -149,6 +141,10 @@ def test_bad_input_is_an_input_error(words):
     assert isinstance(error, InputError)
     assert error.exit_status == 2
     assert "\n" not in str(error)
+
+
+def test_a_start_angle_that_is_no_number_is_a_usage_error():
+    assert run("route", "--start-angle", "nan").exit_code == 2
 
 
 def test_a_route_that_is_not_told_where_begins_beside_the_wall_that_is_there():

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mazeplan import resources
-from mazeplan.errors import MapError
+from mazeplan.core import resources
+from mazeplan.core.errors import MapError
 from mazeplan.maze.mapedit import (
     add_opening,
     close_opening,

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from mazeplan import resources
-from mazeplan.errors import MapError
+from mazeplan.core import resources
+from mazeplan.core.errors import MapError
 from mazeplan.maze.geometry import Ring
 from mazeplan.maze.mapfile import MapCheck, check_map, check_text, default_name, dump_map, load_map, packaged_maps
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mazeplan.errors import InputError
+from mazeplan.core.errors import InputError
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.memory import KEPT, OpeningMemory, load_memory, save_memory

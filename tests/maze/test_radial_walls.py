@@ -12,7 +12,7 @@ from scipy.ndimage import label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mazeplan.maths.angles import difference
+from mazeplan.core.maths.angles import difference
 from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import check_text, dump_map, load_map

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mazeplan.errors import TableError
+from mazeplan.core.errors import TableError
 from mazeplan.maze.bands import Bands, Edges, fit_bands
 from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.learnedmap import _completed, learn_map, map_text
 from mazeplan.maze.mapfile import check_text, load_map
-from mazeplan.maze.transitions import Track, cluster, find_openings, find_passages, rings_of
+from mazeplan.maze.transitions import BallTrack, cluster, find_openings, find_passages, rings_of
 
 TRUTH = load_map("lopsided")  # what is to be found; the prior is another map with the same ball
 PRIOR = load_map("cme")
@@ -70,7 +70,7 @@ class Journey:
         r, theta = np.array(self.r), np.array(self.theta)
         x = r * np.cos(theta) + self.rng.normal(0.0, noise, len(r)) + centre[0]
         y = r * np.sin(theta) + self.rng.normal(0.0, noise, len(r)) + centre[1]
-        return Track(np.arange(len(r), dtype=float) * DT, x, y, np.array(self.segment, float))
+        return BallTrack(np.arange(len(r), dtype=float) * DT, x, y, np.array(self.segment, float))
 
 
 def wander(passages, seed=0, openings=TRUTH.openings, **how):
@@ -251,7 +251,7 @@ def test_a_change_while_the_ball_was_not_seen_cannot_be_placed():
         track = Journey().round(1.0).through(1.0, 2, step=2e-3).round(0.0).track(0.0)
         keep = np.ones(len(track.t), bool)
         keep[65 - lost // 2 : 65 + (lost + 1) // 2] = False
-        passages = find_passages(Track(track.t[keep], track.x[keep], track.y[keep], track.segment[keep]), BANDS)
+        passages = find_passages(BallTrack(track.t[keep], track.x[keep], track.y[keep], track.segment[keep]), BANDS)
         assert (len(passages.wall), passages.skipped) == expected
 
 
@@ -387,7 +387,7 @@ def test_radial_walls_are_the_priors_where_they_fit_and_it_is_said():
     found = learn_map(track, prior, prior_name="map mine")
     assert found.maze is not None
     assert found.maze.radial_walls == (wall,)
-    assert found.warnings[-1] == "radial walls, of which no log tells, are those of map mine"
+    assert found.warnings[-1] == "radial walls, which no log shows, are those of map mine"
     assert "rim, or radial walls: they are from map mine" in map_text(found)
     before = replace(prior, radial_walls=(replace(wall, angle=TRUTH.openings[0].angle),))
     found = learn_map(track, before, prior_name="map mine")

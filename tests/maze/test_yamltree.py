@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from mazeplan.errors import InputError, MapError
+from mazeplan.core.errors import InputError, MapError
 from mazeplan.maze.yamltree import MAX_BYTES, key_path, parse_yaml, plain_value, read_yaml
 
 BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n"

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from mazeplan import MazeLeaf, Port, Status
+from mazeplan.apps.testing.lightrig import LightRig
 from mazeplan.physics import Effect, Parameter, sin
-from mazeplan.testing.lightrig import LightRig
 
 SLOW = Path(__file__).with_name("slow_cart.yaml")
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from mazeplan.constants import GRAVITY
-from mazeplan.maths.compiled import pointer_to
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.maths.compiled import pointer_to
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.body import Ball, accelerated, advance, body_core, no_effects
-from mazeplan.physics.plate import FELT_AT, ROW, PlateMotion, Tilting, plate_rows
-from mazeplan.physics.walls import SLAB, Walls, overlaps, pack_walls
+from mazeplan.physics.dynamics.plate import FELT_AT, ROW, PlateMotion, Tilting, plate_rows
+from mazeplan.physics.dynamics.rigid_body import Ball, accelerated, advance, body_core, no_effects
+from mazeplan.physics.dynamics.walls import SLAB, Walls, overlaps, pack_walls
 
 MAZE = load_map("cme")
 R = MAZE.ball.radius

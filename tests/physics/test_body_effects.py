@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.constants import GRAVITY as G
-from mazeplan.physics.ball import constant_force, dry_friction, quadratic_drag, surface_profile, tilt_offset
-from mazeplan.physics.body import Ball, advance, no_effects
-from mazeplan.physics.bodyeffects import effects_of
+from mazeplan.core.constants import GRAVITY as G
+from mazeplan.physics.dynamics.plate import ROW, PlateMotion, Tilting, plate_rows
+from mazeplan.physics.dynamics.rigid_body import Ball, advance, no_effects
+from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.dynamics.walls import SLAB, Walls
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, WALL, Effect, Parameter
-from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
+from mazeplan.physics.effects.ball import constant_force, dry_friction, quadratic_drag, surface_profile, tilt_offset
+from mazeplan.physics.formulas.symbols import PLATE, cos, sin
 from mazeplan.physics.registry import PACKAGED
-from mazeplan.physics.symbols import PLATE, cos, sin
-from mazeplan.physics.walls import SLAB, Walls
 
 R, H, START = 6.35e-3, 1.0 / 300.0, 2.0
 OPEN = Walls(np.zeros((0, 4)), np.zeros((0, 5)), np.zeros((0, SLAB)), 100.0, R, 1e-3)

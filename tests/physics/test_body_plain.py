@@ -8,9 +8,9 @@ import numpy as np
 import plainball
 import pytest
 
-from mazeplan.physics.body import Ball, advance, no_effects
-from mazeplan.physics.plate import ROW, PlateMotion, Tilting, plate_rows
-from mazeplan.physics.walls import GAP, SLAB, Walls
+from mazeplan.physics.dynamics.plate import ROW, PlateMotion, Tilting, plate_rows
+from mazeplan.physics.dynamics.rigid_body import Ball, advance, no_effects
+from mazeplan.physics.dynamics.walls import GAP, SLAB, Walls
 
 TABLE = (0.003, -0.004)
 
@@ -40,6 +40,7 @@ def both(toy, start, seconds, *, fine=6000, coarse=6000, seed=3):
     return plain, np.vstack([start, out[per - 1 :: per][:-1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [0.4, 2.0 / 3.0])
 def test_free_rolling_on_a_moving_plate(k):
     toy = plainball.Toy(k=k, inner=0.001, outer=50.0)

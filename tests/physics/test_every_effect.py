@@ -17,20 +17,21 @@ import numpy as np
 import pytest
 from finite_differences import jacobian
 
-from mazeplan.diagnosis.fit import Likelihood
-from mazeplan.diagnosis.kalman import NODES, accelerations
-from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
+from mazeplan.diagnosis.coordinate.fit import Likelihood
+from mazeplan.diagnosis.coordinate.kalman import NODES, accelerations
+from mazeplan.diagnosis.ring.system import RingSystem, Tilt
+from mazeplan.learning.batch import Plans, RingBatch
+from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.batch import Plans, RingBatch
-from mazeplan.models.modelfile import RigModel, load_model, save_model
-from mazeplan.physics import Effect, Parameter, cos, registry, ring_dynamics, sin
-from mazeplan.physics.arrays import RingKinematics
-from mazeplan.physics.ball import rolling_inertia
+from mazeplan.physics import Effect, Parameter, cos, registry, sin
 from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.dynamics import ring_dynamics
+from mazeplan.physics.dynamics.planar import FELT, PlanarModel, ball_step, in_plane, stage_step
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
 from mazeplan.physics.effect import BALL, CAMERA, OPENING, STAGE, TILT_SENSOR
-from mazeplan.physics.entries import part_values, with_part
-from mazeplan.physics.planar import FELT, PlanarModel, ball_step, in_plane, stage_step
-from mazeplan.physics.ring_parameters import RingParameters
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.formulas.arrays import RingKinematics
+from mazeplan.physics.rig.entries import part_values, with_part
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "outside"))
 from outside_cart import wind_of_a_fan
@@ -107,17 +108,6 @@ def filtered(model: RigModel, effect: Effect) -> float:
     return float(out[5])
 
 
-def batch(model: RigModel) -> float:
-    """theta_dd of the batch by torch."""
-    torch = pytest.importorskip("torch")
-    from mazeplan.physics.torch_ring import Ring
-
-    ring = Ring(RingParameters.from_model(model, RING, RADIUS))
-    s = torch.tensor([[*AT, TILT[0], 0.0, TILT[1], 0.0]], dtype=torch.float64).T
-    u = torch.tensor([TILT], dtype=torch.float64).T
-    return float(ring._acceleration(ring._node(s, u, 0), s[0], s[1], 0.0)[0])
-
-
 def arrays(model: RigModel) -> float:
     """theta_dd of the equation for arrays."""
     one, zero = np.ones(1), np.zeros(1)
@@ -125,6 +115,7 @@ def arrays(model: RigModel) -> float:
     return float(model.ball(RING).acceleration(k)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ON_BALL)
 def test_an_effect_on_the_ball_acts_alike_everywhere(name):
     effect, plain = EVERY[name], model_with(None)
@@ -135,7 +126,6 @@ def test_an_effect_on_the_ball_acts_alike_everywhere(name):
     assert abs(changed) > 1e-3 * smallest, "it does nothing"
     assert prediction(model) - prediction(bare) == pytest.approx(changed, abs=1e-9)
     assert filtered(model, effect) - filtered(bare, effect) == pytest.approx(changed, abs=1e-9)
-    assert batch(model) - batch(bare) == pytest.approx(changed, abs=1e-9)
     assert arrays(model) - arrays(bare) == pytest.approx(changed, abs=1e-9)
 
 
@@ -166,9 +156,7 @@ def test_an_opening_takes_its_share_alike_everywhere():
     for m in (model, bare):
         p, out = RingParameters.from_model(m, RING, RADIUS).pack(), np.empty(6)
         ring_dynamics.step(s, np.zeros(2), p, out)
-        moved = RingBatch(RingParameters.from_model(m, RING, RADIUS), device="cpu").roll_out(
-            s[None], Plans(np.zeros((1, 1, 2)))
-        )
+        moved = RingBatch(RingParameters.from_model(m, RING, RADIUS)).roll_out(s[None], Plans(np.zeros((1, 1, 2))))
         np.testing.assert_allclose(moved[0, 1], out, rtol=0, atol=1e-9)
         planar = PlanarModel.build(MAZE, m)
         z = np.array([math.cos(AT[0]), math.sin(AT[0]), -AT[1] * math.sin(AT[0]), AT[1] * math.cos(AT[0]), 0, 0, 0, 0])
@@ -222,7 +210,7 @@ def settled(model: RigModel) -> tuple[np.ndarray, np.ndarray]:
     exact = []
     for i, (own, other) in enumerate(((u[0], u[1]), (u[1], u[0]))):
         gain, wn, zeta, offset, coupling = planar.stage[i]
-        from mazeplan.physics.ring_parameters import stage_transition
+        from mazeplan.physics.dynamics.ring_parameters import stage_transition
 
         rest = gain * (own + coupling * other) + offset
         M = stage_transition(wn, zeta, 1.0 / 30.0)

@@ -10,7 +10,7 @@ import pytest
 
 from mazeplan.maze.geometry import RadialWall
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.walls import ROUNDING, overlaps, pack_walls
+from mazeplan.physics.dynamics.walls import ROUNDING, overlaps, pack_walls
 
 MAZE = load_map("cme")
 GRID = 2e-4  # m between points of a wall

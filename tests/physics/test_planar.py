@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from planar_rig import known
 
-from mazeplan.constants import FREE_ROLLING, GRAVITY
+from mazeplan.core.constants import FREE_ROLLING, GRAVITY
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.physics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
+from mazeplan.physics.dynamics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
 
 MAZE = load_map("cme")
 PLANAR = PlanarModel.build(MAZE, known(MAZE))

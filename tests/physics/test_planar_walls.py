@@ -9,7 +9,7 @@ import pytest
 from planar_rig import known
 
 from mazeplan.maze.mapfile import load_map
-from mazeplan.physics.planar import RESTITUTION, SUBSTEP, PlanarModel, contact, predict_given_tilt
+from mazeplan.physics.dynamics.planar import RESTITUTION, SUBSTEP, PlanarModel, contact, predict_given_tilt
 
 MAZE = load_map("detour")
 PLANAR = PlanarModel.build(MAZE, known(MAZE))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from test_body_effects import START, H, after
 
-from mazeplan.constants import GRAVITY as G
-from mazeplan.physics import planeterms
-from mazeplan.physics.bodyeffects import idle
+from mazeplan.core.constants import GRAVITY as G
+from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect
-from mazeplan.physics.planeterms import (
+from mazeplan.physics.effects import local_forces as planeterms
+from mazeplan.physics.effects.local_forces import (
     drag_drift,
     floor_bump,
     floor_dirt,

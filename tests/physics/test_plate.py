@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mazeplan.constants import GRAVITY
-from mazeplan.physics.plate import FELT_AT, ROW, PlateMotion, Tilting, plate_rows
+from mazeplan.core.constants import GRAVITY
+from mazeplan.physics.dynamics.plate import FELT_AT, ROW, PlateMotion, Tilting, plate_rows
 
 STEP = 1.0 / 180.0
 

@@ -5,20 +5,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import sympy as sp
 from finite_differences import jacobian
 from ring_numbers import G, numbers_of, ring_of
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from mazeplan.errors import ModelError
-from mazeplan.models.modelfile import RigModel
-from mazeplan.physics.ball import rolling_inertia, table_rocking, tilt_offset, viscous_friction
+from mazeplan.core.errors import ModelError
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.dynamics.ring_dynamics import linearise, step
+from mazeplan.physics.dynamics.ring_parameters import (
+    FASTEST,
+    AxisParameters,
+    RingParameters,
+    resolved,
+    stage_transition,
+)
+from mazeplan.physics.effects.ball import rolling_inertia, table_rocking, tilt_offset, viscous_friction
 from mazeplan.physics.registry import make_term
-from mazeplan.physics.ring_dynamics import linearise, step
-from mazeplan.physics.ring_parameters import FASTEST, AxisParameters, RingParameters, resolved, stage_transition
-from mazeplan.physics.stage import StageAxis, StageModel
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 PLAIN = RingParameters(0.0689)
 FULL = ring_of(
@@ -43,7 +48,7 @@ def axis_acceleration(axis, angle, rate, u):
 
 
 def right_hand_side(t, s, u, p):
-    """The equation term by term, as it stands in the derivation."""
+    """The equation term by term; `test_equation` compares the formulas with Lagrange's equation."""
     theta, theta_d, beta, beta_d, gamma, gamma_d = s
     beta_dd = axis_acceleration(p.beta, beta, beta_d, u[0] + p.beta.coupling * u[1])
     gamma_dd = axis_acceleration(p.gamma, gamma, gamma_d, u[1] + p.gamma.coupling * u[0])
@@ -62,43 +67,6 @@ def right_hand_side(t, s, u, p):
         - n.dry * np.tanh(theta_d / p.dry_width)
     )
     return [theta_d, theta_dd, beta_d, beta_dd, gamma_d, gamma_dd]
-
-
-def lagrange():
-    """theta_dd of a point held at radius r in the plate, as sums of the inertial part and of g times the gravity part.
-
-    Lagrange's equation in its first form: along the only free direction, d x / d theta, m x'' equals the weight.
-    """
-    t, r, theta_dd = sp.symbols("t r theta_dd")
-    motion = [sp.Function(name)(t) for name in ("theta", "beta", "gamma")]
-    theta, beta, gamma = motion
-    turn_beta = sp.Matrix([[sp.cos(beta), 0, sp.sin(beta)], [0, 1, 0], [-sp.sin(beta), 0, sp.cos(beta)]])
-    turn_gamma = sp.Matrix([[1, 0, 0], [0, sp.cos(gamma), -sp.sin(gamma)], [0, sp.sin(gamma), sp.cos(gamma)]])
-    place = turn_beta * turn_gamma * sp.Matrix([r * sp.cos(theta), r * sp.sin(theta), 0])
-    free = place.diff(theta)
-    pull = free.dot(place.diff(t, 2))  # r^2 theta_dd + the rest: free.dot(free) = r^2
-    names = sp.symbols("th thd b bd bdd c cd cdd")
-    values = [(theta.diff(t, 2), theta_dd), (beta.diff(t, 2), names[4]), (gamma.diff(t, 2), names[7])]
-    values += list(zip([x.diff(t) for x in motion], (names[1], names[3], names[6]), strict=True))
-    values += list(zip(motion, (names[0], names[2], names[5]), strict=True))
-    inertial = -pull.subs(values).subs(theta_dd, 0) / r**2
-    gravity = -free[2].subs(values) / r**2
-    return sp.lambdify((r, *names), (inertial, gravity))
-
-
-@KINDS
-def test_the_equation_is_that_of_a_point_in_a_tilting_plate(p):
-    """The reference of the tests below: inertia and gravity derived anew, friction and table off level put to it."""
-    rng, derived, n = np.random.default_rng(7), lagrange(), numbers_of(p)
-    for _ in range(50):
-        s, u = SPREAD * rng.uniform(-1, 1, 6), 0.09 * rng.uniform(-1, 1, 2)
-        rates = right_hand_side(0.0, s, u, p)
-        theta, theta_d, b, b_d, c, c_d = s
-        inertial = derived(p.radius, theta, theta_d, b, b_d, rates[3], c, c_d, rates[5])[0]
-        gravity = derived(p.radius, theta, 0.0, b + n.offset_beta, 0.0, 0.0, c + n.offset_gamma, 0.0, 0.0)[1]
-        friction = n.viscous * theta_d + n.dry * np.tanh(theta_d / p.dry_width)
-        expected = inertial + n.rolling_factor * G * gravity - friction
-        assert rates[1] == pytest.approx(expected, rel=1e-11, abs=1e-11)
 
 
 def stepped(s, u, p):
@@ -168,21 +136,6 @@ def test_the_transition_matrix_is_the_matrix_exponential(zeta):
     np.testing.assert_allclose(stage_transition(wn, zeta, t), expm(M * t), rtol=1e-7, atol=1e-9)
 
 
-def test_signs_of_the_tilt():
-    level = stepped(np.zeros(6), np.zeros(2), PLAIN)
-    assert (level == 0.0).all()
-    beta = stepped(np.array([math.pi / 2, 0, 0.05, 0, 0, 0]), np.array([0.05, 0.0]), PLAIN)
-    assert beta[1] < 0.0  # positive beta: from 90 deg towards 0
-    gamma = stepped(np.array([0, 0, 0, 0, 0.05, 0]), np.array([0.0, 0.05]), PLAIN)
-    assert gamma[1] < 0.0  # positive gamma: from 0 towards negative angles
-
-
-def test_a_table_off_level_is_undone_by_the_opposite_tilt():
-    p = ring_of(PLAIN.radius, offset_beta=0.01, offset_gamma=-0.02)
-    s = np.array([0.7, 0.0, -0.01, 0.0, 0.02, 0.0])
-    assert stepped(s, np.array([-0.01, 0.02]), p) == pytest.approx(s, abs=1e-15)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -197,20 +150,6 @@ def test_a_table_off_level_is_undone_by_the_opposite_tilt():
 def test_values_out_of_range_are_refused(change, message):
     with pytest.raises(ModelError, match=message):
         replace(PLAIN, **change)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"rolling_factor": 0.0}, "factor: got 0.0, expected 0.05 to 1.5"),
-        ({"viscous": -0.1}, "coefficient: got -0.1, expected 0.0 to 20.0 1/s"),
-        ({"dry": math.inf}, "coefficient: got inf"),
-        ({"offset_beta": math.nan}, "beta: got nan, expected -0.2 to 0.2 rad"),
-    ],
-)
-def test_effects_out_of_range_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        ring_of(PLAIN.radius, **change)
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import pytest
 
-from mazeplan.errors import ModelError
-from mazeplan.estimation.estimator import Estimator
+from mazeplan.control.estimation.estimator import Estimator
+from mazeplan.core.errors import ModelError
+from mazeplan.core.records import Observation
+from mazeplan.learning.modelfile import load_model, save_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import load_model, save_model
-from mazeplan.physics.planar import PlanarModel
-from mazeplan.physics.sensors import Camera, TiltSensor
-from mazeplan.physics.stage import StageAxis, StageModel
-from mazeplan.records import Observation
+from mazeplan.physics.dynamics.planar import PlanarModel
+from mazeplan.physics.rig.sensors import Camera, TiltSensor
+from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 MAZE = load_map("cme")
 OFF = replace(

@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from report_documents import evaluation
+from report_documents import drawn, evaluation, kept
 from scipy.stats import binomtest
 
-from mazeplan.errors import InputError
-from mazeplan.evaluate import Campaign, evaluate, setup_document, summary
-from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.report.evaluation import (
+from mazeplan.apps.report.evaluation import evaluation_section
+from mazeplan.apps.report.evaluation_runs import (
     SECTORS,
     by_kind,
     by_ring,
     by_sector,
-    evaluation_section,
     figures,
     interval,
     places,
     runs_of,
 )
-from mazeplan.report.inputs import Input, of_document
-from mazeplan.report.page import Note, Picture, Table
+from mazeplan.apps.report.inputs import Input, of_document
+from mazeplan.apps.report.learning import beside
+from mazeplan.apps.report.page import Note, PagePicture, PageTable
+from mazeplan.core.errors import InputError
+from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.run.campaign.evaluate import Campaign, evaluate, setup_document, summary
 
 
-def given(name="toy", **more):
-    return Input("evaluation", Path(f"{name}.json"), name, evaluation(name, **more))
+def given(name="toy", setup=None, learning=None, **more):
+    document = evaluation(name, **more)
+    document |= {"setup": setup or document["setup"], "learning": learning}
+    return Input("evaluation", Path(f"{name}.json"), name, document)
 
 
 RUNS = runs_of(given())
@@ -41,24 +45,15 @@ def test_the_interval_is_wilsons(successes, runs):
     assert interval(successes, runs) == pytest.approx((reference.low, reference.high), abs=1e-6)
 
 
-def test_success_by_start_angle():
-    arrived, total = by_sector(RUNS)
+def test_success_times_and_failures_of_runs():
     expected = np.zeros((2, SECTORS), dtype=int)
     for degrees, good in ((10, 1), (11, 1), (100, 0), (200, 1)):
         expected[:, int(degrees // 22.5)] += (good, 1)
-    assert (arrived.tolist(), total.tolist()) == (expected[0].tolist(), expected[1].tolist())
-
-
-def test_time_in_a_ring_is_that_of_all_visits_of_runs_that_arrived():
+    assert np.array_equal(by_sector(RUNS), expected)
+    # all visits of a ring count, in runs that arrived
     assert {ring: times.tolist() for ring, times in by_ring(RUNS).items()} == {1: [1.25, 2.25, 4.25], 2: [0.5] * 3}
-
-
-def test_failures_by_kind_and_place():
     assert by_kind(RUNS) == {"stuck": (1, 1)}
     assert places(RUNS) == [("stuck", 0.05, -0.01)] * 2
-
-
-def test_times_are_of_runs_that_arrived():
     assert figures(RUNS) == {"mean": pytest.approx(10 / 3), "best": 2.0, "p50": 3.0, "p95": 4.8, "worst": 5.0}
     assert RUNS.limit == 20.0
     assert all(math.isnan(v) for v in figures(runs_of(given(arrived=(False,) * 4))).values())
@@ -67,126 +62,92 @@ def test_times_are_of_runs_that_arrived():
 def test_one_evaluation_and_several_side_by_side():
     section = evaluation_section([given()])
     assert section.lead == "3 of 4 arrived, on average after 3.33 s."
-    table = next(part for part in section.parts if isinstance(part, Table))
-    told = {row[0]: row[1:] for row in table.rows}
-    assert told["arrived"] == ["3 of 4", "7 of 10"]
-    assert told["mean time"] == ["3.33 s", "7.71 s"]
-    assert told["worst"] == ["5.00 s", "10.13 s"]
-    assert told["those that did not arrive ended with"][0] == "out of time 1"
+    rows = {row[0]: row[1:] for row in kept(section.parts, PageTable)[0].rows}
+    assert rows["arrived"] == ["3 of 4", "7 of 10"]
+    assert rows["mean time"] == ["3.33 s", "7.71 s"]
+    assert rows["worst"] == ["5.00 s", "10.13 s"]
+    assert rows["runs that did not arrive ended with"][0] == "out of time 1"
     both = evaluation_section([given(), given("rough"), given()])
     assert both.title == "Evaluations: toy, rough, toy (2)"
-    (table,) = [p for p in both.parts if isinstance(p, Table) and "figures" in p.caption]
-    assert table.head == ["", "toy", "rough", "toy (2)", "published, on hardware"]
-    names = {p.name for p in both.parts if isinstance(p, Picture)}
-    assert names == {"arrivals", "starts", "rings", "kinds", "places"}
+    assert kept(both.parts, PageTable)[0].head == ["", "toy", "rough", "toy (2)", "published, on hardware"]
+    assert {p.name for p in kept(both.parts, PagePicture)} == {"arrivals", "starts", "rings", "kinds", "places"}
 
 
-def test_pictures_show_those_that_did_not_arrive_and_the_published_marks():
-    import re
-
-    from matplotlib.figure import Figure
-
-    from mazeplan.report.evaluation_pictures import _arrivals, _starts
-
-    figure = Figure()
-    _arrivals(figure, [RUNS])
-    upper, lower = figure.axes
+def test_pictures_show_runs_that_did_not_arrive_and_the_published_marks():
+    parts = evaluation_section([given()]).parts
+    upper, lower = drawn(parts, "arrivals").axes
     assert {t.get_text() for t in upper.texts} == {"best\n6.2 s", "mean\n7.71 s", "worst\n10.13 s"}
     steps = upper.lines[0]
     assert steps.get_ydata()[-1] == pytest.approx(75.0)  # percent of all runs
     assert steps.get_xdata()[1:4].tolist() == [2.0, 3.0, 5.0]
     assert any(line.get_marker() == "X" and line.get_xdata()[0] == 20.0 for line in lower.lines)
-    figure = Figure()
-    _starts(figure, [RUNS])
-    shares, times = figure.axes
+    shares, times = drawn(parts, "starts").axes
     counts = sorted(t.get_text() for t in shares.texts if re.fullmatch(r"\d/\d", t.get_text()))
     assert counts == ["0/1", "1/1", "2/2"]
-    drawn = [line for line in times.lines if line.get_marker() == "X"]
-    assert np.degrees(drawn[0].get_xdata()) == pytest.approx([100.0])
+    lost = next(line for line in times.lines if line.get_marker() == "X")
+    assert np.degrees(lost.get_xdata()) == pytest.approx([100.0])
 
 
-def test_a_real_evaluation_tells_starts_and_with_what_it_was_done():
+def test_a_real_evaluation_has_starts_and_its_setup():
     campaign = Campaign(runs=2, rig="toy", start=4, seed=7)
-    outcomes = evaluate(campaign)
-    document = {**summary(outcomes), "setup": setup_document(campaign)}
+    document = {**summary(evaluate(campaign)), "setup": setup_document(campaign)}
     (one,) = of_document(document, Path("e.json"))
     runs = runs_of(one)
     assert np.degrees(runs.start) == pytest.approx([11.25, 33.75])  # the first two of the published evaluation
     assert [result["start"]["ring"] for result in document["results"]] == [4, 4]
-    assert one.document["setup"]["rig"] == "toy"
     assert evaluation_section([one]).facts[:2] == [("rig", "toy"), ("map", "cme")]
     assert figures(runs)["mean"] == pytest.approx(document["time_s"]["mean"], abs=1e-4)
 
 
 def test_published_times_stand_beside_runs_in_that_maze_only():
-    from matplotlib.figure import Figure
-
-    one = given()
-    one.document["setup"]["map"] = dump_map(load_map("seven"))
-    section = evaluation_section([one])
-    table = next(part for part in section.parts if isinstance(part, Table))
+    parts = evaluation_section([given(setup={"map": dump_map(load_map("seven"))})]).parts
+    table = kept(parts, PageTable)[0]
     assert table.head == ["", "toy"]
-    assert all(len(row) == 2 for row in table.rows)
-    arrivals = next(part for part in section.parts if isinstance(part, Picture) and part.name == "arrivals")
-    assert arrivals.title == "Arrived by then"
-    figure = Figure()
-    arrivals.draw(figure)
-    upper, lower = figure.axes
+    assert {len(row) for row in table.rows} == {2}
+    upper, lower = drawn(parts, "arrivals").axes
     assert not upper.texts
     assert [label.get_text() for label in lower.get_yticklabels()] == ["toy"]
 
 
+SAME = {"rig": "worn", "map": dump_map(load_map("cme")), "start_ring": 1, "goal_ring": 5, "seed": 0}
+
+
 def taught(first=1, **setup):
     """Four runs while a model learned, numbered from `first` on."""
-    one = given("learning")
     lessons = [{"run": first + k, "error_m_s2": 0.2, "fixed_error_m_s2": 0.3, "why_not": None} for k in range(4)]
-    one.document["learning"] = {"runs": lessons}
-    return setup_told(one, **setup)
-
-
-def setup_told(one, **setup):
-    same = {"rig": "worn", "map": dump_map(load_map("cme")), "start_ring": 1, "goal_ring": 5, "seed": 0}
-    one.document["setup"] = {**same, **setup}
-    return one
+    return given("learning", SAME | setup, {"runs": lessons})
 
 
 def run_by_run(*inputs):
     """Title, notes, and {label: (x, y) of its points} of the upper panel and of the lower."""
-    from matplotlib.figure import Figure
-
     parts = evaluation_section(list(inputs)).parts
-    (picture,) = [p for p in parts if isinstance(p, Picture) and p.name == "learning"]
-    figure = Figure()
-    picture.draw(figure)
-    panels = [{a.get_label(): a.get_xydata() for a in axes.lines} for axes in figure.axes]
-    return picture.title, [p.text for p in parts if isinstance(p, Note)], panels
+    (title,) = [p.title for p in kept(parts, PagePicture) if p.name == "learning"]
+    panels = [{a.get_label(): a.get_xydata() for a in axes.lines} for axes in drawn(parts, "learning").axes]
+    return title, [p.text for p in kept(parts, Note)], panels
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_runs_that_learned_stand_beside_those_that_did_not(order):
-    fixed = setup_told(given("fixed", arrived=(True, False, False, True)))
+    fixed = given("fixed", SAME, arrived=(True, False, False, True))
     title, notes, (upper, _) = run_by_run(*[taught(), fixed][::order])
     assert title == "Run by run, while the model learned: learning, beside fixed"
     assert any("in learning the model learned, in fixed it stayed as it was" in note for note in notes)
-    assert set(upper) == {"learning: arrived", "learning: did not arrive",
-                          "fixed: arrived", "fixed: did not arrive"}  # fmt: skip
     # the points of a run lie on either side of its number
     for name, runs in (("learning", runs_of(taught())), ("fixed", runs_of(fixed))):
-        for told, which in (("arrived", runs.arrived), ("did not arrive", ~runs.arrived)):
-            x, y = upper[f"{name}: {told}"].T
+        for label, which in (("arrived", runs.arrived), ("did not arrive", ~runs.arrived)):
+            x, y = upper.pop(f"{name}: {label}").T
             assert np.round(x).tolist() == (np.flatnonzero(which) + 1).tolist()
+            assert not set(x) & {1.0, 2.0, 3.0, 4.0}
             assert y.tolist() == runs.time[which].tolist()
-    assert not set(upper["fixed: arrived"][:, 0]) & set(upper["learning: arrived"][:, 0])
+    assert not upper
 
 
 @pytest.mark.parametrize("other", [{"rig": "toy"}, {"start_ring": 4}, {"goal_ring": 4}, {"seed": 1}, {"map": "x"}])
 def test_runs_of_something_else_do_not_stand_beside(other):
-    from mazeplan.report.learning import beside
-
-    assert beside(runs_of(taught()), runs_of(setup_told(given("fixed"))))
-    assert not beside(runs_of(taught()), runs_of(setup_told(given("fixed"), **other)))
-    assert not beside(runs_of(taught()), runs_of(taught()))
-    assert not beside(runs_of(taught()), runs_of(given("fixed")))  # of an older version, which did not tell
+    learned = runs_of(taught())
+    assert beside(learned, runs_of(given("fixed", SAME)))
+    for runs in (given("fixed", SAME | other), taught(), given("older version")):
+        assert not beside(learned, runs_of(runs))
 
 
 def test_runs_that_went_on_have_their_own_numbers_and_a_change_of_the_rig_is_marked():
@@ -198,12 +159,11 @@ def test_runs_that_went_on_have_their_own_numbers_and_a_change_of_the_rig_is_mar
     assert "the rig changes" not in run_by_run(taught(first=9))[2][0]
 
 
-def test_an_evaluation_tells_when_its_rig_changes(tmp_path):
+def test_an_evaluation_has_the_changes_of_its_rig(tmp_path):
     file = tmp_path / "rig.yaml"
     file.write_text("model: toy\nchanges:\n- {from_run: 7, wall_grip: 0.1}\n- {from_run: 4, wall_grip: 0.2}\n")
     assert setup_document(Campaign(2, "worn"))["changes"] == [11]
     assert setup_document(Campaign(2, str(file)))["changes"] == [4, 7]
     assert "changes" not in setup_document(Campaign(2, "toy"))
-    one = setup_told(given(), changes=[11, "x"])
     with pytest.raises(InputError, match=r"setup.changes\[1\]"):
-        of_document(one.document, Path("e.json"))
+        given(setup=SAME | {"changes": [11, "x"]})

@@ -11,26 +11,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call
-from matplotlib.figure import Figure
-from report_documents import comparison
+from report_documents import comparison, drawn, kept
 from ring_record import RADII, Ball, columns, ring_table, write_csv
 from standalone_page import alone
 
-from mazeplan.data.table import Table as Record
-from mazeplan.data.table import read_table
+from mazeplan.apps.report.documents import ResidualDocument, best_kind
+from mazeplan.apps.report.inputs import Input
+from mazeplan.apps.report.learned import effects_table, judged, learned_from
+from mazeplan.apps.report.models import around, model_section, models_section
+from mazeplan.apps.report.page import Note, PagePicture, PageTable
+from mazeplan.apps.report.words import MISSING
+from mazeplan.core.logs.table import Table as Record
+from mazeplan.core.logs.table import read_table
+from mazeplan.learning.modelfile import RigModel, save_model
+from mazeplan.learning.ring_scores import ANGLES, FEWEST, residual_map
+from mazeplan.learning.rollout import Rollout
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel, save_model
-from mazeplan.models.residual_map import ANGLES, FEWEST, residual_map
-from mazeplan.models.rollout import Rollout
-from mazeplan.physics.ball import rolling_inertia
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.stage import StageModel
-from mazeplan.report.inputs import Input, of_document
-from mazeplan.report.learned import effects_table, judged, learned_from
-from mazeplan.report.models import around, best_kind, model_section, models_section
-from mazeplan.report.models_pictures import models_pictures
-from mazeplan.report.page import Note, Picture, Table
-from mazeplan.report.words import MISSING
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.rig.stage import StageModel
+
+
+def given(document):
+    return Input("comparison", Path("c.json"), "c", document)
 
 
 def test_a_cell_has_the_samples_of_its_angle_and_rate():
@@ -62,11 +65,12 @@ def test_cells_with_few_samples_say_nothing():
 def test_all_rates_together_are_the_rms_of_all_samples():
     rng = np.random.default_rng(1)
     theta, rate, left = rng.uniform(0.0, 2 * np.pi, 9000), rng.normal(size=9000), rng.normal(size=9000)
-    together = around(residual_map(theta, rate, {"p": left}).document(), "p")
+    found = ResidualDocument.model_validate(residual_map(theta, rate, {"p": left}).document())
+    together = around(found, "p")
     for column in (0, 20):
         here = np.floor(np.degrees(theta) / 10.0) == column
         assert together[column] == pytest.approx(math.sqrt((left[here] ** 2).mean()), abs=2e-3)
-    assert around(comparison()["ring1"]["residual"], "sp")[4] == pytest.approx(math.sqrt((10 * 4 + 30) / 40))
+    assert around(given(comparison()).document[1].residual, "sp")[4] == pytest.approx(math.sqrt((10 * 4 + 30) / 40))
 
 
 def test_bands_of_a_roll_out():
@@ -78,13 +82,12 @@ def test_bands_of_a_roll_out():
 
 
 def section(document):
-    return models_section(Input("comparison", Path("c.json"), "c", document))
+    return models_section(given(document))
 
 
 def test_tables_have_the_numbers_of_the_document_and_the_published_ones():
-    assert best_kind(comparison()) == "sp"
-    tables = [part for part in section(comparison()).parts if isinstance(part, Table)]
-    first, second = tables
+    assert best_kind(given(comparison()).document) == "sp"
+    first, second = kept(section(comparison()).parts, PageTable)
     assert list(first.head) == ["", "bare equation (p)", "terms and process (sp)"]
     plain = [[cell.replace("\u00a0", " ") for cell in row] for row in first.rows]
     assert plain[0] == ["ring 1: 400 rows, 100 to test", "0.910 / 0.910", "0.200 / 0.345\n[0.31, 0.37]"]
@@ -98,36 +101,29 @@ def test_tables_have_the_numbers_of_the_document_and_the_published_ones():
     assert second.caption.endswith("; bold: least after 40")
     late = comparison()
     late["ring1"]["rollout"] |= {"p": {"20": 0.1, "40": 0.3}, "np": {"20": 0.3, "40": 0.2}}
-    table = [part for part in section(late).parts if isinstance(part, Table)][1]
+    table = kept(section(late).parts, PageTable)[1]
     assert [table.head[column] for row, column in table.strong if row == 0] == ["Gaussian process"]
 
 
 def test_pictures_are_those_that_there_are_numbers_for():
-    names = [part.name for part in section(comparison()).parts if isinstance(part, Picture)]
+    names = [part.name for part in kept(section(comparison()).parts, PagePicture)]
     assert names == ["learning", "rollouts", "residual-maze", "residual-rings"]
     old = comparison()
     for scores in old.values():
         for name in ("curve", "bands", "residual"):
             del scores[name]
-    assert not [part for part in section(old).parts if isinstance(part, Picture)]
+    assert not kept(section(old).parts, PagePicture)
 
 
 def test_the_heat_map_shows_the_cell_and_its_sign():
-    from matplotlib.figure import Figure
-
-    from mazeplan.report.models_pictures import _heat, _learning
-
-    figure = Figure()
-    _heat(figure, comparison(), [1, 2], "sp")
-    axes = figure.axes[0]
+    parts = section(comparison()).parts
+    axes = drawn(parts, "residual-rings").axes[0]
     cells = axes.collections[0].get_array()
     assert cells[0, 4] == -1.75
     assert cells[5, 4] == 0.5
     assert int((~np.ma.getmaskarray(cells)).sum()) == 2
     assert [(t.get_text(), t.get_position()) for t in axes.texts] == [("−", (45.0, 0.5))]  # .5 is not worth a sign
-    figure = Figure()
-    _learning(figure, comparison())
-    (curve,) = figure.axes[0].lines
+    (curve,) = drawn(parts, "learning").axes[0].lines
     assert curve.get_xydata().tolist() == [[50, 0.8], [200, 0.5], [400, 0.3451]]
 
 
@@ -136,10 +132,10 @@ def test_a_model_is_judged_on_a_table_as_the_equation_says():
     ball = Ball(RADII[2], factor=0.6)
     model = RigModel(StageModel(), {2: BallModel((rolling_inertia(0.6),), {"rolling_inertia": {"factor": 0.01}})})
     record = Record({**columns(ball, 40.0), "ring": np.full(1200, 2.0)})
-    scores = judged(model, [record], load_map("cme"))["ring2"]
-    assert scores["nrmse_test"]["model"] < 0.25 * scores["nrmse_test"]["p"]
-    assert scores["nrmse_test"]["p"] == pytest.approx(0.4 / 0.6, abs=0.2)  # smoothing takes from both
-    assert scores["rollout"]["model"]["40"] < 0.1 * scores["rollout"]["p"]["40"]
+    scores = judged(model, [record], load_map("cme"))[2]
+    assert scores.nrmse_test["model"] < 0.25 * scores.nrmse_test["p"]
+    assert scores.nrmse_test["p"] == pytest.approx(0.4 / 0.6, abs=0.2)  # smoothing takes from both
+    assert scores.rollout["model"]["40"] < 0.1 * scores.rollout["p"]["40"]
     size = ["0.600\u00a0±\u00a00.010", "rolling_inertia.factor"]
     assert effects_table(model).rows == [["rolling inertia: factor of the gravity part", *size]]
 
@@ -159,11 +155,7 @@ def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
     assert "Kind of model: bare equation (p)." in alone(tmp_path / "n.html")
     code, _, err = done(record, "-o", tmp_path / "o.html")
     assert code == 2
-    assert "x.csv: got a table, expected the folder of a model beside it" in err
-
-
-def test_of_document_knows_it():
-    assert [part.kind for part in of_document(comparison(), Path("c.json"))] == ["comparison"]
+    assert "x.csv: got a table, expected the folder of a model to score on it as well" in err
 
 
 def test_a_model_on_the_log_that_it_was_learned_from_carries_a_warning(tmp_path):
@@ -183,12 +175,12 @@ def test_a_model_on_the_log_that_it_was_learned_from_carries_a_warning(tmp_path)
 
 def test_the_lead_says_where_another_is_better_than_the_best_on_average():
     document = comparison()
-    lead = models_section(Input("comparison", Path("c"), "c", document)).lead
+    lead = section(document).lead
     assert "best on average: terms and process" in lead
     assert "Better there" not in lead
     ring = next(iter(document))
     document[ring]["nrmse_test"]["p"] = 0.3
-    lead = models_section(Input("comparison", Path("c"), "c", document)).lead
+    lead = section(document).lead
     assert f"Better there: in ring {ring.removeprefix('ring')} bare equation, 0.300." in lead
 
 
@@ -196,20 +188,20 @@ def test_too_few_blocks_are_said_instead_of_an_interval():
     document = comparison()
     document["ring1"]["blocks"] = {"test": 4, "windows": 4}
     document["ring2"]["blocks"] = {"test": 5, "windows": 5}
-    table = next(part for part in section(document).parts if isinstance(part, Table))
+    table = kept(section(document).parts, PageTable)[0]
     rows = [[cell.replace("\u00a0", " ") for cell in row] for row in table.rows]
     assert rows[0] == ["ring 1: 400 rows, 100 to test in 4 blocks", "0.910 / 0.910", "0.200 / 0.345\ntoo few"]
     assert rows[1][0] == "ring 2: 400 rows, 100 to test"
     document["ring1"] |= {"blocks": {"test": 1, "windows": 0}, "interval95": {"nrmse_test": {"sp": [None, None]}}}
-    table = next(part for part in section(document).parts if isinstance(part, Table))
+    table = kept(section(document).parts, PageTable)[0]
     assert table.rows[0][0].endswith("100 to test in 1 block")
     assert table.rows[0][2].endswith("\ntoo few")
     assert rows[1][2].endswith("[0.31, 0.37]")
 
 
 def test_intervals_are_explained_where_they_are_shown():
-    parts = models_section(Input("comparison", Path("c"), "c", comparison())).parts
-    notes = [p.text for p in parts if isinstance(p, Note)]
+    parts = section(comparison()).parts
+    notes = [p.text for p in kept(parts, Note)]
     assert any("with few blocks an interval may begin at" in text for text in notes)
 
 
@@ -217,8 +209,6 @@ def test_a_roll_out_that_leaves_the_picture_has_a_mark_at_the_edge():
     document = comparison()
     for scores in document.values():
         scores["bands"]["npd"] = {name: [0.1 * k for k in range(41)] for name in ("mean", "p10", "p90")}
-    figure = Figure()
-    next(p for p in models_pictures(document, load_map("cme")) if p.name == "rollouts").draw(figure)
-    for axes in figure.axes:
-        (mark,) = [drawn for drawn in axes.lines if drawn.get_marker() == "^" and len(drawn.get_xdata()) == 1]
+    for axes in drawn(section(document).parts, "rollouts").axes:
+        (mark,) = [line for line in axes.lines if line.get_marker() == "^" and len(line.get_xdata()) == 1]
         assert 0.9 < float(mark.get_ydata()[0]) / axes.get_ylim()[1] <= 1.0

@@ -9,10 +9,10 @@ import pytest
 from report_documents import EVIL
 from standalone_page import alone, svgs
 
-from mazeplan.errors import InputError
-from mazeplan.report import page as module
-from mazeplan.report.page import Note, Picture, Section, Table, write_page
-from mazeplan.report.words import MISSING
+from mazeplan.apps.report import page as module
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, write_page
+from mazeplan.apps.report.words import MISSING
+from mazeplan.core.errors import InputError
 
 
 def plot(figure):
@@ -22,12 +22,12 @@ def plot(figure):
     axes.legend()
 
 
-PICTURE = Picture("One & only", EVIL, f'"{EVIL}', plot, (3.0, 2.0))
+PICTURE = PagePicture("One & only", EVIL, f'"{EVIL}', plot, (3.0, 2.0))
 
 
 def section(title="A title", parts=()):
-    table = Table(EVIL, ("", EVIL), [[EVIL, "1.50 s"], ["b", "2 s"]], frozenset({(1, 0)}))
-    return Section(title, EVIL, [(EVIL, EVIL)], [table, Note(EVIL, EVIL), PICTURE, *parts])
+    table = PageTable(EVIL, ("", EVIL), [[EVIL, "1.50 s"], ["b", "2 s"]], frozenset({(1, 0)}))
+    return PageSection(title, EVIL, [(EVIL, EVIL)], [table, Note(EVIL, EVIL), PICTURE, *parts])
 
 
 def test_everything_is_escaped_and_nothing_is_loaded(tmp_path):
@@ -63,9 +63,9 @@ def test_the_same_report_is_the_same_file(tmp_path):
 
 def test_columns_of_numbers_stand_to_the_right():
     rows = [["a", "1", "1.5 s", MISSING], ["b", "-2.5", MISSING, MISSING]]
-    assert Table("", ("", "", "", ""), rows).numeric == {1, 2, 3}
-    assert Table("", ("", ""), [["1", "1 of 2"]]).numeric == {0}
-    assert Table("", ("",), []).numeric == set()
+    assert PageTable("", ("", "", "", ""), rows).numeric == {1, 2, 3}
+    assert PageTable("", ("", ""), [["1", "1 of 2"]]).numeric == {0}
+    assert PageTable("", ("",), []).numeric == set()
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
@@ -79,7 +79,7 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
 def test_no_line_ends_within_figures(tmp_path):
     """Neither in a cell of a column that has words, too, nor between a number and its unit in a sentence."""
     rows = [["0.26\u00a0±\u00a00.14", "0.5 / 0.6 [0.41, 0.72]"], ["a word", "another"]]
-    told = Section("t", "Off by 3.2 deg.", [("late by", "66.7 ms")], [Table("c", ("a", "b"), rows)])
+    told = PageSection("t", "Off by 3.2 deg.", [("late by", "66.7 ms")], [PageTable("c", ("a", "b"), rows)])
     write_page(tmp_path / "page.html", "t", [told])
     text = (tmp_path / "page.html").read_text()
     assert re.findall(r'<td class="v">([^<]*)</td>', text) == rows[0]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from report_documents import comparison, diagnosis, evaluation, evidence
 
-from mazeplan.report import published
+from mazeplan.apps.report import published
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "reports.md").read_text(encoding="utf-8")
@@ -25,9 +25,9 @@ def test_documents_of_the_tests_have_the_keys_that_commands_print():
     """What the tests of reports are given has nothing that the commands do not tell."""
     import numpy as np
 
-    from mazeplan.comparison import RingScores
-    from mazeplan.models.rollout import Windows
-    from mazeplan.records import Failure, FailureKind, NavigationResult, Start
+    from mazeplan.core.records import Failure, FailureKind, NavigationResult, Start
+    from mazeplan.learning.ring_scores import RingScores
+    from mazeplan.learning.rollout import Windows
 
     failure = Failure(FailureKind.STUCK, "Track", 1.0, x=0.05, y=0.0)
     told = NavigationResult(True, "arrived", 2.0, 0, "toy", (), (failure,), 0, {}, None, start=Start(1, 0.1)).to_json()

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from commands import call
 
-from mazeplan.errors import InputError
+from mazeplan.apps.report.diagnosis import write_diagnosis
+from mazeplan.apps.report.inputs import Input, read_input
+from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.report.diagnosis import write_diagnosis
-from mazeplan.report.inputs import check_evidence, read_input
 
 SENTENCE = "The rig differs from the reference: dry friction (coefficient from 0.48 to 1.46 ± 0.01 rad/s²)."
 MAP = Path(str(load_map("cme").source)).read_text()
@@ -43,7 +43,7 @@ def evidence(**changes):
     both = {"before": CURVE, "after": CURVE}
     return {
         "kind": "rig", "title": "friday.mcap", "map": MAP, "ahead_s": [0.03, 0.07, 0.1], "error": both, "low": both,
-        "quartile": both, "block_s": 10.0, "gain": [30.0, -2.0, 5.0], "gain_t": [5.0, 15.0, 25.0], "white": 0.02,
+        "high": both, "block_s": 10.0, "gain": [30.0, -2.0, 5.0], "gain_t": [5.0, 15.0, 25.0], "white": 0.02,
         "alike_from": 0.3, "places": PLACES,
         "marks": [SPOT, SECTOR], "correlation": both, "spectrum": None, "remaining": {"then": 1.02, "after": 1.08},
     } | changes  # fmt: skip
@@ -64,7 +64,7 @@ def page(tmp_path):
 
 
 def test_first_what_is_wrong_then_what_to_do_then_the_evidence(page):
-    told = ("dry friction (coefficient from", "What to do", "Clean the ball", "What differs", "How well", "<img",
+    told = ("dry friction (coefficient from", "What to do", "Clean the ball", "What differs", "Mean error", "<img",
             "What remains")  # fmt: skip
     where = [page.index(text) for text in told]
     assert where == sorted(where)
@@ -123,7 +123,7 @@ def test_what_is_alike_is_no_noise(tmp_path):
 
 @pytest.mark.parametrize("verdict", ["nothing_missing", "effect_found", "ambiguous", "unknown_effect"])
 def test_every_verdict_has_a_page_in_words(tmp_path, verdict):
-    page = written(tmp_path, document(verdict), evidence(gain=[], gain_t=[], marks=[]))
+    page = written(tmp_path, document(verdict), evidence(gain=[], gain_t=[5.0], marks=[]))
     assert verdict not in page
     assert page.count("data:image/svg+xml;base64,") == 3
     assert ("with what was found" in page) == (verdict != "nothing_missing")
@@ -170,7 +170,7 @@ def test_navigations_of_improve_are_in_it(tmp_path):
 )  # fmt: skip
 def test_evidence_that_pictures_cannot_rely_on_is_refused(changes, key):
     with pytest.raises(InputError, match=re.escape(key)):
-        check_evidence(evidence(**changes), Path("evidence.json"))
+        Input("diagnosis", Path(), "d", document(), evidence(**changes))
 
 
 @pytest.mark.parametrize(("told", "key"), [({"advice": [1]}, "advice[0]"), ({"sentence": None}, "sentence")])

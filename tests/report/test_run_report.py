@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_documents import EVIL, MAZE, STEP, a_log
+from report_documents import EVIL, LEAVES, MAZE, STEP, a_log, drawn
 
-from mazeplan.data.runlog import read_log
-from mazeplan.errors import LogError
-from mazeplan.report.page import Picture, Table
-from mazeplan.report.run import (
+from mazeplan.apps.report.page import PagePicture, PageTable
+from mazeplan.apps.report.run import run_section, spread_of
+from mazeplan.apps.report.run_record import (
     AHEAD,
+    Bar,
     followed_plans,
-    maze_of,
+    labels,
+    leaf_bars,
     mishaps,
     planned_before,
-    run_section,
-    spread_of,
     theta_lines,
     visits,
-)
+)  # fmt: skip
+from mazeplan.core.errors import LogError
+from mazeplan.core.logs.run_log import STATUSES, RunLogWriter, read_log
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +46,7 @@ def test_of_several_plans_of_a_tick_the_one_that_was_followed(log):
     plans = followed_plans(log)
     assert len(plans) == 9
     assert len(log.plans) == 18
-    assert all(plan["states"][0, 0] == pytest.approx(plan["t0"], abs=1e-5) for plan in plans)
+    assert all(plan.states[0, 0] == pytest.approx(plan.t0, abs=1e-5) for plan in plans)
 
 
 def test_what_was_planned_before_is_what_the_newest_plan_old_enough_says(log):
@@ -57,7 +59,7 @@ def test_what_was_planned_before_is_what_the_newest_plan_old_enough_says(log):
 
 
 def test_angles_of_each_ring(log):
-    first, second = theta_lines(log, maze_of(log))
+    first, second = theta_lines(log, MAZE)
     assert [part[0].ring for part in (first, second)] == [1, 2]
     assert len(first[1]) == 60
     for _, t, real, planned in (first, second):
@@ -74,11 +76,11 @@ def test_the_section_says_how_it_went(log):
     assert section.lead == "The ball arrived after 2.97 s; 1 failure on the way."
     assert ("mazeplan", "9.9") in section.facts
     assert ("seed", "3") in section.facts
-    tables = {part.caption: part.rows for part in section.parts if isinstance(part, Table)}
+    tables = {part.caption: part.rows for part in section.parts if isinstance(part, PageTable)}
     assert tables["Failures and recoveries"] == [["1.00 s", "stuck", "Track", EVIL, "dither"]]
-    assert tables["What the program took"][0][2:] == ["2.00 ms"] * 3
-    assert tables["What the program took"][1] == ["tick", "90", "45.50 ms", "89.11 ms", "90.00 ms"]
-    assert [p.name for p in section.parts if isinstance(p, Picture)] == ["path", "theta", "tree", "tilt", "times"]
+    assert tables["Computing time"][0][2:] == ["2.00 ms"] * 3
+    assert tables["Computing time"][1] == ["tick", "90", "45.50 ms", "89.11 ms", "90.00 ms"]
+    assert [p.name for p in section.parts if isinstance(p, PagePicture)] == ["path", "theta", "tree", "tilt", "times"]
 
 
 def test_a_log_that_was_cut_says_so(tmp_path):
@@ -90,8 +92,6 @@ def test_a_log_that_was_cut_says_so(tmp_path):
 
 
 def test_a_log_of_nothing_is_refused(tmp_path):
-    from mazeplan.data.runlog import RunLogWriter
-
     with RunLogWriter(tmp_path / "empty.mcap", {}):
         pass
     with pytest.raises(LogError, match="without a single tick"):
@@ -104,33 +104,48 @@ def test_spread_of_nothing():
 
 def test_a_condition_that_answers_no_is_no_failure(log):
     """It has a word of its own, and no cross; another leaf that fails has."""
-    from dataclasses import replace
-
-    from matplotlib.figure import Figure
-
-    from mazeplan.data.runlog import STATUSES
-    from mazeplan.report.run_pictures import run_pictures
+    from mazeplan.core.logs.run_log_reader import LoggedTree
+    from mazeplan.core.records import TreeOutline
 
     failed = STATUSES["FAILURE"]
-    no, old, own = "no (a condition)", {}, {"conditions": [0]}
-    for kind, told, words in (
-        ("InRing", old, no),
-        ("Track", old, "failed"),
-        ("Mine", own, no),
-        ("InRing", {"conditions": []}, "failed"),
+    no = "no (a condition)"
+    for kind, conditions, words in (
+        ("InRing", None, no),
+        ("Track", None, "failed"),
+        ("Mine", (0,), no),
+        ("InRing", (), "failed"),
     ):
-        tree = {
-            "t": 0.0,
-            "paths": ["a"],
-            "kinds": [kind],
-            "names": ["a"],
-            "parents": [-1],
-            "statuses": [(0.0, failed)],
-            **told,
-        }
-        figure = Figure()
-        shown = replace(log, trees=[tree], events=[])
-        next(p for p in run_pictures(shown, MAZE) if p.name == "tree").draw(figure)
-        (axes,) = figure.axes
+        tree = LoggedTree(0.0, TreeOutline(("a",), (kind,), ("a",), (-1,), conditions), ((0.0, failed),))
+        (axes,) = drawn(run_section(replace(log, trees=[tree], events=[])).parts, "tree").axes
         assert [text.get_text() for text in axes.get_legend().get_texts()] == [words]
-        assert any(drawn.get_marker() == "X" for drawn in axes.lines) == (words == "failed")
+        assert any(line.get_marker() == "X" for line in axes.lines) == (words == "failed")
+
+
+def test_intervals_are_those_of_the_statuses(tmp_path):
+    track, passing, dither = LEAVES
+    bars = [(b.path, b.status, round(b.start, 4), round(b.end, 4)) for b in leaf_bars(read_log(a_log(tmp_path / "a")))]
+    last = round(89 * STEP, 4)
+    assert bars == [
+        (track, "R", 0.0, 1.0), (track, "F", 1.0, 2.0), (track, "R", 2.0, last),
+        (dither, "R", 1.0, 2.0), (dither, "S", 2.0, last),
+    ]  # fmt: skip
+    assert not any(path == passing for path, *_ in bars)  # it was never ticked
+    assert not any(path == "Root/Go" for path, *_ in bars)  # no leaf
+
+
+def test_at_every_tick_a_leaf_runs_that_the_log_says_did(tmp_path):
+    log = read_log(a_log(tmp_path / "a"))
+    running = [b for b in leaf_bars(log) if b.status == "R"]
+    for t, leaf in zip(log.ticks["t"][:-1], log.ticks["leaf"][:-1], strict=True):
+        assert [b.path.split("/")[-1] for b in running if b.start <= t + 1e-9 < b.end] == [leaf]
+
+
+def test_of_an_old_log_who_commanded(tmp_path):
+    bars = leaf_bars(read_log(a_log(tmp_path / "a", trees=False)))
+    assert [(b.path, b.status) for b in bars] == [("Track", "R"), ("Dither", "R"), ("Track", "R")]
+    assert np.array([(b.start, b.end) for b in bars]) == pytest.approx(np.array([(0, 1), (1, 2), (2, 89 * STEP)]))
+
+
+def test_names_are_as_short_as_they_can_be():
+    bars = [Bar(path, "R", 0.0, 1.0) for path in ("a/x/Wait", "a/y/Wait", "a/y/Go")]
+    assert labels(bars) == {"a/x/Wait": "x / Wait", "a/y/Wait": "y / Wait", "a/y/Go": "Go"}

@@ -9,10 +9,10 @@ import pytest
 from report_documents import comparison
 from watching import browser
 
-from mazeplan.report.inputs import Input
-from mazeplan.report.models import models_section
-from mazeplan.report.page import Section, Table, write_page
-from mazeplan.report.words import KINDS
+from mazeplan.apps.report.inputs import Input
+from mazeplan.apps.report.models import models_section
+from mazeplan.apps.report.page import PageSection, PageTable, write_page
+from mazeplan.apps.report.words import KINDS
 
 PAPER = 680  # pixels of 1/96 inch: the width of A4 less two margins of 15 mm
 WIDER = "[...document.querySelectorAll('.scroll')].map(d => d.firstElementChild.offsetWidth - d.clientWidth)"
@@ -40,11 +40,12 @@ def full():
     return document
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("media", "width"), [("screen", 1024), ("print", PAPER)])
 def test_tables_fit(tmp_path, media, width):
     section = models_section(Input("comparison", Path("c.json"), "c", full()))
     write_page(tmp_path / "page.html", section.title, [section])
-    tables = [part for part in section.parts if isinstance(part, Table)]
+    tables = [part for part in section.parts if isinstance(part, PageTable)]
     with browser() as opened:
         shown = opened.new_page(viewport={"width": width, "height": 800})
         shown.emulate_media(media=media)
@@ -56,8 +57,8 @@ def test_tables_fit(tmp_path, media, width):
 
 
 def test_a_second_line_of_a_cell_is_a_line_of_its_own(tmp_path):
-    table = Table("c", ("", "a", "b"), [["x", "1.0 / 2.0\n[1, 3]", "a <b>\nword"]], frozenset({(0, 1)}))
-    write_page(tmp_path / "page.html", "t", [Section("t", "", [], [table])])
+    table = PageTable("c", ("", "a", "b"), [["x", "1.0 / 2.0\n[1, 3]", "a <b>\nword"]], frozenset({(0, 1)}))
+    write_page(tmp_path / "page.html", "t", [PageSection("t", "", [], [table])])
     text = (tmp_path / "page.html").read_text()
     assert '<td class="v"><b>1.0 / 2.0</b><br><small>[1, 3]</small></td>' in text
     assert "<td>a &lt;b&gt;<br><small>word</small></td>" in text

@@ -8,8 +8,8 @@ import threading
 import numpy as np
 import pytest
 
+from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
-from mazeplan.records import Observation
 from mazeplan.rigs.paced import PacedRig, WallClock
 from mazeplan.rigs.registry import make_rig
 

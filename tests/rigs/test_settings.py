@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig, rig_label, rig_model_hint, rig_names
-from mazeplan.rigs.settings import SimulatedSettings, settings_from
-from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("cme")
 MAPS = Path(__file__).resolve().parents[2] / "maps"
@@ -98,8 +98,8 @@ def test_labels_and_model_hints(tmp_path):
         ("nowhere", "expected one of emulated, hardware, ideal, rough, surprise, toy"),
         ("nowhere.yaml", "no such file"),
         ("no_such_module:Rig", "cannot be imported"),
-        ("mazeplan.records:Nothing", "has no 'Nothing'"),
-        ("mazeplan.records:State", "lacks reset, observe, command, level, close"),
+        ("mazeplan.core.records:Nothing", "has no 'Nothing'"),
+        ("mazeplan.core.records:State", "lacks reset, observe, command, level, close"),
     ],
 )
 def test_rigs_that_do_not_exist(spec, said):

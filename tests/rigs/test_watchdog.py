@@ -12,11 +12,11 @@ import pytest
 from commands import call
 from planar_rig import PlanarRig
 
-from mazeplan.errors import RigError, SettingsError
+from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.core.records import Observation
 from mazeplan.maze.mapfile import load_map
-from mazeplan.records import Observation
 from mazeplan.rigs import watchdog
-from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.sim.simulated import SimulatedRig
 from mazeplan.rigs.watchdog import WatchedRig, watched
 
 MAZE = load_map("cme")
@@ -280,8 +280,8 @@ def test_simulations_are_not_watched_and_other_rigs_are():
 
 
 SIMULATED = """
-from mazeplan.rigs.simulated import SimulatedRig
-from mazeplan.rigs.settings import settings_from
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.rigs.sim.settings import settings_from
 
 class Base(SimulatedRig):
     realtime = False

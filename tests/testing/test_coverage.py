@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mazeplan.errors import InputError
-from mazeplan.testing import Coverage, tick_tree
+from mazeplan.apps.testing import Coverage, tick_tree
+from mazeplan.core.errors import InputError
 
 TREE = """\
 <root BTCPP_format="4" main_tree_to_execute="Main">

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from mazeplan.apps.testing import Player, script, tick_tree
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS
-from mazeplan.errors import InputError
-from mazeplan.records import FailureKind
-from mazeplan.testing import Player, script, tick_tree
+from mazeplan.core.errors import InputError
+from mazeplan.core.records import FailureKind
 
 HEAD = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></root>'
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mazeplan.errors import SettingsError
-from mazeplan.maze.mapfile import load_map
-from mazeplan.testing.mishapfile import (
+from mazeplan.apps.testing.mishapfile import (
     FROM_FAULTS,
     AxisDead,
     BallPushed,
@@ -16,6 +14,8 @@ from mazeplan.testing.mishapfile import (
     OpeningBlocked,
     read_mishaps,
 )
+from mazeplan.core.errors import SettingsError
+from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
 ALL = """\

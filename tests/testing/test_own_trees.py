@@ -7,10 +7,10 @@ import math
 
 import pytest
 
-from mazeplan import resources
+from mazeplan.apps.testing import BallBehaviour, Coverage, Jump, Rest, Roll, run_tree, tick_tree
 from mazeplan.behavior.registry import REGISTRY
-from mazeplan.records import LEVEL
-from mazeplan.testing import BallBehaviour, Coverage, Jump, Rest, Roll, run_tree, tick_tree
+from mazeplan.core import resources
+from mazeplan.core.records import LEVEL
 
 
 def smooth():
@@ -152,7 +152,11 @@ def test_without_one_of_the_runs_something_is_missing():
 
 
 def test_there_is_no_packaged_tree_without_such_runs():
-    assert [path.stem for path in resources.share("behaviors").glob("*.xml")] == ["navigate"]
+    assert {path.stem for path in resources.share("behaviors").glob("*.xml")} == {"navigate", "waypoints"}
+
+
+def test_the_tree_of_waypoints_ends_in_the_goal_ring():
+    run_tree("waypoints").reaches(within=6.0).visits("each ring", "Travel", "Settle").never("Recover", "outside limits")
 
 
 # -- the tree Recover alone, on every kind of failure ------------------------------------------------------------------

@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from mazeplan.data.runlog import read_log
-from mazeplan.errors import InputError, RigError
-from mazeplan.settings import load_settings
-from mazeplan.testing import LightRig, run_tree, tick_tree
+from mazeplan.apps.testing import LightRig, run_tree, tick_tree
+from mazeplan.core.errors import InputError, RigError
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.run.settings import load_settings
 
 STUCK = "- ball_stuck: {theta_deg: 20, from_s: 0.0, to_s: 1.5}\n"
 
@@ -100,7 +100,7 @@ class Loose(LightRig):
 
 def beyond(tmp_path, monkeypatch):
     (tmp_path / "beyond_leaves.py").write_text(
-        "from mazeplan import MazeLeaf, Status\nfrom mazeplan.records import Command\n\n\n"
+        "from mazeplan import MazeLeaf, Status\nfrom mazeplan.core.records import Command\n\n\n"
         "class Beyond(MazeLeaf):\n    'Too far.'\n\n    def step(self):\n"
         "        self.context.steer(self.name, Command(0.5, 0.0))\n        return Status.RUNNING\n"
     )

@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from mazeplan.errors import InputError
+from mazeplan.apps.testing import BallBehaviour, LightRig, Pass, PlayedRig, run_tree, scripted_rig
+from mazeplan.core.errors import InputError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.conformance import check_rig
 from mazeplan.rigs.interface import Rig
-from mazeplan.testing import BallBehaviour, LightRig, Pass, PlayedRig, run_tree, scripted_rig
 
 MAZE = load_map("cme")
 TILT = math.radians(3.0)

@@ -12,11 +12,7 @@ import pytest
 from hypothesis import HealthCheck, example, find, given, settings
 from hypothesis import strategies as st
 
-from mazeplan.errors import InputError
-from mazeplan.maze.mapfile import load_map
-from mazeplan.records import FailureKind
-from mazeplan.resources import to_install
-from mazeplan.testing import (
+from mazeplan.apps.testing import (
     BallBehaviour,
     Jump,
     Pass,
@@ -29,8 +25,12 @@ from mazeplan.testing import (
     script,
     tick_tree,
 )
-from mazeplan.testing.balls import DT, states
-from mazeplan.testing.mishapfile import read_mishaps
+from mazeplan.apps.testing.balls import DT, states
+from mazeplan.apps.testing.mishapfile import read_mishaps
+from mazeplan.core.errors import InputError
+from mazeplan.core.records import FailureKind
+from mazeplan.core.resources import to_install
+from mazeplan.maze.mapfile import load_map
 
 MAZE, OTHER = load_map("cme"), load_map("lopsided")
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
@@ -108,6 +108,7 @@ def test_an_exact_state_follows_the_ball_and_is_lost_when_it_is_not_seen():
 LEAVES_AT_THE_LAST_MOMENT = (Pass("1-2@45", 0.1), Jump(1, 0.0), Jump(1, 13.0))  # too far apart to be believed soon
 
 
+@pytest.mark.slow
 @settings(FEW, max_examples=25)
 @example(ball=BallBehaviour(moves=LEAVES_AT_THE_LAST_MOMENT), goal=2)
 @given(ball=ball_behaviours(MAZE), goal=st.integers(1, 5))
@@ -118,6 +119,7 @@ def test_whatever_a_ball_does_the_main_tree_ends_by_name_and_within_the_limits(b
         assert record.ticks[-1].ring == goal
 
 
+@pytest.mark.slow
 @settings(FEW, max_examples=15)
 @given(script=mishaps(MAZE))
 def test_whatever_goes_wrong_the_main_tree_ends_by_name_and_within_the_limits(script):
@@ -141,15 +143,15 @@ def test_without_hypothesis_the_kit_works_and_its_strategies_say_what_they_need(
     code = """if True:
         import sys
         sys.modules["hypothesis"] = sys.modules["pytest"] = None  # as if they were not installed
-        from mazeplan.testing import tick_tree
+        from mazeplan.apps.testing import tick_tree
         tree = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Replan/></BehaviorTree></root>'
         tick_tree(tree).ends_with("SUCCESS")
         try:
-            from mazeplan.testing import ball_behaviours
+            from mazeplan.apps.testing import ball_behaviours
         except ImportError as problem:
             print(problem)
     """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stderr == ""
-    said = "the strategies of mazeplan.testing need hypothesis, which is not installed"
+    said = "the strategies of mazeplan.apps.testing need hypothesis, which is not installed"
     assert done.stdout == f"{said}: {to_install('testing')}\n"

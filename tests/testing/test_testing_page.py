@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from pages import blocks
 
-import mazeplan.testing
-from mazeplan.errors import InputError
-from mazeplan.testing import run_tree
+import mazeplan.apps.testing
+from mazeplan.apps.testing import run_tree
+from mazeplan.core.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PAGE = (ROOT / "docs" / "testing-trees.md").read_text(encoding="utf-8")
@@ -50,6 +50,7 @@ def test_the_page_has_all_files_of_its_example():
     assert COMMANDS == ["pytest -q test_calm.py"]  # which test_pages runs
 
 
+@pytest.mark.slow
 def test_the_example_notices_a_tree_and_a_leaf_that_are_broken(desk):
     (desk / "calm.xml").write_text(FILES["calm.xml"].replace('kinds="stuck"', 'kinds="no_route"'), encoding="utf-8")
     (desk / "my_leaves.py").write_text(FILES["my_leaves.py"].replace("speed <", "speed >"), encoding="utf-8")
@@ -80,11 +81,11 @@ def test_the_errors_shown_are_the_errors_got(desk, monkeypatch):
 
 
 def test_every_public_name_is_on_the_page_and_has_a_docstring():
-    for name in mazeplan.testing.__all__:
-        assert getattr(mazeplan.testing, name).__doc__, name
-    missing = [name for name in mazeplan.testing.__all__ if not re.search(rf"`[^`]*\b{name}\b", PAGE)]
+    for name in mazeplan.apps.testing.__all__:
+        assert getattr(mazeplan.apps.testing, name).__doc__, name
+    missing = [name for name in mazeplan.apps.testing.__all__ if not re.search(rf"`[^`]*\b{name}\b", PAGE)]
     assert missing == ["Player", "Record", "Script", "ScriptedRig"]  # what the functions on the page return
-    assert set(dir(mazeplan.testing)) == set(mazeplan.testing.__all__)
+    assert set(dir(mazeplan.apps.testing)) == set(mazeplan.apps.testing.__all__)
 
 
 def test_the_kit_reads_no_clock_but_the_rigs():

@@ -8,12 +8,12 @@ from bench_baselines import as_seen
 from bench_plant import DECLARED, RADII
 from scipy.integrate import solve_ivp
 
-from mazeplan.diagnosis.candidates import ring_library
-from mazeplan.diagnosis.fit import Likelihood
-from mazeplan.diagnosis.kalman import NODES, roll_out
-from mazeplan.diagnosis.ringsystem import RingSystem, Tilt
-from mazeplan.diagnosis.scores import score_starts
-from mazeplan.maths.angles import difference
+from mazeplan.core.maths.angles import difference
+from mazeplan.diagnosis.coordinate.fit import Likelihood
+from mazeplan.diagnosis.coordinate.kalman import NODES, roll_out
+from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.ring.scores import score_starts
+from mazeplan.diagnosis.ring.system import RingSystem, Tilt
 
 RADIUS, DT, SECONDS = RADII["1"], 1 / 30, 60.0
 TRUE = {"gamma sin": 8.0, "v": -0.2}

@@ -7,8 +7,8 @@ import pytest
 import screen as module
 from screen import WORST, arrivals, correlation, judged, screen
 
-from mazeplan.models.modelfile import load_model
-from mazeplan.settings import load_settings
+from mazeplan.learning.modelfile import load_model
+from mazeplan.run.settings import load_settings
 
 
 @pytest.fixture(autouse=True)

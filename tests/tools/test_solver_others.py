@@ -11,8 +11,8 @@ from bench_solver_starts import EFFECTS, GUESS, LEVEL, WARM, start_of, tasks_of
 
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
+from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import load_model
 
 LIBRARIES = {rows.FDDP: box_fddp_library, rows.SQP: sqp_library}
 NEAR = 0.01  # of the cost

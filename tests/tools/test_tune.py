@@ -7,7 +7,7 @@ import sys
 import pytest
 import tune
 
-from mazeplan.resources import to_install
+from mazeplan.core.resources import to_install
 
 
 def told(monkeypatch, capsys, *words):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,38 +14,22 @@ import matplotlib.image
 import numpy as np
 import pytest
 from soon import soon
-from watching import pixel
+from watching import LONG, SIZE, browser, pixel
 
+from mazeplan.apps.view.camera import Layout
+from mazeplan.apps.view.scene import outline
 from mazeplan.maze.mapfile import load_map
-from mazeplan.view.camera import Layout
-from mazeplan.view.scene import outline
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 KEPT = ROOT / "build" / "page"
-NEEDED = os.environ.get("MAZEPLAN_BROWSER") == "needed"  # set where the browser is: nothing is skipped there
-CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
-LONG = 120_000  # ms; the machine may be slow, and busy
-SIZE = {"width": 1300, "height": 620}
 
 pytestmark = pytest.mark.realtime
 
 
 @pytest.fixture(scope="module")
-def browser():
-    if not Path(CHROMIUM).exists():
-        if NEEDED:
-            pytest.fail("there is no chromium")
-        pytest.skip("needs a browser: apt-get install chromium")
-    for module in () if NEEDED else ("playwright", "viser"):
-        pytest.importorskip(module)
-    from playwright import sync_api
-
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox", "--enable-unsafe-swiftshader", "--disable-gpu"]
-        )
-        yield browser
-        browser.close()
+def chromium():
+    with browser() as opened:
+        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -72,10 +55,10 @@ def program(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(browser, program):
+def page(chromium, program):
     """An open page, and all that it asked for and complained of."""
     url, _ = program
-    page = browser.new_page(viewport=SIZE)
+    page = chromium.new_page(viewport=SIZE)
     page.set_default_timeout(LONG)
     page.asked, page.wrong = [], []
     page.on("request", lambda request: page.asked.append(request.url))

@@ -10,17 +10,18 @@ import pytest
 from planar_rig import PlanarRig
 from watching import browser, page, pixel, program
 
-from mazeplan import resources
-from mazeplan.attempt import run_job
-from mazeplan.data.runlog import RunLogWriter
-from mazeplan.data.runlog_reader import read_messages
-from mazeplan.job import Job, Setup
+from mazeplan.apps.view.camera import Layout
+from mazeplan.apps.view.editor.scene import ABOVE, FROM, outline
+from mazeplan.apps.view.editor.tab import TEXT_WIDTH
+from mazeplan.apps.view.scene import UNIT, WALLS_SHOWN
+from mazeplan.core import resources
+from mazeplan.core.events import FailureReported, RecoveryChosen
+from mazeplan.core.logs.run_log import RunLogWriter
+from mazeplan.core.logs.run_log_reader import read_messages
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.view.camera import Layout
-from mazeplan.view.editscene import ABOVE, FROM, outline
-from mazeplan.view.edittab import TEXT_WIDTH
-from mazeplan.view.scene import UNIT, WALLS_SHOWN
+from mazeplan.run.execution import run_job
+from mazeplan.run.specification import Job, Setup
 
 pytestmark = pytest.mark.realtime
 LOPSIDED = resources.share("maps") / "lopsided.yaml"
@@ -41,9 +42,9 @@ def failed(tmp_path):
     with RunLogWriter(path, header) as log:
         for topic, document in messages[1:]:
             if topic == "/tick" and abs(document["t"] - 0.5) < 0.01:  # a tick is told after what happened in it
-                log.event(document["t"], "failure", {"kind": "stuck", "where": "Track", "detail": "no way"})
-                log.event(document["t"], "recovery", {"recovery": "replan"})
-            log._add(topic, 0.0, document)
+                log.event(document["t"], FailureReported("stuck", "Track", "no way"))
+                log.event(document["t"], RecoveryChosen("replan"))
+            log.write(topic, 0.0, document)
     return path
 
 

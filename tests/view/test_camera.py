@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from mazeplan.apps.view.camera import FOV, SHARE, Framing, Layout, around, fitted
+from mazeplan.apps.view.replay.tab import layouts
 from mazeplan.maze.mapfile import load_map
-from mazeplan.view.camera import FOV, SHARE, Framing, Layout, around, fitted
-from mazeplan.view.replaytab import layouts
 
 MAZE = load_map("cme")
 WIDE, NARROW = 1.6, 0.5

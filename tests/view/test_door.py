@@ -11,12 +11,12 @@ from types import SimpleNamespace
 import pytest
 from soon import soon
 
-from mazeplan.errors import InputError
-from mazeplan.resources import to_install
-from mazeplan.view import server as server_module
-from mazeplan.view.clientfix import SCRIPT
-from mazeplan.view.door import Door, is_loopback, listen
-from mazeplan.view.server import check_installed
+from mazeplan.apps.view import server as server_module
+from mazeplan.apps.view.clientfix import SCRIPT
+from mazeplan.apps.view.door import Door, is_loopback, listen
+from mazeplan.apps.view.server import check_installed
+from mazeplan.core.errors import InputError
+from mazeplan.core.resources import to_install
 
 pytest.importorskip("viser")
 from page_client import Viewer, joined
@@ -171,7 +171,7 @@ def test_nothing_leads_through_a_computer_of_others(served):
 
 
 def test_the_page_begins_with_what_mends_it_packed_or_not(served):
-    """Before the client of viser; see `mazeplan.view.clientfix`."""
+    """Before the client of viser; see `mazeplan.apps.view.clientfix`."""
     pages = []
     for packing in ("identity", "gzip"):
         request = urllib.request.Request(served.door.url, headers={"Accept-Encoding": packing})

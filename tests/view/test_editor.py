@@ -14,13 +14,13 @@ from fake_scene import FakeServer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mazeplan import resources
-from mazeplan.errors import MapError
+from mazeplan.apps.view.editor.mapeditor import MapEditor
+from mazeplan.apps.view.editor.scene import EditScene
+from mazeplan.apps.view.editor.tab import head_html
+from mazeplan.apps.view.scene import UNIT
+from mazeplan.core import resources
+from mazeplan.core.errors import MapError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.view.editor import MapEditor
-from mazeplan.view.editscene import EditScene
-from mazeplan.view.edittab import head_html
-from mazeplan.view.scene import UNIT
 
 LOPSIDED = resources.share("maps") / "lopsided.yaml"
 

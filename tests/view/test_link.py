@@ -9,10 +9,10 @@ from time import perf_counter
 import pytest
 from soon import soon
 
+from mazeplan.apps.view.door import Door, listen
+from mazeplan.apps.view.link import MOST, WAITING, PageLink
+from mazeplan.apps.view.livetab import Offer
 from mazeplan.maze.mapfile import dump_map, load_map
-from mazeplan.view.door import Door, listen
-from mazeplan.view.link import MOST, WAITING, PageLink
-from mazeplan.view.livetab import Offer
 
 pytest.importorskip("viser")
 from page_client import HungClient, Viewer

@@ -8,12 +8,12 @@ import re
 import numpy as np
 import pytest
 
-from mazeplan import resources
+from mazeplan.apps.view.editor.listing import changed_lines, listing
+from mazeplan.apps.view.editor.mapeditor import MapEditor
+from mazeplan.apps.view.editor.scene import about_z, pointed_angle
+from mazeplan.apps.view.editor.tab import head_html, problems_html
+from mazeplan.core import resources
 from mazeplan.maze.mapfile import check_text
-from mazeplan.view.editor import MapEditor
-from mazeplan.view.editscene import about_z, pointed_angle
-from mazeplan.view.edittab import head_html, problems_html
-from mazeplan.view.listing import changed_lines, listing
 
 LOPSIDED = (resources.share("maps") / "lopsided.yaml").read_text()
 

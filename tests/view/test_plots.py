@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mazeplan.view.moment import COLUMN, COLUMNS, Moment
-from mazeplan.view.plots import STEP_DEG, Plots, range_of, span_of
+from mazeplan.apps.view.moment import COLUMN, COLUMNS, Moment
+from mazeplan.apps.view.plots import STEP_DEG, LivePlots, range_of, span_of
 
 NAN = float("nan")
 
@@ -65,7 +65,7 @@ def moment(seconds, tick=1):
 
 def test_before_the_first_run_there_are_no_empty_axes():
     gui = FakeGui()
-    shown = Plots(SimpleNamespace(gui=gui))
+    shown = LivePlots(SimpleNamespace(gui=gui))
     assert not any(plot.visible for plot in gui.plots)
     assert gui.notes[0].visible
     assert "no run yet" in gui.notes[0].content
@@ -77,7 +77,7 @@ def test_before_the_first_run_there_are_no_empty_axes():
 @pytest.mark.parametrize("seconds", [1.43, 2.6, 3.5])
 def test_all_plots_have_one_axis_of_time_that_holds_the_run(seconds):
     gui = FakeGui()
-    shown = Plots(SimpleNamespace(gui=gui))
+    shown = LivePlots(SimpleNamespace(gui=gui))
     for tick, part in enumerate((0.3, 0.5 * seconds, seconds)):
         shown.show(moment(part, tick + 1), float(tick + 1))
     assert len(gui.plots) == 4

@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from planar_rig import PlanarRig
 
-from mazeplan.attempt import run_job
-from mazeplan.data.runlog import RunLogWriter
-from mazeplan.data.runlog_reader import read_log, read_messages
-from mazeplan.errors import LogError
-from mazeplan.job import Job, Setup
+from mazeplan.apps.view.plots import CHARTS, around, at_times, spread, table, with_line
+from mazeplan.apps.view.replay.recorded import Mark, Playback, common_times, open_recording
+from mazeplan.core.errors import LogError
+from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
+from mazeplan.core.logs.run_log import RunLogWriter
+from mazeplan.core.logs.run_log_reader import read_log, read_messages
+from mazeplan.core.records import Command, Observation
+from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.mapfile import load_map
-from mazeplan.models.modelfile import RigModel
-from mazeplan.records import Command, Observation
-from mazeplan.view.replaying import Mark, Player, common_times, open_recording
-from mazeplan.view.replayplots import PICTURES, around, at_times, spread, table, with_line
+from mazeplan.run.execution import run_job
+from mazeplan.run.specification import Job, Setup
 
 MAZE = load_map("cme")
 LEVEL = Command(0.0, 0.0)
@@ -36,7 +37,7 @@ def rewritten(source, target, change) -> None:
         for topic, document in messages:
             told = None if topic == "/header" else change(topic, dict(document))
             if told is not None:
-                log._add(topic, 0.0, told)
+                log.write(topic, 0.0, told)
 
 
 def sampled(path, times, **header) -> None:
@@ -57,9 +58,9 @@ def test_a_log_gives_a_moment_for_each_tick(run):
     for k in (0, 7, len(log.ticks["t"]) - 1):
         moment = recording.at(log.ticks["t"][k])
         assert (moment.t, moment.tick) == (log.ticks["t"][k], k + 1)
-        assert moment.command == (log.ticks["u_beta"][k], log.ticks["u_gamma"][k])
-        statuses = [nodes for t, nodes in log.trees[-1]["statuses"] if t <= moment.t + 1e-9]
-        assert moment.statuses == statuses[-1]
+        assert moment.column("u_gamma")[-1] == log.ticks["u_gamma"][k]
+        statuses = [nodes for t, nodes in log.trees[-1].statuses if t <= moment.t + 1e-9]
+        assert moment.tree.statuses == statuses[-1]
     assert recording.at(-1.0) is recording.moments[0]
     assert recording.at(log.ticks["t"][3] + 0.01) is recording.moments[3]
     assert recording.at(1e9) is recording.moments[-1]
@@ -80,7 +81,7 @@ def test_a_log_of_an_older_version_says_what_it_does_not_have(run, tmp_path):
     rewritten(run, old, lambda topic, told: None if topic in ("/tree", "/status") else told)
     recording = open_recording(old)
     assert [note.split(":")[0] for note in recording.notes] == ["The log has no tree"]
-    assert recording.at(1.0).nodes == ()
+    assert recording.at(1.0).tree.nodes == ()
     bare = tmp_path / "bare.mcap"
     sampled(bare, [0.0, 0.1])
     recording = open_recording(bare)
@@ -89,17 +90,17 @@ def test_a_log_of_an_older_version_says_what_it_does_not_have(run, tmp_path):
         "The log has no map that can be read",
     ]
     assert recording.maze is None
-    assert recording.at(0.1).ball == (0.08, pytest.approx(0.001))
+    assert recording.at(0.1).ball.y == pytest.approx(0.001)
 
 
 def test_failures_are_marked_with_what_was_done_and_how_it_ended(tmp_path):
     path = tmp_path / "bad.mcap"
     with RunLogWriter(path, {}) as log:
         log.sample(Observation(0.0, 0.08, 0.0, 0.0, 0.0), LEVEL)
-        log.event(0.5, "failure", {"kind": "stuck", "where": "Track", "detail": "no way in 1 s"})
-        log.event(0.5, "recovery", {"recovery": "shake"})
-        log.event(0.9, "failure", {"kind": "ball_lost"})
-        log.event(1.0, "ring", {"ring": 2})
+        log.event(0.5, FailureReported("stuck", "Track", "no way in 1 s"))
+        log.event(0.5, RecoveryChosen("shake"))
+        log.event(0.9, FailureReported("ball_lost"))
+        log.event(1.0, RingEntered(2))
         log.sample(Observation(1.2, None, None, 0.0, 0.0), LEVEL)
         log.result({"success": False, "reason": "time_limit", "time_s": 1.2})
     assert open_recording(path).failures == (
@@ -155,8 +156,8 @@ def test_a_log_without_ticks_has_nothing_to_show(tmp_path):
 
 
 @pytest.fixture
-def player() -> Player:
-    return Player(np.array([0.0, 0.1, 0.2, 0.5]))
+def player() -> Playback:
+    return Playback(np.array([0.0, 0.1, 0.2, 0.5]))
 
 
 def test_time_goes_on_with_its_speed_and_stops_at_the_end(player):
@@ -215,7 +216,7 @@ def test_two_runs_step_by_the_ticks_of_the_first_and_beyond_it_of_the_other(tmp_
     a, b = (open_recording(tmp_path / name) for name in "ab")
     np.testing.assert_allclose(common_times([a, b]), [0.0, 0.1, 0.2, 0.3, 0.45])
     np.testing.assert_allclose(common_times([b]), b.times)
-    columns = table([a, b], PICTURES[0][3], 2.0)
+    columns = table([a, b], CHARTS[0])
     np.testing.assert_allclose(columns[0], [0.0, 0.1, 0.15, 0.2, 0.3, 0.45])
     assert np.isnan(columns[1]).tolist() == [True, False, False, False, False, True]
     assert np.isfinite(columns[2]).all()

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 
+from mazeplan.apps.palette import rgb
+from mazeplan.apps.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
+from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
+from mazeplan.apps.view.panel import facts_html, tree_html
+from mazeplan.apps.view.run_statistics import bounds
+from mazeplan.apps.view.scene import UNIT, Scene, attitude, opening_colour, resampled
 from mazeplan.maze.mapfile import load_map
-from mazeplan.palette import rgb
-from mazeplan.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
-from mazeplan.view.moment import COLUMNS, Ahead, Gate, Moment, Said
-from mazeplan.view.panel import facts_html, tree_html
-from mazeplan.view.scene import UNIT, Scene, attitude, gate_colour, resampled
-from mazeplan.view.tallies import bounds
 
 MAZE = load_map("cme")
 
@@ -24,13 +24,13 @@ def moment(**more):
     rows = np.full((3, len(COLUMNS)), 0.0)
     rows[:, 0] = (0.0, 0.1, 0.2)
     rows[:, 1] = (0.08, 0.085, 0.09)
-    given = {"run": 1, "tick": 3, "t": 0.2, "ball": (0.09, 0.0), "seen": True, "rows": rows, "tilt": (0.05, 0.0)}
+    given = {"run": 1, "tick": 3, "t": 0.2, "ball": BallShown(0.09, 0.0, True), "rows": rows, "tilt": (0.05, 0.0)}
     return Moment(**{**given, **more})
 
 
-def gate(name, **more):
+def opening(name, **more):
     given = {"closed": False, "next": False, "successes": 0.0, "failures": 0.0, "chance": 0.9, "low": 0.6, "high": 1.0}
-    return Gate(name, **{**given, **more})
+    return OpeningShown(name, **{**given, **more})
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def test_the_plate_tilts_as_the_rig_means_it():
 def test_ball_trail_and_plan_lie_where_they_are(drawn):
     scene, nodes, _ = drawn
     places = np.array([[0.09, 0.0], [0.0, 0.09]])
-    plan = Ahead(0.2, 1 / 30, 1, np.array([0.0, 1.0]), places, np.array([0.001, math.nan]))
+    plan = PlanShown(0.2, 1 / 30, 1, np.array([0.0, 1.0]), places, np.array([0.001, math.nan]))
     scene.show(moment(plan=plan))
     ball = node(nodes, "ball")
     assert ball.visible
@@ -72,17 +72,17 @@ def test_ball_trail_and_plan_lie_where_they_are(drawn):
     np.testing.assert_allclose(trail[0, 0, :2], (UNIT * 0.08, 0.0), atol=1e-6)
     line = node(nodes, "plan").points
     np.testing.assert_allclose((line[0, 0, :2], line[-1, 1, :2]), UNIT * places, atol=1e-6)
-    scene.show(moment(tick=4, ball=None, seen=False))
+    scene.show(moment(tick=4, ball=None))
     assert not node(nodes, "ball").visible
     assert not node(nodes, "plan").visible
 
 
 def test_an_unseen_ball_looks_otherwise_and_nothing_is_sent_twice(drawn):
     scene, nodes, _ = drawn
-    scene.show(moment(seen=False))
+    scene.show(moment(ball=BallShown(0.09, 0.0, False)))
     assert node(nodes, "ball").color == rgb("neutral")
     before = {name: handle.sets for name, handle in nodes.items()}
-    scene.show(moment(seen=False))
+    scene.show(moment(ball=BallShown(0.09, 0.0, False)))
     assert {name: handle.sets for name, handle in nodes.items()} == before
 
 
@@ -96,36 +96,36 @@ def test_tilt_is_drawn_larger_by_a_factor(drawn):
 def test_openings_show_what_is_known_of_them(drawn):
     scene, nodes, _ = drawn
     name = MAZE.openings[0].name
-    scene.show(moment(gates=(gate(name),)))
-    assert node(nodes, f"gate/{name}/floor").color == rgb("skipped")
-    tried = gate(name, successes=1.0, failures=3.0, chance=0.5, low=0.2, high=0.8, next=True)
-    scene.show(moment(tick=4, gates=(tried,)))
-    assert node(nodes, f"gate/{name}/floor").color == rgb("unsure")
-    assert node(nodes, f"gate/{name}/frame").visible
-    label = node(nodes, f"gate/{name}/label")
+    scene.show(moment(openings=(opening(name),)))
+    assert node(nodes, f"opening/{name}/floor").color == rgb("skipped")
+    tried = opening(name, successes=1.0, failures=3.0, chance=0.5, low=0.2, high=0.8, next=True)
+    scene.show(moment(tick=4, openings=(tried,)))
+    assert node(nodes, f"opening/{name}/floor").color == rgb("unsure")
+    assert node(nodes, f"opening/{name}/frame").visible
+    label = node(nodes, f"opening/{name}/label")
     assert label.values == ("50 % (20–80)",)
-    opening, (x, y, z) = MAZE.openings[0], label.position
-    assert math.atan2(y, x) == pytest.approx(opening.angle)
-    assert math.hypot(x, y) == pytest.approx(UNIT * MAZE.threshold_radius(opening))
+    first, (x, y, z) = MAZE.openings[0], label.position
+    assert math.atan2(y, x) == pytest.approx(first.angle)
+    assert math.hypot(x, y) == pytest.approx(UNIT * MAZE.threshold_radius(first))
     assert 0.0 < z < UNIT * MAZE.wall_height
-    scene.show(moment(tick=5, gates=(replace(tried, closed=True),)))
-    assert node(nodes, f"gate/{name}/plug").visible
-    assert not node(nodes, f"gate/{name}/frame").visible
+    scene.show(moment(tick=5, openings=(replace(tried, closed=True),)))
+    assert node(nodes, f"opening/{name}/plug").visible
+    assert not node(nodes, f"opening/{name}/frame").visible
     assert label.text == "closed"
-    scene.show(moment(tick=6, gates=(gate(name),)))
+    scene.show(moment(tick=6, openings=(opening(name),)))
     assert label.removed
 
 
 def test_colours_go_from_bad_to_good():
-    assert gate_colour(gate("a", failures=1.0, chance=0.0)) == rgb("bad")
-    assert gate_colour(gate("a", successes=1.0, chance=1.0)) == rgb("good")
+    assert opening_colour(opening("a", failures=1.0, chance=0.0)) == rgb("bad")
+    assert opening_colour(opening("a", successes=1.0, chance=1.0)) == rgb("good")
 
 
 def test_a_click_says_what_was_clicked(drawn):
     _, nodes, clicked = drawn
     name = MAZE.openings[0].name
     node(nodes, "ring3").click(None)
-    node(nodes, f"gate/{name}/floor").click(None)
+    node(nodes, f"opening/{name}/floor").click(None)
     assert clicked == [3, name]
 
 
@@ -185,7 +185,13 @@ def test_bounds_of_a_posterior_hold_nine_tenths():
 
 
 def test_names_out_of_files_are_no_html():
-    text = facts_html(moment(leaf="<script>", said=(Said(0.1, "<b>&"),), result={"reason": "<i>", "success": False}))
+    text = facts_html(
+        moment(
+            task=TaskShown(leaf="<script>"),
+            events=(EventShown(0.1, "<b>&"),),
+            result={"reason": "<i>", "success": False},
+        )
+    )
     assert "<script>" not in text
     assert "<b>&" not in text
     assert "<i>" not in text
@@ -194,9 +200,29 @@ def test_names_out_of_files_are_no_html():
 
 def test_a_record_without_tree_and_goal_says_what_it_is():
     rows = np.full((1, len(COLUMNS)), np.nan)
-    told = facts_html(Moment(tick=1, ring=1, rows=rows, header={"excitation": "multisine"}))
+    told = facts_html(Moment(tick=1, task=TaskShown(ring=1), rows=rows, header={"excitation": "multisine"}))
     assert '<td data-fact="ring">1</td>' in told
     assert '<td data-fact="doing">excitation: multisine</td>' in told
     assert "planner" not in told
     assert "no tree<" in tree_html(Moment(tick=1))
     assert "no tree yet<" in tree_html(Moment())
+
+
+def test_no_goal_is_shown_that_another_may_replace():
+    assert "→ 5" not in facts_html(Moment(run=1, task=TaskShown(goal=5)))
+    assert "→ 5" in facts_html(Moment(run=1, tick=1, task=TaskShown(ring=1, goal=5)))
+
+
+def test_radial_walls_are_solid_and_in_their_places():
+    server, maze = FakeServer(), load_map("detour")
+    Scene(server, maze)
+    for i, wall in enumerate(maze.radial_walls):
+        vertices, faces = server.nodes[f"/maze/plate/radial{i}"].values
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        ring, height = maze.ring(wall.ring), vertices[:, 2].max()
+        volume = UNIT**2 * wall.thickness * (ring.outer_radius - ring.inner_radius) * height
+        assert np.sum(a * np.cross(b, c)) / 6.0 == pytest.approx(volume, rel=0.02)
+        x, y = vertices[np.abs(vertices[:, 2]) < 1e-12].mean(axis=0)[:2]
+        assert math.remainder(math.atan2(y, x) - wall.angle, math.tau) == pytest.approx(0.0, abs=1e-9)
+    assert len([name for name in server.nodes if "/radial" in name]) == len(maze.radial_walls)
+    assert f"/maze/plate/ring{len(maze.rings)}" in server.nodes

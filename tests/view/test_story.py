@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.data.runlog_reader import read_messages
+from mazeplan.apps.view.moment import BallShown, TreeShown
+from mazeplan.apps.view.run_statistics import ENOUGH, PRIOR
+from mazeplan.apps.view.story import SHOWN_S, Story, moments
+from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.maze.graph import RouteOptions
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.maze.memory import FADING_S
-from mazeplan.navigation import navigate
-from mazeplan.view.moment import COLUMNS
-from mazeplan.view.story import SHOWN_S, Story, moments
-from mazeplan.view.tallies import ENOUGH, PRIOR
+from mazeplan.run.navigate import navigate
 
 MAZE = load_map("cme")
 HEADER = {"map": dump_map(MAZE), "goal_ring": 5, "replay": {"rate_hz": 30.0, "closed": ["1-2@45"]}}
@@ -50,8 +50,8 @@ def test_live_and_recorded_a_run_shows_the_same(told):
     live, recorded = (moments(messages) for messages in told)
     assert len(live) == len(recorded) > 20
     for a, b in zip(live, recorded, strict=True):
-        assert (a.t, a.ring, a.goal, a.opening, a.statuses, a.active, a.gates, a.leaf) == (
-            b.t, b.ring, b.goal, b.opening, b.statuses, b.active, b.gates, b.leaf
+        assert (a.t, a.task, a.tree.statuses, a.tree.active, a.openings) == (
+            b.t, b.task, b.tree.statuses, b.tree.active, b.openings
         )  # fmt: skip
         np.testing.assert_allclose(a.rows, b.rows, atol=1e-9)
         assert (a.plan is None) == (b.plan is None)
@@ -61,10 +61,9 @@ def test_each_moment_has_the_tick_it_is_of(told):
     shown, ticks = moments(told[1]), [document for topic, document in told[1] if topic == "/tick"]
     assert [m.t for m in shown] == [document["t"] for document in ticks]
     for moment, document in zip(shown, ticks, strict=True):
-        assert moment.ball == (document["estimate_x"], document["estimate_y"])
-        assert moment.seen == ("x" in document)
-        assert moment.command == (document["u_beta"], document["u_gamma"])
-        assert moment.rows[-1, COLUMNS.index("beta")] == document["beta"]
+        assert moment.ball == BallShown(document["estimate_x"], document["estimate_y"], "x" in document)
+        for name in ("u_beta", "u_gamma", "beta"):
+            assert moment.column(name)[-1] == document[name]
         # a plan is shown where one is followed, and it is the one: here and now it wants what the tick says
         assert (moment.plan is not None) == ("planned_theta" in document)
         if moment.plan is not None:
@@ -77,14 +76,14 @@ def test_each_moment_has_the_tick_it_is_of(told):
 
 
 def test_active_nodes_lead_from_the_root_to_the_leaf_that_commands(told):
-    followed = [m for m in moments(told[1]) if m.leaf == "Track"]
+    followed = [m for m in moments(told[1]) if m.task.leaf == "Track"]
     assert followed
     for moment in followed:
-        assert moment.nodes[moment.active[0]].parent == -1
-        assert moment.nodes[moment.active[-1]].name == "Track"
-        for above, below in zip(moment.active, moment.active[1:], strict=False):
-            assert moment.nodes[below].parent == above
-            assert moment.nodes[below].depth == moment.nodes[above].depth + 1
+        assert moment.tree.nodes[moment.tree.active[0]].parent == -1
+        assert moment.tree.nodes[moment.tree.active[-1]].name == "Track"
+        for above, below in zip(moment.tree.active, moment.tree.active[1:], strict=False):
+            assert moment.tree.nodes[below].parent == above
+            assert moment.tree.nodes[below].depth == moment.tree.nodes[above].depth + 1
 
 
 def test_of_several_plans_the_one_that_is_followed_is_shown():
@@ -107,7 +106,7 @@ def test_doubt_is_how_far_earlier_plans_were_off():
         messages.append(plan(k / 30 + 0.1, theta, theta + 0.4))
         place = (radius * math.cos(theta), radius * math.sin(theta))
         messages.append(tick(k, *place, planned_theta=theta, goal_theta=theta + 0.4, opening="1-2@45"))
-    doubt = after(*messages).plan.doubt
+    doubt = after(*messages).plan.errors
     known = 12 - ENOUGH + 1
     np.testing.assert_allclose(doubt[:known], 0.01 * radius * np.arange(known), atol=1e-9)
     assert np.isnan(doubt[known:]).all()
@@ -128,7 +127,7 @@ def test_theta_goes_on_beyond_half_a_turn_and_the_plan_with_it():
 def test_openings_are_told_with_what_is_known_of_them_and_fade():
     counts = {"t": 0.0, "fading_s": FADING_S, "names": ["2-3@0"], "successes": [1.0], "failures": [2.0]}
     moment = after(("/openings", counts), tick(0, opening="2-3@0"))
-    gates = {gate.name: gate for gate in moment.gates}
+    gates = {gate.name: gate for gate in moment.openings}
     assert set(gates) == {o.name for o in MAZE.openings}
     tried = gates["2-3@0"]
     a, b = PRIOR[0] + 1.0, PRIOR[1] + 2.0
@@ -138,7 +137,7 @@ def test_openings_are_told_with_what_is_known_of_them_and_fade():
     assert not gates["2-3@90"].tried
     assert gates["1-2@45"].closed  # by the command that began the run
     later = after(("/openings", counts), tick(0), tick(30 * 120, opening="2-3@0"))
-    assert next(g for g in later.gates if g.name == "2-3@0").failures == pytest.approx(2.0 / math.e)
+    assert next(g for g in later.openings if g.name == "2-3@0").failures == pytest.approx(2.0 / math.e)
 
 
 def test_the_prior_is_that_of_the_route_graph():
@@ -149,9 +148,9 @@ def test_the_prior_is_that_of_the_route_graph():
 def test_what_is_said_to_a_run_shows():
     events = [("closed", {"opening": "2-3@0"}), ("opened", {"opening": "1-2@45"}), ("goal", {"ring": 3, "closed": []})]
     moment = after(*(("/event", {"t": 0.5, "kind": kind, "detail": detail}) for kind, detail in events), tick(15))
-    assert {gate.name for gate in moment.gates if gate.closed} == {"2-3@0"}
-    assert moment.goal == 3
-    assert [said.text for said in moment.said] == ["2-3@0 closed", "1-2@45 open again", "new goal: ring 3"]
+    assert {gate.name for gate in moment.openings if gate.closed} == {"2-3@0"}
+    assert moment.task.goal == 3
+    assert [event.text for event in moment.events] == ["2-3@0 closed", "1-2@45 open again", "new goal: ring 3"]
 
 
 def test_the_last_failure_has_its_reason_and_its_recovery():
@@ -169,13 +168,14 @@ def test_a_new_tree_and_a_new_run_begin_anew():
     for topic, document in (("/header", HEADER), ("/tree", tree), tick(0), ("/status", {"t": 0.0, "nodes": "RR"})):
         story.take(topic, document)
     first = story.moment()
-    assert (first.run, first.tree, first.active) == (1, 1, (0, 1))
+    assert (first.run, first.tree.number, first.tree.active) == (1, 1, (0, 1))
     story.take("/tree", {**tree, "paths": ["c"], "kinds": ["C"], "names": ["c"], "parents": [-1]})
     second = story.moment()
-    assert (second.tree, second.statuses, second.active, len(second.nodes)) == (2, "", (), 1)
+    assert second.tree == TreeShown(2, second.tree.nodes)
+    assert len(second.tree.nodes) == 1
     story.take("/header", HEADER)
     third = story.moment()
-    assert (third.run, third.tick, len(third.rows), third.ball, third.nodes) == (2, 0, 0, None, ())
+    assert (third.run, third.tick, len(third.rows), third.ball, third.tree) == (2, 0, 0, None, TreeShown())
 
 
 def test_a_long_run_keeps_its_last_seconds_and_moments_stay_as_they_were():
@@ -195,7 +195,6 @@ def test_a_long_run_keeps_its_last_seconds_and_moments_stay_as_they_were():
 def test_gaps_are_gaps():
     moment = after(tick(0), ("/tick", {"t": 1 / 30, "beta": 0.0, "gamma": 0.0, "u_beta": 0.0, "u_gamma": 0.0}))
     assert moment.ball is None
-    assert not moment.seen
     assert np.isnan(moment.column("theta")[-1])
     moment = after(("/tick", {"t": 0.0, "x": math.nan, "y": 0.1, "estimate_x": None}))
     assert moment.ball is None
@@ -205,13 +204,13 @@ def test_a_log_without_a_map_can_be_shown():
     story = Story()
     story.take("/header", {"map": "no: map"})
     story.take(*tick(0, planned_theta=0.0))
-    assert story.moment().gates == ()
+    assert story.moment().openings == ()
     assert story.moment().plan is None
 
 
 def test_where_nobody_followed_the_ball_its_place_tells_the_ring():
     """As in a log of `collect`."""
     told = {"t": 0.0, "x": 0.0, "y": -0.05, "beta": 0.0, "gamma": 0.0, "u_beta": 0.0, "u_gamma": 0.0}
-    assert after(("/tick", told)).ring == 3
-    assert after(("/tick", {**told, "x": None, "y": None})).ring is None
-    assert after(("/tick", {**told, "ring": 2})).ring == 2
+    assert after(("/tick", told)).task.ring == 3
+    assert after(("/tick", {**told, "x": None, "y": None})).task.ring is None
+    assert after(("/tick", {**told, "ring": 2})).task.ring == 2

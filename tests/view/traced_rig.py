@@ -9,8 +9,8 @@ from time import time
 import yaml
 
 from mazeplan.rigs import registry
-from mazeplan.rigs.settings import settings_from
-from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.sim.settings import settings_from
+from mazeplan.rigs.sim.simulated import SimulatedRig
 
 TOY = Path(registry.__file__).parent / "toy.yaml"
 

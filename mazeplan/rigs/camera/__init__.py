@@ -1,2 +1,2 @@
-"""The overhead camera: how it maps (pinhole), where the plate is (markers), where the ball is (detector), what it
-would see (render), where pictures come from (source), and how all that is found out (calibration)."""
+"""The overhead camera: projection (pinhole), tilt of the plate (markers), the ball (detector), rendered pictures
+(render), sources of pictures (source), calibration."""

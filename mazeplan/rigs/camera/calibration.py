@@ -1,8 +1,8 @@
-"""From pictures of a chessboard and of the empty plate to a camera whose numbers are known.
+"""Calibrates a camera from pictures of a chessboard and of the empty plate.
 
-Lens: Zhang's method (cv2.calibrateCamera) on the board's corners; a picture without which the others agree much better
-is left out and named. Pose: the plate level, by its markers, or by the circles of its walls where it has none
-(`circles`). Background: the empty floor, straightened, the mean of all pictures."""
+Lens: Zhang's method (cv2.calibrateCamera) on the board's corners, without a picture if the others agree much better
+without it. Pose of the level plate: by its markers, or without them by the circles of its walls (`circles`).
+Background: the empty floor, straightened, mean of all pictures."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from mazeplan.errors import InputError
+from mazeplan.core.errors import InputError
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
-from mazeplan.records import Array
 from mazeplan.rigs.camera.detector import Background
 from mazeplan.rigs.camera.floor import Floor
 from mazeplan.rigs.camera.markers import Markers, TiltFinder, detector, find
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
 LEAST_BOARDS = 5
-GOOD_PX = 0.25  # rms of a chessboard's corners above which a picture may be at fault
-BETTER = 0.7  # times the error that is left without a picture: it is left out
-MOST_PX = 1.5  # rms in px that a calibration may leave
+GOOD_PX = 0.25  # rms of a chessboard's corners above which one picture may be wrong
+BETTER = 0.7  # a picture is left out if the error without it is below so much of the error
+MOST_PX = 1.5  # largest rms error of a calibration, px
 NamedPicture = tuple[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Lens:
-    """matrix (3, 3), distortion (5,), size; error_px: rms of the corners; used: pictures; left_out: names and why."""
+class LensCalibration:
+    """Result for the lens: matrix (3, 3), distortion (5,), size of a picture, rms error of the corners, number of used
+    pictures, and names of the others with the reason."""
 
     matrix: Array
     distortion: Array
@@ -41,7 +42,8 @@ class Lens:
 
 @dataclass(frozen=True)
 class Calibration:
-    """camera; background; error_px: rms of markers or edges against where they belong; error_mm: that on the floor."""
+    """Result: camera and background; error_px: rms error of markers or edges, error_mm: the same on the floor; by:
+    markers or circles."""
 
     camera: CameraModel
     background: Background
@@ -50,8 +52,9 @@ class Calibration:
     by: str
 
 
-def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], square: float) -> Lens:
-    """The lens by pictures of a chessboard: inner corners across and down, side of a square in m. Raises InputError."""
+def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], square: float) -> LensCalibration:
+    """The lens. corners: inner ones of the chessboard across and down; square: side of a square, m. Raises
+    InputError."""
     board = np.zeros((corners[0] * corners[1], 3), np.float32)
     board[:, :2] = np.mgrid[0 : corners[0], 0 : corners[1]].T.reshape(-1, 2) * square
     size: tuple[int, int] | None = None
@@ -80,7 +83,7 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
         )
     lens = _zhang(board, [at for _, at in found], size)
     while lens.error_px > GOOD_PX and len(found) > LEAST_BOARDS:
-        # one that lies spoils the others: without which of them do the rest agree best?
+        # without which picture do the others agree best?
         fewer = [_zhang(board, [at for _, at in found[:i] + found[i + 1 :]], size) for i in range(len(found))]
         worst = min(range(len(found)), key=lambda i: fewer[i].error_px)
         if fewer[worst].error_px > BETTER * lens.error_px:
@@ -92,24 +95,28 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
         lens = fewer[worst]
         found.pop(worst)
     if lens.error_px > MOST_PX:
-        raise InputError(f"chessboard: corners are {lens.error_px:.1f} px off after all, expected below {MOST_PX:g} px")
+        raise InputError(f"chessboard: the corners are still {lens.error_px:.1f} px off, expected below {MOST_PX:g} px")
     return replace(lens, left_out=tuple(without))
 
 
-def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]) -> Lens:
+def _zhang(board: np.ndarray, found: Sequence[np.ndarray], size: tuple[int, int]) -> LensCalibration:
     start = np.array([[1.5 * size[0], 0, 0.5 * size[0]], [0, 1.5 * size[0], 0.5 * size[1]], [0, 0, 1.0]])
     flags = cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
     error, matrix, bent, _, _ = cv2.calibrateCamera(
         [board] * len(found), list(found), size, start, np.zeros(5), flags=flags
     )
     values = np.array(bent, dtype=float).ravel()[:5]
-    return Lens(np.array(matrix, dtype=float), values, size, float(error), len(found))
+    return LensCalibration(np.array(matrix, dtype=float), values, size, float(error), len(found))
 
 
 def calibrate_plate(
-    lens: Lens, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers | None, pivot: Array | None = None
+    lens: LensCalibration,
+    pictures: Sequence[NamedPicture],
+    maze: Maze,
+    markers: Markers | None,
+    pivot: Array | None = None,
 ) -> Calibration:
-    """Pose and background by pictures of the empty, level plate. Raises InputError."""
+    """Pose and background from pictures of the empty, level plate. Raises InputError."""
     for name, image in pictures:
         if image.shape[1::-1] != lens.size:
             got = f"{image.shape[1]} x {image.shape[0]}"
@@ -127,14 +134,16 @@ def calibrate_plate(
         rotation, translation, error = pose_by_markers(lens, pictures, markers)
         by = "markers"
     if error > MOST_PX:
-        raise InputError(f"plate: {by} are {error:.1f} px from where they belong, expected below {MOST_PX:g} px")
+        raise InputError(f"plate: {by} are {error:.1f} px off, expected below {MOST_PX:g} px")
     camera = CameraModel(lens.matrix, lens.distortion, rotation, translation, lens.size, pivot)
     error_mm = 1000.0 * error * float(translation[2]) / float(lens.matrix[0, 0])
     return Calibration(camera, calibrate_background(camera, pictures, maze, markers), error, error_mm, by)
 
 
-def pose_by_markers(lens: Lens, pictures: Sequence[NamedPicture], markers: Markers) -> tuple[Array, Array, float]:
-    """(rotation, translation, rms px) from the level plate to the camera; corners are the mean over all pictures."""
+def pose_by_markers(
+    lens: LensCalibration, pictures: Sequence[NamedPicture], markers: Markers
+) -> tuple[Array, Array, float]:
+    """(rotation, translation, rms px) from the level plate to the camera, by the median corners of all pictures."""
     finder = detector()
     seen: dict[int, list[Array]] = {}
     for _, image in pictures:
@@ -163,7 +172,7 @@ def pose_by_markers(lens: Lens, pictures: Sequence[NamedPicture], markers: Marke
 def calibrate_background(
     camera: CameraModel, pictures: Sequence[NamedPicture], maze: Maze, markers: Markers | None
 ) -> Background:
-    """The empty floor; where walls hid it, what is beside."""
+    """The empty floor. Where walls hid it, it is filled in from beside."""
     floor = Floor(maze)
     tilts = None if markers is None else TiltFinder(camera, markers)
     total = np.zeros((floor.side, floor.side, 3))
@@ -177,6 +186,6 @@ def calibrate_background(
     known = (count[..., 0] > 0).astype(np.uint8) * 255
     mean = np.clip(total / np.maximum(count, 1) + 0.5, 0, 255).astype(np.uint8)
     filled = cv2.inpaint(mean, 255 - known, 4, cv2.INPAINT_TELEA)
-    # what is filled in holds near what was seen only
+    # filled pixels are valid only near seen ones
     near = cv2.dilate(known, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (11, 11)))
     return Background(filled, near)

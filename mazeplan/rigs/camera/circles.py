@@ -1,9 +1,8 @@
-"""Where the plate is by its maze alone: the walls' upper edges are circles of known radius and height.
+"""Pose of a plate without markers: the walls' upper edges are circles of known radius and height.
 
-A first guess comes from the outline of the whole maze: an ellipse, whose middle, size and the camera's focal length
-give the distance of a plate that faces the camera. Its turn about the upright is where the walls' tops are interrupted
-as the map says. Then pixels across the edges are searched for the steepest step of light, and the pose is moved until
-these lie on the circles (least squares, robust)."""
+First guess: the outline of the maze is an ellipse. Its middle and size give the place of a plate that faces the camera;
+the gaps in the walls' tops give its turn about the vertical. Then a robust least-squares fit moves the pose until the
+steepest steps of light lie on the circles."""
 
 from __future__ import annotations
 
@@ -14,23 +13,24 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from mazeplan.errors import InputError
-from mazeplan.maths.angles import difference
+from mazeplan.core.errors import InputError
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze, Wall
-from mazeplan.records import Array
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation, sampled
 
-REACHES = (10.0, 5.0, 3.0)  # px on either side in which an edge is looked for, round by round
-FITTING = 0.6  # share of all points whose edge must lie within a pixel of where it belongs
+REACHES = (10.0, 5.0, 3.0)  # px on either side in which an edge is searched, round by round
+FITTING = 0.6  # share of all points with an edge within a pixel
 EVERY = math.radians(3.0)  # between points on a circle
-ROW = 1024  # pixels that are looked up in a row
-TURNS = 360  # directions that are tried
+ROW = 1024  # pixels per row of a lookup
+TURNS = 360  # directions to try
 FACING = np.diag([1.0, -1.0, -1.0])  # a camera that looks straight down
 
 
 def pose_by_circles(matrix: Array, distortion: Array, image: np.ndarray, maze: Maze) -> tuple[Array, Array, float]:
-    """(rotation, translation, rms px) from the level plate to the camera, by a picture of the empty plate. Raises
-    InputError when no maze of that kind is to be seen."""
+    """(rotation, translation, rms px) from the level plate to the camera, by a picture of the empty plate.
+
+    Raises InputError if the picture does not show the maze."""
     soft = cv2.GaussianBlur(image, (0, 0), 0.7)
     gray = cv2.cvtColor(soft, cv2.COLOR_BGR2GRAY).astype(np.float32)
     size = (image.shape[1], image.shape[0])
@@ -56,7 +56,7 @@ def pose_by_circles(matrix: Array, distortion: Array, image: np.ndarray, maze: M
 
 
 def _round_things(gray: np.ndarray, size: tuple[int, int]) -> list[tuple[Array, float]]:
-    """(middle (2,), radius) in px of what may be the maze's outline, most likely first."""
+    """(middle (2,), radius), px, of ellipses that may be the maze's outline, most likely first."""
     edges = cv2.dilate(cv2.Canny(gray.astype(np.uint8), 40, 100), np.ones((3, 3), np.uint8))
     contours, _ = cv2.findContours(edges, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     found = []
@@ -78,7 +78,7 @@ def _round_things(gray: np.ndarray, size: tuple[int, int]) -> list[tuple[Array, 
 
 
 def _wall_line(maze: Maze, wall: Wall) -> tuple[Array, Array, np.ndarray]:
-    """Angles (TURNS,), points (TURNS, 3) in the middle of a wall's top, and whether an opening is there."""
+    """Angles (TURNS,), points (TURNS, 3) in the middle of a wall's top, and whether they are in an opening."""
     angles = np.arange(TURNS) * math.tau / TURNS
     middle = 0.5 * (wall.inner_radius + wall.outer_radius)
     gap = np.zeros(TURNS, dtype=bool)
@@ -90,14 +90,14 @@ def _wall_line(maze: Maze, wall: Wall) -> tuple[Array, Array, np.ndarray]:
 
 
 def _turns(unlike: np.ndarray, guess: CameraModel, maze: Maze) -> list[float]:
-    """Turns of the plate about the upright, rad, likely ones first: openings are where no top is seen."""
+    """Turns of the plate about the vertical, rad, likely ones first: at openings the tops have gaps."""
     score = np.zeros(TURNS)
     angles = np.arange(TURNS) * math.tau / TURNS
     for wall in maze.walls:
         if wall.openings:
             _, tops, gap = _wall_line(maze, wall)
             light = _sample(unlike, guess.project(tops))
-            # a plate turned by t shows at angle a what the map has at a - t
+            # angle a of a plate turned by t is angle a - t of the map
             score += np.fft.ifft(np.fft.fft(light - light.mean()) * np.conj(np.fft.fft(gap - gap.mean()))).real
     picked: list[float] = []
     for index in np.argsort(-score):
@@ -109,7 +109,7 @@ def _turns(unlike: np.ndarray, guess: CameraModel, maze: Maze) -> list[float]:
 
 
 def _openings_seen(unlike: np.ndarray, camera: CameraModel, maze: Maze) -> float:
-    """How much less like the tops the picture is in openings than on the walls beside, grey levels."""
+    """Difference between openings and the walls beside in likeness to the tops, grey levels."""
     there, beside = [], []
     for wall in maze.walls:
         _, tops, gap = _wall_line(maze, wall)
@@ -120,9 +120,10 @@ def _openings_seen(unlike: np.ndarray, camera: CameraModel, maze: Maze) -> float
 
 
 def _unlike_tops(image: np.ndarray, camera: CameraModel, maze: Maze) -> np.ndarray:
-    """0 where the picture has the colour of the walls' tops, 255 where it is clearly another one: the walls' sides,
-    their feet and shadows on the floor leave no edges."""
-    rim = maze.walls[0]  # it has no openings: how the plate is turned need not be known
+    """0 at the colour of the walls' tops, 255 at clearly other colours.
+
+    So the walls' sides and their shadows on the floor have no edges."""
+    rim = maze.walls[0]  # it has no openings, so that its turn does not matter
     angles = np.arange(0.0, math.tau, EVERY)
     tops = 0.5 * (rim.inner_radius + rim.outer_radius) * np.column_stack([np.cos(angles), np.sin(angles)])
     where = camera.project(np.column_stack([tops, np.full(len(tops), maze.wall_height)]))
@@ -139,7 +140,7 @@ def _rims(maze: Maze) -> list[tuple[Array, Array]]:
     for wall in maze.walls:
         for radius in (wall.inner_radius, wall.outer_radius):
             angles = np.arange(0.0, math.tau, EVERY)
-            ring = wall.outer_ring + (radius == wall.inner_radius)  # the one that it looks into
+            ring = wall.outer_ring + (radius == wall.inner_radius)  # the ring on that side
             angles = angles[[_solid(wall, radius, a) and not _joined(maze, ring, radius, a) for a in angles.tolist()]]
             out = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
             rims.append((radius * out + np.array([0.0, 0.0, maze.wall_height]), out))
@@ -151,16 +152,16 @@ def _solid(wall: Wall, radius: float, angle: float) -> bool:
 
 
 def _joined(maze: Maze, ring: int, radius: float, angle: float) -> bool:
-    """Whether a radial wall of a ring joins a wall there: their tops are one."""
+    """Whether a radial wall of the ring joins a wall at this angle: their tops are one."""
     return any(
         w.ring == ring and abs(difference(angle, w.angle)) < w.half_angle(radius, 0.002) for w in maze.radial_walls
     )
 
 
 def _refined(gray: np.ndarray, camera: CameraModel, maze: Maze) -> tuple[float, CameraModel] | None:
-    """(rms px, camera) after its pose was laid to the edges, or None when most of them are not there."""
+    """(rms px, camera) with its pose fitted to the edges, or None if most of them are missing."""
     rims = _rims(maze)
-    # the sides of a opening say how the plate is turned
+    # the sides of openings give the turn of the plate
     points = np.vstack([p for p, _ in rims] + [_sides(maze)[0]])
     out = np.vstack([d for _, d in rims] + [_sides(maze)[1]])
     error = math.inf
@@ -208,7 +209,7 @@ def _moved(camera: CameraModel, change: Array) -> CameraModel:
 
 
 def _steps(gray: np.ndarray, here: Array, across: Array, reach: float) -> tuple[Array, np.ndarray]:
-    """Along `across`, (N, 2), how many px from `here` the light changes most, and whether it clearly does."""
+    """Distance from `here`, px, of the steepest step of light along `across`, (N, 2), and whether the step is clear."""
     at = np.arange(-reach - 1.0, reach + 1.01, 0.5)
     light = _sample(gray, (here[:, None] + at[None, :, None] * across[:, None]).reshape(-1, 2)).reshape(len(here), -1)
     change = np.abs(light[:, 2:] - light[:, :-2])
@@ -221,5 +222,7 @@ def _steps(gray: np.ndarray, here: Array, across: Array, reach: float) -> tuple[
 
 
 def _sample(gray: np.ndarray, pixels: Array) -> Array:
-    where = np.resize(pixels.astype(np.float32), (math.ceil(len(pixels) / ROW), ROW, 2))  # OpenCV takes no long ones
+    where = np.resize(
+        pixels.astype(np.float32), (math.ceil(len(pixels) / ROW), ROW, 2)
+    )  # OpenCV limits the length of a row
     return sampled(gray, where).ravel()[: len(pixels)].astype(float)

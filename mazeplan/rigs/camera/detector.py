@@ -1,9 +1,9 @@
-"""Where the ball is in a picture, or why nobody can say.
+"""Finds the ball in a picture.
 
-1. The plate's tilt by its markers. 2. The floor straightened (`floor`) and compared with the empty one, after the
-light's changes are taken out: what differs may be the ball, a reflection or a shadow. 3. Discs of what differs, where a
-ball can be at all. 4. For each the outline of a sphere of that radius is laid to its edge (`outline`), by the part that
-is seen. One that fits is the ball; two are one too many. No picture but this one is looked at: nothing is carried on.
+1. The plate's tilt, by its markers. 2. The straightened floor (`floor`) and its difference to the empty one in the same
+light: the ball, reflections, shadows. 3. Discs of large difference at places where a ball has room. 4. For each disc a
+fit of the outline of a sphere to its visible edge (`outline`). One that fits is the ball; two are no result. The
+detector uses only this picture and has no memory.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
-from mazeplan.records import Array
 from mazeplan.rigs.camera.floor import PX, Floor
 from mazeplan.rigs.camera.markers import Markers, TiltFinder
-from mazeplan.rigs.camera.outline import Fit, Outline
+from mazeplan.rigs.camera.outline import Outline, OutlineFit
 from mazeplan.rigs.camera.pinhole import CameraModel
 
-HALF = 2  # the search for discs goes over a picture so many times smaller
-LIGHT = 100.0  # median of the floor, 0 to 255, from which on the ball is darker than it
-SLOW = 8  # the light over one that is so many times smaller
+HALF = 2  # the search for discs uses a picture so many times smaller
+LIGHT = 100.0  # median of the floor, 0 to 255, above which the ball is darker than it
+SLOW = 8  # the light is compared in a picture so many times smaller
 
 
 class Why(StrEnum):
-    """What came of a picture."""
+    """Result of a picture."""
 
     FOUND = "found"
     DARK = "too dark"
@@ -41,7 +41,7 @@ class Why(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Sighting:
     """x, y: ball centre in the plate frame, m, or None; confidence: 0 to 1; beta, gamma: the plate's tilt by its
-    markers, rad, or None; error: 1 sigma of x and y together that the outline's scatter tells of, m."""
+    markers, rad, or None; error: standard deviation of x and y together by the outline's scatter, m."""
 
     x: float | None
     y: float | None
@@ -62,14 +62,15 @@ class Background:
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """hue_deg: from, to, in which the ball's colour lies (0 red, 120 green, 240 blue), None for a ball of steel;
-    saturation: least of 255 then. contrast: grey levels by which ball and floor differ at least; darkest: share of the
-    background's light below which nothing is tried; moved_px: distance of markers from where they belong; clear: share
-    of the outline that must be seen and lie on the circle; agree: share of what is seen of it that must lie on the
-    circle; error_m: largest 1 sigma; wider_m: by how much the circle may be than the ball; tolerance_m: of where walls
-    and ball are; rival: share of the best outline's clearness that makes another one a second ball; edge: least step of
-    light at the outline, of the floor's light; filled: least mean difference over a disc, of 1, to look closer;
-    candidates: places at which is looked closer; rival_score: least share of the best one's difference."""
+    """hue_deg: range of the ball's colour (0 red, 120 green, 240 blue), None for steel; saturation: its least of 255.
+
+    contrast: least difference between ball and floor, grey levels; darkest: least light, as a share of the
+    background's; moved_px: largest error of the markers. Of the outline: clear: least share that is seen and on the
+    circle; agree: least share of the seen part that is on the circle; error_m: largest standard deviation; wider_m:
+    largest difference of the radius; edge: least step of light, as a share of the floor's light. tolerance_m: of the
+    places of walls and ball; rival: share of the best outline's clearness that makes another one a second ball; filled:
+    least mean difference over a candidate's disc; candidates: largest number; rival_score: least share of the best
+    difference."""
 
     hue_deg: tuple[float, float] | None = None
     saturation: int = 90
@@ -112,7 +113,7 @@ class BallDetector:
         self._disc, self._ring = _kernels(maze.ball.radius * PX / HALF)
 
     def locate(self, image: np.ndarray, tilt: tuple[float, float] | None = None) -> Sighting:
-        """The ball in a picture (height, width, 3), BGR. tilt: beta, gamma, rad, where there are no markers to be seen.
+        """The ball in a picture (height, width, 3), BGR. tilt: beta, gamma, rad, for a picture without markers.
 
         Raises ValueError for a picture of another size than the camera's."""
         if image.shape != (self.camera.size[1], self.camera.size[0], 3):
@@ -130,7 +131,7 @@ class BallDetector:
             return Sighting(None, None, 0.0, why, beta, gamma)
         return Sighting(fit.x, fit.y, fit.confidence, why, beta, gamma, fit.error)
 
-    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, Fit | None]:
+    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, OutlineFit | None]:
         settings, eye = self.settings, self.camera.centre(beta, gamma)
         seen = self.floor.straighten(image, self.camera, beta, gamma)
         clear = cv2.bitwise_and(self.floor.visible(eye), self.background.known)
@@ -153,8 +154,8 @@ class BallDetector:
             return (Why.TWO if any(self._good(fit) for fit in rivals) else Why.UNSURE), None
         return Why.FOUND, best
 
-    def _rivals(self, fit: Fit, best: Fit) -> bool:
-        """Whether it is another ball: as clear, and not the same one's shadow, whose edge is soft."""
+    def _rivals(self, fit: OutlineFit, best: OutlineFit) -> bool:
+        """Whether a fit may be a second ball: elsewhere, and as clear; a shadow has a soft edge."""
         apart = np.hypot(fit.x - best.x, fit.y - best.y)
         return bool(
             apart > self.maze.ball.radius
@@ -162,8 +163,8 @@ class BallDetector:
         )
 
     def _differs(self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray) -> np.ndarray:
-        """How far the floor's colour is from what it should be, 0 to 255 and 0 where that is noise; with a colour of
-        the ball, 255 where that is seen."""
+        """Difference of the floor's colour to the empty floor, 0 to 255, without noise. For a coloured ball: 255 at its
+        colour, else 0."""
         if self.settings.hue_deg is not None:
             low, high = (round(value / 2.0) for value in self.settings.hue_deg)
             hsv = cv2.cvtColor(seen, cv2.COLOR_BGR2HSV)
@@ -183,11 +184,11 @@ class BallDetector:
         return cv2.bitwise_and(most, clear)
 
     def _candidates(self, differs: np.ndarray, clear: np.ndarray, eye: Array) -> list[tuple[float, float]]:
-        """Places (x, y), m, of the ball's centre where most differs inside a disc and least around it."""
+        """Places (x, y), m, of the ball's centre with most difference inside a disc and least around it."""
         settings, ball, floor = self.settings, self.maze.ball.radius, self.floor
         small = cv2.resize(differs, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA).astype(np.float32)
         score = cv2.filter2D(small, cv2.CV_32F, (self._disc - self._ring) / 255.0, borderType=cv2.BORDER_CONSTANT)
-        # where a centre may be, moved to the floor behind it
+        # allowed centres, projected to the floor behind them
         k, foot = ball / eye[2], (floor.pixels(eye[None, :2])[0] + 0.5) / HALF - 0.5
         warp = np.array([[1.0 - k, 0.0, k * foot[0]], [0.0, 1.0 - k, k * foot[1]]])
         allowed = cv2.warpAffine(self._allowed, warp, score.shape[::-1], flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
@@ -202,14 +203,14 @@ class BallDetector:
             cv2.circle(allowed, at, round(1.2 * ball * PX / HALF), 0, -1)
         return found
 
-    def _possible(self, fit: Fit) -> bool:
-        """Whether a ball has room there."""
+    def _possible(self, fit: OutlineFit) -> bool:
+        """Whether a ball has room at the place of the fit."""
         column, row = np.round(self.floor.pixels(np.array([[fit.x, fit.y]]))[0]).astype(int)
         side = self.floor.side
         inside = 0 <= column < side and 0 <= row < side
         return bool(inside and self._room[row, column] >= self.maze.ball.radius - self.settings.tolerance_m)
 
-    def _good(self, fit: Fit) -> bool:
+    def _good(self, fit: OutlineFit) -> bool:
         settings = self.settings
         return (
             fit.clear * fit.agree >= settings.clear
@@ -220,7 +221,7 @@ class BallDetector:
 
 
 def _kernels(radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """A disc, and a ring around it that counts 0.7."""
+    """A disc, and a ring around it with weight 0.7."""
     reach = int(1.6 * radius) + 1
     rho = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
     disc = np.clip(radius - rho + 0.5, 0.0, 1.0)
@@ -230,8 +231,7 @@ def _kernels(radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _relit(picture: np.ndarray, seen: np.ndarray, clear: np.ndarray) -> tuple[np.ndarray, float]:
-    """The background in this picture's light: a gain for each colour, then what is left of it over larger parts of the
-    plate; and the gain."""
+    """The background in this picture's light, and the gain: a gain for each colour, then a smooth correction."""
     at = clear[2::5, 2::5] > 0
     if not at.any():
         return picture, 0.0

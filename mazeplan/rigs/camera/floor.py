@@ -1,7 +1,7 @@
-"""The plate's floor as a picture of its own: straightened, without the tilt, `PX` pixels per m, y up.
+"""The straightened picture of the plate's floor: without tilt and perspective, `PX` pixels per m, y up.
 
-What belongs to the floor stays in its place there whatever the tilt; what stands on it leans away from the camera's
-foot. With C the camera's place in the plate frame, a point p at height z hides the floor at C + (p - C) Cz / (Cz - z).
+Points of the floor keep their places at any tilt. What stands on the floor leans away from the camera's foot: with C
+the camera's place in the plate frame, a point p at height z hides the floor at C + (p - C) Cz / (Cz - z).
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ import math
 import cv2
 import numpy as np
 
+from mazeplan.core.records import Array
 from mazeplan.maze.drawing import radial_outline, wall_outlines
 from mazeplan.maze.geometry import Maze
-from mazeplan.records import Array
 from mazeplan.rigs.camera.pinhole import CameraModel, sampled
 
 PX = 2000.0  # pixels of floor per m
-CELL = 8  # px between points that are projected; between them the map is bent too little to matter
-FINE = 4  # times finer the walls are drawn first
-HEIGHTS = (1.0, 0.66, 0.33, 0.0)  # of the walls, at which they hide something
+CELL = 8  # px between projected points; between them the map is nearly linear
+FINE = 4  # the walls are drawn so many times finer first
+HEIGHTS = (1.0, 0.66, 0.33, 0.0)  # shares of the walls' height at which they hide the floor
 CLEAR = 25  # of 255, share of a pixel that a wall may hide
 
 
@@ -29,7 +29,7 @@ def floor_side(maze: Maze) -> int:
 
 
 class Floor:
-    """The floor inside the rim, and what hides it. `side`: pixels; `solid`: 255 where there is wall."""
+    """The floor inside the rim, and the walls that hide it. side: pixels; solid: 255 at walls."""
 
     def __init__(self, maze: Maze) -> None:
         self.maze = maze
@@ -70,14 +70,14 @@ class Floor:
         return np.column_stack([at[:, 0] - self.half, self.half - at[:, 1]])
 
     def straighten(self, image: np.ndarray, camera: CameraModel, beta: float, gamma: float) -> np.ndarray:
-        """The floor's picture (side, side, 3) out of a camera's."""
+        """The floor's picture (side, side, 3) from a camera's."""
         cells = self.side // CELL
         coarse = camera.project(self._nodes, beta, gamma).astype(np.float32).reshape(cells, cells, 2)
         where = cv2.resize(coarse, (self.side, self.side), interpolation=cv2.INTER_LINEAR)
         return sampled(image, where)
 
     def visible(self, eye: Array) -> np.ndarray:
-        """255 where the floor is seen from `eye` (3,) in the plate frame, 0 where a wall stands or hides it."""
+        """255 where the floor is visible from `eye` (3,) in the plate frame, 0 where a wall stands or hides it."""
         foot = self.pixels(eye[None, :2])[0]
         hidden = self.solid.copy()
         for share in HEIGHTS:

@@ -1,4 +1,4 @@
-"""How things look in a rendered picture: colours, lamp, lens, sensor. Colours are blue, green, red from 0 to 255."""
+"""Appearance of rendered pictures: colours, lamp, lens, sensor. Colours are blue, green, red from 0 to 255."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ import cv2
 import numpy as np
 
 Colour = tuple[int, int, int]
-SPRITE = 96  # px, side of the ball's picture before it is put in its place
-EDGE = 0.05  # of the radius, over which it ends
-SHADE = 0.55  # light that is left in the ball's shadow
-GAP, TALL = 1.2, 3.0  # from the ball's middle to a wall beside it, and how high that is, in radii
+SPRITE = 96  # px, side of the ball's own picture
+EDGE = 0.05  # width of the ball's soft edge, of its radius
+SHADE = 0.55  # share of the light in the ball's shadow
+GAP, TALL = 1.2, 3.0  # distance and height of a wall beside the ball, in radii
 
 
 @dataclass(frozen=True)
 class Look:
-    """blur: px, 1 sigma; noise: grey levels, 1 sigma; exposure: 1 is right; flicker: 1 sigma of the light from picture
-    to picture; slope: of the light from one side of the picture to the other; gloss: strength of the lamp's reflection
-    in the floor, 0 to 1; veils: (x px, y px, radius px, strength 0 to 1) of light that lies over the picture; lamp: m,
-    in the room; sharp: drawn at twice the size and wall shadows that go with the tilt, else half as dear."""
+    """blur, noise, flicker: standard deviations, px, grey levels, and share of the light per picture.
+
+    exposure: 1 is right; slope: of the light across the picture; gloss: strength of the lamp's reflection in the floor,
+    0 to 1; veils: (x px, y px, radius px, strength 0 to 1) of stray light; lamp: place in the room, m; sharp: drawn at
+    twice the size, wall shadows follow the tilt; twice as slow."""
 
     ball: str = "steel"
     blur: float = 0.7
@@ -42,8 +43,8 @@ class Look:
 
 
 def steel(look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Polished steel seen from above: in its middle the ceiling, then the room along the channel and the walls across
-    it, at its rim the floor, with the ball's own shadow on one side."""
+    """Polished steel from above. It mirrors the ceiling in its middle, then room and walls, and the floor with its own
+    shadow at its rim."""
     ray = 2.0 * normal[..., 2:] * normal - np.array([0.0, 0.0, 1.0])
     level = np.maximum(np.hypot(ray[..., 0], ray[..., 1]), 1e-6)
     rho = np.hypot(normal[..., 0], normal[..., 1])
@@ -60,7 +61,7 @@ def steel(look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarra
 
 
 def painted(colour: Colour, look: Look, normal: np.ndarray, to_lamp: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """A dull ball of one colour."""
+    """A matt ball of one colour."""
     light = 0.42 + 0.68 * np.clip((normal * to_lamp).sum(axis=2), 0.0, 1.0)
     return np.array(colour, dtype=float) * light[..., None]
 
@@ -73,9 +74,9 @@ BALLS = {
 
 
 def sprite(look: Look, to_lamp: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Picture of the ball (SPRITE, SPRITE, 3) and how much of each pixel it covers (SPRITE, SPRITE), float32; its disc
-    fills 0.8 of the side, x to the right, y up in the first row. to_lamp: unit
-    vector (3,); across: (2,), towards the walls."""
+    """Picture of the ball (SPRITE, SPRITE, 3) and its share of each pixel (SPRITE, SPRITE), float32.
+
+    Its disc fills 0.8 of the side, x to the right, y up. to_lamp: unit vector (3,); across: (2,), towards the walls."""
     at = (np.arange(SPRITE) + 0.5) / SPRITE * 2.5 - 1.25
     x, y = np.meshgrid(at, -at)
     rho = np.hypot(x, y)
@@ -91,7 +92,7 @@ def sprite(look: Look, to_lamp: np.ndarray, across: np.ndarray) -> tuple[np.ndar
 
 
 def grain(shape: tuple[int, int], scale: float, seed: int) -> np.ndarray:
-    """A quiet irregular pattern, 1 sigma 1, float32."""
+    """A smooth random pattern with standard deviation 1, float32."""
     noise = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), scale)
     return smooth / smooth.std()

@@ -1,4 +1,4 @@
-"""ArUco markers on the plate, and from them its tilt, picture by picture."""
+"""ArUco markers on the plate, and the plate's tilt from them."""
 
 from __future__ import annotations
 
@@ -8,41 +8,39 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
-from mazeplan.records import Array
 from mazeplan.rigs.camera.pinhole import CameraModel
 
 DICTIONARY = cv2.aruco.DICT_4X4_50
 SIZE = 0.024  # m, side of a packaged marker without its white margin
 MARGIN = 0.003  # m, white around it
-ROOM = 14  # px around where a marker is on the level plate; it moves by that at the tilt limit
+ROOM = 14  # px around a marker of the level plate; it moves so far at the tilt limit
 STEPS, SMALL = 6, 1e-6  # of the fit of a tilt: iterations at most; rad
 
 
 @dataclass(frozen=True)
 class Markers:
-    """Where markers are: id to the middle (x, y, z) in the plate frame, m; the upper edge of each lies towards +y, its
-    side is `size` m long."""
+    """places: id to the middle (x, y, z) in the plate frame, m; the upper edge of each is towards +y; size: side, m."""
 
     places: dict[int, tuple[float, float, float]]
     size: float = SIZE
 
     def corners(self, number: int) -> Array:
-        """Corners (4, 3) of a marker in the order in which they are detected: clockwise from the upper left."""
+        """Corners (4, 3) of a marker in the detector's order: clockwise from the upper left."""
         half = 0.5 * self.size
         return np.array(self.places[number]) + half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
 
 
 def corner_markers(maze: Maze) -> Markers:
-    """Markers 0 to 3 in the four corners of a square plate, as near to the maze as their margins allow, anticlockwise
-    from upper right."""
+    """Markers 0 to 3 in the corners of a square plate, counter-clockwise from upper right, close to the maze."""
     rim = maze.walls[0].outer_radius
     near = (rim + 0.001) / math.sqrt(2.0) + MARGIN + 0.5 * SIZE
     return Markers({i: (near * sx, near * sy, 0.0) for i, (sx, sy) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)])})
 
 
 def detector() -> cv2.aruco.ArucoDetector:
-    """A detector with corners to parts of a pixel."""
+    """A detector with subpixel corners."""
     how = cv2.aruco.DetectorParameters()
     how.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     how.cornerRefinementWinSize = 3
@@ -52,7 +50,7 @@ def detector() -> cv2.aruco.ArucoDetector:
 
 
 def find(gray: np.ndarray, finder: cv2.aruco.ArucoDetector, known: Markers) -> dict[int, Array]:
-    """Corners (4, 2), px, of the known markers that are in a grey picture; one that is there twice is left out."""
+    """Corners (4, 2), px, of the known markers in a grey picture, without those that appear twice."""
     corners, ids, _ = finder.detectMarkers(gray)
     found: dict[int, Array] = {}
     twice: set[int] = set()
@@ -64,7 +62,7 @@ def find(gray: np.ndarray, finder: cv2.aruco.ArucoDetector, known: Markers) -> d
 
 
 class TiltFinder:
-    """The plate's tilt by its markers. Looks only where they can be."""
+    """The plate's tilt by its markers. Searches only around their places."""
 
     def __init__(self, camera: CameraModel, markers: Markers) -> None:
         self.camera, self.markers = camera, markers
@@ -80,7 +78,7 @@ class TiltFinder:
         return left, top, right, bottom
 
     def seen(self, gray: np.ndarray) -> dict[int, Array]:
-        """Corners (4, 2), px, of each marker that is found."""
+        """Corners (4, 2), px, of each detected marker."""
         found: dict[int, Array] = {}
         for number, (left, top, right, bottom) in self._windows.items():
             if right - left < 16 or bottom - top < 16:
@@ -91,7 +89,7 @@ class TiltFinder:
         return found
 
     def tilt(self, gray: np.ndarray) -> tuple[float, float, float] | None:
-        """(beta, gamma, rms distance in px between corners and where they belong then), or None without a marker."""
+        """(beta, gamma, rms error of the corners in px), or None without a marker."""
         found = self.seen(gray)
         if not found:
             return None
@@ -101,7 +99,7 @@ class TiltFinder:
 
 
 def fit_tilt(camera: CameraModel, points: Array, pixels: Array) -> tuple[float, float, float]:
-    """(beta, gamma, rms px) by least squares: points (N, 3) of the plate seen at pixels (N, 2)."""
+    """(beta, gamma, rms px) by least squares, from points (N, 3) of the plate and their pixels (N, 2)."""
     tilt, step = np.zeros(2), 1e-4
     for _ in range(STEPS):
         off = (pixels - camera.project(points, *tilt)).ravel()

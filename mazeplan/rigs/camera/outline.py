@@ -1,9 +1,8 @@
-"""The outline of a sphere of known radius, laid to the edge between it and the floor.
+"""Fits the outline of a sphere of known radius to its edge on the floor.
 
-Seen from the camera a sphere ends in a circle across the line of sight. Along rays of that circle, from inside to
-outside, the picture's difference to the empty floor is followed; where it changes most is the edge. The centre is moved
-until the edges lie on the circle, by least squares that leave out what is far off (Tukey). Rays that a wall hides say
-nothing: half a circle is enough.
+The outline of a sphere is a circle across the line of sight. On each ray of that circle the edge is where the
+difference to the empty floor changes most. Robust least squares (Tukey) move the centre until the edges lie on the
+circle. Rays that a wall hides do not count: half a circle is enough.
 """
 
 from __future__ import annotations
@@ -13,28 +12,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mazeplan.records import Array
+from mazeplan.core.records import Array
 from mazeplan.rigs.camera.floor import Floor
 from mazeplan.rigs.camera.pinhole import sampled
 
 RAYS = 72
 STEP = 0.00025  # m, between samples on a ray
 REACH = 11  # samples on either side of the circle
-WINDOWS = (0.0014, 0.0008, 0.0005, 0.0005)  # m, 1 sigma of where the edge is looked for, round by round
-TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m, from where an edge counts no more
+WINDOWS = (0.0014, 0.0008, 0.0005, 0.0005)  # m, standard deviation of the search for the edge, round by round
+TUKEY = (0.0025, 0.0012, 0.0008, 0.0006)  # m, beyond which an edge does not count
 INLIER = 0.0005  # m
-SHARE = 0.4  # of a ray's clearest edge, from which another is an edge, too
-PRIOR = np.diag([1e-9, 1e-9, 1.0])  # of the fit: how far the edge's radius may be off counts as much as one ray
-WHITE = 248.0  # in all colours from here on, just inside the circle: the ray is dazzled
-HOPELESS = 0.3  # share of the seen rays that must agree in every round
-WEAK = 8.0  # grey levels, sum of the colours', over the edge's width: less is no edge
+SHARE = 0.4  # of a ray's clearest edge: another edge with more is an edge, too
+PRIOR = np.diag([1e-9, 1e-9, 1.0])  # of the fit: the radius counts as much as one ray
+WHITE = 248.0  # all colours above this just inside the circle: the ray is overexposed
+HOPELESS = 0.3  # least share of the visible rays that agree in every round
+WEAK = 8.0  # grey levels, sum of the colours, over the edge's width: less is no edge
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
-    """x, y: the sphere's centre, m; clear: share of the rays that are seen; agree: share of those whose edge lies on
-    the circle; error: 1 sigma of x and y together, m; wider: by how much the edge's circle is than the sphere's, m;
-    strength: of the edge, grey levels of all colours."""
+class OutlineFit:
+    """x, y: the sphere's centre, m; clear: share of visible rays; agree: share of those with an edge on the circle;
+    error: standard deviation of x and y together, m; wider: radius of the edge minus that of the sphere, m; strength:
+    of the edge, grey levels of all colours."""
 
     x: float
     y: float
@@ -46,12 +45,12 @@ class Fit:
 
     @property
     def confidence(self) -> float:
-        """0 to 1: how much of the outline was seen and agreed."""
+        """0 to 1: share of the outline that is visible and agrees."""
         return min(1.0, self.agree) * min(1.0, 2.0 * self.clear * self.agree)
 
 
 class Outline:
-    """Fits for one radius, m. darker: the ball is darker than the floor, so that a bright spot has no edge."""
+    """Fits for one radius, m. darker: the ball is darker than the floor, so that bright spots are no edges."""
 
     def __init__(self, radius: float, floor: Floor, darker: bool) -> None:
         self.radius, self.floor, self.darker = radius, floor, darker
@@ -59,7 +58,9 @@ class Outline:
         self._turn = np.column_stack([np.cos(angle), np.sin(angle)])
         self._offset = np.arange(-REACH, REACH + 1) * STEP
 
-    def fit(self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array) -> Fit | None:
+    def fit(
+        self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array
+    ) -> OutlineFit | None:
         """From about a place (2,), m. seen, empty (side, side, 3), clear (side, side): the floor now, without a ball,
         and where it is to be seen; eye: the camera's place in the plate frame, (3,)."""
         start = place.copy()
@@ -79,14 +80,16 @@ class Outline:
             scatter = math.sqrt(float((weight * off**2).sum()) / max(1.0, float(weight.sum()) - 3.0))
             error = scatter * math.sqrt(float(np.trace(spread[:2, :2])))
             agree, clearest = float(on.sum() / max(1, ok.sum())), float(np.median(strength[on])) if on.any() else 0.0
-            result = Fit(float(place[0]), float(place[1]), float(ok.mean()), agree, error, float(move[2]), clearest)
+            result = OutlineFit(
+                float(place[0]), float(place[1]), float(ok.mean()), agree, error, float(move[2]), clearest
+            )
         return result
 
     def _edges(
         self, seen: np.ndarray, empty: np.ndarray, clear: np.ndarray, eye: Array, place: Array, window: float
     ) -> tuple[Array, Array, np.ndarray, Array]:
-        """Of each ray: how far outside the circle its edge is (m), how strong, whether it is seen; its direction
-        in the plane (RAYS, 2)."""
+        """For each ray: distance of its edge outside the circle (m), strength, visibility, direction in the plane
+        (RAYS, 2)."""
         centre = np.array([place[0], place[1], self.radius])
         away = centre - eye
         far = float(np.linalg.norm(away))
@@ -108,7 +111,7 @@ class Outline:
         change[~(sure[:, 2:] & sure[:, :-2])] = 0.0
         at = self._offset[1:-1]
         likely = change * np.exp(-0.5 * (at / window) ** 2)
-        # of all edges that are about as clear as the clearest, the outermost: inside, the ball mirrors edges of its own
+        # the outermost of the clearest edges: further in, the ball mirrors other edges
         peak = (change >= np.roll(change, 1, axis=1)) & (change >= np.roll(change, -1, axis=1))
         peak &= likely > SHARE * likely.max(axis=1, keepdims=True)
         best = np.clip(len(at) - 1 - peak[:, ::-1].argmax(axis=1), 1, len(at) - 2)
@@ -121,12 +124,12 @@ class Outline:
 
 
 def _laid(edge: Array, flat: Array, known: np.ndarray, tukey: float) -> tuple[Array, Array, Array, Array]:
-    """The circle through edges (RAYS,), m outside of it: (its move in x, y and radius, what is left, weights, inverse
-    of the normal matrix)."""
+    """Fit a circle to edges (RAYS,), m outside of it: (move in x, y and radius, residuals, weights, inverse of the
+    normal matrix)."""
     columns = np.column_stack([flat, np.ones(len(edge))])
     off, move, spread = edge, np.zeros(3), np.eye(3)
     weight = known * np.clip(1.0 - (off / tukey) ** 2, 0.0, 1.0) ** 2
-    for _ in range(3):  # what counts depends on where the circle is
+    for _ in range(3):  # the weights depend on the circle
         spread = np.array(np.linalg.inv((columns * weight[:, None]).T @ columns + PRIOR), dtype=float)
         move = spread @ ((columns * weight[:, None]).T @ edge)
         off = edge - columns @ move

@@ -1,4 +1,4 @@
-"""A camera with a lens, and the plate in front of it.
+"""A pinhole camera with a lens, and the plate before it.
 
 The plate frame is the maze's (x to the right, y up, z towards the camera, floor at z = 0). It turns about its pivot,
 R = Ry(beta) Rx(gamma); the level plate frame, which does not turn, is mapped to the camera by rotation and translation
@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from mazeplan.records import Array
+from mazeplan.core.records import Array
 
 
 def plate_rotation(beta: float, gamma: float) -> Array:
@@ -31,15 +31,15 @@ def rotation(vector: Sequence[float] | Array) -> Array:
 
 
 def sampled(image: np.ndarray, where: np.ndarray, border: int = cv2.BORDER_CONSTANT) -> np.ndarray:
-    """The image between its pixels, linearly, at places (..., 2) in float32: x, y."""
-    # both coordinates in one array, and no second one, is what OpenCV documents; its types do not know it
+    """The image at places (..., 2), x, y in float32, by linear interpolation."""
+    # OpenCV documents one array with both coordinates; its types do not have it
     return cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=border)  # type: ignore[call-overload]
 
 
 @dataclass(frozen=True)
 class CameraModel:
     """matrix (3, 3); distortion (5,) k1 k2 p1 p2 k3; rotation (3, 3) and translation (3,) from the level plate frame to
-    the camera; size: width, height of a picture; pivot (3,) in the plate frame: what stays where it is in a tilt."""
+    the camera; size: width, height of a picture; pivot (3,) in the plate frame: fixed point of the tilt."""
 
     matrix: Array
     distortion: Array
@@ -74,6 +74,6 @@ class CameraModel:
         return np.column_stack([m[0, 0] * u + m[0, 1] * v + m[0, 2], m[1, 1] * v + m[1, 2]])
 
     def centre(self, beta: float = 0.0, gamma: float = 0.0) -> Array:
-        """Where the camera is in the frame of the tilted plate, (3,)."""
+        """Place of the camera in the frame of the tilted plate, (3,)."""
         level = -self.rotation.T @ self.translation
         return plate_rotation(beta, gamma).T @ (level - self.pivot) + self.pivot

@@ -1,9 +1,8 @@
-"""What the overhead camera would see: the maze in perspective, walls with height, markers, ball, light, lens, noise.
+"""Renders pictures of the overhead camera: maze, walls with height, markers, ball, light, lens, noise.
 
-Drawn by OpenCV as a painter does: table, floor with shadows and the lamp's reflection, walls layer by layer from the
-floor up, the ball before their tops. Everything is drawn without the lens's distortion, by homographies of planes,
-and bent afterwards by a map that OpenCV makes: nothing here uses the projection of `pinhole`, by which pictures are
-understood.
+OpenCV draws from back to front: table, floor with shadows and the lamp's reflection, walls in layers from the floor up,
+the ball, the walls' tops. It draws without distortion, by homographies of planes, and then applies the lens by a map.
+Nothing here uses the projection of `pinhole`, so that rendering and detection are independent.
 """
 
 from __future__ import annotations
@@ -14,22 +13,22 @@ from typing import Any
 import cv2
 import numpy as np
 
+from mazeplan.core.records import Array
 from mazeplan.maze.drawing import radial_outline, wall_outlines
 from mazeplan.maze.geometry import Maze, Wall
-from mazeplan.records import Array
 from mazeplan.rigs.camera.look import SHADE, SPRITE, Look, grain, sprite
 from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 
 FLOOR_PX = 3000.0  # pixels of floor per m
 LAYERS = 8  # of a wall, below its top
-SHIFT = 5  # binary places of a pixel in drawn corners
-PENUMBRA = 0.0015  # m, 1 sigma, of shadows
-WALL_SHADE = 0.72  # light that is left in the shadow of a wall
+SHIFT = 5  # fractional bits of drawn corners
+PENUMBRA = 0.0015  # m, standard deviation, of shadows
+WALL_SHADE = 0.72  # share of the light in the shadow of a wall
 
 
 def tilting(beta: float, gamma: float, pivot: Array) -> Array:
-    """(4, 4) from the plate to the level plate, built from rotations about single axes."""
+    """(4, 4) from the plate to the level plate, from rotations about single axes."""
     out = np.eye(4)
     out[:3, :3] = rotation([0.0, beta, 0.0]) @ rotation([gamma, 0.0, 0.0])
     out[:3, 3] = pivot - out[:3, :3] @ pivot
@@ -46,9 +45,7 @@ def outlines(wall: Wall, steps: int = 360) -> list[Array]:
 
 
 class Overhead:
-    """Draws pictures as that camera would take them.
-
-    The camera is the true one; who finds the ball in the pictures should have one that was calibrated."""
+    """Draws pictures of one camera, the true one. A detector should use a calibrated one."""
 
     def __init__(self, maze: Maze, camera: CameraModel, look: Look | None = None, markers: Markers | None = None):
         self.maze, self.camera, self.look = maze, camera, look or Look()
@@ -56,7 +53,7 @@ class Overhead:
         self._times = 2 if self.look.sharp else 1
         pieces = [outline for wall in maze.walls for outline in outlines(wall)]
         pieces += [radial_outline(maze, wall) for wall in maze.radial_walls]
-        self._corners = np.concatenate(pieces)  # all at once, as calls for each piece take longer than the drawing
+        self._corners = np.concatenate(pieces)  # one call for all pieces is faster
         self._ends = np.cumsum([len(piece) for piece in pieces])[:-1]
         places = [abs(value) + 0.5 * self.markers.size for at in self.markers.places.values() for value in at[:2]]
         self._half = max([maze.walls[0].outer_radius, *places]) + 2.0 * MARGIN
@@ -66,10 +63,10 @@ class Overhead:
             np.random.default_rng(7).standard_normal((1 << 21) + 640 * 480 * 3).astype(np.float32) * self.look.noise
         )
 
-    # -- what does not move ------------------------------------------------------------------------------------------
+    # -- fixed parts ------------------------------------------------------------------------------------------------
 
     def _lens(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where each pixel of the bent picture is in the straight one."""
+        """Place in the undistorted picture of each pixel of the distorted one."""
         width, height = self.camera.size
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 1, 2).astype(float)
         term = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
@@ -84,7 +81,7 @@ class Overhead:
         return np.column_stack([points[:, 0] + self._half, self._half - points[:, 1]]) * FLOOR_PX - 0.5
 
     def _paint(self) -> None:
-        """Floor with markers, without light; the walls' places; the table."""
+        """Paint the floor with markers, without light; the walls' places; the table."""
         look, side = self.look, round(2.0 * self._half * FLOOR_PX)
         tone = 1.0 + 0.008 * grain((side, side), 1.2, 1) + 0.012 * grain((side, side), 40.0, 2)
         floor = np.array(look.floor, dtype=np.float32) * tone[..., None]
@@ -94,7 +91,7 @@ class Overhead:
         corners = np.round(self._floor_px(self._corners) * (1 << SHIFT)).astype(np.int32)
         cv2.fillPoly(solid, np.split(corners, self._ends), 255, cv2.LINE_AA, SHIFT)
         near = cv2.GaussianBlur(solid, (0, 0), 0.004 * FLOOR_PX).astype(np.float32) / 255.0
-        floor *= (1.0 - 0.22 * near)[..., None]  # corners get less of the room's light
+        floor *= (1.0 - 0.22 * near)[..., None]  # less of the room's light near walls
         self._solid, self._floor = solid, floor.astype(np.uint8)
         self._level_shade = self._wall_shade(np.array(look.lamp))
         self._lit = self._shaded(self._floor, self._level_shade)
@@ -121,8 +118,7 @@ class Overhead:
     # -- light --------------------------------------------------------------------------------------------------------
 
     def _wall_shade(self, lamp: Array) -> np.ndarray:
-        """Light that walls leave on the floor, 0 to 255: they block what comes from a lamp at (3,) in the plate
-        frame."""
+        """Light on the floor, 0 to 255, with the shadows of walls; lamp: (3,) in the plate frame."""
         shade = self._solid.copy()
         for share in (0.33, 0.66, 1.0):
             k = share * self.maze.wall_height / lamp[2]
@@ -138,7 +134,7 @@ class Overhead:
         return cv2.multiply(floor, cv2.cvtColor(shade, cv2.COLOR_GRAY2BGR), scale=1.0 / 255.0)
 
     def _ball_shadow(self, floor: np.ndarray, shade: np.ndarray, ball: Array, lamp: Array) -> None:
-        """Darken the floor where the ball keeps the lamp's light off, an ellipse, and no wall does already."""
+        """Darken the floor in the ball's shadow, an ellipse."""
         along = (ball - lamp) / (lamp[2] - ball[2])
         middle = ball[:2] + along[:2] * ball[2]
         lean, radius = math.hypot(along[0], along[1]), self.maze.ball.radius
@@ -148,7 +144,7 @@ class Overhead:
         floor[where] = self._shaded(self._floor[where], both) if both.size else floor[where]
 
     def _soft_ellipse(self, middle: Array, axes: tuple[float, float], turn: float) -> tuple[Any, np.ndarray]:
-        """Where in the floor's picture an ellipse (m, rad) is, and a mask, 0 to 1."""
+        """Slices of the floor's picture around an ellipse (m, rad), and its mask, 0 to 1."""
         reach = max(axes) + 4.0 * PENUMBRA
         low = np.floor(self._floor_px((middle + np.array([-reach, reach]))[None])[0]).astype(int)
         high = np.ceil(self._floor_px((middle + np.array([reach, -reach]))[None])[0]).astype(int)
@@ -159,14 +155,13 @@ class Overhead:
         if mask.size:
             at = (self._floor_px(middle[None])[0] - (left, top)) * 32
             size = tuple(round(value * FLOOR_PX * 32) for value in axes)
-            cv2.ellipse(
-                mask, (round(at[0]), round(at[1])), size, -math.degrees(turn), 0.0, 360.0, 1.0, -1, cv2.LINE_8, 5
-            )
+            centre, turned = (round(at[0]), round(at[1])), -math.degrees(turn)
+            cv2.ellipse(mask, centre, size, turned, 0.0, 360.0, 1.0, thickness=-1, lineType=cv2.LINE_8, shift=5)
             mask = cv2.GaussianBlur(mask, (0, 0), PENUMBRA * FLOOR_PX)
         return (slice(top, bottom), slice(left, right)), mask
 
     def _reflection(self, floor: np.ndarray, eye: Array, lamp: Array) -> None:
-        """The lamp in a floor that is half a mirror: where the ray from the eye is thrown to it."""
+        """The lamp's reflection in a glossy floor."""
         share = eye[2] / (eye[2] + lamp[2])
         middle = eye[:2] + (lamp[:2] - eye[:2]) * share
         for size, strength in ((0.011, 1.0), (0.026, 0.25)):
@@ -206,14 +201,14 @@ class Overhead:
         return self._taken(canvas, rng)
 
     def _straight(self, beta: float, gamma: float) -> Array:
-        """(3, 4): from the plate to pixels of the straight picture, which may be drawn at twice the size."""
+        """(3, 4): from the plate to pixels of the undistorted picture, which may have twice the size."""
         pose = np.hstack([self.camera.rotation, self.camera.translation[:, None]])
         n = self._times
         larger = np.array([[n, 0.0, 0.5 * (n - 1)], [0.0, n, 0.5 * (n - 1)], [0.0, 0.0, 1.0]])
         return larger @ self.camera.matrix @ pose @ tilting(beta, gamma, self.camera.pivot)
 
     def _walls(self, canvas: np.ndarray, camera: Array) -> None:
-        """The sides of the walls: outlines laid on one another, darker towards the floor."""
+        """The sides of the walls: their outlines in layers, darker towards the floor."""
         for layer in range(LAYERS):
             share = (layer + 0.5) / LAYERS
             colour = tuple(float(value) * (0.42 + 0.22 * share) for value in self.look.wall)
@@ -225,7 +220,7 @@ class Overhead:
         cv2.fillPoly(canvas, np.split(_fixed(plane, self._corners), self._ends), colour, line, SHIFT)
 
     def _ball(self, canvas: np.ndarray, camera: Array, ball: Array, eye: Array, lamp: Array) -> None:
-        """A sphere: its outline is a circle across the line of sight, a little nearer than its centre."""
+        """Draw a sphere: its outline is a circle across the line of sight, a little nearer than its centre."""
         radius = self.maze.ball.radius
         away = ball - eye
         far = float(np.linalg.norm(away))
@@ -259,7 +254,7 @@ class Overhead:
         patch[:] = np.clip(patch * (1.0 - alpha) + paint * alpha, 0, 255).astype(np.uint8)
 
     def _taken(self, canvas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Lens, light and sensor."""
+        """Apply lens, light and sensor."""
         look, (width, height) = self.look, self.camera.size
         if self._times > 1:
             canvas = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
@@ -281,6 +276,6 @@ class Overhead:
 
 
 def _fixed(plane: Array, points: Array) -> np.ndarray:
-    """Points (N, 2), m, of a plane as pixels of the picture, in whole parts of 1 / 2**SHIFT."""
+    """Pixels of points (N, 2), m, of a plane, in units of 1 / 2**SHIFT."""
     at = points @ plane[:, :2].T + plane[:, 2]
     return np.round(at[:, :2] / at[:, 2:] * (1 << SHIFT)).astype(np.int32)

@@ -1,4 +1,4 @@
-"""The part `camera:` of a rig's YAML file: what a calibration found, and where pictures come from."""
+"""The section `camera:` of a rig's YAML file: the source of pictures, and the result of the calibration."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.yamltree import Key, Tree, key_path, shown
+from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.camera.detector import Background, BallDetector, DetectorSettings
+from mazeplan.rigs.camera.floor import floor_side
 from mazeplan.rigs.camera.markers import SIZE, Markers
 from mazeplan.rigs.camera.pinhole import CameraModel, rotation
-from mazeplan.rigs.settings import Section, as_tuples, sentence
+from mazeplan.rigs.files import RigSection, as_tuples, mistake, placed, validated
 
 Positive = Annotated[float, Field(gt=0.0)]
 Hue = Annotated[float, Field(ge=0.0, le=360.0)]
@@ -24,8 +25,17 @@ Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 
 
-class MarkerSection(Section):
-    """Where markers are on the plate: id, x, y, z of the middle of each, their upper edge towards +y."""
+def _device(source: Any) -> int | str:
+    if isinstance(source, bool) or not isinstance(source, int | str):
+        raise ValueError(f"got {shown(source)}, expected the number of a device, a URL or a file")
+    return source
+
+
+Device = Annotated[int | str, BeforeValidator(_device)]
+
+
+class MarkerSection(RigSection):
+    """Markers on the plate: id and x, y, z of the middle of each; the upper edge of each is towards +y."""
 
     size_mm: Positive = 1000.0 * SIZE
     at_mm: tuple[tuple[int, float, float, float], ...]
@@ -35,13 +45,15 @@ class MarkerSection(Section):
         return Markers({n: (x / 1000, y / 1000, z / 1000) for n, x, y, z in self.at_mm}, self.size_mm / 1000)
 
 
-class CameraSection(Section):
-    """All that is known of a camera. source: number of a device, URL or video file; turn_rad, shift_mm: rotation vector
-    and translation from the level plate to the camera; pivot_mm: about which the plate tilts, in its own frame;
-    ball_hue_deg: from, to, where the ball has a colour; background: picture of the empty floor, beside the rig's file;
-    error_px, error_mm: what was left in the calibration."""
+class CameraSection(RigSection):
+    """A calibrated camera.
 
-    source: int | str = 0
+    source: number of a device, URL or video file; turn_rad, shift_mm: rotation vector and translation from the level
+    plate to the camera; pivot_mm: fixed point of the plate's tilt, in its own frame; ball_hue_deg: from, to, for a
+    coloured ball; background: picture of the empty floor, beside the rig's file; error_px, error_mm: remaining error of
+    the calibration."""
+
+    source: Device = 0
     size: tuple[int, int] = (640, 480)
     focal_px: tuple[Positive, Positive]
     centre_px: Pair
@@ -69,7 +81,7 @@ class CameraSection(Section):
         )
 
     def detector(self, maze: Maze, folder: Path) -> BallDetector:
-        """What finds the ball; `folder` is where the rig's file is. Raises SettingsError without its background."""
+        """The detector of the ball; folder: of the rig's file. Raises SettingsError without a background."""
         key = "camera.background"
         if self.background is None:
             raise SettingsError("is missing; make one with `mazeplan calibrate camera`", key=key)
@@ -82,50 +94,28 @@ class CameraSection(Section):
         return BallDetector(maze, self.model(), background, known, how)
 
 
-def camera_section(
-    data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None
-) -> CameraSection:
-    """A validated section. Raises SettingsError with file, line and key."""
-    return _checked(CameraSection, ("camera",), data, file, tree)
+def camera_section(data: Mapping[str, Any], source: Mapping[str, Any] | None = None) -> CameraSection:
+    """A validated section. Raises SettingsError with the key; source: settings of the whole file, for its place."""
+    return validated(CameraSection, data, within=("camera",), source=source)
 
 
-def check_begun(data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None) -> None:
-    """What a section says that is not calibrated yet. Raises SettingsError as `camera_section`."""
-    _checked(CameraSection, ("camera",), data, file, tree, begun=True)
-
-
-def marker_section(
-    data: Mapping[str, Any], *, file: str | Path | None = None, tree: Tree | None = None
-) -> MarkerSection:
-    """What the section says of markers, where the rest of it is not known yet. Raises SettingsError."""
-    return _checked(MarkerSection, ("camera", "markers"), data, file, tree)
-
-
-def _checked(
-    kind: type[Any], place: Key, data: Any, file: str | Path | None, tree: Tree | None, begun: bool = False
-) -> Any:
-    """begun: what is missing is no mistake."""
+def check_begun(data: Mapping[str, Any], source: Mapping[str, Any]) -> None:
+    """Check the keys of a section that is not calibrated yet. Raises SettingsError as `camera_section`."""
     try:
-        return kind.model_validate(as_tuples(data))
+        CameraSection.model_validate(as_tuples(data))
     except ValidationError as problem:
-        wrong = [e for e in problem.errors() if not (begun and e["type"] == "missing" and len(e["loc"]) == 1)]
-        if not wrong:
-            return None
-        first = wrong[0]
-        key: Key = (*place, *first["loc"])
-        said = sentence(first)
-        if key[1:2] == ("source",):  # pydantic tells of each kind that it could be
-            key, said = key[:2], f"got {shown(first.get('input'))}, expected the number of a device, a URL or a file"
-        elif first["type"] == "extra_forbidden":
-            known = MarkerSection if "markers" in key[:-1] else CameraSection
-            said = f"unknown key, expected one of {', '.join(known.model_fields)}"
-        elif first["type"] == "missing":
-            said = "missing; `mazeplan calibrate camera` writes it"
-        raise SettingsError(said, file=file, line=None if tree is None else tree.line(key), key=key_path(key)) from None
+        for error in problem.errors():
+            if error["type"] != "missing" or len(error["loc"]) > 1:
+                raise placed(mistake(CameraSection, error, ("camera",)), source) from None
+
+
+def marker_section(data: Mapping[str, Any], source: Mapping[str, Any] | None = None) -> MarkerSection:
+    """The markers of a section of which the rest may be missing. Raises SettingsError."""
+    return validated(MarkerSection, data, within=("camera", "markers"), source=source)
 
 
 def mapping(camera: CameraModel, markers: Markers | None, **more: Any) -> dict[str, Any]:
-    """What goes under `camera:`; more: keys of CameraSection besides, None left out."""
+    """The content of `camera:`; more: further keys of CameraSection, without those that are None."""
     m = camera.matrix
     turn = cv2.Rodrigues(camera.rotation)[0].ravel()
     out: dict[str, Any] = {
@@ -146,7 +136,7 @@ def mapping(camera: CameraModel, markers: Markers | None, **more: Any) -> dict[s
 
 
 def save_background(background: Background, path: Path) -> None:
-    """As a PNG whose fourth channel says what was seen. Raises SettingsError where it cannot be written."""
+    """Write a PNG; its fourth channel is `known`. Raises SettingsError if it cannot be written."""
     picture = np.dstack([background.picture, background.known])
     done, data = cv2.imencode(".png", picture)
     try:
@@ -156,9 +146,7 @@ def save_background(background: Background, path: Path) -> None:
 
 
 def load_background(path: Path, maze: Maze) -> Background:
-    """Read one. Raises SettingsError for what is none for this maze."""
-    from mazeplan.rigs.camera.floor import floor_side
-
+    """Read such a PNG. Raises SettingsError if it is no background of this maze."""
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as problem:

@@ -6,13 +6,14 @@ The pictures are taken by the camera as it is; the ball is found with what a cal
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
+from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
-from mazeplan.records import Array
 from mazeplan.rigs.camera.calibration import calibrate_background
 from mazeplan.rigs.camera.detector import BallDetector, DetectorSettings, Sighting
 from mazeplan.rigs.camera.look import Look
@@ -21,7 +22,7 @@ from mazeplan.rigs.camera.pinhole import CameraModel, rotation
 from mazeplan.rigs.camera.render import Overhead
 
 EMPTY = 8  # pictures of the empty plate
-WHOLE = 0.10189  # m, outer radius of the packaged maze, over which the camera hangs so that the whole plate is seen
+WHOLE = 0.10189  # m, outer radius of the packaged maze; the camera sees its whole plate
 HUES = {"steel": None, "orange": (4.0, 40.0), "blue": (190.0, 250.0)}
 
 TRUE = CameraModel(
@@ -39,15 +40,13 @@ FOUND = CameraModel(
 
 
 def over(camera: CameraModel, maze: Maze) -> CameraModel:
-    """That camera as it hangs over a maze: so much higher over a larger one that it is seen as large as the packaged
-    one is. A smaller one is seen smaller."""
+    """The camera over a maze: higher over a larger one, so that the picture shows it as large as the packaged one."""
     larger = maze.walls[0].outer_radius / WHOLE
     return camera if larger <= 1.0 + 1e-9 else replace(camera, translation=camera.translation * larger)
 
 
 def overhead(maze: Maze, look: Look | None = None) -> tuple[Overhead, BallDetector]:
-    """What takes pictures of a maze, and what finds the ball in them; the background is of rendered pictures, too. The
-    camera hangs as high as the maze needs (`over`)."""
+    """Renderer and detector of a maze, with a background from rendered pictures."""
     look = look or Look()
     found = over(FOUND, maze)
     eye = Overhead(maze, over(TRUE, maze), look)
@@ -59,12 +58,32 @@ def overhead(maze: Maze, look: Look | None = None) -> tuple[Overhead, BallDetect
 
 
 class CameraSense:
-    """Where the camera sees the ball that is at a place."""
+    """Detects the ball in rendered pictures."""
 
     def __init__(self, maze: Maze, look: Look | None = None) -> None:
-        cv2.setNumThreads(1)  # the other cores are for other runs
+        cv2.setNumThreads(1)  # other runs need the other cores
         self.overhead, self.detector = overhead(maze, look)
 
     def look(self, ball: Array | None, beta: float, gamma: float, rng: np.random.Generator) -> Sighting:
-        """One picture. ball: its centre (3,) in the plate frame, m, or None when there is none; tilt in rad."""
+        """Detect the ball in one picture. ball: its true centre (3,) in the plate frame, m, or None; tilt in rad."""
         return self.detector.locate(self.overhead.render(ball, beta, gamma, rng))
+
+
+class RenderedPictures:
+    """Pictures of scenes (5,) as `SimulatedRig.pictured`, in red, green, blue."""
+
+    def __init__(self, maze: Maze) -> None:
+        cv2.setNumThreads(1)  # other runs need the other cores
+        self._eye = Overhead(maze, over(TRUE, maze), Look(sharp=False))
+
+    def whole(self, scene: Array, rng: np.random.Generator) -> np.ndarray:
+        """(480, 640, 3), bytes."""
+        ball = None if math.isnan(scene[0]) else scene[:3]
+        return np.ascontiguousarray(self._eye.render(ball, float(scene[3]), float(scene[4]), rng)[..., ::-1])
+
+    def small(self, scene: Array, rng: np.random.Generator, size: int) -> np.ndarray:
+        """(size, size, 3), bytes: the square in the middle."""
+        picture = self.whole(scene, rng)
+        height, width = picture.shape[:2]
+        left = (width - height) // 2
+        return cv2.resize(picture[:, left : left + height], (size, size), interpolation=cv2.INTER_AREA)

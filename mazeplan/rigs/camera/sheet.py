@@ -1,7 +1,7 @@
-"""The plate's markers on paper, to scale, with the outline of the maze to lay them by, and a ruler.
+"""Draws the plate's markers to scale for a printer, with the outline of the maze and a ruler.
 
-A plate is wider than a sheet of paper: it is drawn in parts, a page each, no wider than A4, no higher than US Letter,
-with printers' margins left free. The cuts between parts are drawn as lines to lay the pages by.
+A plate is wider than a sheet of paper. Each page has a part of it, no wider than A4, no higher than US Letter, with
+free margins. Dotted lines show where the parts meet.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mazeplan.errors import InputError
+from mazeplan.core.errors import InputError
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_markers
 
@@ -28,8 +28,10 @@ Part = tuple[float, float, float, float]  # left, right, bottom, top of what a p
 
 
 def draw_sheet(maze: Maze, path: Path, markers: Markers | None = None) -> list[Path]:
-    """Draw them, 1 m on paper for 1 m; the files that were written: a PDF has all pages, of other kinds each page is a
-    file (markers-1.png ...). Raises InputError for another suffix or a place that cannot be written."""
+    """Draw the markers in their true size. Returns the written files: one PDF, or a file for each page (markers-1.png
+    ...).
+
+    Raises InputError for another suffix or a place that cannot be written."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"got the suffix {path.suffix!r}, expected one of {', '.join(SUFFIXES)}", file=path)
     markers = markers or corner_markers(maze)
@@ -89,7 +91,7 @@ def _page(maze: Maze, markers: Markers, part: Part, name: str) -> Any:
 
 
 def _ruler(figure: Any, words: str) -> None:
-    """Below the drawing: by it one sees whether the printer kept the scale."""
+    """Draw a ruler below: it shows whether the printer kept the scale."""
     ax = figure.add_axes((0.0, 0.0, 1.0, (EDGE + WORDS) / PAGE[1]))
     ax.set(xlim=(0.0, PAGE[0]), ylim=(0.0, EDGE + WORDS))
     ax.set_axis_off()

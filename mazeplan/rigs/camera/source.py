@@ -1,4 +1,4 @@
-"""Where pictures come from: a device, a URL, a video file or picture files, all through OpenCV."""
+"""Sources of pictures: a device, a URL, a video file or picture files, all through OpenCV."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import glob
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -14,8 +14,8 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from mazeplan import filekinds
-from mazeplan.errors import InputError, RigError
+from mazeplan.core import file_kinds as filekinds
+from mazeplan.core.errors import InputError, MazeplanError, RigError
 from mazeplan.maze.yamltree import shown
 
 PATIENCE = 5.0  # s without a picture from a device before it counts as failed
@@ -23,37 +23,37 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """image (height, width, 3) uint8 BGR; t: when it was taken, s of the monotonic clock."""
+class CameraFrame:
+    """image: (height, width, 3) uint8 BGR; t: its time by the monotonic clock, s."""
 
     image: np.ndarray
     t: float
 
 
 class FrameSource(Protocol):
-    """Something that gives pictures."""
+    """A source of pictures."""
 
-    def read(self) -> Frame | None:
-        """The next picture; blocks; None when there are no more."""
+    def read(self) -> CameraFrame | None:
+        """Block until the next picture; None at the end."""
         ...
 
     def close(self) -> None:
-        """Give the camera back; may be called twice."""
+        """Release the camera. A second call does nothing."""
         ...
 
 
 class VideoSource:
-    """A camera or a stream, of which the newest picture counts; a video file gives all of its pictures in order.
+    """A camera or stream, which gives its newest picture, or a video file, which gives all pictures in order.
 
-    A thread of its own takes pictures from a camera as they come, so that none waits in a queue. Raises InputError for
-    a file that is none, RigError for a camera that cannot be opened or falls silent."""
+    A thread reads a camera all the time, so that no picture waits in a queue. Raises InputError for a file that is no
+    video, RigError for a camera that cannot be opened or stops."""
 
     def __init__(self, source: int | str, size: tuple[int, int] | None = None, *, patience_s: float = PATIENCE) -> None:
         self.source, self._patience = source, patience_s
         self._file = isinstance(source, str) and "://" not in source and not source.startswith("/dev/")
         if self._file and not Path(str(source)).is_file():
             raise InputError(filekinds.refused(str(source), "a video"), file=str(source))
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what is wrong is said here, in one line
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # this class reports errors in one line
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._video = cv2.VideoCapture(source)
         if not self._video.isOpened():
@@ -65,7 +65,7 @@ class VideoSource:
             self._video.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
             self._video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self._news = threading.Condition()
-        self._newest: Frame | None = None
+        self._newest: CameraFrame | None = None
         self._ended = self._closed = False
         if not self._file:
             threading.Thread(target=self._follow, name="camera", daemon=True).start()
@@ -77,16 +77,15 @@ class VideoSource:
                 if self._ended or not got:
                     self._ended = True
                 else:
-                    self._newest = Frame(image, time.monotonic())
+                    self._newest = CameraFrame(image, time.monotonic())
                 self._news.notify_all()
         self._video.release()
 
-    def read(self) -> Frame | None:
-        """The next picture of a file, None at its end; of a camera one that was not read before, None once it is
-        closed, by whatever thread."""
+    def read(self) -> CameraFrame | None:
+        """The next picture of a file, None at its end; a new picture of a camera, None after `close`."""
         if self._file:
             got, image = self._video.read()
-            return Frame(image, time.monotonic()) if got else None
+            return CameraFrame(image, time.monotonic()) if got else None
         with self._news:
             if not self._news.wait_for(lambda: self._newest is not None or self._ended, self._patience):
                 raise RigError(f"camera {shown(self.source)} has sent no picture for {self._patience:g} s")
@@ -96,7 +95,7 @@ class VideoSource:
         return newest
 
     def close(self) -> None:
-        """Give the camera back; may be called twice."""
+        """Release the camera. A second call does nothing."""
         with self._news:
             self._ended = self._closed = True
             self._news.notify_all()
@@ -104,16 +103,75 @@ class VideoSource:
             self._video.release()
 
 
+class NewestPicture:
+    """The newest picture of a source; a thread opens the source with `make` and reads it all the time.
+
+    A camera keeps unread pictures and gives old ones later."""
+
+    def __init__(self, make: Callable[[], FrameSource], name: str) -> None:
+        self._make, self._name = make, name
+        self._news = threading.Condition()
+        self._frame: CameraFrame | None = None
+        self._problem: str | None = None
+        self._source: FrameSource | None = None
+        self._closing = False
+        self._thread = threading.Thread(target=self._work, name="mazeplan camera", daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        try:
+            self._source = self._make()
+            while not self._closing:
+                frame = self._source.read()
+                if frame is None:
+                    break
+                with self._news:
+                    self._frame = frame
+                    self._news.notify_all()
+            problem = "gives no more pictures"
+        except MazeplanError as error:
+            problem = str(error)
+        except Exception as error:  # a driver may raise anything; `wait` raises it again
+            problem = f"{type(error).__name__}: {error}"
+        finally:
+            if self._source is not None:
+                self._source.close()
+        with self._news:
+            self._problem = problem
+            self._news.notify_all()
+
+    def wait(self, after: float, until: float) -> CameraFrame | None:
+        """The newest picture that arrived after `after`, or None if there is none by `until` (host's clock, s).
+
+        Raises RigError if the source has ended."""
+        with self._news:
+            while self._frame is None or self._frame.t <= after:
+                if self._problem is not None and not self._closing:
+                    raise RigError(f"camera {self._name}: {self._problem}")
+                left = until - time.monotonic()
+                if left <= 0.0:
+                    return None
+                self._news.wait(left)
+            return self._frame
+
+    def close(self) -> None:
+        """End the thread, but do not wait for a driver that hangs."""
+        self._closing = True
+        if self._source is not None:
+            self._source.close()
+        self._thread.join(timeout=1.0)
+
+
 def _advice(source: int | str) -> str:
-    """What to try where a camera does not open."""
+    """Advice for a camera that does not open."""
     if isinstance(source, str) and "://" in source:
         return "does that address show pictures in a browser or player on this machine, and is it one stream of video?"
     return "is it plugged in, and used by nothing else?"
 
 
 def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, picture) from a folder, a pattern such as boards/*.png, one picture file, a video, a URL or the number of
-    a device; `most` at most, those of a video evenly apart. Raises InputError or RigError."""
+    """(name, picture) from a folder, a pattern such as boards/*.png, a picture file, a video, a URL or the number of a
+    device; most: largest number; those of a video are evenly apart. Raises InputError or RigError."""
     names = _files(source)
     if names is not None:
         for name in names[:most]:
@@ -139,7 +197,7 @@ def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _files(source: str) -> list[str] | None:
-    """Picture files that a source names, or None for a video or a camera. Raises InputError when there are none."""
+    """Picture files that a source names, or None for a video or a camera. Raises InputError if none exist."""
     path = Path(source)
     if path.is_dir():
         names = sorted(str(p) for p in path.iterdir() if p.suffix.lower() in SUFFIXES)

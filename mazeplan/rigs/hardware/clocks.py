@@ -1,50 +1,31 @@
-"""Clocks of three machines on one: that of the host (`time.monotonic`).
+"""Converts times of board and camera to the host's clock (`time.monotonic`).
 
-`BoardClock` maps the board's stamps to it, `FrameClock` numbers the camera's pictures, `TiltTrack` knows the tilt at
-any moment of the last second.
+`HostClock` converts the board's stamps, `FrameClock` numbers the camera's pictures, `TiltTrack` interpolates the tilt
+of the last second.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from typing import Protocol
 
-from mazeplan.rigs.hardware.tiltsensor import TiltSensor
+from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
+from mazeplan.rigs.link.messages import TiltReport
 
 KEPT_S = 1.0  # s of reports that are kept
-AHEAD_S = 0.03  # s that a tilt is carried on beyond the last report
+AHEAD_S = 0.03  # s of extrapolation of the tilt after the last report
 SLOPE_S = 0.02  # s before the last report over which its rate is taken
-DRIFT = 6e-3  # s/s by which the clocks of host and board may differ: the resonator of a Mega is good to .5 %
-# s from the middle of a report's conversions until it is received at the soonest: half the conversions, 4 ms of line,
-# and two of chip and host; as the emulated chip has it
+DRIFT = 6e-3  # s/s, largest difference between the clocks of host and board: the resonator of a Mega has 0.5 %
+# s, shortest time from the middle of a report's conversions to its reception: half the conversions, 4 ms of line,
+# 2 ms of chip and host; measured on the emulated chip
 REPORT_AGE_S = 0.008
 PHASE, PERIOD = 0.1, 0.002  # gains of `FrameClock`
 
 
-class Stamped(Protocol):
-    """What is needed of a report of the board: its stamp, s on the board's clock, the voltages of the two channels, and
-    when it was received, s on the host's clock."""
+class HostClock:
+    """Offset from the board's stamps to the host's clock.
 
-    @property
-    def t(self) -> float:
-        """Stamp, s."""
-        ...
-
-    @property
-    def volts(self) -> tuple[float, float]:
-        """Of both channels, V."""
-        ...
-
-    @property
-    def received_s(self) -> float:
-        """When it came, s."""
-        ...
-
-
-class BoardClock:
-    """What has to be added to the board's stamps. A report is never received before it is sent, often later: so the
-    smallest difference is the one to believe, and it may only creep up as fast as clocks drift."""
+    Reports arrive late, never early. So the smallest offset is right; it grows only as fast as clocks drift."""
 
     def __init__(self) -> None:
         self._offset: float | None = None
@@ -53,7 +34,7 @@ class BoardClock:
     def host(self, stamp: float, received: float) -> float:
         """The host's time for a board's stamp, s, given when it was received."""
         offset = received - stamp
-        if self._offset is None or stamp < self._last:  # the board began anew
+        if self._offset is None or stamp < self._last:  # the board restarted
             self._offset = offset
         else:
             crept = self._offset + DRIFT * (stamp - self._last)
@@ -65,18 +46,18 @@ class BoardClock:
 class TiltTrack:
     """The tilt of the last second, rad, by the host's clock."""
 
-    def __init__(self, sensor: TiltSensor) -> None:
-        self._sensor, self._clock = sensor, BoardClock()
+    def __init__(self, sensor: DiodeSensor) -> None:
+        self._sensor, self._clock = sensor, HostClock()
         self._track: deque[tuple[float, float, float]] = deque()
         self._last: float | None = None
 
-    def take(self, reports: Iterable[Stamped]) -> None:
-        """Reports in order; those that were taken before are passed over."""
+    def take(self, reports: Iterable[TiltReport]) -> None:
+        """Add reports, in order. Those from earlier calls are skipped."""
         for report in reports:
             if self._last is not None and report.received_s <= self._last:
                 continue
             self._last = report.received_s
-            t = self._clock.host(report.t, report.received_s)
+            t = self._clock.host(report.time_s, report.received_s)
             if self._track and t <= self._track[-1][0]:
                 continue
             self._track.append((t, *self._sensor.tilt(*report.volts)))
@@ -89,11 +70,11 @@ class TiltTrack:
         return self._track[-1][0] if self._track else None
 
     def since(self, t: float) -> list[tuple[float, float, float]]:
-        """(time, beta, gamma) of what was told later than a time of the host's clock."""
-        return [told for told in self._track if told[0] > t]
+        """(time, beta, gamma) of reports after a time of the host's clock."""
+        return [entry for entry in self._track if entry[0] > t]
 
     def at(self, t: float) -> tuple[float, float] | None:
-        """beta, gamma at a time of the host's clock; carried on for AHEAD_S at most; None before the first report."""
+        """beta, gamma at a time of the host's clock, extrapolated by AHEAD_S at most; None before the first report."""
         if not self._track:
             return None
         track = self._track
@@ -118,8 +99,9 @@ class TiltTrack:
 
 
 class FrameClock:
-    """Numbers pictures as they come, 1 / rate apart, and says when each was due: phase and period follow the camera's
-    own, so that a late thread does not shift the samples."""
+    """Numbers the pictures and computes when each was due.
+
+    Phase and period follow the camera's own, so that a late thread does not shift the samples."""
 
     def __init__(self, rate_hz: float) -> None:
         self._nominal = self._period = 1.0 / rate_hz

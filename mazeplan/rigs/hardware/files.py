@@ -1,4 +1,4 @@
-"""Which file a calibration reads and writes: the rig's own; for a packaged one a copy in the folder where one works."""
+"""The file that a calibration reads and writes: the rig's own, or a copy of a packaged one in the current folder."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.maze.yamltree import shown
-from mazeplan.rigs.hardware.settings import EmulatedSettings, HardwareSettings, check_section, write_sections
+from mazeplan.rigs.files import placed, read_rig_file, validated
+from mazeplan.rigs.hardware.settings import EmulatedSettings, HardwareSettings, write_sections
 from mazeplan.rigs.registry import HARDWARE, PACKAGED, rig_file
-from mazeplan.rigs.settings import FileSettings, placed, read_rig_file
 
 KINDS = {"HardwareRig": HardwareSettings, "EmulatedRig": EmulatedSettings}
 
 
 @dataclass(frozen=True)
 class RigFile:
-    """path: where it is read; target: where it is written; settings, and the sections as they stand there."""
+    """path: file to read; target: file to write; settings: validated; data: the sections of the file."""
 
     path: Path
     target: Path
@@ -29,19 +29,19 @@ class RigFile:
 
     @property
     def keeps(self) -> bool:
-        """Whether what is measured belongs into it: not so of a packaged one that is no template."""
+        """Whether the file keeps measurements; a packaged file that is no template does not."""
         return self.target == self.path or self.path.stem == HARDWARE
 
     def write(self, sections: Mapping[str, Any], target: Path | None = None) -> Path:
-        """Put sections in the place of those of their names; the file that was written. Raises SettingsError, the file
-        being as it was, where they could not be read again.
+        """Replace sections of the file, and return the written file.
 
-        A file that was not there yet begins as a copy of this one, with what it names beside it."""
+        A new target starts as a copy of this file. Raises SettingsError for invalid sections and leaves the file as it
+        is."""
         target = target or self.target
         try:
-            check_section(type(self.settings), {**self.data, **sections})
+            validated(type(self.settings), {**self.data, **sections})
         except SettingsError as problem:
-            found = f"what was found cannot be: {problem.problem}; the file stays as it is"
+            found = f"the result is not valid: {problem.problem}; the file stays as it is"
             raise SettingsError(found, file=target, key=problem.key) from None
         if not target.exists():
             sections = {**self._moved(target, sections), **sections}
@@ -49,8 +49,9 @@ class RigFile:
         return target
 
     def _moved(self, target: Path, sections: Mapping[str, Any]) -> dict[str, Any]:
-        """What names files relative to this one, for a copy in another folder: the picture of the floor goes along, a
-        model of one's own stays where it is."""
+        """Sections that name other files, for a copy in another folder.
+
+        Copies the background; a user's model stays in its place."""
         if target.parent.resolve() == self.path.parent.resolve():
             return {}
         out: dict[str, Any] = {}
@@ -71,7 +72,7 @@ class RigFile:
 
 
 def background_of(target: Path) -> str:
-    """Name of the picture of the empty floor beside a rig's file."""
+    """Name of the background beside a rig's file."""
     return f"{target.stem}-background.png"
 
 
@@ -91,12 +92,7 @@ def hardware_file(spec: str) -> RigFile:
             f"got rig {shown(spec)}, expected one on a table: its file has class: mazeplan.rigs.hardware:HardwareRig",
             file=path if own else None,
         )
-    kind, data, tree = read_rig_file(path)
-    model = KINDS.get((kind or "").partition(":")[2], HardwareSettings)
-    given = FileSettings(data, path, tree)
-    try:
-        settings = check_section(model, given)
-    except SettingsError as problem:
-        raise placed(problem, given) from None
+    kind, given = read_rig_file(path)
+    settings = validated(KINDS.get((kind or "").partition(":")[2], HardwareSettings), given)
     target = Path(path.name) if path.resolve().parent == PACKAGED else path
     return RigFile(path, target, settings, given)

@@ -1,13 +1,13 @@
-"""How late a rig is, from one swing of its plate.
+"""Measures the delays of a rig from one swing of its plate.
 
-    command to tilt    the plate follows as gain u through a lag of second order, `dead` later, and half a servo pulse's
-                       period on average, as a pulse that has begun is not changed; fitted by output error to the tilt
-                       that the board told (a model of the rig's own: nothing of the planner's is in it)
-    tilt to pixels     the tilt that the pictures show (markers) is that of the board, `age` earlier: the shift with the
+    command to tilt    the plate follows as gain u through a lag of second order after `dead` and, on average, half a
+                       period of the servo pulses. Fitted by output error to the tilt of the board's reports. The model
+                       is the rig's own, not the planner's
+    tilt to pixels     the tilt in the pictures (markers) is that of the board, `age` earlier: the shift with the
                        smallest squared difference
 
-Commands are a sine with small steps, at times that repeat in neither axis: steps tell a dead time from a slow servo.
-They are small, as a servo at its fastest would look late.
+Commands are a sine with small steps, at other times for each axis. The steps separate a dead time from a slow servo.
+They are small, as a servo at its top speed would look late.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter
 
-from mazeplan.records import Array
+from mazeplan.core.records import Array
 
-GRID_S = 1e-3  # s, of the simulated answer
+GRID_S = 1e-3  # s, of the simulated response
 SWING_DEG, STEP_DEG = 1.0, 0.6  # of the sine, and of a step either way
 SWING_HZ = (0.45, 0.7)  # of beta, gamma
 DWELL_S = (0.2, 0.2667)  # between steps
 STEPS = np.random.default_rng(3).choice([-1.0, 1.0], (2, 1000))
 PULSE_S = 0.02  # s between servo pulses
-SHIFTS = (-0.05, 0.3)  # s, of ages that are tried
-FAR = 6.0  # times the median of what is left over: a tilt that no marker shows
+SHIFTS = (-0.05, 0.3)  # s, range of ages
+FAR = 6.0  # times the median residual: a wrong marker
 START = (1.0, 20.0, 0.9)  # gain, rad/s, damping, from which the fit starts
 DEADS = (0.0, 0.03, 0.06, 0.1)  # s
 
 
 @dataclass(frozen=True)
-class Delay:
-    """seconds, its standard error, and the rms of what is left over, rad."""
+class MeasuredDelay:
+    """A delay, its standard error, s, and the rms residual, rad."""
 
     seconds: float
     stderr: float
@@ -53,15 +53,15 @@ def swing(t: float, limit: float) -> tuple[float, float]:
     return math.radians(fade * most * beta), math.radians(fade * most * gamma)
 
 
-def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
-    """From commands to tilt. sent (M,) s, u (M, 2) rad; told (N,) s, tilt (N, 2) rad, by the same clock."""
+def dead_time(sent: Array, u: Array, measured: Array, tilt: Array) -> MeasuredDelay:
+    """Delay from commands to tilt. sent (M,) s, u (M, 2) rad; measured (N,) s, tilt (N, 2) rad, by the same clock."""
     start = float(sent[0])
-    grid = np.arange(start, float(told[-1]) + GRID_S, GRID_S)
+    grid = np.arange(start, float(measured[-1]) + GRID_S, GRID_S)
     held = np.searchsorted(sent, grid, side="right") - 1
     late = max(1, round(PULSE_S / GRID_S))
     smooth = np.asarray(lfilter(np.full(late, 1.0 / late), 1.0, u[held], axis=0))
-    use = told > start + 0.3
-    times, y = told[use], tilt[use]
+    use = measured > start + 0.3
+    times, y = measured[use], tilt[use]
 
     def residual(p: Array) -> Array:
         dead = p[0]
@@ -77,25 +77,25 @@ def dead_time(sent: Array, u: Array, told: Array, tilt: Array) -> Delay:
     best = min(fits, key=lambda fit: fit.cost)
     rms = math.sqrt(2.0 * best.cost / len(best.fun))
     covariance = np.linalg.pinv(best.jac.T @ best.jac) * rms**2
-    return Delay(float(best.x[0]) + 0.5 * PULSE_S, math.sqrt(float(covariance[0, 0])), rms)
+    return MeasuredDelay(float(best.x[0]) + 0.5 * PULSE_S, math.sqrt(float(covariance[0, 0])), rms)
 
 
 def _answer(u: Array, wn: float, zeta: float) -> Array:
-    """Of a lag of second order to u held on the grid, from rest at u[0] = 0."""
+    """Response of a second-order lag to u held on the grid, from rest at u[0] = 0."""
     discrete: Any = cont2discrete(([wn * wn], [1.0, 2.0 * zeta * wn, wn * wn]), GRID_S)
     return np.asarray(lfilter(np.ravel(discrete[0]), discrete[1], u))
 
 
-def age(seen_at: Array, seen: Array, told: Array, tilt: Array) -> Delay:
-    """Of the pictures. seen_at (M,) s and seen (M, 2) rad from the pictures; told (N,) s and tilt (N, 2) rad of the
-    board."""
-    inside = (seen_at - SHIFTS[1] > told[0]) & (seen_at - SHIFTS[0] < told[-1])
+def age(seen_at: Array, seen: Array, measured: Array, tilt: Array) -> MeasuredDelay:
+    """Age of the pictures. seen_at (M,) s, seen (M, 2) rad: tilt in the pictures; measured (N,) s, tilt (N, 2) rad: by
+    the board."""
+    inside = (seen_at - SHIFTS[1] > measured[0]) & (seen_at - SHIFTS[0] < measured[-1])
     seen_at, seen = seen_at[inside], seen[inside]
 
     def left(shift: float) -> tuple[float, Array]:
         total, slopes = 0.0, np.zeros(len(seen_at))
         for axis in (0, 1):
-            y = np.interp(seen_at - shift, told, tilt[:, axis])
+            y = np.interp(seen_at - shift, measured, tilt[:, axis])
             residual, gain = _line(y, seen[:, axis])
             most = FAR * float(np.median(np.abs(residual)))
             total += float(np.sum(np.minimum(residual**2, most**2)))
@@ -111,11 +111,11 @@ def age(seen_at: Array, seen: Array, told: Array, tilt: Array) -> Delay:
     shift = middle - 0.5 * c1 / c2 if c2 > 0.0 else middle
     total, slopes = left(shift)
     rms = math.sqrt(total / max(2 * len(seen_at) - 5, 1))
-    return Delay(float(shift), rms / math.sqrt(max(float(np.sum(slopes)), 1e-12)), rms)
+    return MeasuredDelay(float(shift), rms / math.sqrt(max(float(np.sum(slopes)), 1e-12)), rms)
 
 
 def _line(x: Array, y: Array) -> tuple[Array, float]:
-    """What a straight line through (x, y) leaves over, and its slope; a marker that was read wrong must not decide."""
+    """Residuals and slope of a straight line through (x, y), without wrong markers."""
     columns, good = np.column_stack([x, np.ones(len(x))]), np.ones(len(x), dtype=bool)
     residual, slope = y, 1.0
     for _ in range(3):

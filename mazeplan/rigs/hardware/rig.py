@@ -1,12 +1,11 @@
-"""The rig on the table: camera, board, servos, tilt sensor, as settings of `hardware.yaml` describe them.
+"""The rig on the table: camera, board, servos and tilt sensor, with the settings of `hardware.yaml`.
 
     camera --Frame--> detector -----------------> x, y
     board  --TiltReport--> TiltTrack, at the moment of the picture --> beta, gamma      Observation(number / rate, ...)
     command, rad --ServoAxis--> pulses, us --> board
 
-A sample is a picture: `observe` wakes up with it, and its time is its number over the rate. A picture that does not
-come gives a sample without a ball, at its time. What the samples are late by is not taken off here: `latency` tells it,
-and the estimator does.
+Each picture is a sample: `observe` waits for it, and its time is its number over the rate. A missing picture gives a
+sample without a ball, at its time. The samples are late by `latency`; the estimator corrects that.
 """
 
 from __future__ import annotations
@@ -21,37 +20,37 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.errors import MazeplanError, RigError, SettingsError
+from mazeplan.core.errors import MazeplanError, RigError, SettingsError
+from mazeplan.core.records import Latency, Observation
 from mazeplan.maze.geometry import Maze
-from mazeplan.records import Latency, Observation
 from mazeplan.rigs.camera.detector import Sighting
 from mazeplan.rigs.camera.section import camera_section, check_begun
 from mazeplan.rigs.camera.source import FrameSource, VideoSource
+from mazeplan.rigs.files import placed, validated
 from mazeplan.rigs.hardware.clocks import FrameClock
 from mazeplan.rigs.hardware.parts import Parts, assemble, open_board
-from mazeplan.rigs.hardware.settings import HardwareSettings, check_section
+from mazeplan.rigs.hardware.settings import HardwareSettings
 from mazeplan.rigs.link.board import Board
-from mazeplan.rigs.settings import placed
 
 TOLERANCE = 1e-9  # rad, of the tilt limit
-LATE = 0.5  # periods after which a picture that was due is missing
+LATE = 0.5  # periods after which a due picture is missing
 BLIND_S = 2.0  # s without any picture: the camera has failed
 SILENT_S = 0.4  # s without a report of the tilt: the board has failed
 START_S = 10.0  # s for the first picture
 LEVEL_DEG = 0.7  # within which the plate counts as level ...
 REST_MM = 2.0  # ... and within which a ball rests ...
 REST_S = 0.5  # ... for so long
-PLACED_MM = 12.0  # beside a channel in which a ball still counts as being in it
+PLACED_MM = 12.0  # distance beside a channel at which a ball still counts as in it
 
 
 class NotSeen(RigError):  # noqa: N818
-    """What the camera should have seen was not to be seen, though it works."""
+    """The camera works, but does not show the ball or the markers."""
 
 
 class HardwareRig:
     """See `interface.Rig`. settings: the keys of hardware.yaml.
 
-    latency: what was measured of its delays, or None; unseen_s: a run ends when the ball was not seen for so long."""
+    latency: measured delays, or None; unseen_s: a run ends after so long without the ball."""
 
     realtime = True
 
@@ -61,12 +60,16 @@ class HardwareRig:
         self.file, self.folder = file, Path() if file is None else file.parent
         self._given = settings
         self.settings = self._checked(settings)
-        (camera_section if self.settings.calibrated_camera else check_begun)(self.settings.camera or {})
+        camera = self.settings.camera or {}
+        if self.settings.calibrated_camera:
+            camera_section(camera, settings)
+        else:
+            check_begun(camera, settings)
         self.rate_hz = self.settings.rate_hz
         self.latency: Latency | None = None if self.settings.latency is None else self.settings.latency.record()
         self.unseen_s = self.settings.unseen_s
         self._parts: Parts | None = None
-        self._board: Board | None = None  # open, whether or not there are parts besides
+        self._board: Board | None = None  # may be open without the other parts
         self._clock = FrameClock(self.rate_hz)
         self._numbered = False
         self._arrived = -math.inf  # of the last picture, host's clock
@@ -76,7 +79,7 @@ class HardwareRig:
         self.due = 0.0  # when it was due, host's clock
 
     def _checked(self, settings: Mapping[str, Any]) -> HardwareSettings:
-        return check_section(HardwareSettings, settings)
+        return validated(HardwareSettings, settings)
 
     def _open_board(self) -> Board:
         return open_board(self.settings)
@@ -91,7 +94,7 @@ class HardwareRig:
     # -- life -------------------------------------------------------------------------------------------------------
 
     def ready(self) -> None:
-        """Raises SettingsError where limits or calibrations are missing. Nothing is opened for it."""
+        """Raises SettingsError if limits or calibrations are missing. Opens nothing."""
         self._limited()
         missing = self.settings.missing()
         if missing:
@@ -106,8 +109,8 @@ class HardwareRig:
 
     @property
     def board(self) -> Board:
-        """The board; opened when first asked for, without anything that has to be calibrated. Raises RigError, and
-        SettingsError where servos have no limits."""
+        """The board, opened on first use. Needs no calibration. Raises RigError, or SettingsError for missing
+        limits."""
         if self._board is None:
             self._limited()
             self._board = self._open_board()
@@ -115,8 +118,8 @@ class HardwareRig:
 
     @property
     def parts(self) -> Parts:
-        """Board, camera and what goes with them; opened when first asked for. Raises RigError, SettingsError when
-        something has not been calibrated."""
+        """Board, camera and detector, opened on first use. Raises RigError, or SettingsError for missing
+        calibrations."""
         if self._parts is None:
             self.ready()
             try:
@@ -129,9 +132,10 @@ class HardwareRig:
         return self._parts
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Level the plate, have the ball placed in a ring, and wait until it rests there; time 0 is the next picture.
+        """Level the plate, ask a person to place the ball in a ring, and wait until it rests. Time 0 is the next
+        picture.
 
-        Raises NotSeen when no ball rests there within `place_s`, RigError when the machine fails."""
+        Raises NotSeen if no ball rests there within `place_s`, RigError if the machine fails."""
         parts = self.parts
         self._stopped = False
         self.level()
@@ -141,12 +145,12 @@ class HardwareRig:
         self._first = self._next
 
     def _place(self, ring: int, theta: float, rng: np.random.Generator) -> None:
-        """Ask the person for it."""
+        """Ask a person to place the ball."""
         where = f"ring {ring}, near {math.degrees(theta) % 360.0:.0f} degrees"
         print(f"place the ball in {where}; waiting until it rests", file=sys.stderr, flush=True)
 
     def _await_ball(self, ring: int) -> None:
-        """Until a ball rests in the ring."""
+        """Wait until a ball rests in the ring."""
         channel, until = self.maze.ring(ring), monotonic() + self.settings.place_s
         rested: list[tuple[float, float, float]] = []
         due, found, without = 0, 0, Counter[str]()
@@ -172,11 +176,11 @@ class HardwareRig:
         )
 
     def cause(self, problem: MazeplanError) -> MazeplanError:
-        """What is behind an error of a part: here the error itself."""
+        """The cause of an error of a part; here the error itself."""
         return problem
 
     def close(self) -> None:
-        """Level the plate, and give port and camera back; may be called twice."""
+        """Level the plate, and release port and camera. A second call does nothing."""
         parts, self._parts = self._parts, None
         board, self._board = self._board, None
         if parts is not None:
@@ -187,7 +191,7 @@ class HardwareRig:
     # -- the loop ---------------------------------------------------------------------------------------------------
 
     def observe(self) -> Observation:
-        """The next sample. Raises RigError when camera or board are gone."""
+        """The next sample. Raises RigError if camera or board are lost."""
         try:
             return self._sample()
         except RigError as problem:
@@ -199,16 +203,16 @@ class HardwareRig:
         due = self._clock.due(number)
         parts.listen()
         sighting = None if image is None else parts.detector.locate(image, parts.track.at(due))
-        parts.listen()  # what came meanwhile is nearer to the moment of the picture
+        parts.listen()  # newer reports are nearer to the moment of the picture
         newest, tilt = parts.track.newest, parts.track.at(due)
         if tilt is None or newest is None or monotonic() - newest > SILENT_S:
-            raise RigError(f"{parts.port}: the board has not told the tilt for {SILENT_S:g} s; is its cable in?")
+            raise RigError(f"{parts.port}: no report of the tilt for {SILENT_S:g} s; is its cable in?")
         x, y = (None, None) if sighting is None or sighting.x is None else (sighting.x, sighting.y)
         self.sighting, self.due = sighting, due
         return Observation((number - self._first) / self.rate_hz, x, y, *tilt)
 
     def _picture(self, parts: Parts) -> tuple[int, np.ndarray | None]:
-        """Number and image of the next sample; without an image where the picture did not come."""
+        """Number and image of the next sample; None for a missing picture."""
         clock = self._clock
         if not self._numbered:
             frame = parts.pictures.wait(self._arrived, monotonic() + START_S)
@@ -227,12 +231,12 @@ class HardwareRig:
                 return number, None
             self._arrived = frame.t
             got = clock.take(frame.t)
-            if got >= number:  # more: this program was late, and pictures went by
+            if got >= number:  # more: this program was late and missed pictures
                 self._next = got + 1
                 return got, frame.image
 
     def command(self, u_beta: float, u_gamma: float) -> None:
-        """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit, and when the board is gone."""
+        """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit, and if the board is lost."""
         limit = self.maze.tilt_limit + TOLERANCE
         for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
             if not -limit <= value <= limit:  # also refuses NaN
@@ -250,7 +254,6 @@ class HardwareRig:
             board.level()
 
     def stop(self) -> None:
-        """Emergency: the plate goes level, and stays so until the next reset, whatever is commanded. Any thread may
-        call."""
+        """Emergency: level the plate until the next reset, whatever is commanded. Any thread may call."""
         self._stopped = True
         self.level()

@@ -1,4 +1,4 @@
-"""The YAML file of a rig on a table: read, checked, and written by the calibrations without touching the rest of it.
+"""Settings of a rig on a table. Calibrations write their sections into its file and keep the rest.
 
 hardware.yaml (packaged) explains every key.
 """
@@ -11,24 +11,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from mazeplan.errors import SettingsError
-from mazeplan.maze.yamltree import key_path, parse_yaml, read_yaml
-from mazeplan.records import Latency
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.records import Latency
+from mazeplan.maze.yamltree import parse_yaml, read_yaml
+from mazeplan.rigs.files import RigSection
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
 from mazeplan.rigs.hardware.yamlmerge import merged
 from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
-from mazeplan.rigs.settings import Section, as_tuples, sentence
 
 SLOWEST = 100.0  # us/s
 LIMITS = ("min_us", "max_us")
 
 
-class ServoAxis(Section):
-    """One servo. us_per_deg: negative where a longer pulse tilts the other way."""
+class ServoAxis(RigSection):
+    """One servo. us_per_deg: negative if a longer pulse tilts the other way."""
 
-    level_us: float = Field(default=1500.0, description="pulse at which it is level")
+    level_us: float = Field(default=1500.0, description="pulse of a level plate")
     us_per_deg: float = Field(default=40.0, ge=-400.0, le=400.0, description="of pulse for a degree of the plate")
     min_us: float = 1200.0
     max_us: float = 1800.0
@@ -51,15 +51,15 @@ class ServoAxis(Section):
         return self
 
     def pulse(self, u: float) -> float:
-        """us for a tilt of u rad, within the limits."""
+        """Pulse for a tilt of u rad, us, within the limits."""
         return min(max(self.level_us + self.us_per_deg * math.degrees(u), self.min_us), self.max_us)
 
     def angle(self, pulse_us: float) -> float:
-        """The tilt in rad that a pulse stands for."""
+        """Tilt for a pulse, rad."""
         return math.radians((pulse_us - self.level_us) / self.us_per_deg)
 
 
-class Servo(Section):
+class Servo(RigSection):
     """`servo:` of the file."""
 
     beta: ServoAxis = ServoAxis()
@@ -75,7 +75,7 @@ class Servo(Section):
         return slew
 
 
-class LatencySection(Section):
+class LatencySection(RigSection):
     """`latency:` of the file, as `mazeplan rig check` writes it."""
 
     command_ms: float = Field(ge=0.0, le=500.0, description="from a command to the first movement of the plate")
@@ -84,37 +84,37 @@ class LatencySection(Section):
     date: str = ""
 
     def record(self) -> Latency:
-        """As the estimator takes it."""
+        """The same for the estimator."""
         return Latency(camera_s=1e-3 * self.camera_ms, command_s=1e-3 * (self.command_ms + self.host_ms))
 
 
-class HardwareSettings(Section):
+class HardwareSettings(RigSection):
     """All keys of the file but `class`."""
 
-    model: str | None = Field(default=None, description="model of ball and stage to navigate with: a name or folder")
+    model: str | None = Field(default=None, description="model of ball and stage for navigation: a name or folder")
     port: str = Field(default="auto", min_length=1, description="serial port of the board; auto: the only Arduino")
     rate_hz: float = Field(default=30.0, ge=5.0, le=120.0, description="pictures, samples and commands per second")
     servo: Servo = Servo()
     tilt: TiltSection | None = None
     camera: dict[str, Any] | None = None
     latency: LatencySection | None = None
-    unseen_s: float = Field(default=2.0, ge=0.2, le=60.0, description="a run ends when the ball is unseen for so long")
+    unseen_s: float = Field(default=2.0, ge=0.2, le=60.0, description="a run ends after so long without the ball")
     place_s: float = Field(default=120.0, ge=1.0, le=3600.0, description="time to place the ball")
 
     @property
     def source(self) -> int | str:
-        """Where pictures come from: the number of a device, a URL, a file."""
+        """Source of pictures: the number of a device, a URL, a file."""
         given = (self.camera or {}).get("source", 0)
         return given if isinstance(given, int | str) else 0
 
     @property
     def picture(self) -> tuple[int, int]:
-        """Width and height that are asked for."""
+        """Width and height to request."""
         width, height = (self.camera or {}).get("size", (640, 480))
         return int(width), int(height)
 
     def check_limits(self) -> None:
-        """Whether the file itself says how far each servo may go. Raises SettingsError: no linkage is the usual one."""
+        """Raises SettingsError if the file has no limits for a servo: no default fits every linkage."""
         for axis in ("beta", "gamma"):
             given = getattr(self.servo, axis).model_fields_set if axis in self.servo.model_fields_set else set()
             for name in LIMITS:
@@ -123,19 +123,18 @@ class HardwareSettings(Section):
                     raise SettingsError(why, key=f"servo.{axis}.{name}")
 
     def missing(self) -> list[str]:
-        """Commands that have to be given before it can drive."""
+        """Calibration commands that are still needed."""
         out = ["mazeplan calibrate tilt"] if self.tilt is None else []
         return out + (["mazeplan calibrate camera"] if not self.calibrated_camera else [])
 
     @property
     def calibrated_camera(self) -> bool:
-        """Whether `camera:` says more than where the pictures come from."""
+        """Whether `camera:` has a calibration."""
         return self.camera is not None and "focal_px" in self.camera
 
 
-class WorldSettings(Section):
-    """`world:` of an emulated rig's file: the table that stands in for a real one. What its servos, diodes and camera
-    are like is drawn by `seed`, and stands nowhere."""
+class WorldSettings(RigSection):
+    """`world:` of an emulated rig's file. `seed` draws the true servos, diodes and camera; no file has them."""
 
     seed: int = Field(default=1, ge=0)
     physics: dict[str, Any] = Field(default_factory=dict, description="of the machine: keys of a simulated rig")
@@ -144,7 +143,7 @@ class WorldSettings(Section):
     look: dict[str, Any] = Field(default_factory=dict, description="of the pictures: noise, blur, gloss, exposure ...")
     trace: str | None = Field(default=None, description="CSV file that gets pulses and true tilts")
     linger_s: float = Field(
-        default=0.0, ge=0.0, le=60.0, description="it goes on for so long when the program has ended"
+        default=0.0, ge=0.0, le=60.0, description="time for which it continues after the end of the program"
     )
 
 
@@ -155,35 +154,12 @@ class EmulatedSettings(HardwareSettings):
     place_s: float = Field(default=20.0, ge=1.0, le=3600.0)
 
 
-def check_section(kind: type[Section], data: Mapping[str, Any]) -> Any:
-    """A section from plain data. Raises SettingsError, its key as in the file."""
-    try:
-        return kind.model_validate(as_tuples(data))
-    except ValidationError as problem:
-        first = problem.errors()[0]
-        loc = tuple(first["loc"])
-        if first["type"] == "extra_forbidden":
-            known = ", ".join(_fields(kind, loc[:-1]))
-            raise SettingsError(f"unknown key, expected one of {known}", key=key_path(loc)) from None
-        raise SettingsError(sentence(first), key=key_path(loc) or None) from None
-
-
-def _fields(kind: Any, loc: tuple[Any, ...]) -> list[str]:
-    """Names of the keys of the section at a place."""
-    for name in loc:
-        info = kind.model_fields[name].annotation
-        options = [info, *getattr(info, "__args__", ())]
-        kind = next(option for option in options if hasattr(option, "model_fields"))
-    return list(kind.model_fields)
-
-
 def write_sections(path: Path, sections: Mapping[str, Any], *, base: Path | None = None) -> None:
-    """Put sections (top-level keys) into a file in the place of those of their names; all other lines and all comments
-    stay as they are.
+    """Replace sections (top-level keys) of a file. All other lines and all comments stay.
 
-    base: the file to begin with, where there is none yet. Raises SettingsError when it cannot be read or written."""
+    base: start of a file that does not exist yet. Raises SettingsError if it cannot be read or written."""
     source = path if path.exists() or base is None else base
-    read_yaml(source, error=SettingsError)  # else it would be made worse
+    read_yaml(source, error=SettingsError)  # never write into a broken file
     text = source.read_text(encoding="utf-8-sig")
     for key, value in sections.items():
         text = merged(text, key, value, file=source)

@@ -1,10 +1,10 @@
-"""Fits the tilt sensor, and the servos, to what a person read off a clinometer.
+"""Fits tilt sensor and servos to readings of a clinometer.
 
-For each axis the terms are those of the smallest set (affine, with the product, with squares, with cubes) that predicts
-a reading left out nearly as well as the best set does: `e_i / (1 - h_ii)` is the error of the fit without reading i
-(Allen's PRESS; Belsley, Kuh, Welsch, "Regression Diagnostics", 1980). Readings that a slip of hand made useless are
-found in two steps: against the least median of squares over small random subsets (Rousseeuw, 1984), which half of
-them cannot spoil, then one by one against the fit without them. They are named, and take no part.
+Terms of an axis: the smallest set (affine, with the product, with squares, with cubes) that predicts a left-out reading
+nearly as well as the best set. `e_i / (1 - h_ii)` is the error of the fit without reading i (Allen's PRESS; Belsley,
+Kuh, Welsch, "Regression Diagnostics", 1980). Wrong readings are outliers, found in two steps: by the least median of
+squares over small random subsets (Rousseeuw, 1984), which tolerates one half of wrong readings, then one by one by the
+fit without them. They are reported and not used.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mazeplan import filekinds
-from mazeplan.errors import InputError, TableError
+from mazeplan.core import file_kinds as filekinds
+from mazeplan.core.errors import InputError, TableError
+from mazeplan.core.records import Array
 from mazeplan.maze.yamltree import shown
-from mazeplan.records import Array
-from mazeplan.rigs.hardware.tiltsensor import TiltSensor, design
+from mazeplan.rigs.hardware.tiltsensor import DiodeSensor, design
 
 SETS: tuple[tuple[str, ...], ...] = (
     ("one", "a", "b"),
@@ -32,23 +32,22 @@ SETS: tuple[tuple[str, ...], ...] = (
 COLUMNS = ("v0", "v1", "beta_deg", "gamma_deg")
 PULSES = ("pulse_beta_us", "pulse_gamma_us")
 LEAST = 8  # readings
-LEAST_RANGE = 1.0  # deg that they span
-VOLTS, DEGREES = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees")  # that a reading may have
-LEAST_RANGE_V = 0.02  # V that each channel spans
+LEAST_RANGE = 1.0  # deg, range of the readings
+VOLTS, DEGREES = (-0.5, 5.5, "V"), (-30.0, 30.0, "degrees")  # allowed range of a reading
+LEAST_RANGE_V = 0.02  # V, range of each channel
 ENDS_V = (0.02, 4.98)  # beyond which a channel is at an end of the board's converter ...
-MOST_STUCK = 0.3  # ... and the share of the readings that may be
+MOST_STUCK = 0.3  # ... and their largest share
 ENOUGH = 1.05  # a larger set must predict better by more than this factor
 CLINOMETER = 0.1  # deg, its last digit
-GROSS, FINE = 5.0, 4.5  # sigmas beyond which a reading is a slip, in the first and in the second step
-VISIBLE = 0.2  # deg; nothing smaller is called one ...
-COARSE = 1.0  # deg; ... nor in the first step, which knows no cubes, anything smaller than this
+GROSS, FINE = 5.0, 4.5  # standard deviations beyond which a reading is an outlier, in the first and second step
+VISIBLE = 0.2  # deg; smaller errors are no outliers ...
+COARSE = 1.0  # deg; ... in the first step, which has no cubes, errors below this
 SUBSETS = 600
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Voltages of the diode, what the clinometer said, the line it stands in, and the pulses of the servos, us, where
-    they are known."""
+    """Voltages of the diode, tilt by the clinometer, line in the file, and pulses of the servos, us, if known."""
 
     v: tuple[float, float]
     beta_deg: float
@@ -59,7 +58,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A reading that took no part: its line, the axis, what was read and what the fit says, deg."""
+    """A reading that was not used: its line, the axis, the value and that of the fit, deg."""
 
     line: int
     axis: str
@@ -69,7 +68,8 @@ class Outlier:
 
 @dataclass(frozen=True)
 class AxisFit:
-    """One axis: {term: deg}, rms and largest residual, and rms error at a reading left out, deg; readings used."""
+    """One axis: {term: deg}, rms and largest residual, rms error at a left-out reading, deg; number of used
+    readings."""
 
     terms: dict[str, float]
     rms: float
@@ -80,10 +80,10 @@ class AxisFit:
 
 @dataclass(frozen=True)
 class TiltFit:
-    """The sensor, how well it fits, and what was left out. level_us, us_per_deg: of the servos of beta and gamma, where
-    their pulses were among the readings."""
+    """The sensor, its fit, and outliers. level_us, us_per_deg: of the servos of beta and gamma, if the readings have
+    pulses."""
 
-    sensor: TiltSensor
+    sensor: DiodeSensor
     beta: AxisFit
     gamma: AxisFit
     outliers: tuple[Outlier, ...]
@@ -93,11 +93,11 @@ class TiltFit:
 
     @property
     def error_deg(self) -> float:
-        """rms error of the worse axis at a reading that was left out, with what the clinometer adds."""
+        """rms error of the worse axis at a left-out reading, with that of the clinometer."""
         return max(self.beta.left_out, self.gamma.left_out)
 
     def section(self, date: str) -> dict[str, object]:
-        """As it stands under `tilt:` in a rig's file."""
+        """Content of `tilt:` in a rig's file."""
         return {
             "centre_v": [round(v, 5) for v in self.sensor.centre],
             "scale_v": [round(v, 5) for v in self.sensor.scale],
@@ -110,7 +110,7 @@ class TiltFit:
 
 
 def read_readings(path: Path) -> list[Reading]:
-    """Readings of a CSV file with the columns of `COLUMNS`, and of `PULSES` or not. Raises TableError."""
+    """Readings of a CSV file with the columns `COLUMNS` and, optionally, `PULSES`. Raises TableError."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = csv.reader(stream)
@@ -149,7 +149,7 @@ def _reading(header: list[str], row: list[str], path: Path, line: int) -> Readin
 
 
 def write_readings(path: Path, readings: Sequence[Reading]) -> None:
-    """The table that `read_readings` reads; its folder is made. Raises TableError when it cannot be written."""
+    """Write the file for `read_readings`, and its folder. Raises TableError if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="", encoding="utf-8") as stream:
@@ -162,7 +162,7 @@ def write_readings(path: Path, readings: Sequence[Reading]) -> None:
 
 
 def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
-    """The sensor that the readings tell of. Raises InputError when they are too few, or all along one line."""
+    """Fit sensor and servos. Raises InputError for too few readings, or readings along one line."""
     if len(readings) < LEAST:
         raise InputError(
             f"got {len(readings)} readings, expected at least {LEAST}: {LEAST - len(readings)} are missing"
@@ -185,7 +185,7 @@ def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
             Outlier(readings[i].line, axis, float(y[i]), float(said[i])) for i in np.flatnonzero(~good).tolist()
         ]
     beta, gamma = fits["beta"], fits["gamma"]
-    sensor = TiltSensor(
+    sensor = DiodeSensor(
         (float(centre[0]), float(centre[1])), (float(scale[0]), float(scale[1])), beta.terms, gamma.terms
     )
     slips = {(o.line, o.axis) for o in outliers}
@@ -195,7 +195,7 @@ def fit_tilt(readings: Sequence[Reading], *, seed: int = 0) -> TiltFit:
 
 
 def _check_spread(v: Array, low: Array, high: Array) -> None:
-    """Whether both channels tell something, and not the same."""
+    """Raises InputError if a channel is constant or saturated, or both are the same."""
     for name, values, least, most in zip(COLUMNS[:2], v.T, low, high, strict=True):
         end = "upper" if least > ENDS_V[1] else "lower"
         if least > ENDS_V[1] or most < ENDS_V[0]:
@@ -219,7 +219,7 @@ def _check_spread(v: Array, low: Array, high: Array) -> None:
 def _fit_axis(
     v: Array, y: Array, centre: Array, scale: Array, rng: np.random.Generator
 ) -> tuple[AxisFit, np.ndarray, Array]:
-    """The fit, which readings took part (N,), and what it says of each (N,)."""
+    """The fit, used readings (N,) bool, and its value at each reading (N,)."""
     largest = max((s for s in SETS if len(y) >= 2 * len(s)), key=len, default=SETS[0])
     coarse = max((s for s in SETS[:3] if len(y) >= 2 * len(s)), key=len, default=SETS[0])
     good = _within_median(design(coarse, v, centre, scale), y, rng)
@@ -235,7 +235,7 @@ def _fit_axis(
         if not out or good.sum() - 1 < LEAST or good.sum() - 1 < 0.6 * len(y):
             break
         good[worst] = False
-    good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # what the coarse step did wrong
+    good = good | (np.abs(y - said) <= max(VISIBLE, 3.0 * rms))  # correct errors of the coarse step
     k, rms, _ = _leave_one_out(design(sets[chosen], v, centre, scale), y, good)
     said = design(sets[chosen], v, centre, scale) @ k
     left = (y - said)[good]
@@ -245,7 +245,7 @@ def _fit_axis(
 
 
 def _within_median(x: Array, y: Array, rng: np.random.Generator) -> np.ndarray:
-    """Which readings the fit with the least median of squared residuals knows, (N,) bool."""
+    """Readings near the fit with the least median of squared residuals, (N,) bool."""
     n, p = x.shape
     subsets = np.array([rng.choice(n, p + 1, replace=False) for _ in range(SUBSETS)])
     best, least = np.abs(y), math.inf
@@ -259,7 +259,7 @@ def _within_median(x: Array, y: Array, rng: np.random.Generator) -> np.ndarray:
 
 
 def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, Array]:
-    """Coefficients from the good readings, rms error at one of them left out, and (N,) errors over their spread."""
+    """Coefficients from the good readings, rms error at a left-out one, and studentised residuals (N,)."""
     k, *_ = np.linalg.lstsq(x[good], y[good], rcond=None)
     inverse = np.linalg.pinv(x[good].T @ x[good])
     leverage = np.clip(np.einsum("ij,jk,ik->i", x[good], inverse, x[good]), 0.0, 0.999)
@@ -276,7 +276,7 @@ def _leave_one_out(x: Array, y: Array, good: np.ndarray) -> tuple[Array, float, 
 def _fit_servos(
     readings: Sequence[Reading], slips: set[tuple[int, str]]
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Pulse at which each axis is level, and us per degree; None where pulses are missing or hardly move."""
+    """Pulse of each level axis, and us per degree; None without pulses or with hardly any motion."""
     found = []
     for i, axis in enumerate(("beta", "gamma")):
         rows = [

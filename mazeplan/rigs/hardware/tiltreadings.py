@@ -1,7 +1,7 @@
-"""Takes the readings for `tiltcalibration` at the board: moves the plate over a grid, and asks for the clinometer's.
+"""Takes the readings for `tiltcalibration`: moves the plate over a grid and asks for the clinometer's value.
 
-A board that hears nothing for 200 ms levels its plate; so the pulses of the moment are sent again and again by a
-thread, for as long as a person needs to read and type.
+A board without commands for 200 ms levels its plate. So a thread repeats the current pulses while a person reads and
+types.
 """
 
 from __future__ import annotations
@@ -13,20 +13,19 @@ from time import sleep
 
 import numpy as np
 
-from mazeplan.errors import RigError
-from mazeplan.rigs.hardware.parts import volts
+from mazeplan.core.errors import RigError
 from mazeplan.rigs.hardware.settings import Servo
 from mazeplan.rigs.hardware.tiltcalibration import Reading
 from mazeplan.rigs.link.board import Board
 
 AGAIN_S = 0.05  # between commands
 SETTLE_S, AVERAGE_S = 0.8, 0.4
-REACH = 1.15  # of the tilt limit: a polynomial is at its worst at the end of what it was fitted to
+REACH = 1.15  # of the tilt limit: a polynomial is worst at the end of its range
 Ask = Callable[[int, tuple[float, float]], tuple[float, float] | None]
 
 
 def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]]:
-    """Pulses of count x count tilts about level, there and back in each row: the plate never has far to go."""
+    """Pulses of count x count tilts about level, in rows of alternating direction."""
     steps = np.linspace(-REACH * limit_deg, REACH * limit_deg, count)
     beta, gamma = (
         [min(max(axis.level_us + axis.us_per_deg * float(step), axis.min_us), axis.max_us) for step in steps]
@@ -36,11 +35,11 @@ def grid(servo: Servo, limit_deg: float, count: int) -> list[tuple[float, float]
 
 
 class Enough(Exception):  # noqa: N818
-    """Raised by who is asked, and wants to be asked no more."""
+    """Raised by `ask` to end the readings."""
 
 
 class Held:
-    """The pulses that are being sent."""
+    """Repeats pulses until `end`."""
 
     def __init__(self, board: Board, pulses: tuple[float, float]) -> None:
         self.board, self.pulses = board, pulses
@@ -58,14 +57,14 @@ class Held:
                 return
 
     def end(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._ended.set()
         self._thread.join()
 
 
 @contextmanager
 def held(board: Board, pulses: tuple[float, float]) -> Iterator[Held]:
-    """Hold pulses until left; then the plate goes level."""
+    """Hold pulses inside the `with` block; then level the plate."""
     holding = Held(board, pulses)
     try:
         yield holding
@@ -77,9 +76,10 @@ def held(board: Board, pulses: tuple[float, float]) -> Iterator[Held]:
 def take_readings(
     board: Board, pulses: list[tuple[float, float]], ask: Ask, keep: Callable[[list[Reading]], None] | None = None
 ) -> list[Reading]:
-    """A reading at each of the pulses; ask(number from 1, pulses) gives what the clinometer says in degrees, beta and
-    gamma, or None to leave it out, or raises Enough; keep: called with all that there is whenever there is one more.
-    Raises RigError when the board is gone."""
+    """A reading at each of the pulses. Raises RigError if the board is lost.
+
+    ask(number from 1, pulses): returns beta and gamma by the clinometer, deg, or None to skip them, or raises Enough;
+    keep: called with all readings after each one."""
     readings: list[Reading] = []
     with held(board, pulses[0]) as holding:
         for number, pair in enumerate(pulses, start=1):
@@ -87,15 +87,15 @@ def take_readings(
             sleep(SETTLE_S + AVERAGE_S)
             if holding.problem is not None:
                 raise holding.problem
-            told = board.recent()
-            latest = [volts(r) for r in told if r.received_s > told[-1].received_s - AVERAGE_S]
+            reports = board.recent()
+            latest = [r.volts for r in reports if r.received_s > reports[-1].received_s - AVERAGE_S]
             try:
-                said = ask(number, pair)
+                tilt = ask(number, pair)
             except Enough:
                 break
-            if said is not None:
+            if tilt is not None:
                 first, second = np.mean(latest, axis=0)
-                readings.append(Reading((float(first), float(second)), *said, number, pair))
+                readings.append(Reading((float(first), float(second)), *tilt, number, pair))
                 if keep is not None:
                     keep(readings)
     return readings

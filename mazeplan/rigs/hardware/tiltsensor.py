@@ -1,9 +1,9 @@
-"""From the voltages of the tilt sensor's diode to the tilt of the plate.
+"""Converts the voltages of the tilt sensor's diode to the tilt of the plate.
 
     beta = sum_k c_k a^i b^j,   a = (v0 - centre0) / scale0,   b = (v1 - centre1) / scale1,   gamma alike
 
-A laser that the plate turns moves its spot on the diode nearly in proportion to both tilts; that the diode is turned
-against the axes, not flat and not linear is what products and powers are for. `tiltcalibration` finds the coefficients.
+The plate turns a laser, and its spot on the diode moves nearly in proportion to both tilts. Products and powers correct
+a diode that is turned, not flat, and not linear. `tiltcalibration` finds the coefficients.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, field_validator
 
-from mazeplan.records import Array
-from mazeplan.rigs.settings import Section
+from mazeplan.core.records import Array
+from mazeplan.rigs.files import RigSection
 
 POWERS = {
     "one": (0, 0), "a": (1, 0), "b": (0, 1), "ab": (1, 1), "aa": (2, 0), "bb": (0, 2),
     "aaa": (3, 0), "aab": (2, 1), "abb": (1, 2), "bbb": (0, 3),
 }  # fmt: skip
-REACH = 1.3  # of the half range that was calibrated; further out a polynomial is not to be believed
+REACH = 1.3  # of the calibrated half range; the polynomial is not valid further out
 
 
 @dataclass(frozen=True)
-class TiltSensor:
+class DiodeSensor:
     """A calibrated sensor. centre, scale: V, of the two channels; beta, gamma: {name of a term: coefficient in deg}."""
 
     centre: tuple[float, float]
@@ -44,12 +44,12 @@ class TiltSensor:
         return math.radians(beta), math.radians(gamma)
 
     def reaches(self, v0: float, v1: float) -> bool:
-        """Whether the voltages are within what was calibrated: else the laser's spot has left the diode."""
+        """Whether the voltages are in the calibrated range; else the laser's spot has left the diode."""
         pairs = zip((v0, v1), self.centre, self.scale, strict=True)
         return all(abs(v - c) <= REACH * s for v, c, s in pairs)
 
 
-class TiltSection(Section):
+class TiltSection(RigSection):
     """`tilt:` of a rig's file, as `mazeplan calibrate tilt` writes it."""
 
     centre_v: tuple[float, float]
@@ -75,9 +75,9 @@ class TiltSection(Section):
             raise ValueError(f"got {got}, expected coefficients of {', '.join(POWERS)}")
         return terms
 
-    def sensor(self) -> TiltSensor:
-        """What it describes."""
-        return TiltSensor(self.centre_v, self.scale_v, self.beta_deg, self.gamma_deg)
+    def sensor(self) -> DiodeSensor:
+        """The sensor."""
+        return DiodeSensor(self.centre_v, self.scale_v, self.beta_deg, self.gamma_deg)
 
 
 def design(terms: tuple[str, ...], v: Array, centre: Array, scale: Array) -> Array:

@@ -1,13 +1,12 @@
-"""Puts a section into the text of a YAML file, and leaves its comments, and everything else, where they are.
+"""Replaces a section in the text of a YAML file. Comments and everything else stay in their places.
 
     camera:                # the old one        camera:                # the old one
       source: 0            # by the window  ->    source: 0            # by the window
       size: [640, 480]     # large                size: [1280, 720]    # large
                                                   focal_px: [...]
 
-Values are written over values; keys that are new come behind the others, keys that are no more go. A comment in the
-midst of what goes is put above it. The text is cut by the marks of the parser's nodes, and the result is parsed: it
-must say what was to be written.
+New values replace old ones; new keys come last, missing keys are removed. A comment inside a removed value moves above
+it. The parser's marks give the places of the cuts. The result is parsed again and must have the new values.
 """
 
 from __future__ import annotations
@@ -20,15 +19,16 @@ from typing import Any
 
 import yaml
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.maze.yamltree import parse_yaml
 
 WIDTH = 100
-Cut = tuple[int, int, str]  # from, to (characters of the text), what comes there
+Cut = tuple[int, int, str]  # from, to (characters of the text), replacement
 
 
 def merged(text: str, key: str, value: Any, *, file: str | Path) -> str:
-    """The text with `key: value` at its top level. Raises SettingsError where it is no YAML, or none to write into."""
+    """The text with `key: value` at its top level. Raises SettingsError for text that is no YAML, or of another
+    form."""
     before = parse_yaml(text, file=file, error=SettingsError).data
     wanted = dict(before) | parse_yaml("\n".join(_dumped({key: value})), file=file, error=SettingsError).data
     edit = _Edit(text)
@@ -43,12 +43,12 @@ def merged(text: str, key: str, value: Any, *, file: str | Path) -> str:
 
 
 def _dumped(data: Mapping[str, Any], indent: int = 0, width: int = WIDTH) -> list[str]:
-    """Lines of a block; in it, collections without others in them in one line."""
+    """Lines of a block; its innermost collections are on one line."""
     lines: list[str] = []
     for key, value in data.items():
         style = None if isinstance(value, Mapping | list | tuple) else False
-        told = yaml.safe_dump({key: value}, sort_keys=False, default_flow_style=style, width=width, allow_unicode=True)
-        lines += told.rstrip("\n").split("\n")
+        text = yaml.safe_dump({key: value}, sort_keys=False, default_flow_style=style, width=width, allow_unicode=True)
+        lines += text.rstrip("\n").split("\n")
     return [" " * indent + line if line else line for line in lines]
 
 
@@ -62,7 +62,7 @@ class _Edit:
         self._cuts: list[Cut] = []
 
     def within(self, key: str, value: Any) -> str:
-        """Values over values, each in its place."""
+        """Replace value by value, each in its place."""
         self._cuts = []
         found = self._found(key)
         if found is None:
@@ -71,7 +71,7 @@ class _Edit:
         return self._result()
 
     def whole(self, key: str, value: Any) -> str:
-        """The whole section anew, its comments above it."""
+        """Replace the whole section; its comments move above it."""
         self._cuts = []
         found = self._found(key)
         if found is None:
@@ -99,7 +99,7 @@ class _Edit:
         tail = self.text[end : self._line_end(end)]
         lines = _dumped({key: value}, indent)
         if tail.strip() and not lines[0].rstrip().endswith(":"):
-            lines = _dumped({key: value}, indent, 10_000)  # a comment behind it: in one line, if that goes
+            lines = _dumped({key: value}, indent, 10_000)  # a comment follows: one line, if possible
         above = "".join(f"{line.lstrip()}\n{' ' * indent}" for line in self._rescued(start, end, ""))
         self._cuts.append((start, end, above + lines[0].lstrip()))
         if lines[1:]:
@@ -124,7 +124,7 @@ class _Edit:
 
     def _result(self) -> str:
         out, at = [], 0
-        for begin, end, new in sorted(self._cuts, key=lambda cut: cut[:2]):  # stable: in the order of their making
+        for begin, end, new in sorted(self._cuts, key=lambda cut: cut[:2]):  # stable: in the order of their creation
             if begin < at:
                 raise LookupError("cuts overlap")
             out += [self.text[at:begin], new]
@@ -142,7 +142,7 @@ class _Edit:
         return [f"{indent}{comment}" for at, comment in self._comments if begin <= at < end]
 
     def _end(self, node: yaml.Node) -> int:
-        """Where a node's own text ends: a collection of lines ends with its last value, not where the next begins."""
+        """End of a node's own text: a block ends with its last value, not at the next key."""
         if isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
             last = node.value[-1]
             return self._end(last[1] if isinstance(last, tuple) else last)
@@ -156,7 +156,7 @@ class _Edit:
 
 
 def _comments(text: str) -> list[tuple[int, str]]:
-    """Comments and where they begin: a # after a blank that is in no scalar."""
+    """Comments with their places: a # after a blank, outside scalars."""
     spans = [
         (token.start_mark.index, token.end_mark.index)
         for token in yaml.scan(text, Loader=yaml.SafeLoader)

@@ -1,13 +1,13 @@
 """The board that moves the plate, over a serial port.
 
     board = Board("/dev/ttyACM0", limits)
-    board.open()                            # who is there? limits, and the first report
+    board.open()                            # identity, limits, first report
     number = board.command(1510.0, 1490.0)  # us; again at least every 200 ms, or the board levels the plate
     board.wait_newer(board.latest(), 0.1)   # the next TiltReport
 
-A thread of its own reads. When the port is lost, or nothing comes for `Patience.silence_s`, it is opened again, the
-board is asked who it is and gets its limits; commands of the meantime are lost, and the board levels the plate. After
-`Patience.reconnect_s` the board is given up: from then on every call raises RigError, with the port and what to try.
+A thread reads. If the port is lost, or silent for `Patience.silence_s`, the thread opens it again, checks the board's
+identity and sends the limits. Commands in the meantime are lost, and the board levels the plate. After
+`Patience.reconnect_s` the board counts as lost: every call raises RigError, with the port and advice.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from mazeplan.errors import RigError
+from mazeplan.core.errors import RigError
 from mazeplan.rigs.link import messages
 from mazeplan.rigs.link.frames import Frame, FrameReader
 from mazeplan.rigs.link.handshake import Patience, connect
-from mazeplan.rigs.link.messages import BoardClock, Event, Flag, Identity, ServoLimits, TiltReport
+from mazeplan.rigs.link.messages import BoardClock, BoardEvent, Flag, Identity, ServoLimits, TiltReport
 
 if TYPE_CHECKING:
     import serial
 
-LEVEL_TRIES, LEVEL_S = 3, 0.1  # how often level is asked for, and how long each may take to be confirmed
+LEVEL_TRIES, LEVEL_S = 3, 0.1  # tries of `level`, and s for each confirmation
 EVENTS = 100  # of the newest kept
 REPORTS = 100  # of the newest kept: a second
 CLOSE_S = 1.0  # for the thread that reads to end
@@ -38,8 +38,7 @@ RETRY_S = 0.1  # between tries to open a lost port
 
 @dataclass
 class Counts:
-    """What went wrong on the line so far: frames that could not be read, refusals, times that the port was lost, times
-    that the board began anew."""
+    """Errors on the line so far: unreadable frames, refused commands, losses of the port, restarts of the board."""
 
     bad_frames: int = 0
     refused: int = 0
@@ -54,7 +53,7 @@ class Board:
         """Opens nothing yet."""
         self.port, self.limits, self.patience = port, limits, patience or Patience()
         self.identity: Identity | None = None
-        self.events: deque[Event] = deque(maxlen=EVENTS)
+        self.events: deque[BoardEvent] = deque(maxlen=EVENTS)
         self.counts = Counts()
         self._serial: serial.Serial | None = None
         self._news = threading.Condition()
@@ -66,10 +65,10 @@ class Board:
         self._reports: deque[TiltReport] = deque(maxlen=REPORTS)
         self._sent = 0
         self._clock = BoardClock()
-        self._limits_again = 0.0  # not before this time of the monotonic clock
+        self._limits_again = 0.0  # earliest time, monotonic clock
 
     def open(self) -> Identity:
-        """Connect: identity, limits, first report. Raises RigError with the port and what to try."""
+        """Connect: identity, limits, first report. Raises RigError with the port and advice."""
         if self._thread is not None:
             raise RigError(f"{self.port}: is open already")
         self._closing.clear()
@@ -89,40 +88,40 @@ class Board:
         return self._serial is not None and self._failure is None
 
     def command(self, pulse_beta_us: float, pulse_gamma_us: float) -> int:
-        """Command both pulses, clamped to the limits; the number by which a report will confirm it.
+        """Command both pulses, clamped to the limits. Returns the number with which a report confirms them.
 
-        Raises RigError once the board is given up; what is commanded while the port is being opened again is lost."""
+        Raises RigError if the board is lost. Commands during a reconnection are lost."""
         beta, gamma = self.limits.beta.clamp(pulse_beta_us), self.limits.gamma.clamp(pulse_gamma_us)
         return self._send(lambda wire: messages.command(wire, beta, gamma))
 
     def latest(self) -> TiltReport | None:
-        """The newest report. Raises RigError once the board is given up."""
+        """The newest report. Raises RigError if the board is lost."""
         with self._news:
             self._check()
             return self._report
 
     def recent(self) -> list[TiltReport]:
-        """The reports of the last second, newest last. Raises RigError once the board is given up."""
+        """The reports of the last second, newest last. Raises RigError if the board is lost."""
         with self._news:
             self._check()
             return list(self._reports)
 
     def wait_newer(self, than: TiltReport | None, timeout_s: float) -> TiltReport | None:
-        """The newest report as soon as it is another one, None when none comes. Raises RigError as `latest`."""
+        """Wait for a report other than `than`; None after the timeout. Raises RigError as `latest`."""
         with self._news:
             self._news.wait_for(lambda: self._failure or self._report is not than, timeout_s)
             self._check()
             return self._report if self._report is not than else None
 
     def wait_confirmed(self, number: int, timeout_s: float) -> TiltReport | None:
-        """The newest report once the board has accepted this command or a later one, or None. Raises as `latest`."""
+        """Wait until the board has accepted this command or a later one; the report, or None. Raises as `latest`."""
         with self._news:
             self._news.wait_for(lambda: self._failure or self._confirmed(number), timeout_s)
             self._check()
             return self._report if self._confirmed(number) else None
 
     def level(self) -> TiltReport:
-        """Level now, without slew rate; the report that confirms it. Raises RigError when none does."""
+        """Level now, without slew rate. Returns the report that confirms it. Raises RigError if none does."""
         for _ in range(LEVEL_TRIES):
             report = self.wait_confirmed(self._send(messages.level), LEVEL_S)
             if report is not None and Flag.LEVEL in report.flags:
@@ -133,7 +132,7 @@ class Board:
         )
 
     def close(self) -> None:
-        """Level the plate where that is possible, and give the port back. Never raises; may be called twice."""
+        """Level the plate if possible, and release the port. Never raises; a second call does nothing."""
         if self._thread is None:
             return
         with contextlib.suppress(RigError):
@@ -153,7 +152,7 @@ class Board:
     # ---- sending
 
     def _send(self, frame: Callable[[int], bytes]) -> int:
-        """Send what `frame` makes of a new number, and return the number; a port that is lost is left to the reader."""
+        """Send the frame with a new number, and return the number. The reader handles a lost port."""
         with self._writing:
             self._check()
             if self._thread is None:
@@ -163,7 +162,7 @@ class Board:
             return self._sent
 
     def _write(self, data: bytes) -> None:
-        """With the lock held. A port that is lost, or takes nothing, is noticed by the thread that reads."""
+        """Write, with the lock held. The reading thread notices a lost port."""
         if self._serial is not None:
             with contextlib.suppress(OSError):
                 self._serial.write(data)
@@ -178,7 +177,7 @@ class Board:
     # ---- the thread that reads
 
     def _read(self) -> None:
-        """Frames into reports and events, until the board is closed or given up."""
+        """Read reports and events until the board is closed or lost."""
         reader, heard = FrameReader(), monotonic()
         while not self._closing.is_set():
             trouble = None
@@ -199,13 +198,13 @@ class Board:
             reader, heard = FrameReader(), monotonic()
 
     def _bytes(self) -> bytes:
-        """What has come, after the first byte or 50 ms. Raises OSError when the port is lost."""
+        """Bytes received, after the first byte or 50 ms. Raises OSError if the port is lost."""
         assert self._serial is not None
         data = self._serial.read(1)
         return data + self._serial.read(self._serial.in_waiting) if data else data
 
     def _take(self, frame: Frame) -> bool:
-        """Do what a frame asks for; whether it is a report. One that makes no sense is counted."""
+        """Handle a frame; count an unreadable one. True for a report."""
         try:
             if frame.kind == "T":
                 self._take_report(messages.read_report(frame, self._sent, self._clock, monotonic()))
@@ -226,14 +225,14 @@ class Board:
             self._reports.append(report)
             self._news.notify_all()
 
-    def _take_event(self, event: Event) -> None:
+    def _take_event(self, event: BoardEvent) -> None:
         self.events.append(event)
         if event.word == "BOOT":
             self.counts.restarts += 1
             self._send_limits(monotonic())
 
     def _send_limits(self, now: float) -> None:
-        """To a board that has begun anew in the midst of things; again with later reports, until it has them."""
+        """Send the limits to a board that has restarted, and again with later reports, until it has them."""
         if now < self._limits_again:
             return
         self._limits_again = now + LEVEL_S
@@ -242,7 +241,7 @@ class Board:
                 self._write(messages.set_limits(0, axis, limits))
 
     def _reconnect(self, trouble: str) -> bool:
-        """Open the port again within the time for it; False when the board had to be given up."""
+        """Open the port again within `reconnect_s`; False if the board is lost."""
         self._drop_port()
         self.counts.lost += 1
         until, last = monotonic() + self.patience.reconnect_s, ""

@@ -1,9 +1,9 @@
-"""Frames of the line protocol, as docs/protocol.md has them; tools/firmware/frame.c is the same for the board.
+"""Frames of the line protocol of docs/protocol.md; tools/firmware/frame.c does the same on the board.
 
     $T,17,123450,32768,32760,15000,15000,0,0,0*B6DC\\n
 
 '$', a body of at most 64 printable characters, '*', the CRC-16 of the body in four upper-case hexadecimal digits,
-newline. Nothing here opens a port or reads a clock.
+newline. This module opens no port and reads no clock.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ BEGIN, SUM, END, HEX = b"$"[0], b"*"[0], b"\n"[0], b"0123456789ABCDEF"
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame whose sum was right: its letter, and the fields behind it."""
+    """A frame with a correct checksum: its letter, and the fields behind it."""
 
     kind: str
     fields: tuple[str, ...]
@@ -34,12 +34,12 @@ class Frame:
 
 
 def crc16(body: bytes | bytearray) -> int:
-    """CRC-16 with polynomial 0x1021, begun with 0xFFFF."""
+    """CRC-16 with polynomial 0x1021, initial value 0xFFFF."""
     return binascii.crc_hqx(body, 0xFFFF)
 
 
 def encode(kind: str, *fields: int | str) -> bytes:
-    """The frame as it goes over the line. Raises ValueError for what no frame can hold."""
+    """A frame as bytes. Raises ValueError for fields that no frame can hold."""
     body = ",".join((kind, *map(str, fields)))
     if len(body) > MOST_BODY or not body.isascii() or not body.isprintable() or {"$", "*"} & set(body):
         raise ValueError(f"got {body!r}, expected up to {MOST_BODY} printable characters, without $ and *")
@@ -47,21 +47,21 @@ def encode(kind: str, *fields: int | str) -> bytes:
 
 
 class FrameReader:
-    """Bytes in, in pieces of any size; frames out. After noise it goes on with the next '$'.
+    """Converts bytes, in pieces of any size, to frames. After noise it continues with the next '$'.
 
-    bad: frames given up; silent about bytes that are in no frame."""
+    bad: number of damaged frames; bytes outside frames do not count."""
 
     def __init__(self) -> None:
         self.bad = 0
-        self._rest = bytearray()  # empty, or a '$' and what came of its frame
+        self._rest = bytearray()  # empty, or a '$' and the bytes of its frame so far
 
     def take_bad(self) -> int:
-        """Frames given up since this was asked last."""
+        """Number of damaged frames since the last call."""
         bad, self.bad = self.bad, 0
         return bad
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that these bytes complete."""
+        """Frames that these bytes complete."""
         found = []
         self._rest += data
         while True:
@@ -83,7 +83,7 @@ class FrameReader:
 
 
 def _look(data: bytearray) -> tuple[int, bool]:
-    """Bytes to take off, which begin with '$', and whether they are a good frame; (0, False) while it is open."""
+    """Number of bytes to remove from the start, and whether they are a good frame; (0, False): incomplete."""
     for at in range(1, len(data)):
         byte = data[at]
         if byte == BEGIN:

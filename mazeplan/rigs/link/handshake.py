@@ -1,4 +1,4 @@
-"""The first words with a board: who is there, the right protocol, limits sent and confirmed."""
+"""Connects to a board: identity, protocol, limits and their confirmation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from time import monotonic, monotonic_ns
 from typing import TYPE_CHECKING, TypeVar
 
-from mazeplan.errors import RigError
+from mazeplan.core.errors import RigError
 from mazeplan.rigs.link import messages
 from mazeplan.rigs.link.frames import Frame, FrameReader
 from mazeplan.rigs.link.messages import AXES, NAME, PROTOCOL, AxisLimits, Identity, ServoLimits
@@ -18,16 +18,16 @@ from mazeplan.rigs.link.port import open_port
 if TYPE_CHECKING:
     import serial
 
-FIRST_BELOW = 60000  # numbers of questions begin somewhere, and stay below 65536
-HEARD_S = 0.05  # between two frames of a board that runs
+FIRST_BELOW = 60000  # numbers of questions start at random and stay below 65536
+HEARD_S = 0.05  # s, more than between two frames of a running board
 Answer = TypeVar("Answer")
 FLASH = "`make firmware` builds build/firmware/mazeplan.hex, tools/firmware/Makefile says how to flash it"
 
 
 @dataclass(frozen=True)
 class Patience:
-    """How long to wait, s: for the first answer; for the board to be heard before it is asked; between questions; for a
-    report before the port counts as lost; for the port to come back."""
+    """Time limits, s: for the first answer; for the first report before any question; between questions; for a report
+    before the port counts as lost; for a lost port."""
 
     answer_s: float = 5.0
     listen_s: float = 2.5
@@ -39,8 +39,9 @@ class Patience:
 def connect(
     name: str, limits: ServoLimits, patience: Patience, until: float, stop: threading.Event
 ) -> tuple[serial.Serial, Identity]:
-    """Open the port, find out who is there, send the limits, all of it `until` this time of the monotonic clock, or
-    until told to stop. Raises RigError that names the port and what to try."""
+    """Open the port, check the identity, send the limits. Raises RigError with the port and advice.
+
+    until: latest time, monotonic clock; stop: ends it earlier."""
     port = open_port(name)
     try:
         talk = _Talk(name, port, patience.again_s, until, stop)
@@ -61,13 +62,13 @@ class _Talk:
         self._stop = stop
         self._name, self._port, self._again, self._until = name, port, again_s, until
         self._reader, self._bytes = FrameReader(), 0
-        self._wire = monotonic_ns() % FIRST_BELOW  # so that what a former program asked is not answered to us
+        self._wire = monotonic_ns() % FIRST_BELOW  # so that answers to an earlier program do not match
 
     def listen(self, most_s: float) -> None:
-        """Wait until the board reports by itself, and no longer than this.
+        """Wait for reports of the board, at most so long.
 
-        To open a port restarts many boards, and their boot loader, 1 to 2 s, does not end as long as it is spoken to.
-        The first frame may be one that was under way before that."""
+        Opening a port restarts many boards. Their boot loader takes 1 to 2 s, and longer if it receives bytes. The
+        first frame may be from before the restart."""
         end, first = min(monotonic() + most_s, self._until), float("inf")
         while monotonic() < end and not self._stop.is_set():
             if self._frames():
@@ -76,7 +77,7 @@ class _Talk:
                     return
 
     def identify(self) -> Identity:
-        """Who is there."""
+        """Ask for the identity, and check it."""
         identity = self._ask("I", messages.identify, messages.read_identity)
         if identity.name != NAME:
             raise RigError(f"{self._name}: got {identity.name!r} at the other end, expected {NAME!r}: {FLASH}")
@@ -88,7 +89,7 @@ class _Talk:
         return identity
 
     def set_limits(self, axis: int, limits: AxisLimits, identity: Identity) -> None:
-        """Limits of one axis, which must be in force as they were sent."""
+        """Send the limits of one axis, and check that the board has accepted them."""
         sent = limits.on_the_line()
         got, in_force = self._ask("L", lambda wire: messages.set_limits(wire, axis, limits), messages.read_limits)
         if (got, in_force) != (axis, sent):
@@ -99,7 +100,7 @@ class _Talk:
             )
 
     def _ask(self, kind: str, question: Callable[[int], bytes], read: Callable[[Frame], tuple[int, Answer]]) -> Answer:
-        """Ask until it is answered, by its number."""
+        """Repeat a question until an answer has its number."""
         while monotonic() < self._until and not self._stop.is_set():
             self._wire += 1
             with contextlib.suppress(OSError):
@@ -120,7 +121,9 @@ class _Talk:
             data = self._port.read(1)
             data += self._port.read(self._port.in_waiting) if data else b""
         except (OSError, TypeError) as problem:
-            raise RigError(f"{self._name}: was lost while the board was asked who it is; plug it in again") from problem
+            raise RigError(
+                f"{self._name}: was lost during the question for the board's identity; plug it in again"
+            ) from problem
         self._bytes += len(data)
         return self._reader.feed(data)
 

@@ -1,4 +1,4 @@
-"""What the board says, from frames to records; what it is told, from numbers to frames. See docs/protocol.md.
+"""Messages of the line protocol: frames of the board to records, commands to frames. See docs/protocol.md.
 
 On the line pulses are in tenths of a microsecond, times in tenths of a millisecond, conversions in 1/64 of a count.
 """
@@ -8,13 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntFlag
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.rigs.link.frames import U16, U32, Frame, encode
 
 NAME, PROTOCOL = "mazeplan", 1
 AXES = ("beta", "gamma")
-HARD_US, HARD_SLEW = (800.0, 2200.0), 20000.0  # us, us/s: what the firmware keeps to (tools/firmware/control.h)
-SEQUENCES = U16 - 1  # numbers 1 to 65535; 0 is what a board says that has accepted nothing yet
+HARD_US, HARD_SLEW = (800.0, 2200.0), 20000.0  # us, us/s: limits of the firmware (tools/firmware/control.h)
+SUPPLY_V, FULL = 5.0, 1023.0  # V and count at the upper end of the board's converter
+SEQUENCES = U16 - 1  # numbers 1 to 65535; 0: no command accepted yet
 
 
 class Flag(IntFlag):
@@ -46,7 +47,7 @@ class AxisLimits:
             raise SettingsError(f"got slew rate {self.slew_us_per_s:g} us/s, expected 1 to {U16 - 1}")
 
     def clamp(self, pulse_us: float) -> float:
-        """The nearest pulse that is allowed; level for what is no number."""
+        """The nearest allowed pulse; level for NaN and infinity."""
         if not abs(pulse_us) < float("inf"):
             return self.level_us
         return min(max(pulse_us, self.min_us), self.max_us)
@@ -58,7 +59,7 @@ class AxisLimits:
 
 @dataclass(frozen=True)
 class ServoLimits:
-    """Limits of both servos, as the rig's file has them; the board has hard ones besides."""
+    """Limits of both servos by the rig's file. The firmware has hard limits besides."""
 
     beta: AxisLimits
     gamma: AxisLimits
@@ -70,7 +71,7 @@ class ServoLimits:
 
 @dataclass(frozen=True)
 class Identity:
-    """Who is at the other end; hard limits in us and us/s; `cause`: why it started last."""
+    """Identity of the board; hard limits in us and us/s; cause: of its last start."""
 
     name: str
     protocol: int
@@ -86,9 +87,9 @@ class Identity:
 class TiltReport:
     """One report, about a hundred a second.
 
-    time_s: of the board, never going back; middle of the conversions; counts: their mean on both channels, 0 to 1023;
-    sequence: of the last command that was accepted, 0: none; pulses_us: beta, gamma, as they go out now; strikes: of
-    the watchdog since the board's start; bad_frames: not readable for it; received_s: monotonic clock of the host."""
+    time_s: middle of the conversions by the board's clock, never decreasing; counts: mean of both channels, 0 to 1023;
+    sequence: of the last accepted command, 0: none; pulses_us: beta, gamma now; strikes: of the board's watchdog since
+    its start; bad_frames: unreadable for the board; received_s: monotonic clock of the host."""
 
     time_s: float
     counts: tuple[float, float]
@@ -99,10 +100,15 @@ class TiltReport:
     bad_frames: int
     received_s: float
 
+    @property
+    def volts(self) -> tuple[float, float]:
+        """Voltages of the two channels."""
+        return self.counts[0] * SUPPLY_V / FULL, self.counts[1] * SUPPLY_V / FULL
+
 
 @dataclass(frozen=True)
-class Event:
-    """Something that the board tells once: BOOT (value: bits of the cause), WATCHDOG (value: how often by now)."""
+class BoardEvent:
+    """An event of the board: BOOT (value: bits of the cause), WATCHDOG (value: count so far)."""
 
     number: int
     word: str
@@ -119,7 +125,7 @@ def tenths(pulse_us: float) -> int:
 
 
 def cause_name(bits: int) -> str:
-    """Why the chip started, in words."""
+    """Cause of the chip's start, in words."""
     return ", ".join(name for bit, name in CAUSES if bits & bit) or "unknown"
 
 
@@ -129,14 +135,14 @@ def wire_number(sequence: int) -> int:
 
 
 def unwrapped(wire: int, newest: int) -> int:
-    """The newest sequence number up to `newest` that goes by this number on the line; 0 for none."""
+    """The newest sequence number up to `newest` with this number on the line; 0 for none."""
     if wire == 0 or newest < 1:
         return 0
     return max(newest - (wire_number(newest) - wire) % SEQUENCES, 0)
 
 
 def identify(wire: int) -> bytes:
-    """Question who is there."""
+    """Question for the identity."""
     return encode("I", wire)
 
 
@@ -161,29 +167,29 @@ def read_identity(frame: Frame) -> tuple[int, Identity]:
         raise ValueError("too few fields in an identity")
     (wire,), (protocol,) = frame.numbers(1), frame.numbers(1, first=2)
     name, version = frame.fields[1], frame.fields[3]
-    if name != NAME or protocol != PROTOCOL:  # what follows may be anything
+    if name != NAME or protocol != PROTOCOL:  # the rest may be anything
         return wire, Identity(name, protocol, version, 0.0, 0.0, 0.0, 0.0, "")
     low, high, slew, watchdog, cause = frame.numbers(5, first=4)
     return wire, Identity(name, protocol, version, low / 10, high / 10, float(slew), watchdog / 1000, cause_name(cause))
 
 
 def read_limits(frame: Frame) -> tuple[int, tuple[int, tuple[int, ...]]]:
-    """Number of the request; axis, and what is in force, as `AxisLimits.on_the_line`. Raises ValueError."""
+    """Number of the request; axis, and accepted limits as `AxisLimits.on_the_line`. Raises ValueError."""
     wire, axis, *values = frame.numbers(6)
     return wire, (axis, tuple(values))
 
 
-def read_event(frame: Frame) -> Event:
-    """Raises ValueError."""
+def read_event(frame: Frame) -> BoardEvent:
+    """An event. Raises ValueError."""
     (number,), (time, value) = frame.numbers(1), frame.numbers(2, first=2)
-    return Event(number, frame.fields[1], time / 1e4, value)
+    return BoardEvent(number, frame.fields[1], time / 1e4, value)
 
 
-RESTART = 20_000  # tenths of a ms by which both clocks may disagree from one report to the next
+RESTART = 20_000  # tenths of a ms, largest difference of both clocks between two reports
 
 
 class BoardClock:
-    """The board's time without its wraps (every 119 h) and restarts: it goes on by the host's clock then."""
+    """The board's time without its wraps (every 119 h) and restarts; after a restart the host's clock continues it."""
 
     def __init__(self) -> None:
         self._raw: int | None = None
@@ -191,10 +197,10 @@ class BoardClock:
         self._received = 0.0
 
     def seconds(self, raw: int, received_s: float) -> float:
-        """Time of a report, s, never before that of the last one."""
+        """Time of a report, s; never decreases."""
         if self._raw is not None:
             ahead, waited = (raw - self._raw) % U32, round(1e4 * (received_s - self._received))
-            if abs(ahead - waited) > RESTART:  # it began anew
+            if abs(ahead - waited) > RESTART:  # the board restarted
                 ahead = max(waited, 1)
             self._offset += self._raw + ahead - raw
         self._raw, self._received = raw, received_s
@@ -202,7 +208,7 @@ class BoardClock:
 
 
 def read_report(frame: Frame, newest: int, clock: BoardClock, received_s: float) -> TiltReport:
-    """newest: sequence number sent last. Raises ValueError."""
+    """A report; newest: sequence number sent last. Raises ValueError."""
     wire, time, first, second, beta, gamma, flags, strikes, bad = frame.numbers(9)
     if wire >= U16 or time >= U32 or max(first, second) > 64 * 1023:
         raise ValueError(f"got {frame}, expected a report")

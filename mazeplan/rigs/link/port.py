@@ -1,30 +1,30 @@
-"""A serial port, opened, with errors that say what to try."""
+"""Opens a serial port; errors give advice."""
 
 from __future__ import annotations
 
 import errno
 from typing import TYPE_CHECKING
 
-from mazeplan.errors import RigError
-from mazeplan.resources import to_install
+from mazeplan.core.errors import RigError
+from mazeplan.core.resources import to_install
 
 if TYPE_CHECKING:
     import serial
 
 BAUD = 115200
-POLL_S = 0.05  # how long a read waits for the first byte
-WRITE_S = 0.2  # a port that takes no byte for so long is dead
+POLL_S = 0.05  # s, for which a read waits for the first byte
+WRITE_S = 0.2  # s; a port that accepts no byte for so long is dead
 
 
 def ports_found() -> list[str]:
-    """Names of serial ports that could be a board: those behind USB."""
+    """Names of the serial ports behind USB: one may be a board."""
     from serial.tools.list_ports import comports
 
     return sorted(port.device for port in comports() if port.vid is not None)
 
 
 def open_port(name: str) -> serial.Serial:
-    """The port at 115200 baud, ours alone. Raises RigError that names the port and what to try."""
+    """Open the port at 115200 baud, exclusively. Raises RigError with the port and advice."""
     try:
         import serial
     except ImportError as missing:

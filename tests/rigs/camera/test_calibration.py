@@ -8,12 +8,12 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
+from chessboards import board_poses, draw_board
 from scenes import MAZE, overlooking, usual
 
-from mazeplan.errors import InputError, SettingsError
+from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.camera.boards import board_poses, draw_board
-from mazeplan.rigs.camera.calibration import Lens, calibrate_lens, calibrate_plate
+from mazeplan.rigs.camera.calibration import LensCalibration, calibrate_lens, calibrate_plate
 from mazeplan.rigs.camera.circles import pose_by_circles
 from mazeplan.rigs.camera.look import Look
 from mazeplan.rigs.camera.markers import corner_markers, fit_tilt
@@ -23,7 +23,7 @@ from mazeplan.rigs.camera.section import camera_section, load_background, mappin
 from mazeplan.rigs.camera.sensing import FOUND, TRUE
 
 CORNERS, SQUARE = (9, 6), 0.02
-TRUE_LENS = Lens(TRUE.matrix, TRUE.distortion, TRUE.size, 0.0, 0)
+TRUE_LENS = LensCalibration(TRUE.matrix, TRUE.distortion, TRUE.size, 0.0, 0)
 BALLS = np.array([[0.089, 0.0, 0.006], [0.0, 0.089, 0.006], [-0.06, -0.06, 0.006], [0.0, 0.0, 0.006]])
 
 
@@ -111,7 +111,7 @@ def test_markers_that_lie_elsewhere_are_noticed():
     markers = corner_markers(MAZE)
     places = dict(markers.places)
     places[0] = (places[0][0] - 0.01, places[0][1], 0.0)
-    with pytest.raises(InputError, match="px from where they belong"):
+    with pytest.raises(InputError, match="px off"):
         calibrate_plate(TRUE_LENS, plates(1), MAZE, replace(markers, places=places))
 
 

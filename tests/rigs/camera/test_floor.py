@@ -33,6 +33,7 @@ def solid(maze, x, y):
     return r > maze.walls[0].inner_radius
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.085, -0.06), (-0.085, 0.085)])
 def test_walls_hide_what_lines_of_sight_meet(tilt):
     eye = TRUE.centre(*tilt)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scenes import MAZE
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.rigs.registry import make_rig
-from mazeplan.rigs.settings import settings_from
-from mazeplan.rigs.simulated import SimulatedRig
+from mazeplan.rigs.sim.settings import settings_from
+from mazeplan.rigs.sim.simulated import SimulatedRig
 
 
 def rig(seed=0, **settings):

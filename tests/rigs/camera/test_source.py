@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mazeplan.errors import InputError, RigError
+from mazeplan.core.errors import InputError, RigError
 from mazeplan.rigs.camera import source as room
 from mazeplan.rigs.camera.source import VideoSource, pictures
 

@@ -8,21 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mazeplan.rigs.hardware.clocks import REPORT_AGE_S, BoardClock, FrameClock, TiltTrack
-from mazeplan.rigs.hardware.tiltsensor import TiltSensor
+from mazeplan.rigs.hardware.clocks import REPORT_AGE_S, FrameClock, HostClock, TiltTrack
+from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
 
-PLAIN = TiltSensor((0.0, 0.0), (1.0, 1.0), {"a": 1.0}, {"b": 1.0})  # V are degrees
+PLAIN = DiodeSensor((0.0, 0.0), (1.0, 1.0), {"a": 1.0}, {"b": 1.0})  # V are degrees
 
 
 @dataclass
 class Report:
-    t: float
+    time_s: float
     volts: tuple[float, float]
     received_s: float
 
 
 def test_late_receptions_do_not_shift_the_boards_clock_and_its_drift_is_followed():
-    rng, clock, off = np.random.default_rng(0), BoardClock(), []
+    rng, clock, off = np.random.default_rng(0), HostClock(), []
     for k in range(6000):  # a minute; the board's clock is slow by .3 %
         true = 100.0 + 0.01 * k
         received = true + REPORT_AGE_S + (0.03 * rng.random() if k % 7 else 0.0)

@@ -11,16 +11,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mazeplan.errors import RigError
+from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.camera.detector import Sighting, Why
-from mazeplan.rigs.camera.source import Frame
+from mazeplan.rigs.camera.source import CameraFrame, NewestPicture
 from mazeplan.rigs.hardware import rig as module
 from mazeplan.rigs.hardware.clocks import TiltTrack
 from mazeplan.rigs.hardware.parts import Parts, the_port
-from mazeplan.rigs.hardware.pictures import Pictures
 from mazeplan.rigs.hardware.rig import HardwareRig
-from mazeplan.rigs.hardware.tiltsensor import TiltSensor
+from mazeplan.rigs.hardware.tiltsensor import DiodeSensor
 from mazeplan.rigs.interface import Rig
 from mazeplan.rigs.watchdog import watched
 
@@ -33,7 +32,7 @@ SETTINGS = {
     },
     "place_s": 1.0,
 }
-SENSOR = TiltSensor((2.5, 2.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5})  # 1 deg for a volt above 2.5
+SENSOR = DiodeSensor((2.5, 2.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5})  # 1 deg for a volt above 2.5
 
 
 class Board:
@@ -46,10 +45,9 @@ class Board:
 
     def recent(self):
         now = min(time.monotonic(), self.silent_from)
-        counts = (3.5 * 1023 / 5, 1.5 * 1023 / 5)
         last = math.floor(now * 100)
         return [
-            SimpleNamespace(time_s=k / 100, counts=counts, sequence=len(self.told), received_s=k / 100 + 0.01)
+            SimpleNamespace(time_s=k / 100, volts=(3.5, 1.5), sequence=len(self.told), received_s=k / 100 + 0.01)
             for k in range(last - 100, last)
         ]
 
@@ -79,7 +77,7 @@ class Camera:
             self.closed.wait()
             return None
         time.sleep(max(0.0, self.began + self.k / 30.0 - time.monotonic()))
-        return Frame(np.full((4, 4, 3), self.k % 250, np.uint8), time.monotonic())
+        return CameraFrame(np.full((4, 4, 3), self.k % 250, np.uint8), time.monotonic())
 
     def close(self):
         self.closed.set()
@@ -99,7 +97,9 @@ class Detector:
 
 def made(**camera):
     rig = HardwareRig(MAZE, SETTINGS)
-    parts = Parts(Board(), Pictures(lambda: Camera(**camera), "fake"), Detector(), TiltTrack(SENSOR), "fake", "fake")  # pyright: ignore[reportArgumentType]
+    parts = Parts(
+        Board(), NewestPicture(lambda: Camera(**camera), "fake"), Detector(), TiltTrack(SENSOR), "fake", "fake"
+    )  # pyright: ignore[reportArgumentType]
     rig._parts = parts
     return rig, parts
 
@@ -167,18 +167,19 @@ def test_after_an_emergency_stop_nothing_moves_until_the_next_reset(table):
     rig.command(0.03, 0.0)
     assert parts.board.told[1:] == ["level", "level"]
     parts.detector.ball = (0.0, RING1)
-    parts.track = TiltTrack(TiltSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))  # level
+    parts.track = TiltTrack(DiodeSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))  # level
     rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
     rig.command(0.03, 0.0)
     assert parts.board.told[-1] != "level"
     assert abs(rig.observe().t) < 3.1 / 30.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ball", [None, (0.0, 0.0), "rolling", "on a tilted plate"])
 def test_reset_waits_for_a_ball_at_rest_in_the_ring(table, ball):
     rig, parts = table()
     if ball != "on a tilted plate":
-        parts.track = TiltTrack(TiltSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))
+        parts.track = TiltTrack(DiodeSensor((3.5, 1.5), (2.5, 2.5), {"a": 2.5}, {"b": 2.5}))
     if ball == "rolling":
         places = ((RING1 * math.cos(0.05 * k), RING1 * math.sin(0.05 * k)) for k in itertools.count())
         parts.detector.locate = lambda image, tilt=None: Sighting(*next(places), 1.0, Why.FOUND)
@@ -197,7 +198,7 @@ def test_a_camera_that_hangs_and_a_board_that_is_silent_fail_the_rig(table, monk
     rig, parts = table()
     rig.observe()
     parts.board.silent_from = time.monotonic()
-    with pytest.raises(RigError, match=r"fake: the board has not told the tilt for 0\.4 s"):
+    with pytest.raises(RigError, match=r"fake: no report of the tilt for 0\.4 s"):
         list(iter(rig.observe, None))
 
 
@@ -209,7 +210,7 @@ def test_a_camera_that_ends_or_breaks_says_so():
         def close(self):
             pass
 
-    pictures = Pictures(Broken, "front")
+    pictures = NewestPicture(Broken, "front")
     with pytest.raises(RigError, match=r"camera front: OSError: .*no answer"):
         pictures.wait(-math.inf, time.monotonic() + 10.0)
     pictures.close()

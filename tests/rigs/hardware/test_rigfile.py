@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.resources import to_install
 from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import read_yaml
-from mazeplan.resources import to_install
 from mazeplan.rigs.hardware.files import hardware_file, is_hardware
 from mazeplan.rigs.link.messages import HARD_SLEW, HARD_US
 from mazeplan.rigs.registry import PACKAGED, make_rig, rig_file, rig_model_hint
@@ -191,7 +191,8 @@ def test_a_file_that_cannot_be_read_is_not_written(tmp_path):
 
 @pytest.mark.parametrize("name", ["hardware", "emulated"])
 def test_without_opencv_it_says_what_to_install(name, tmp_path):
-    script = "import sys; sys.modules['cv2'] = None; sys.argv[0] = 'mazeplan'; import mazeplan.cli; mazeplan.cli.main()"
+    script = "import sys; sys.modules['cv2'] = None; sys.argv[0] = 'mazeplan'; "
+    script += "import mazeplan.apps.cli; mazeplan.apps.cli.main()"
     command = [sys.executable, "-c", script, "navigate", "--rig", name]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 3

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.errors import InputError, TableError
-from mazeplan.rigs.hardware.settings import check_section
+from mazeplan.core.errors import InputError, TableError
+from mazeplan.rigs.emulation.truth import Diode
+from mazeplan.rigs.files import validated
 from mazeplan.rigs.hardware.tiltcalibration import Reading, fit_tilt, read_readings, write_readings
 from mazeplan.rigs.hardware.tiltsensor import TiltSection
-from mazeplan.rigs.hardware.truth import Diode
 
 ALL = np.linspace(-5.75, 5.75, 7)
 
@@ -82,7 +82,7 @@ def test_servos_come_along_where_the_pulses_are_known():
 
 def test_what_is_written_into_the_file_is_the_sensor():
     fit = fit_tilt(read_off(2)[1])
-    section = check_section(TiltSection, fit.section("2026-11-22"))
+    section = validated(TiltSection, fit.section("2026-11-22"))
     assert section.sensor().tilt(2.3, 2.7) == pytest.approx(fit.sensor.tilt(2.3, 2.7), abs=1e-5)
     assert section.date == "2026-11-22"
     assert section.error_deg == pytest.approx(fit.error_deg, abs=1e-3)

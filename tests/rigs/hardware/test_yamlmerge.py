@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.maze.yamltree import parse_yaml
 from mazeplan.rigs.hardware.yamlmerge import merged
 

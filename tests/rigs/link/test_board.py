@@ -12,7 +12,7 @@ import pytest
 from fake_board import AXIS, LIMITS, FakeBoard, silent
 from test_frames import damaged_stream
 
-from mazeplan.errors import RigError
+from mazeplan.core.errors import RigError
 from mazeplan.rigs.link.board import Board
 from mazeplan.rigs.link.frames import encode
 from mazeplan.rigs.link.handshake import Patience

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mazeplan.errors import SettingsError
+from mazeplan.core.errors import SettingsError
 from mazeplan.rigs.link import messages
 from mazeplan.rigs.link.frames import Frame
 from mazeplan.rigs.link.messages import AxisLimits, BoardClock, Flag, unwrapped, wire_number

@@ -1,0 +1,205 @@
+"""The `mazeplan` command: exit statuses, signals, streams and one-line errors.
+
+Exit status: 0 success, 1 the job ran without success, 2 bad input or usage, 3 the rig failed, 130 Ctrl-C, 143 SIGTERM,
+129 SIGHUP. A signal ends a run like Ctrl-C: the plate is level and the log complete.
+Streams: a full or closed stderr changes nothing. A stdout that cannot be written gives one line and turns 0 into 1.
+Each command imports what it needs when it runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+import typer
+
+from mazeplan.apps.cli.app import app
+from mazeplan.core.errors import InputError, MazeplanError
+
+_UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
+
+INTERRUPTED = 130  # exit status
+UNWRITABLE = (errno.ENOSPC, errno.EPIPE)  # a full disk; a reader that left, as in `mazeplan log export ... | head`
+ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+EXPECTED = {  # how typer begins its message about a number: our words
+    "valid integer": "a whole number",
+    "valid number": "a number",
+    "greater than or equal to": "a number >=",
+    "less than or equal to": "a number <=",
+}
+
+
+def keep_compiled() -> None:
+    """Give Numba a temporary cache folder if it can write neither to the package nor to the user's cache."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    places = [Path(__file__).parent, next(place for place in (cache, *cache.parents) if place.exists())]
+    if "NUMBA_CACHE_DIR" in os.environ or any(os.access(place, os.W_OK) for place in places):
+        return
+    os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="mazeplan-compiled-")
+    print("cannot keep compiled code: set NUMBA_CACHE_DIR to a folder that can be written", file=sys.stderr)
+
+
+@contextmanager
+def ended_as_interrupted() -> Iterator[list[int]]:
+    """Turn the first ending signal into KeyboardInterrupt; yields a list that receives its number."""
+    received: list[int] = []
+    before: dict[int, Any] = {}
+
+    def on_signal(number: int, frame: Any) -> None:
+        if not received:
+            received.append(number)
+            raise KeyboardInterrupt
+
+    for number in ENDING:
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP on purpose
+            with suppress(ValueError):  # not in the main thread
+                before[number] = signal.signal(number, on_signal)
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class TolerantStream:
+    """A stream that drops what it cannot write, so that a message never ends a run."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write all of the text, or nothing."""
+        with suppress(OSError):
+            return self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush if possible."""
+        with suppress(OSError):
+            self._stream.flush()
+
+
+def open_streams() -> None:
+    """Replace closed streams (`2>&-`), which are None in Python, and make stderr tolerant."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  open until the end
+    if not isinstance(sys.stderr, TolerantStream):
+        stream: Any = TolerantStream(sys.stderr)
+        sys.stderr = stream
+
+
+def flush_output(status: int, stdout: Any) -> int:
+    """Flush stdout and return the exit status; end the program if stdout cannot be written."""
+    try:
+        stdout.flush()
+    except OSError as problem:
+        end_unwritable(problem, status)
+    if sys.stdout is not stdout:  # typer replaces it after the reader left
+        end_unwritable(BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE)), status)
+    return status
+
+
+def end_unwritable(problem: OSError, status: int = 0) -> NoReturn:
+    """End at once: stdout takes no more, and its buffer would fail again."""
+    print(f"mazeplan: cannot write: {problem.strerror}", file=sys.stderr)
+    sys.stderr.flush()
+    os._exit(status or 1)
+
+
+def with_option(error: MazeplanError, words: Sequence[str]) -> str:
+    """The error message, preceded by the option whose value is wrong; words: the command line."""
+    text = str(error)
+    if not isinstance(error, InputError) or error.line is not None or text.startswith("-"):
+        return text
+    for option, value in _option_values(words):
+        same = error.file is not None and os.path.abspath(value) == os.path.abspath(str(error.file))
+        if same or (error.file is None and f"got {value!r}" in text.replace("got rig ", "got ")):
+            return f"{option}: {text}"
+    return text
+
+
+def _usage_message(error: Any, words: Sequence[str]) -> str:
+    """A usage error in our form: option, value, allowed values."""
+    text = " ".join(error.format_message().split())
+    found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Input should be (?:a )?|Value error, )?(.*)", text)
+    if found is None or found[2].startswith("got "):
+        return text if found is None else f"{found[1]}: {found[2]}"
+    value = next((value for option, value in _option_values(words) if option == found[1]), "")
+    choices = re.fullmatch(r"'.*?' is not one of (.*)", found[2])
+    if choices is not None:
+        expected = f"one of {choices[1].replace(chr(39), '').removesuffix('.')}"
+    else:
+        begins = next((kind for kind in EXPECTED if found[2].startswith(kind)), "")
+        expected = EXPECTED.get(begins, "") + found[2].removeprefix(begins).partition(",")[0]
+    return f"{found[1]}: got {value!r}, expected {expected}"
+
+
+def _option_values(words: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """(option, value) pairs of a command line."""
+    for word, after in zip(words, [*words[1:], ""], strict=True):
+        if word.startswith("--") and "=" in word:
+            option, _, value = word.partition("=")
+            yield option, value.replace("\0", "")
+        elif word.startswith("-") and after and "\0" not in after:
+            yield word, after
+
+
+def main() -> None:
+    """Entry point of the `mazeplan` command: turn deliberate errors into one line and an exit status."""
+    open_streams()
+    keep_compiled()
+    stdout = sys.stdout
+    with ended_as_interrupted() as received:
+        try:
+            sys.exit(_run(received))
+        except SystemExit as end:
+            sys.exit(flush_output(end.code if isinstance(end.code, int) else 0, stdout))
+
+
+def _run(received: list[int]) -> int:
+    """Run the command and return its exit status; received: number of the signal that ended it."""
+    try:
+        status = app(standalone_mode=False)  # otherwise typer prints usage errors itself, over several lines
+    except MazeplanError as error:
+        return _fail(with_option(error, sys.argv[1:]), error.exit_status)
+    except _UsageError as error:
+        if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command: its message is the help
+            print(error.format_message(), file=sys.stderr)
+            return InputError.exit_status
+        return _fail(_usage_message(error, sys.argv[1:]), InputError.exit_status)
+    except (KeyboardInterrupt, typer.Abort):
+        status = INTERRUPTED
+    except typer.Exit as end:  # typer makes one of Ctrl-C
+        status = end.exit_code
+    except OSError as problem:
+        if problem.errno not in UNWRITABLE:
+            raise
+        end_unwritable(problem)
+    except Exception as problem:
+        from mazeplan.behavior.leaf import blames_a_leaf, fault
+
+        if not blames_a_leaf(problem):
+            raise
+        return _fail(fault(problem), InputError.exit_status)
+    if status == INTERRUPTED and received:
+        return _fail(signal.Signals(received[0]).name, 128 + received[0])
+    if status == INTERRUPTED:
+        return _fail("interrupted", INTERRUPTED)
+    return status if isinstance(status, int) else 0
+
+
+def _fail(message: str, status: int) -> int:
+    print(f"mazeplan: {message}", file=sys.stderr)
+    return status

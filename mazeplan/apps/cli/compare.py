@@ -1,0 +1,149 @@
+"""`compare`: kinds of ball models on the same data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import plural, print_json, say
+from mazeplan.core.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.learning.ring_scores import RingScores
+    from mazeplan.maze.geometry import Maze
+
+
+def compare(
+    logs: opt.Logs,
+    test: opt.TestLogs = None,
+    map_: opt.MapOfLog = None,
+    ring: opt.Ring = None,
+    radius: opt.Radius = None,
+    delay: opt.Delay = None,
+    rates: opt.Rates = "auto",
+    smoothing: opt.Smoothing = "savgol",
+    kernel: opt.Kernel = "auto",
+    most: opt.CompareRows = 5000,
+    device: opt.Device = "cpu",
+    curve: opt.Curve = None,
+    page: opt.Report = None,
+    bands: opt.Bands = 2000,
+    seed: opt.Seed = 0,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Compare rf, p, pi, np, sp (and npd) in each ring: nRMSE of theta_dd and roll-out errors."""
+    from mazeplan.apps.cli.log_context import check_channel, logged_map
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.apps.cli.report import write_report
+    from mazeplan.core.logs.table import read_table
+    from mazeplan.learning import comparison
+    from mazeplan.learning.confidence import DRAWS, ConfidenceOptions
+    from mazeplan.learning.fitting import FitOptions
+    from mazeplan.learning.gp_training import require_torch
+    from mazeplan.learning.ring_scores import THOROUGH, CompareOptions
+    from mazeplan.learning.samples import SampleOptions
+    from mazeplan.learning.smoothing import Smoothing
+
+    if 0 < bands < DRAWS:
+        raise InputError(f"--bands: got {bands}, expected 0 (none), or {DRAWS} (one window) or more")
+    require_torch()
+    found = logged_map(map_, logs[0])
+    if ring is not None and radius is None:
+        check_channel(ring, found.maze)
+    options = CompareOptions(
+        smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
+        delay=delay, rates=rates, seed=seed, curve=curve is not None or page is not None,
+        samples=SampleOptions(ring=ring, radius=radius), bands=ConfidenceOptions(bands, device),
+        fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel, device=device), seed=seed),
+    )  # fmt: skip
+    with ProgressBar("comparing") as bar:
+        bar.show("reading")
+        tables, held_out = ([read_table(log) for log in group] for group in (logs, test or []))
+        shown: dict[str, Any] = {"progress": bar.show, "advance": bar.advance, "left_out": say}
+        scores = comparison.compare(tables, held_out, found.maze, options, openings_known=found.known, **shown)
+    document = {f"ring{score.ring}": score.document() for score in scores}
+    if curve is not None:
+        _draw_curves(document, found.maze, curve)
+    if page is not None:
+        write_report("comparison", document, page, ", ".join(log.name for log in logs))
+    if as_json:
+        print_json(document)
+    else:
+        report(scores)
+
+
+def report(scores: list[RingScores]) -> None:
+    """Print the tables. Without enough windows or blocks of time, print that instead of an interval."""
+    from mazeplan.learning.split import TOO_FEW, enough
+
+    kinds = list(scores[0].nrmse_test)
+    print(f"{'nRMSE of theta_dd':24s}" + "".join(f"{kind:>16s}" for kind in kinds))
+    for s in scores:
+        cells = "".join(f"{s.nrmse_train[kind]:8.3f}/{s.nrmse_test[kind]:.3f}  " for kind in kinds)
+        print(f"ring {s.ring} train/test          {cells}")
+        low = "".join(f"   [{a:.3f}, {b:.3f}]" for a, b in (s.interval["nrmse_test"][kind] for kind in kinds))
+        few = f"   {TOO_FEW}: {plural(s.blocks['test'], 'block')} of time"
+        print(f"   95 % of the test      {low if enough(blocks=s.blocks['test']) else few}")
+    print("\nmean absolute error of theta after 20 / 40 samples, rad (± half of the 95 % interval)")
+    for s in scores:
+        if not len(s.windows):
+            print(f"ring {s.ring}  0 windows: no stretch of test rows is long enough")
+            continue
+        cells = "".join(f"  {kind} {_error(s, kind, '20')}/{_error(s, kind, '40')}" for kind in s.rollout)
+        few = "" if _enough(s) else f" in {plural(s.blocks['windows'], 'block')} of time ({TOO_FEW} for ±)"
+        print(f"ring {s.ring}  {plural(len(s.windows), 'window')}{few}, {s.windows.chosen}: {cells}")
+    covered = [s for s in scores if s.confidence]
+    if covered:
+        print("\nshare of measured angles within the 90 % band of the roll-outs after 20 / 40 samples, %")
+    for s in covered:
+        first = next(iter(s.confidence.values()))
+        shares = ((kind, 100 * c["coverage20"], 100 * c["coverage40"]) for kind, c in s.confidence.items())
+        cells = "".join(f"  {kind} {at20:.0f}/{at40:.0f}" for kind, at20, at40 in shares)
+        text = cells if enough(first["windows"]) else f" {TOO_FEW} for a share"
+        print(f"ring {s.ring}  {first['rollouts']} roll-outs of {plural(first['windows'], 'window')}:{text}")
+    for index, name in enumerate(("beta", "gamma")):
+        if any(s.signs[index] < 0 for s in scores):
+            print(
+                f"note: these data count {name} the other way round (gravity would pull uphill); its sign was changed"
+            )
+    off = [f"ring {s.ring} {1e3 * s.centre[0]:.1f}, {1e3 * s.centre[1]:.1f}" for s in scores if any(s.centre)]
+    if off:
+        print(f"note: the camera counts the angle about another point than the rings' centre, in mm: {'; '.join(off)}")
+    print(f"rates: {scores[0].rates}; ball {1e3 * scores[0].delay:.0f} ms behind the tilt")
+    print(f"training rows: {', '.join(str(s.n_train) for s in scores)}")
+
+
+def _error(s: RingScores, kind: str, steps: str) -> str:
+    """A roll-out error with half of its 95 % interval, if there is one."""
+    low, high = s.interval[steps].get(kind, (math.nan, math.nan))
+    half = f" ± {0.5 * (high - low):.3f}" if math.isfinite(high - low) and _enough(s) else ""
+    return f"{s.rollout[kind][steps]:.3f}{half}"
+
+
+def _enough(s: RingScores) -> bool:
+    """Whether a ring has enough windows, in enough blocks of time, for an interval."""
+    from mazeplan.learning.split import enough
+
+    return enough(len(s.windows), s.blocks["windows"])
+
+
+def _draw_curves(document: dict[str, Any], maze: Maze, path: Path) -> None:
+    """Draw the learning curves of the report into a file of their own. Raises InputError."""
+    from matplotlib.figure import Figure
+
+    from mazeplan.apps.report.documents import ComparedRing
+    from mazeplan.apps.report.models import models_pictures
+
+    rings = {int(name.removeprefix("ring")): ComparedRing.model_validate(found) for name, found in document.items()}
+    picture = next(picture for picture in models_pictures(rings, maze) if picture.name == "learning")
+    figure = Figure(figsize=picture.size, layout="constrained")
+    picture.draw(figure)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=150)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be drawn: {problem}", file=path) from None
+    say(f"wrote {path}")

@@ -1,0 +1,74 @@
+"""`data import-cme`: measurements of the published rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import print_json, say
+from mazeplan.core.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.learning.published_rig import ImportedRing
+
+app = typer.Typer(help="Import measured data.", no_args_is_help=True, rich_markup_mode=None)
+
+ModelsFolder = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Folder of the model files, CircularMaze/Models in PyRoboCOP.")
+]
+TablesFolder = Annotated[
+    Path, typer.Option("-o", "--output", metavar="OUT", help="Folder for ring1.csv, ring2.csv ...")
+]
+
+
+@app.callback()
+def _group() -> None:
+    """Import measured data."""
+
+
+@app.command("import-cme")
+def import_cme(
+    folder: ModelsFolder, output: TablesFolder, force: opt.Force = False, as_json: opt.AsJson = False
+) -> None:
+    """Recover the measurements from the published model files of the rig, one table per ring.
+
+    The files are not part of mazeplan. Their licence applies to the tables, too."""
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.core.progress import piece
+    from mazeplan.learning.published_rig import find_models, import_ring, read_model, write_ring
+
+    models = {ring: read_model(folder, ring, ending) for ring, ending in find_models(folder).items()}
+    paths = {ring: output / f"ring{ring}.csv" for ring in models}
+    for path in paths.values():
+        if path.exists() and not force:
+            raise InputError("exists already; give --force to overwrite it", file=path)
+    found = {}
+    with ProgressBar("importing") as bar:
+        for i, (ring, model) in enumerate(models.items()):
+            bar.show(f"ring {ring}")
+            found[ring] = import_ring(model, advance=piece(bar.advance, i, 1, len(models)))
+            write_ring(found[ring], paths[ring])
+    if as_json:
+        print_json({f"ring{ring}": _document(imported, paths[ring]) for ring, imported in found.items()})
+    else:
+        print("\n".join(_line(imported) for imported in found.values()))
+    say(f"wrote {', '.join(path.name for path in paths.values())} to {output}")
+
+
+def _document(imported: ImportedRing, path: Path) -> dict[str, Any]:
+    names = ("step", "published", "recovered", "segments", "noise", "noise_variance")
+    figures = {name: getattr(imported, name) for name in names}
+    return {"file": str(path), "source": imported.file.name, **figures, "checks": dict(imported.checks)}
+
+
+def _line(imported: ImportedRing) -> str:
+    """Rows, segments and noise of a ring, and checks that should be 0."""
+    checks = ", ".join(f"{name.replace('_', ' ')} {value:.1e}" for name, value in imported.checks.items())
+    return (
+        f"ring {imported.ring}: {imported.published} rows published (1 sample in {imported.step}), "
+        f"{imported.recovered} recovered, {imported.segments} segments; noise {imported.noise:.4g} rad/s^2 "
+        f"(variance {imported.noise_variance:.6g}); should be 0: {checks}"
+    )

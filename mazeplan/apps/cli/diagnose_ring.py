@@ -1,0 +1,141 @@
+"""`diagnose` of a ball in one ring."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
+from mazeplan.apps.cli.log_context import check_channel, collect_options, logged_map
+from mazeplan.apps.cli.output import say
+from mazeplan.apps.cli.plugins import added_effects
+from mazeplan.apps.cli.progress import ProgressBar
+from mazeplan.core.errors import InputError
+from mazeplan.core.logs.table import Table, read_table
+from mazeplan.diagnosis.maze_camera import camera_effects
+from mazeplan.diagnosis.record import centred, record_of, turned_round
+from mazeplan.diagnosis.ring import diagnose as ring_diagnosis
+from mazeplan.diagnosis.ring.ambiguity import on_machine
+from mazeplan.diagnosis.ring.candidates import ring_library
+from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.diagnosis.update import base_model, updated
+from mazeplan.learning.modelfile import RigModel, load_model, save_model
+from mazeplan.learning.samples import rings_of
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.effects.openings import Openings, wall_library
+from mazeplan.physics.effects.rig import FAMILY as RIG_EFFECTS
+from mazeplan.physics.rig.sensors import Camera
+from mazeplan.physics.rig.stage import StageModel
+
+WIDEST = 2.0  # m; radius of a ring on a table
+FEWEST_IN_RINGS = 0.7  # share of the samples of a table without rings; a run's log also has passages
+
+
+def diagnose_ring(log: Path, request: DiagnosisRequest) -> None:
+    """Diagnose one ring of a log, write the report and the model, and print the result. Raises InputError."""
+    maze = logged_map(request.map, log).maze
+    model = None if request.model is None else load_model(request.model)
+    done, document = _diagnose(log, maze, model, request)
+    number, known = document["ring"], document["declared"]
+    if request.output is not None and done.effects:
+        stage = None if done.stage is None else StageModel(*done.stage.axes)
+        old = base_model(number, known, stage) if model is None else model
+        new = updated(old, {number or 1: done.effects})
+        document["model"] = str(save_model(new, request.output / "model").parent)
+    document["separate_by"] = separating_commands(document["separate_by"], log, request.map)
+    finish(done, document, request, f"ring {number} of {log.name}" if number else log.name)
+
+
+def separating_commands(ways: list[dict[str, str]], log: Path, map_: str | None) -> list[dict[str, str]]:
+    """The commands that would separate ambiguous effects, with the rig and map of the log."""
+    return on_machine(ways, *collect_options(log, map_)) if ways else ways
+
+
+@dataclass(frozen=True)
+class _RingData:
+    """A ring of a table; ring: its number, if known; radius: of its track, m; rows: mask of its samples."""
+
+    table: Table
+    ring: int | None
+    radius: float
+    rows: np.ndarray
+    openings: Openings | None
+
+
+def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData:
+    """The ring of the options, or the most frequent one. Raises InputError."""
+    if request.radius is None:
+        ring = _ring(table, maze, request.ring)
+        return _RingData(table, ring, maze.track_radius(ring), rings_of(table, maze) == ring, ring_openings(maze, ring))
+    if request.radius > WIDEST:
+        raise InputError(f"--radius: got {request.radius:g}, expected metres, at most {WIDEST:g}")
+    return _RingData(table, request.ring, request.radius, np.ones(len(table), dtype=bool), None)
+
+
+def _diagnose(
+    log: Path, maze: Maze, model: RigModel | None, request: DiagnosisRequest
+) -> tuple[ring_diagnosis.RingDiagnosis, dict[str, Any]]:
+    """The diagnosis and its document."""
+    added = added_effects(request.effects)
+    raw, camera = read_table(log), Camera() if model is None else model.camera
+    picture, seen_by = camera_effects(raw, maze, camera) if request.radius is None else (None, camera)
+    data = _ring_data(centred(raw, seen_by), maze, request)
+    known: Values = {} if model is None else model.declared(data.ring or 1)
+    library = [*ring_library(), *wall_library(data.openings or Openings()), *RIG_EFFECTS]
+    added.check_declared(request.declare, {effect.name for effect in (*library, *added.effects)})
+    for problem in added.problems.values():
+        say(f"mazeplan: effect ignored: {problem}")
+    declare_known(known, request.declare, [*library, *added.effects])
+    if request.radius is None:
+        _check_rings(data.table, maze)
+    table, odd = turned_round(data.table, data.radius)
+    test = None
+    if request.test is not None:
+        other, _ = turned_round(read_table(request.test), data.radius)
+        in_ring = np.ones(len(other), dtype=bool) if data.openings is None else rings_of(other, maze) == data.ring
+        test = record_of(other, in_ring)
+    with ProgressBar("diagnosing") as bar:
+        done = ring_diagnosis.diagnose(
+            record_of(table, data.rows, odd), data.radius, known, ring=data.ring, gates=data.openings,
+            more=list(added.effects), test=test, progress=bar.show,
+            known=None if model is None else Known.of_model(model), camera=picture,
+            as_model=record_of(centred(raw, camera), data.rows) if picture else None,
+        )  # fmt: skip
+    document = done.document()
+    document["notes"] += [f"also tried {name} of package {owner.source}" for name, owner in added.owners.items()]
+    more = {"ring": data.ring, "radius_m": data.radius, "declared": known, "model": None, "report": None}
+    return done, {**document, **more}
+
+
+def ring_openings(maze: Maze, ring: int) -> Openings:
+    """Angles of the openings in the two walls of a ring."""
+    openings = maze.openings_of(ring)
+    return Openings(
+        tuple(o.angle for o in openings if o.inner == ring), tuple(o.angle for o in openings if o.outer == ring)
+    )
+
+
+def _check_rings(table: Table, maze: Maze) -> None:
+    """Raises InputError for a table without rings whose radii do not fit the map."""
+    if "ring" in table or "r" not in table:
+        return
+    seen = np.isfinite(table["r"])
+    outside = float(np.mean(rings_of(table, maze)[seen] == 0)) if seen.any() else 1.0
+    if outside > 1.0 - FEWEST_IN_RINGS:
+        problem = f"the ball is in no ring of the map in {outside:.0%} of the samples that show it"
+        raise InputError(f"{problem}; expected --radius M, or another --map")
+
+
+def _ring(table: Table, maze: Maze, ring: int | None) -> int:
+    """The given ring, else that of most rows. Raises InputError without such a ring, and for a disc."""
+    if ring is None:
+        numbers = rings_of(table, maze)
+        found, counts = np.unique(numbers[numbers > 0], return_counts=True)
+        if not len(found):
+            raise InputError("the ball is in no ring of the map; expected --radius M, or another --map")
+        ring = int(found[np.argmax(counts)])
+    check_channel(ring, maze)
+    return ring

@@ -1,0 +1,99 @@
+"""What all kinds of `diagnose` share: their options, known parameters, and the output."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.cli.output import print_json
+from mazeplan.core.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis
+    from mazeplan.physics.effect import Effect
+
+Values = dict[str, dict[str, float]]  # {effect: {parameter: value}}
+
+
+@dataclass(frozen=True)
+class DiagnosisRequest:
+    """Options of `diagnose`; radius: of the track, m."""
+
+    logs: list[Path]
+    model: str | None
+    radius: float | None
+    declare: list[str]
+    ring: int | None
+    test: Path | None
+    map: str | None
+    effects: str | None
+    output: Path | None
+    references: list[Path]
+    as_json: bool
+
+
+def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effect], partly: str = "") -> None:
+    """Add the parameters of `--declare` to `known`. Raises InputError naming the allowed ones.
+
+    Other parameters of a declared effect get their defaults, except those of the effect `partly`."""
+    library = {effect.name: effect for effect in candidates}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        effect, _, parameter = name.partition(".")
+        if not (equals and parameter):
+            example = "such as dry_friction.coefficient=0.4"
+            raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE, {example}")
+        if effect not in library:
+            raise InputError(f"--declare: got effect {effect!r}, expected one of {', '.join(library)}")
+        allowed = library[effect].parameters
+        if parameter not in allowed:
+            expected = f"expected one of {', '.join(allowed)}"
+            raise InputError(f"--declare: got parameter {parameter!r} of {effect}, {expected}")
+        try:
+            number = float(value)
+        except ValueError:
+            raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number") from None
+        spec = allowed[parameter]
+        if not (math.isfinite(number) and spec.low <= number <= spec.high):
+            raise InputError(f"--declare: got {effect}.{parameter} {number:g}, expected {spec.low:g} to {spec.high:g}")
+        defaults = {} if effect == partly else {key: p.default for key, p in allowed.items()}
+        known.setdefault(effect, defaults)[parameter] = number
+
+
+def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Path) -> None:
+    """Write report.json, evidence.json and report.html; sets `report` in the document."""
+    from mazeplan.apps.report.diagnosis import write_diagnosis
+
+    output.mkdir(parents=True, exist_ok=True)
+    document["report"] = str(output / "report.html")
+    (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
+    (output / "evidence.json").write_text(json.dumps(evidence) + "\n")
+    write_diagnosis(document, evidence, output / "report.html")
+
+
+def finish(done: Diagnosis, document: dict[str, Any], request: DiagnosisRequest, title: str) -> None:
+    """Write the report of a diagnosis of one mechanism, and print the result; done: a `Diagnosis`."""
+
+    if request.output is not None:
+        further = [note for note in document["notes"] if note not in done.remarks]
+        write_reports(document, done.evidence_document(title, further), request.output)
+    if request.as_json:
+        print_json(document)
+    else:
+        print("\n".join(result_lines(done.sentence(), document)))
+
+
+def result_lines(sentence: str, document: dict[str, Any]) -> list[str]:
+    """The verdict, ways to separate ambiguous effects, notes and written files."""
+    ring = document.get("ring")
+    lines = [f"Ring {ring}: {sentence}" if ring else sentence]
+    ways = (
+        (way["first"] + ", then " if way["first"] else "", way["command"]) for way in document.get("separate_by", [])
+    )
+    lines += [f"to separate them: {first}{command}" for first, command in ways]
+    lines += [f"note: {note}" for note in document["notes"]]
+    return lines + [f"{key}: {document[key]}" for key in ("report", "model") if document.get(key) is not None]

@@ -1,0 +1,197 @@
+"""`doctor`: what is installed, what is missing or too old, and how to install it.
+
+The required packages come from pyproject.toml in a checkout, else from the installed metadata.
+"""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import sys
+import tomllib
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, metadata, version
+from typing import TYPE_CHECKING, Any
+
+from packaging.requirements import Requirement
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import print_json
+from mazeplan.core import resources
+
+if TYPE_CHECKING:
+    from mazeplan.apps.cli.plugins import EntryPoint
+
+CORE = "core"
+FEATURES = {
+    CORE: "maps, simulated rigs, navigate, evaluate, collect, learn --kind pi, diagnose, improve, logs",
+    "learn": "Gaussian-process models: learn --kind sp and np, compare",
+    "view": "the live page in the browser",
+    "groot": "trees of runs live in Groot2: navigate --groot",
+    "hardware": "camera and serial line of a real rig",
+    "testing": "generated ball behaviours for tests of trees",
+    "docs": "the documentation as a site: make docs",
+    "gym": "the maze as a Gymnasium environment: record, reinforcement learning",
+    "campaign": "evaluate on other machines and resumed: --dask, --store",
+    "tune": "search of costs and gains: tools/tune.py",
+    "bench": "other solvers and searches for comparison: make bench",
+    "dev": "make test",
+}
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@dataclass(frozen=True)
+class Package:
+    """A required package: the needed and the installed version (None: not installed)."""
+
+    name: str
+    needed: str
+    installed: str | None
+
+    @property
+    def problem(self) -> str:
+        """Why the package cannot be used; empty if it can."""
+        if self.installed is None:
+            return f"{self.name} is missing"
+        needed = Requirement(f"{self.name}{self.needed}").specifier
+        fits = needed.contains(self.installed, prereleases=True)
+        return "" if fits else f"{self.name} is {self.installed}, needed {self.needed}"
+
+
+@dataclass(frozen=True)
+class Installation:
+    """What `doctor` found; packages: by extra; emulator: parts that run the board's firmware without a board."""
+
+    packages: dict[str, list[Package]]
+    emulator: dict[str, str | None]
+    browser: str | None
+    ports: list[str] | None
+    plugins: list[EntryPoint]
+
+
+def doctor(as_json: opt.AsJson = False) -> None:
+    """Show what is installed, what is missing or too old, and how to install it.
+
+    Exit status 1: a package that every command needs is missing."""
+    from mazeplan.apps.cli.plugins import entry_points
+
+    packages = {
+        extra: [Package(r.name, str(r.specifier), installed(r.name)) for r in group]
+        for extra, group in requirements().items()
+    }
+    browser = next((found for found in map(shutil.which, BROWSERS) if found), None)
+    found = Installation(packages, emulator(), browser, ports(), entry_points())
+    if as_json:
+        print_json(document(found))
+    else:
+        print("\n".join(installation_lines(found)))
+    sys.exit(1 if any(package.problem for package in packages[CORE]) else 0)
+
+
+def installed(package: str) -> str | None:
+    """Version of an installed package, or None."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def requirements() -> dict[str, list[Requirement]]:
+    """{"core" or extra: its requirements on this machine}."""
+    if resources.CHECKOUT.is_file():
+        project = tomllib.loads(resources.CHECKOUT.read_text(encoding="utf-8"))["project"]
+        groups = {CORE: project["dependencies"], **project["optional-dependencies"]}
+        return {extra: _applicable(map(Requirement, group), "") for extra, group in groups.items()}
+    package = metadata("mazeplan")
+    every = [Requirement(text) for text in package.get_all("Requires-Dist") or []]
+    core = _applicable(every, "")
+    extras = {extra: _applicable(every, extra) for extra in package.get_all("Provides-Extra") or []}
+    return {CORE: core, **{extra: [r for r in group if r not in core] for extra, group in extras.items()}}
+
+
+def _applicable(group: Iterable[Requirement], extra: str) -> list[Requirement]:
+    return [r for r in group if r.marker is None or r.marker.evaluate({"extra": extra})]
+
+
+def advice(extra: str) -> str:
+    """The command that installs the packages of an extra."""
+    return resources.to_install("" if extra == CORE else extra)
+
+
+def emulator() -> dict[str, str | None]:
+    """{part: its place, or None} of the emulated board."""
+    from mazeplan.rigs.emulation.chip import HEADER, paths
+
+    host, firmware = paths()
+    files = {"simavr": HEADER, "firmware": firmware, "emulator": host}
+    return {
+        "avr-gcc": shutil.which("avr-gcc"),
+        **{part: str(path) if path.exists() else None for part, path in files.items()},
+    }
+
+
+def _emulator_advice(parts: dict[str, str | None]) -> str:
+    """How to build the emulated board; empty if it is built."""
+    from mazeplan.rigs.emulation.chip import DEBIAN
+
+    if parts["emulator"] and parts["firmware"]:
+        return ""
+    packages = "" if parts["avr-gcc"] and parts["simavr"] else f"sudo apt-get install {' '.join(DEBIAN)}, then "
+    return f"; to build it: {packages}make emulator (in a checkout)"
+
+
+def ports() -> list[str] | None:
+    """Serial ports on USB; None without pyserial."""
+    if installed("pyserial") is None:
+        return None
+    from mazeplan.rigs.link.port import ports_found
+
+    return ports_found()
+
+
+def document(found: Installation) -> dict[str, Any]:
+    """The document of `doctor --json`."""
+    features = {
+        extra: {
+            "what": FEATURES.get(extra, ""),
+            "ready": not any(p.problem for p in packages),
+            "missing": [p.name for p in packages if p.installed is None],
+            "too_old": [p.name for p in packages if p.installed is not None and p.problem],
+            "get": advice(extra) if any(p.problem for p in packages) else None,
+        }
+        for extra, packages in found.packages.items()
+    }
+    return {
+        "python": platform.python_version(),
+        "mazeplan": installed("mazeplan"),
+        "features": features,
+        "packages": {extra: {p.name: p.installed for p in packages} for extra, packages in found.packages.items()},
+        "needed": {extra: {p.name: p.needed for p in packages} for extra, packages in found.packages.items()},
+        "emulator": found.emulator,
+        "browser": found.browser,
+        "ports": found.ports,
+        "plugins": [asdict(point) for point in found.plugins],
+    }
+
+
+def installation_lines(found: Installation) -> list[str]:
+    """One line per feature, then its packages or parts."""
+    from mazeplan.apps.cli.plugins import plugin_lines
+
+    lines = [f"mazeplan {installed('mazeplan')} on Python {platform.python_version()}, {platform.platform()}"]
+    for extra, packages in found.packages.items():
+        problems = ", ".join(package.problem for package in packages if package.problem)
+        how = f"; to install it: {advice(extra)}" if problems else ""
+        lines.append(f"{extra:9s} {problems or 'ready'}: {FEATURES.get(extra, '')}{how}")
+        lines += [f"    {package.name} {package.installed or '-'}" for package in packages]
+    missing = ", ".join(part for part, place in found.emulator.items() if place is None)
+    state = f"missing {missing}" if missing else "ready"
+    lines.append(f"emulator  {state}: the board's firmware on a simulated chip{_emulator_advice(found.emulator)}")
+    lines += [f"    {part} {place or '-'}" for part, place in found.emulator.items()]
+    state, how = ("ready", "") if found.browser else ("missing chromium", "; sudo apt-get install chromium")
+    lines.append(f"browser   {state}: tests of the live page{how}")
+    lines += plugin_lines(found.plugins)
+    if found.ports is not None:
+        lines.append(f"ports     {', '.join(found.ports) or 'none found'}: where a board may be connected")
+    return lines

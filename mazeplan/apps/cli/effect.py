@@ -1,0 +1,109 @@
+"""`effect list` and `effect show`: the effects of the registry."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import print_json
+from mazeplan.core.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.physics.effect import Effect
+
+app = typer.Typer(help="List and show physical effects of models and diagnoses.", no_args_is_help=True)
+LONGEST = 60  # characters of a formula in a table
+
+EffectName = Annotated[str, typer.Argument(help="Name of an effect (see `effect list`).")]
+Markdown = Annotated[bool, typer.Option("--markdown", help="Print the table of the documentation.")]
+
+
+@app.command("list")
+def list_effects(effects: opt.EffectModule = None, markdown: Markdown = False, as_json: opt.AsJson = False) -> None:
+    """List all effects: what each acts on, its meaning, and whether plans use it."""
+    from mazeplan.physics.registry import document
+
+    found = _known(effects)
+    if as_json:
+        print_json([document(effect) for effect in found.values()])
+    elif markdown:
+        print("\n".join(table(list(found.values()))))
+    else:
+        width = max(map(len, found))
+        for effect in found.values():
+            note = "" if effect.planned else f" (not planned with: {effect.why_not})"
+            print(f"{effect.name:{width}s}  {_acts_on(effect):13s} {effect.text}{note}")
+
+
+@app.command("show")
+def show(name: EffectName, effects: opt.EffectModule = None, as_json: opt.AsJson = False) -> None:
+    """Show an effect: formula, source, parameters with unit and bounds, and its entry in a model."""
+    from mazeplan.physics.registry import document
+
+    found = _known(effects)
+    if name not in found:
+        raise InputError(f"got effect {name!r}, expected one of {', '.join(found)}")
+    effect = found[name]
+    if as_json:
+        print_json({**document(effect), "text": effect.text, "source": effect.source})
+        return
+    print(f"{name}: {effect.text}")
+    print(f"acts on    {_acts_on(effect)}")
+    print(f"formula    {document(effect)['formula']}")
+    print(f"source     {effect.source}")
+    print(f"planned    {'yes' if effect.planned else f'no: {effect.why_not}'}")
+    print("parameters (unit; value without the effect; bounds; smallest relevant size):")
+    width = max(map(len, effect.parameters))
+    for key, p in effect.parameters.items():
+        size, words = f"; {p.smallest:g}" if p.smallest > 0.0 else "", f"; {p.words}" if p.words else ""
+        print(f"  {key:{width}s}  {p.unit}; {p.default:g}; {p.low:g} to {p.high:g}{size}{words}")
+    print("in model.yaml" + "".join(f"\n  {line}" for line in _entry(effect)))
+
+
+def table(effects: list[Effect]) -> list[str]:
+    """The table of docs/effects.md."""
+    from mazeplan.physics.formulas.equation import text
+
+    rows = ["| name | acts on | parameters (unit) | what, where from | planned |", "|---|---|---|---|---|"]
+    for effect in effects:
+        formula = text(effect)
+        shown = f" `{formula}`" if formula and len(formula) <= LONGEST else ""
+        planned = "yes" if effect.planned else f"no: {effect.why_not}"
+        cells = (effect.name, _acts_on(effect), _units(effect), f"{effect.text}{shown} ({effect.source})", planned)
+        rows.append(f"| {' | '.join(cells)} |")
+    return rows
+
+
+def _known(spec: str | None) -> dict[str, Effect]:
+    """Effects by name: packaged ones, those of installed packages, and those of a user's module."""
+    from mazeplan.apps.cli.plugins import added_effects
+    from mazeplan.physics.registry import EFFECTS
+
+    added_effects(spec)
+    return {name: effect for name, effect in EFFECTS.items() if effect.named}
+
+
+def _acts_on(effect: Effect) -> str:
+    from mazeplan.physics.effect import BALL
+
+    return "ball" if effect.acts in BALL else effect.acts
+
+
+def _units(effect: Effect) -> str:
+    """`cos1 .. sin3 (rad/s^2)`: parameters with the same unit together."""
+    groups = []
+    for unit, items in groupby(effect.parameters.items(), key=lambda item: item[1].unit):
+        names = [name for name, _ in items]
+        groups.append(f"{', '.join(names) if len(names) < 5 else f'{names[0]} .. {names[-1]}'} ({unit})")
+    return ", ".join(groups)
+
+
+def _entry(effect: Effect) -> list[str]:
+    """Lines of the effect in a model file."""
+    if effect.entry:
+        return [f"{place}: {key}" for key, place in effect.entry.items()]
+    values = ", ".join(f"{key}: {p.default:g}" for key, p in effect.parameters.items())
+    return ["rings:", "  1:", "    effects:", f"    - {{type: {effect.name}, {values}}}"]

@@ -1,0 +1,266 @@
+"""The live page and its runs: runs go on in the main thread, orders of the page arrive in another thread.
+
+An order acts on the present run through `Goals` and `PacedRig.level_now`, which take it at any time."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.cli.emergency import stop_key
+from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.runs import navigate_once
+from mazeplan.core.errors import InputError, MazeplanError
+from mazeplan.core.records import NavigationResult
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.faults.faulty import FaultyRig, Orders, impossible
+from mazeplan.rigs.faults.kinds import KINDS
+from mazeplan.rigs.faults.schedule import at_once
+from mazeplan.rigs.interface import Rig, traits
+from mazeplan.rigs.paced import PacedRig
+from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.run.goals import Goals
+
+if TYPE_CHECKING:
+    from mazeplan.apps.view.link import PageLink
+
+FIRST_S = 10.0  # s; the first run waits for a viewer
+GRACE_S = 3.0  # s without a viewer before the page closes; a reload takes less
+LOOK_S = 0.05
+READING = "reading map, model and tree; making the rig"
+LOADING = (
+    "rig and model are ready; loading the compiled planner: seconds, the first time on this machine up to two minutes"
+)
+NOT_OFFERED = ("observe_hangs",)  # no watchdog ends a hanging simulation
+
+
+class LiveSession:
+    """A page and its runs. once: does one run, given its number and further arguments of `mazeplan.navigate`.
+
+    begin: start the first run at once; stay: keep the page without a viewer when a run is over."""
+
+    def __init__(
+        self, maze: Maze, rig: str, once: Callable[..., NavigationResult], *, begin: bool, stay: bool,
+        sense: str | None = None,
+    ) -> None:  # fmt: skip
+        self._maze, self._rig, self._once, self._begin, self._stay = maze, rig, once, begin, stay
+        machine = make_rig(rig, maze, sense)
+        self._injectable, self._impossible = traits(machine).inject is not None, impossible(machine)
+        self._goals = Goals(maze)
+        self._started = threading.Event()
+        self._machine: Any = None
+        self._faulty: FaultyRig | None = None
+        self._opening: str | None = None
+        self._count, self._injected, self._waiting = 0, 0, ""
+        self._aimed: int | None = None  # goal pressed before the run's first tick
+        self._phase, self._step = "idle", READING
+        self._page: PageLink | None = None
+        self.result: NavigationResult | None = None
+        self.problem: MazeplanError | None = None
+
+    def serve(self, host: str, port: int) -> None:
+        """Serve the page until Ctrl-C, or until the last viewer has left. Raises InputError without a page."""
+        from mazeplan.apps.view.server import check_installed
+
+        check_installed()
+        from mazeplan.apps.view.door import Door, listen
+        from mazeplan.apps.view.link import PageLink
+        from mazeplan.apps.view.livetab import Offer
+
+        listening = listen(host, port)
+        door = Door.at(host, listening.getsockname()[1])
+        kinds = {kind.name: kind.what for kind in KINDS.values() if kind.name not in {*NOT_OFFERED, *self._impossible}}
+        offer = Offer(self._maze, rig_label(self._rig), kinds if self._injectable else {})
+        with PageLink(offer, door, listening, self._order) as self._page:
+            listening.close()
+            try:
+                say(f"page: {door.url}")
+                self._serve(self._page)
+            except KeyboardInterrupt:  # the way to close a page without a run
+                if not self._resting:
+                    raise
+
+    def _serve(self, page: PageLink) -> None:
+        if self._begin:
+            self._tell("starting", "the run begins with the first viewer")
+            page.opened.wait(FIRST_S)
+            self._run(page)
+        while self._asked(page):
+            self._run(page)
+
+    # -- runs -------------------------------------------------------------------------------------------------------
+
+    def _asked(self, page: PageLink) -> bool:
+        """Wait for an order to start a run; returns False when the page closes."""
+        self._tell("failed" if self.problem is not None else "idle", self._waiting or "Start begins a run")
+        left_at = monotonic()
+        while not self._started.wait(LOOK_S):
+            if page.ended.is_set():
+                return False
+            if page.viewers or self._stay:
+                left_at = monotonic()
+            elif monotonic() - left_at > GRACE_S:
+                return False
+        return True
+
+    def _run(self, page: PageLink) -> None:
+        self._started.clear()
+        self._tell("starting", READING)
+        self._waiting, number = "", self._count
+        self._count += 1
+        try:
+            self.result, self.problem = None, None
+            self.result = self._once(number, goals=self._goals, feed=self._take, around=self._around, guard=self._guard)
+        except MazeplanError as problem:
+            self.problem = problem
+            self.result = getattr(problem, "result", None)
+            self._waiting = str(problem)
+            if isinstance(problem, InputError) and number == 0 and self._begin:
+                raise
+            say(f"mazeplan: {problem}")
+        finally:
+            self._machine = self._faulty = self._aimed = None
+            self._goals = Goals(self._maze)
+
+    def _tell(self, phase: str, note: str = "") -> None:
+        self._phase = phase
+        if phase == "starting" and note in (READING, LOADING):
+            self._step = note
+            note = note if self._aimed is None else f"it goes to ring {self._aimed}; {note}"
+        if self._page is not None:
+            self._page.tell(phase, note)
+
+    def _take(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        if topic == "/tick":
+            self._opening = document.get("opening")
+            if self._phase == "starting":
+                self._tell("running")
+        if self._page is not None:
+            self._page.take(topic, t, document)
+
+    def _around(self, rig: Rig) -> Rig:
+        """Pace a simulation by wall-clock time and make it ready for faults; leave a real rig as it is."""
+        own = traits(rig)
+        if own.realtime:
+            return rig
+        if own.inject is not None:
+            orders = Orders(aimed_at=lambda: self._opening, close=self._goals.close)
+            rig = self._faulty = FaultyRig(rig, self._maze, (), orders)
+        return PacedRig(rig)
+
+    @contextmanager
+    def _guard(self, machine: Rig) -> Iterator[None]:
+        self._machine = machine
+        self._tell("starting", LOADING)
+        with stop_key(machine, self._goals.stop):
+            yield
+
+    # -- orders -----------------------------------------------------------------------------------------------------
+
+    def _order(self, order: dict[str, Any]) -> None:
+        """Execute an order of the page, and show its answer."""
+        try:
+            answer = self._do(str(order.get("do")), order)
+        except MazeplanError as problem:
+            answer = str(problem)
+        if self._resting:
+            self._waiting = answer
+        if answer:
+            self._tell(self._phase, answer)
+
+    @property
+    def _resting(self) -> bool:
+        """Whether no run is in progress or starting."""
+        return self._phase not in ("starting", "running")
+
+    def _do(self, what: str, order: dict[str, Any]) -> str:
+        machine = self._machine
+        if what == "level":
+            return self._level_now(machine)
+        if what == "start" and self._resting:
+            self._tell("starting", READING)  # at once: the main thread looks a little later
+            self._started.set()
+        elif what == "stop" and not self._resting:
+            self._goals.stop()
+        elif what == "goal":
+            self._goals.aim(int(order["ring"]))
+            if self._phase == "running":
+                return ""
+            self._aimed = int(order["ring"])
+            if self._resting:
+                return f"the next run goes to ring {self._aimed}"
+            self._tell("starting", self._step)
+        elif what in ("close", "open"):
+            (self._goals.close if what == "close" else self._goals.open)(str(order["opening"]))
+            is_ = "closed" if what == "close" else "open"
+            return f"in the next run {order['opening']} is {is_}" if self._resting else ""
+        elif what == "fault":
+            return self._inject(str(order["kind"]))
+        return ""
+
+    def _level_now(self, machine: Any) -> str:
+        """Level the plate, then end the run."""
+        if machine is None and self._resting:
+            return "no run in progress: the plate is level"
+        if machine is None:
+            self._goals.stop()
+            return "the run that gets ready ends before it begins"
+        try:
+            for name in ("level_now", "stop", "level"):
+                if callable(level := getattr(machine, name, None)):
+                    level()
+                    break
+        finally:
+            self._goals.stop()
+        return "levelled"
+
+    def _inject(self, kind: str) -> str:
+        machine, faulty = self._machine, self._faulty
+        if machine is None or faulty is None or kind not in KINDS or kind in NOT_OFFERED:
+            return "a fault needs a run on a simulated rig"
+        self._injected += 1
+        seed = self._injected
+        say(f"{faulty.now:7.2f} s  injected: {kind}")
+        machine.between_samples(lambda: faulty.add(at_once(kind, faulty.now, seed)))
+        return f"injected: {kind}"
+
+
+def navigate_live(job: dict[str, Any], host: str, port: int, *, begin: bool = True, as_json: bool = False) -> int:
+    """Serve a page and its runs; returns the exit status. job: arguments of `mazeplan.navigate`.
+
+    Each run gets the next seed and its own log. At a terminal, or with `begin` False, the page stays until Ctrl-C;
+    otherwise until the run is over and the last viewer has left."""
+
+    def once(number: int, **more: Any) -> NavigationResult:
+        return navigate_once({**job, "seed": job["seed"] + number, "log": numbered(job["log"], number)}, **more)
+
+    stay = not begin or at_terminal()
+    session = LiveSession(job["map"], job["rig"], once, begin=begin, stay=stay, sense=job["sense"])
+    try:
+        session.serve(host, port)
+    finally:
+        if as_json and session.result is not None:
+            print_json(session.result.to_json())
+    return exit_status(session)
+
+
+def exit_status(session: LiveSession) -> int:
+    """The exit status of the last run; 0 without a run."""
+    if session.problem is not None:
+        return session.problem.exit_status
+    return 0 if session.result is None or session.result.success else 1
+
+
+def numbered(path: Path | None, number: int) -> Path | None:
+    """The log of run `number`: run.mcap, run-2.mcap, run-3.mcap."""
+    return path if path is None or number == 0 else path.with_stem(f"{path.stem}-{number + 1}")
+
+
+def at_terminal() -> bool:
+    """Whether a person at a terminal can press Ctrl-C."""
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()

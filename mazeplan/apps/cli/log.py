@@ -1,0 +1,199 @@
+"""`log info`, `export` and `replay`."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import finite, print_json, say, write_text
+from mazeplan.core.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.core.logs.run_log import RunLog
+    from mazeplan.run.replay import Difference, Replay
+
+app = typer.Typer(help="Summarise, export and replay run logs.", no_args_is_help=True)
+
+CsvFile = Annotated[str, typer.Option("-o", "--output", help="CSV file to write, or - for stdout.")]
+RunModel = Annotated[str | None, typer.Option("--model", help="Model of the run, for a log that does not hold it.")]
+RunTree = Annotated[str | None, typer.Option("--behavior", help="Behaviour tree of the run, if its file was moved.")]
+FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
+WHOLE_NUMBERS = ("ring", "segment")
+HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")
+LONGEST = 200  # characters of a shown message
+
+
+@app.command("info")
+def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
+    """Summarise a run log; read an incomplete one as far as it goes."""
+    from mazeplan.apps.cli.progress import log_read
+
+    document = summary(log_read(log))
+    if as_json:
+        print_json(document)
+    else:
+        print("\n".join(summary_lines(document)))
+
+
+@app.command("export")
+def export(log: opt.RunLogFile, output: CsvFile, force: opt.Force = False) -> None:
+    """Write the ticks of a run log as CSV, in SI units and radians."""
+    from mazeplan.apps.cli.progress import log_read
+
+    read = log_read(log)
+    if output == "-":
+        sys.stdout.write(csv_text(read))
+        return
+    path = Path(output)
+    if path.exists() and path.samefile(log):
+        raise InputError("is the log itself, expected another file for the table", file=path)
+    if path.exists() and not force:
+        raise InputError("exists already; give --force to overwrite it", file=path)
+    write_text(path, csv_text(read))
+    say(f"wrote {len(read.ticks['t'])} rows to {path}")
+
+
+@app.command("replay")
+def replay(log: opt.RunLogFile, model: RunModel = None, behavior: RunTree = None, as_json: opt.AsJson = False) -> None:
+    """Run the tree again on a recorded run, and check that every tick decides the same.
+
+    Exit status 1: a tick decides otherwise; the first one is shown."""
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.run.replay import replay as run
+
+    with ProgressBar("replaying") as bar:
+        outcome = run(log, model=model, behavior=behavior, advance=bar.advance)
+    if as_json:
+        print_json({"log": str(log), **asdict(outcome), "identical": outcome.identical})
+    else:
+        print("\n".join(replay_lines(log, outcome)))
+    sys.exit(0 if outcome.identical else 1)
+
+
+def replay_lines(log: Path, outcome: Replay) -> list[str]:
+    """The comparison of a run with its replay."""
+    from mazeplan.run.replay import told_by_another_version
+
+    cut_off = f" ({outcome.cut_off} searches ended by the deadline)" if outcome.cut_off else ""
+    same = f"{outcome.ticks} ticks, {outcome.plans} plans{cut_off}, {outcome.events} events"
+    first = outcome.difference
+    if first is None:
+        return [f"{log}: identical: {same}"]
+    lines = [f"{log}: different at t = {first.t:.3f} s, tick {first.tick}, {first.what}: {', '.join(first.fields)}"]
+    lines += [f"  {name}  {_decision(first, name)}" for name in ("recorded", "replayed")]
+    lines.append(f"  the same until then: {same}")
+    if told_by_another_version(outcome):
+        lines.append(f"  recorded by another version of mazeplan, {outcome.recorded_by}")
+    return lines
+
+
+def _decision(difference: Difference, which: str) -> str:
+    """Status, leaf and command of the tick, and the message that differs."""
+    d = getattr(difference, which)
+    text = "the run was over"
+    if d:
+        degrees = ", ".join(f"{math.degrees(d[name]):+.3f}" for name in ("u_beta", "u_gamma"))
+        text = f"{d['status']} {d['leaf'] or 'no leaf'} ({degrees}) deg, opening {d['opening'] or 'none'}"
+    message = difference.messages[which == "replayed"]
+    if message is None:
+        return f"{text}; no such {difference.what}"
+    if difference.what == "tick":
+        return text
+    fields = json.dumps({name: message[name] for name in difference.fields if name in message} or message)
+    return f"{text}; {difference.what} {fields if len(fields) <= LONGEST else fields[:LONGEST] + '...'}"
+
+
+def summary(log: RunLog) -> dict[str, Any]:
+    """The document of `log info --json`."""
+    import numpy as np
+
+    t = log.ticks["t"]
+    duration = float(t[-1] - t[0]) if len(t) > 1 else 0.0
+    planner_ms = [plan.ms for plan in log.plans]
+    document = {
+        "file": str(log.path),
+        "complete": log.complete,
+        "header": {key: value for key, value in log.header.items() if key not in ("map", "replay")},
+        "ticks": len(t),
+        "duration_s": duration,
+        "rate_hz": (len(t) - 1) / duration if duration > 0.0 else None,
+        "ball_seen": float(np.isfinite(log.ticks["x"]).mean()) if len(t) else None,
+        "rings": _rings(log),
+        "passed": [{"t": t, "opening": detail.get("opening")} for t, detail in _events(log, "passed")],
+        "failures": [{"t": t, **detail} for t, detail in _events(log, "failure")],
+        "recoveries": [{"t": t, "recovery": detail.get("recovery")} for t, detail in _events(log, "recovery")],
+        "plans": len(log.plans),
+        "planner_ms": _percentiles(planner_ms),
+        "tick_ms": _percentiles(log.ticks.get("tick_ms", ())),
+        "result": log.result,
+    }
+    return finite(document)
+
+
+def _events(log: RunLog, kind: str) -> list[tuple[float, dict[str, Any]]]:
+    return [(event.t, event.detail) for event in log.events if event.kind == kind]
+
+
+def _rings(log: RunLog) -> list[dict[str, Any]]:
+    """Each stay in a ring: its beginning and length, s; the last one lasts to the last tick."""
+    entered = _events(log, "ring")
+    last = max((float(log.ticks["t"][-1]) if len(log.ticks["t"]) else 0.0, *(t for t, _ in entered)))
+    ends = [*(t for t, _ in entered[1:]), last]
+    return [
+        {"ring": detail.get("ring"), "t": t, "time_s": end - t} for (t, detail), end in zip(entered, ends, strict=False)
+    ]
+
+
+def _percentiles(values: Iterable[float]) -> dict[str, float] | None:
+    import numpy as np
+
+    known = np.array([value for value in values if math.isfinite(value)])
+    if not known.size:
+        return None
+    p50, p99 = np.percentile(known, [50, 99])
+    return {"p50": float(p50), "p99": float(p99), "max": float(known.max())}
+
+
+def summary_lines(document: dict[str, Any]) -> list[str]:
+    """The summary, one fact per line."""
+    rows = [(key, document["header"][key]) for key in HEADER if document["header"].get(key) is not None]
+    seen = "" if document["ball_seen"] is None else f", ball seen in {100 * document['ball_seen']:.1f} %"
+    rate = "" if document["rate_hz"] is None else f" at {document['rate_hz']:.2f} Hz"
+    rows.append(("ticks", f"{document['ticks']} over {document['duration_s']:.2f} s{rate}{seen}"))
+    stays = [f"{stay['ring']} from {stay['t']:.2f} s for {stay['time_s']:.2f} s" for stay in document["rings"]]
+    rows.append(("rings", "; ".join(stays) or "not recorded"))
+    passed = [f"{p['opening']} at {p['t']:.2f} s" for p in document["passed"]]
+    rows.append(("openings", "; ".join(passed) or "none passed"))
+    for failure in document["failures"]:
+        parts = [str(failure.get(key)) for key in ("kind", "where", "detail") if failure.get(key)]
+        rows.append(("failure", f"{failure['t']:.2f} s {', '.join(parts)}"))
+    rows += [("recovery", f"{recovery['t']:.2f} s {recovery['recovery']}") for recovery in document["recoveries"]]
+    for key, name in (("planner_ms", f"{document['plans']} plans"), ("tick_ms", "tick")):
+        if document[key]:
+            rows.append((name, ", ".join(f"{figure} {value:.2f} ms" for figure, value in document[key].items())))
+    result = document["result"]
+    rows.append(("result", "none" if result is None else f"{result.get('reason')} after {result.get('time_s')} s"))
+    state = "complete" if document["complete"] else "cut off: the program did not finish it"
+    return [f"{document['file']}: {state}", *(f"  {name:11s} {text}" for name, text in rows)]
+
+
+def csv_text(log: RunLog) -> str:
+    """The ticks as a table (CSV): known columns first, with theta and r from x and y; an empty cell is not known."""
+    import numpy as np
+    import pandas as pd
+
+    x, y = log.ticks["x"], log.ticks["y"]
+    table = pd.DataFrame({**log.ticks, "theta": np.arctan2(y, x), "r": np.hypot(x, y)})
+    for name in WHOLE_NUMBERS:
+        if name in table:
+            table[name] = table[name].astype("Int64")
+    first = [name for name in FIRST if name in table]
+    return table[[*first, *(name for name in table if name not in first)]].to_csv(index=False, lineterminator="\n")

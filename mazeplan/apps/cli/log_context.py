@@ -1,0 +1,103 @@
+"""Map, rig and ring of a record: from its log, or from the options given with it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from mazeplan.core.errors import InputError
+from mazeplan.maze.geometry import Maze
+
+RIG, MAP = "YOUR_RIG", "YOUR_MAP"
+
+
+@dataclass(frozen=True)
+class LoggedMap:
+    """A map and its source in words; known: its openings are those of the record; logged_text: its text in the log."""
+
+    maze: Maze
+    source: str
+    known: bool = True
+    logged_text: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The map as text."""
+        if self.logged_text is not None:
+            return self.logged_text
+        return Path(str(self.maze.source)).read_text(encoding="utf-8")
+
+
+def logged_map(name: str | None, *logs: Path) -> LoggedMap:
+    """The named map, else that of the first run log that holds one, else cme. Raises MapError."""
+    from mazeplan.core.logs.run_log import read_log
+    from mazeplan.maze.mapfile import check_text, load_map
+
+    if name is not None:
+        return LoggedMap(load_map(name), f"map {name}")
+    for log in logs:
+        if log.suffix == ".mcap" and log.is_file():
+            text = read_log(log).header.get("map")
+            maze = check_text(text, file=log).maze if isinstance(text, str) else None
+            if maze is not None:
+                return LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
+    return LoggedMap(load_map("cme"), "the packaged map cme", known=False)
+
+
+def parse_ring(text: str, maze: Maze) -> int:
+    """Number of a ring written as "ring1", "Ring 1" or "1". Raises InputError."""
+    number = re.fullmatch(r"(?:ring[ _-]?)?([0-9]{1,3})", text.strip().lower())
+    if number is None or not 1 <= int(number[1]) <= len(maze.rings):
+        raise InputError(f"ring: got {text!r}, expected ring1 to ring{len(maze.rings)} (map {maze.name})")
+    return int(number[1])
+
+
+def parse_opening(text: str, maze: Maze) -> str:
+    """Name of an opening of the map. Raises InputError."""
+    names = [opening.name for opening in maze.openings]
+    if text not in names:
+        raise InputError(f"opening: got {text!r}, expected one of {', '.join(names)} (map {maze.name})")
+    return text
+
+
+def check_channel(ring: int, maze: Maze) -> None:
+    """Raises InputError if the map has no such ring, or if it is a disc."""
+    if ring > len(maze.rings):
+        raise InputError(f"--ring: got {ring}, expected 1 to {len(maze.rings)} (map {maze.name})")
+    if maze.ring(ring).is_disc:
+        raise InputError(f"--ring: got {ring}, a disc, expected a ring with a channel (map {maze.name})")
+
+
+def collect_options(log: Path, map_: str | None) -> tuple[list[str], str]:
+    """Options with which `collect` uses the rig and map of a log or table, and a note on placeholders in them.
+
+    map_: the map given with the log. The map cme is the default of `collect` and is left out."""
+    from mazeplan.core.logs.run_log import read_log
+    from mazeplan.rigs.registry import installed_rigs, rig_names, seeded
+
+    header = read_log(log).header if log.suffix == ".mcap" else {}
+    label = str(header.get("rig") or "")
+    rig = str(header.get("rig_given") or "")
+    if not rig and (":" in label or seeded(label)[0] in (*rig_names(), *installed_rigs())):
+        rig = label
+    notes = []
+    if not rig:
+        notes.append(f"{RIG} is the rig of this record" + (f", which the log calls {label}" if label else ""))
+    options = ["--rig", rig or RIG]
+    name = map_ or _map_name(header)
+    if name == MAP:
+        notes.append(f"{MAP} is its map, which the log calls {header.get('map_name')}")
+    return options + ([] if name == "cme" else ["--map", name]), "; ".join(notes)
+
+
+def _map_name(header: dict) -> str:
+    """Name of the packaged map of a log, else the name it was given, else MAP; cme for a log without a map."""
+    from mazeplan.maze.mapfile import check_text, load_map, packaged_maps
+
+    text = header.get("map")
+    maze = check_text(text).maze if isinstance(text, str) else None
+    if maze is None:
+        return "cme"
+    same = (name for name in packaged_maps() if load_map(name) == maze)
+    return next(same, "") or str(header.get("map_given") or MAP)

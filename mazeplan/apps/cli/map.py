@@ -1,0 +1,182 @@
+"""`map check`, `show`, `route` and `learn`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.log_context import parse_opening, parse_ring
+from mazeplan.apps.cli.map_learn import learn
+from mazeplan.apps.cli.output import plural, print_json, say
+
+if TYPE_CHECKING:
+    from mazeplan.core.records import Array
+    from mazeplan.maze.geometry import Maze
+    from mazeplan.maze.graph import Route
+
+app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True, rich_markup_mode=None)
+app.command()(learn)
+
+MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or name of a packaged map.")]
+MapFiles = Annotated[list[str], typer.Argument(metavar="FILE...", help="Map files, or names of packaged maps.")]
+Picture = Annotated[Path, typer.Option("--output", "-o", help="Picture to write: .png, .svg or .pdf.")]
+WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
+TrailLog = Annotated[Path | None, typer.Option("--log", help="Run log: also draw the trail of the ball.")]
+ShowFrom = Annotated[
+    str | None, typer.Option("--from", help="Ring to start in. Default: where --log begins, or ring1.")
+]
+
+
+@app.command()
+def check(files: MapFiles, json: opt.AsJson = False) -> None:
+    """Check maps, and name the line and key of each problem."""
+    from mazeplan.maze.mapfile import check_map
+
+    results = [(file, check_map(file)) for file in files]
+    if json:
+        keys = ("file", "ok", "errors", "warnings")
+        rows = [(file, r.maze is not None, [*map(str, r.errors)], [*r.warnings]) for file, r in results]
+        print_json([dict(zip(keys, row, strict=True)) for row in rows])
+    for file, result in () if json else results:
+        for line in (*result.errors, *result.warnings):
+            say(f"mazeplan: {line}")
+        if result.maze is not None:
+            rings, openings = len(result.maze.rings), len(result.maze.openings)
+            walls = len(result.maze.radial_walls)
+            across = f", {plural(walls, 'radial wall')}" if walls else ""
+            print(f"{file}: ok: {result.maze.name}, {rings} rings, {openings} openings{across}")
+    if any(result.errors for _, result in results):
+        raise typer.Exit(2)
+
+
+@app.command()
+def show(
+    map_: MapArgument = "cme",
+    output: Picture = Path("maze.png"),
+    with_route: WithRoute = False,
+    log: TrailLog = None,
+    start: ShowFrom = None,
+    goal: opt.MapGoal = None,
+    start_angle: opt.MapAngle = None,
+    close: opt.Close = None,
+) -> None:
+    """Draw a map to scale, with --route the route of `map route`, with --log the trail of a run."""
+    from mazeplan.maze.drawing import save_drawing
+    from mazeplan.maze.mapfile import load_map
+
+    maze = load_map(map_)
+    trail = None if log is None else _trail(log, maze)
+    found = None
+    if with_route:
+        ring, angle = _beginning(trail, maze)
+        found = _find(maze, start or ring, goal, start_angle, angle, close or [])
+    save_drawing(maze, output, route=None if found is None else found.require_route(maze), trail=trail)
+    say(f"wrote {output}")
+
+
+@app.command()
+def route(
+    map_: MapArgument = "cme",
+    start: opt.StartRing = "ring1",
+    goal: opt.MapGoal = None,
+    start_angle: opt.MapAngle = None,
+    close: opt.Close = None,
+    json: opt.AsJson = False,
+) -> None:
+    """Find the fastest expected route: for each ring the turn and the opening."""
+    from mazeplan.maze.mapfile import load_map
+
+    maze = load_map(map_)
+    found = _find(maze, start, goal, start_angle, 0.0, close or [])
+    if json:
+        print_json(_document(maze, found))
+        if found.route is None:
+            raise typer.Exit(1)
+        return
+    best = found.require_route(maze)
+    for leg in best.legs:
+        turn, name, there = math.degrees(leg.turn_rad), leg.opening.name, leg.opening.leads_to(leg.ring)
+        print(f"ring {leg.ring}: turn {turn:+7.1f} deg, opening {name} to ring {there}, {leg.expected_s:.2f} s")
+    print(f"ring {found.last}: goal, {best.expected_s:.2f} s expected")
+
+
+def _trail(log: Path, maze: Maze) -> Array:
+    """Estimated places of the ball, (N, 3) of x, y in m and time in s; measured places for a log without estimates."""
+    import numpy as np
+
+    from mazeplan.apps.cli.progress import log_read
+    from mazeplan.maze.mapfile import dump_map
+
+    read = log_read(log)
+    if read.header.get("map", dump_map(maze)) != dump_map(maze):
+        say(f"{log} is of another map ({read.header.get('map_name')}); drawing its trail on {maze.name}")
+    names = ("estimate_x", "estimate_y", "estimate_t") if "estimate_x" in read.ticks else ("x", "y", "t")
+    return np.stack([read.ticks[name] for name in names], axis=1)
+
+
+def _beginning(trail: Array | None, maze: Maze) -> tuple[str, float]:
+    """Ring and angle (degrees) where a trail begins."""
+    import numpy as np
+
+    seen = np.empty((0, 3)) if trail is None else trail[np.isfinite(trail).all(axis=1)]
+    if not len(seen):
+        return "ring1", 0.0
+    x, y = seen[0, :2]
+    return f"ring{maze.ring_at(math.hypot(x, y))}", math.degrees(math.atan2(y, x))
+
+
+class _Found(NamedTuple):
+    """First and last ring, start angle in degrees, and the route, if there is one."""
+
+    first: int
+    last: int
+    angle: float
+    route: Route | None
+
+    def require_route(self, maze: Maze) -> Route:
+        """The route. Without one, prints a message and ends with status 1."""
+        if self.route is None:
+            say(f"mazeplan: no route from ring{self.first} to ring{self.last} through the openings of map {maze.name}")
+            raise typer.Exit(1)
+        return self.route
+
+
+def _find(
+    maze: Maze, start: str, goal: str | None, start_angle: float | None, usual: float, close: list[str]
+) -> _Found:
+    """The route; usual: start angle without `start_angle`, degrees, moved to the nearest free angle."""
+    from mazeplan.maze.graph import RouteGraph
+    from mazeplan.run.resolve import check_start_angle
+
+    first = parse_ring(start, maze)
+    last = len(maze.rings) if goal is None else parse_ring(goal, maze)
+    if start_angle is not None:
+        check_start_angle(start_angle, first, maze, "--start-angle")
+        angle = start_angle
+    else:
+        free = maze.has_room(first, math.radians(usual))
+        angle = usual if free else math.degrees(maze.clear_angle(first, math.radians(usual)))
+    graph = RouteGraph(maze)
+    for name in close:
+        graph.close(parse_opening(name, maze))
+    return _Found(first, last, angle, graph.route(first, last, math.radians(angle)))
+
+
+def _document(maze: Maze, found: _Found) -> dict[str, Any]:
+    best = found.route
+    legs = [
+        {
+            "ring": leg.ring,
+            "opening": leg.opening.name,
+            "opening_angle_deg": math.degrees(leg.opening.angle),
+            "turn_deg": math.degrees(leg.turn_rad),
+            "expected_s": leg.expected_s,
+        }
+        for leg in (best.legs if best else ())
+    ]
+    task = {"map": maze.name, "from": found.first, "to": found.last, "start_angle_deg": found.angle}
+    return {**task, "found": best is not None, "expected_s": best.expected_s if best else None, "legs": legs}

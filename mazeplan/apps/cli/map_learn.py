@@ -1,0 +1,139 @@
+"""`map learn`: rings and openings from logs in which the ball changed rings."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.log_context import logged_map
+from mazeplan.apps.cli.output import print_json, say, write_text
+from mazeplan.core.errors import TableError
+
+if TYPE_CHECKING:
+    from mazeplan.maze.learnedmap import LearnedMap, LearnedRing
+    from mazeplan.maze.transitions import BallTrack, LearnedOpening
+
+MapFile = Annotated[Path, typer.Option("--output", "-o", help="Map file to write.")]
+MinCount = Annotated[int, typer.Option("--min-count", min=1, help="Fewest passages of an opening.")]
+PriorMap = Annotated[str | None, typer.Option("--map", help="Map for missing figures. Default: the log's, else cme.")]
+
+
+def learn(
+    logs: opt.Logs,
+    output: MapFile = Path("learned.yaml"),
+    min_count: MinCount = 2,
+    map_: PriorMap = None,
+    json: opt.AsJson = False,
+) -> None:
+    """Learn rings and openings from the places of the ball and its changes of ring."""
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.maze.learnedmap import learn_map, map_text
+
+    names = ", ".join(str(log) for log in logs)
+    with ProgressBar("learning a map") as bar:
+        bar.show("reading")
+        prior = logged_map(map_, *logs)
+        track = _track(logs)
+        try:
+            more: dict[str, Any] = {"prior_name": prior.source, "borrow": map_ is not None, "min_count": min_count}
+            learned = learn_map(track, prior.maze, **more, progress=bar.show)
+        except TableError as problem:
+            raise TableError(problem.problem, file=names) from None
+    if learned.maze is not None:
+        write_text(output, map_text(learned, [log.name for log in logs]))
+    if json:
+        print_json(document(learned, output))
+    else:
+        print("\n".join(map_lines(learned)))
+    for line in learned.warnings:
+        say(f"warning: {line}")
+    for line in learned.problems:
+        say(f"mazeplan: {names}: {line}")
+    if learned.maze is None:
+        raise typer.Exit(1)
+    say(f"wrote {output}")
+
+
+def _track(logs: list[Path]) -> BallTrack:
+    """The measured places of the ball in all logs. Raises TableError with file and line."""
+    import numpy as np
+
+    from mazeplan.core.logs.table import join, read_table
+    from mazeplan.maze.transitions import BallTrack
+
+    tables = [read_table(log) for log in logs]
+    for log, table in zip(logs, tables, strict=True):
+        if "x" not in table or "y" not in table:
+            raise TableError("needs x and y, or theta and r: theta alone shows no rings", file=log)
+    whole = join(tables)
+    seen = np.isfinite(whole["x"]) & np.isfinite(whole["y"])
+    return BallTrack(whole["t"][seen], whole["x"][seen], whole["y"][seen], whole.segment[seen])
+
+
+def document(learned: LearnedMap, output: Path) -> dict[str, Any]:
+    """The document of `map learn --json`."""
+    camera = {"x_mm": 1e3 * learned.centre[0], "y_mm": 1e3 * learned.centre[1], "noise_mm": 1e3 * learned.noise}
+    return {
+        "map": str(output) if learned.maze is not None else None,
+        **{name: getattr(learned, name) for name in ("prior", "samples", "passages", "skipped")},
+        "camera": camera,
+        "rings": [_ring(ring) for ring in learned.rings],
+        "openings": [_opening(o, *width) for o, width in zip(learned.openings, learned.widths, strict=True)],
+        "borrowed": [opening.name for opening in learned.borrowed],
+        "warnings": list(learned.warnings),
+        "problems": list(learned.problems),
+    }
+
+
+def _ring(ring: LearnedRing) -> dict[str, Any]:
+    radii = _in_mm(ring, "inner_radius", "outer_radius", "inner_stderr", "outer_stderr")
+    return {"ring": ring.number, **radii, "touches": [ring.inner_touches, ring.outer_touches], "note": ring.note}
+
+
+def _opening(opening: LearnedOpening, width: float, source: str) -> dict[str, Any]:
+    angles = {f"{name}_deg": math.degrees(getattr(opening, name)) for name in ("angle", "angle_stderr", "direction")}
+    return {
+        "rings": [opening.outer, opening.outer + 1],
+        **angles,
+        "width_mm": 1e3 * width,
+        "width_from": source,
+        **_in_mm(opening, "width_stderr", "outer_centroid", "inner_centroid"),
+        **{name: getattr(opening, name) for name in ("count", "inward", "outward", "sign", "problem")},
+        "written": not opening.problem,
+    }
+
+
+def _in_mm(figures: object, *names: str) -> dict[str, Any]:
+    """{name_mm: value in mm} of lengths or places in m; None stays."""
+    import numpy as np
+
+    values = {name: getattr(figures, name) for name in names}
+    return {f"{name}_mm": None if m is None else (1e3 * np.asarray(m)).tolist() for name, m in values.items()}
+
+
+def map_lines(learned: LearnedMap) -> list[str]:
+    """Rings and openings as two tables."""
+    lines = ["ring  inner mm         outer mm         samples at them"]
+    for ring in learned.rings:
+        inner, outer = (
+            f"{1e3 * radius:6.2f} {'(a guess)' if sigma is None else f'± {1e3 * sigma:.3f}' if radius else '(disc)'}"
+            for radius, sigma in ((ring.inner_radius, ring.inner_stderr), (ring.outer_radius, ring.outer_stderr))
+        )
+        lines.append(f"{ring.number:4d}  {inner:16s} {outer:16s} {ring.inner_touches}, {ring.outer_touches}")
+    lines.append("rings  angle deg       width mm  width from                  in  out  outer -> inner point, mm")
+    for opening, (width, source) in zip(learned.openings, learned.widths, strict=True):
+        (x1, y1), (x2, y2) = opening.outer_centroid, opening.inner_centroid
+        lines.append(
+            f"{opening.outer}-{opening.outer + 1}    {math.degrees(opening.angle):6.2f} ± "
+            f"{math.degrees(opening.angle_stderr):4.2f}  {1e3 * width:8.2f}  {source:26s} {opening.inward:3d}  "
+            f"{opening.outward:3d}  ({1e3 * x1:.1f}, {1e3 * y1:.1f}) -> ({1e3 * x2:.1f}, {1e3 * y2:.1f})"
+            + (f"  left out: {opening.problem}" if opening.problem else "")
+        )
+    never = f"never passed, from {learned.prior}"
+    lines += [f"{o.outer}-{o.inner}    {math.degrees(o.angle):6.2f}  {never}" for o in learned.borrowed]
+    x, y = (1e3 * value for value in learned.centre)
+    return [*lines, f"centre of the circles x {x:.2f}, y {y:.2f} mm; camera noise {1e3 * learned.noise:.2f} mm"]

@@ -1,0 +1,87 @@
+"""`navigate`: one run."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.learning import check_learning, navigate_learning
+from mazeplan.apps.cli.output import print_json
+from mazeplan.apps.cli.runs import navigate_once, navigation_job
+from mazeplan.core.errors import InputError, RigError
+
+
+def navigate(
+    start: opt.StartRing = "ring1",
+    goal: opt.GoalRing = "centre",
+    map_: opt.Map = "cme",
+    rig: opt.RigName = "toy",
+    model: opt.Model = None,
+    effects: opt.EffectModule = None,
+    behavior: opt.Behavior = "navigate",
+    behavior_module: opt.BehaviorModule = None,
+    settings: opt.Settings = None,
+    start_angle: opt.StartAngle = None,
+    via: opt.Via = None,
+    close: opt.Close = None,
+    seed: opt.Seed = 0,
+    time_limit: opt.TimeLimit = 20.0,
+    log: opt.RunLog = None,
+    memory: opt.Memory = None,
+    learn: opt.Learn = False,
+    output: opt.LearnedModel = None,
+    sense: opt.Sense = None,
+    view: opt.Page = False,
+    host: opt.Host = opt.HOST,
+    port: opt.PagePort = opt.PORT,
+    groot: opt.Groot = None,
+    groot_host: opt.GrootHost = opt.HOST,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Bring the ball from one ring to another."""
+    job = navigation_job(
+        start, goal, map_, rig, model, sense=sense, log=log, effects=effects, behavior=behavior,
+        behavior_modules=tuple(behavior_module or ()), settings=settings, start_angle_deg=start_angle,
+        closed=close or (), seed=seed, time_limit=time_limit, memory=memory,
+        via=tuple(ring.strip() for ring in via.split(",")) if via is not None else (),
+    )  # fmt: skip
+    check_learning(learn, output)
+    if view and groot is not None:
+        raise InputError("--groot with --view: the page shows the tree itself; give one of them")
+    if view:
+        from mazeplan.apps.cli.live import navigate_live
+
+        if learn:
+            raise InputError("--learn with --view: a run on the page has no planned end; give one of them")
+        sys.exit(navigate_live(job, host, port, as_json=as_json))
+    try:
+        with monitored(groot, groot_host) as more:
+            once = partial(navigate_once, **more)
+            result = navigate_learning(job, output, once) if learn else once(job)
+    except RigError as problem:
+        if as_json and problem.result is not None:
+            print_json(problem.result.to_json())
+        raise
+    if as_json:
+        print_json(result.to_json())
+    sys.exit(0 if result.success else 1)
+
+
+@contextmanager
+def monitored(port: int | None, host: str) -> Iterator[dict[str, Any]]:
+    """Arguments of a run that Groot2 can watch at a port: a simulated rig keeps pace with the clock. None: no more."""
+    if port is None:
+        yield {}
+        return
+    try:
+        from mazeplan.apps.monitor.server import Monitor
+    except ImportError as problem:
+        raise InputError(f"--groot needs {problem.name}: pip install 'mazeplan[groot]'") from None
+    from mazeplan.rigs.paced import PacedRig
+
+    with Monitor(port, host) as monitor:
+        yield {"watch": monitor.watch, "around": lambda rig: rig if rig.realtime else PacedRig(rig)}

@@ -1,0 +1,89 @@
+"""`new rig`: a template for your own rig."""
+
+from __future__ import annotations
+
+import importlib.util
+import keyword
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mazeplan.apps.cli.options import folder_problem
+from mazeplan.apps.cli.output import say, write_text
+from mazeplan.core.errors import InputError
+
+app = typer.Typer(help="Write templates.", no_args_is_help=True)
+
+LONGEST = 40  # characters of a name
+TEMPLATES = Path(__file__).resolve().parent / "newrig"
+FILES = {  # template: file; {} is the name
+    "rig.py.jinja": "{}.py",
+    "rig.yaml.jinja": "{}.yaml",
+    "test_rig.py.jinja": "tests/test_{}.py",
+    "pyproject.toml.jinja": "pyproject.toml",
+    "README.md.jinja": "README.md",
+}
+
+Name = Annotated[str, typer.Argument(help="Name of the rig and its module: letters, digits and _.")]
+NewFolder = Annotated[Path | None, typer.Option("-o", "--output", help="Folder to write. Default: ./NAME.")]
+
+
+@app.command("rig")
+def rig(name: Name, output: NewFolder = None) -> None:
+    """Write a folder with a working rig on a simulated table: class, YAML file, test, package.
+
+    Existing files are never overwritten."""
+    folder = output or Path(name)
+    _check_name(name)
+    if problem := folder_problem(folder):
+        raise InputError(f"{'-o' if output else 'NAME'}: {problem}")
+    targets = {template: folder / target.format(name) for template, target in FILES.items()}
+    for target in targets.values():
+        if target.exists() or target.is_symlink():
+            raise InputError(f"{target} exists already and is never overwritten; expected another NAME or -o")
+    _check_module(name)
+    for template, target in targets.items():
+        write_text(target, filled(template, name))
+    say(f"wrote {', '.join(map(str, targets.values()))}")
+    if importlib.util.find_spec("pytest") is None:
+        say("its test needs pytest: pip install pytest")
+    print(f"cd {folder} && python -m pytest && mazeplan navigate --rig {name}.yaml")
+
+
+def filled(template: str, name: str) -> str:
+    """The text of a template for a rig of that name."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(  # plain text: nothing to escape
+        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False
+    )
+    words = name.split("_")
+    title = " ".join(words).capitalize()
+    cls = "".join(word[:1].upper() + word[1:] for word in words)
+    cls += "" if cls.endswith("Rig") else "Rig"  # differs from every other name in the module
+    return environment.get_template(template).render(name=name, cls=cls, title=title, package=name.replace("_", "-"))
+
+
+def _check_name(name: str) -> None:
+    """Raises InputError for a name that cannot name a module, a package and a rig."""
+    from mazeplan.rigs.registry import rig_names
+
+    plain = re.fullmatch(r"[A-Za-z](?:_?[A-Za-z0-9])*", name) is not None and len(name) <= LONGEST
+    if not plain or keyword.iskeyword(name):
+        expected = f"a Python identifier such as my_table: letters, digits, single _, at most {LONGEST}"
+        raise InputError(f"NAME: got {name!r}, expected {expected}")
+    taken = "the folder of its tests" if name == "tests" else "a packaged rig" if name in rig_names() else None
+    if taken is not None:
+        raise InputError(f"NAME: got {name!r}, which is {taken}; expected another")
+
+
+def _check_module(name: str) -> None:
+    """Raises InputError if another module has the name: Python might import that one."""
+    try:
+        found = importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        found = None
+    if found is not None and found.origin is not None:  # a folder without code has no origin
+        raise InputError(f"NAME: got {name!r}, which is a module of {found.origin}; expected another")

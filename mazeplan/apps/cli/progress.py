@@ -1,0 +1,277 @@
+"""Progress on stderr: a table per navigation, a bar for other work.
+
+On a terminal rich redraws it, in its own thread, at most ten times a second. Elsewhere a navigation prints one line per
+event and a bar prints nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TextIO
+
+from mazeplan.apps.cli.output import plural, say
+
+if TYPE_CHECKING:
+    from mazeplan.core.logs.run_log import RunLog
+    from mazeplan.core.records import NavigationResult
+
+REFRESH_HZ = 10
+LINES_SHOWN = 12  # rings visited; the current line stays on the screen
+NOTES_SHOWN = 2  # failures and recoveries in one line
+COMPILING_S = 2.0
+_listeners: list[Any] = []
+
+
+@dataclass
+class _RingLine:
+    ring: int
+    since: float
+    until: float
+    opening: str = ""
+    leaf: str = ""
+    notes: list[str] = field(default_factory=list)
+
+    def cells(self) -> tuple[str, str, str, str, str]:
+        hidden = len(self.notes) - NOTES_SHOWN
+        notes = ([f"{hidden} before"] if hidden > 0 else []) + self.notes[-NOTES_SHOWN:]
+        return f"ring {self.ring}", f"{self.until - self.since:.2f} s", self.opening, self.leaf, "; ".join(notes)
+
+
+def is_terminal(stream: TextIO) -> bool:
+    """Whether lines on the stream can be redrawn."""
+    return stream.isatty() and os.environ.get("TERM", "") not in ("", "dumb")
+
+
+def _console(stream: TextIO) -> Any:
+    from rich.console import Console
+
+    return Console(file=stream, force_terminal=True)
+
+
+class NavigationProgress:
+    """Shows one navigation; a context manager. live: redraw lines; default: if the stream is a terminal."""
+
+    def __init__(self, stream: TextIO | None = None, *, live: bool | None = None) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._redraw = is_terminal(self._stream) if live is None else live
+        self._lines: list[_RingLine] = []
+        self._live: Any = None
+
+    def __enter__(self) -> Self:
+        report_compiling()
+        if self._redraw:
+            from rich.live import Live
+
+            self._live = Live(  # stdout is not redirected: it carries the result
+                get_renderable=self._table, console=_console(self._stream), refresh_per_second=REFRESH_HZ,
+                redirect_stdout=False,
+            )  # fmt: skip
+            self._live.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        live, self._live = self._live, None
+        if live is not None:
+            live.stop()
+
+    def _print(self, text: str) -> None:
+        if self._live is None:
+            with suppress(OSError):  # the reader left
+                print(text, file=self._stream, flush=True)
+
+    def _table(self) -> Any:
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table(box=None, pad_edge=False)
+        for title in ("ring", "time", "opening", "leaf", "recoveries"):
+            table.add_column(title, justify="right" if title == "time" else "left")
+        for line in self._lines[-LINES_SHOWN:]:
+            table.add_row(*(Text(cell) for cell in line.cells()))  # Text: brackets in a name are not markup
+        return table
+
+    def ring_entered(self, ring: int, t: float) -> None:
+        """Begin a line for another ring; t: s of rig time."""
+        self._lines.append(_RingLine(ring, t, t))
+        self._print(f"{t:7.2f} s  in ring {ring}")
+
+    def passed(self, ring: int, opening: str, t: float) -> None:
+        """Note the opening by which the ball left `ring`."""
+        if self._lines:
+            self._lines[-1].opening, self._lines[-1].until, self._lines[-1].leaf = opening, t, ""
+        self._print(f"{t:7.2f} s  left ring {ring} by {opening}")
+
+    def event(self, t: float, text: str) -> None:
+        """Note a failure or recovery."""
+        if self._lines:
+            self._lines[-1].notes.append(text)
+        self._print(f"{t:7.2f} s  {text}")
+
+    def tick(self, t: float, ring: int, text: str) -> None:
+        """Update the time of the current ring; text: the leaf that commands."""
+        if self._lines:
+            self._lines[-1].until, self._lines[-1].leaf = t, text
+
+    def finished(self, result: NavigationResult) -> None:
+        """Stop redrawing and print the result."""
+        if self._lines:
+            self._lines[-1].leaf = "arrived" if result.success else result.reason
+        self.__exit__()
+        outcome = "arrived" if result.success else f"did not arrive: {result.reason}"
+        failures = plural(len(result.failures), "failure")
+        self._print(f"{result.time_s:7.2f} s  {outcome} (rig {result.rig}, seed {result.seed}, {failures})")
+
+
+class ProgressBar:
+    """Shows long work on a terminal: step, share done, rate, time left or time taken. A context manager.
+
+    label: name of the work; transient: erase the bar at the end; compiles: the work may compile for a minute, which is
+    reported without a terminal, too."""
+
+    def __init__(
+        self, label: str, stream: TextIO | None = None, *, transient: bool = True, compiles: bool = True
+    ) -> None:
+        self._label, self._transient, self._compiles = label, transient, compiles
+        self._stream = sys.stderr if stream is None else stream
+        self._bar: Any = None
+        self._task: Any = None
+        self._done, self._total = 0.0, math.inf
+
+    def __enter__(self) -> Self:
+        if self._compiles:
+            report_compiling()
+        if is_terminal(self._stream):
+            self._bar = _rich_bar(self._stream, self._transient)
+            self._task = self._bar.add_task(self._label, total=None, step="")
+            self._bar.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        bar, self._bar = self._bar, None
+        if bar is not None:
+            bar.stop()
+
+    def show(self, step: str) -> None:
+        """Show the present step."""
+        if self._bar is None:
+            return
+        if self._done >= self._total:  # a new step of unknown length
+            self._done, self._total = 0.0, math.inf
+            self._bar.reset(self._task)
+            self._bar.tasks[0].total = None  # `reset` keeps the total if it gets None
+        self._bar.update(self._task, step=step, refresh=True)
+
+    def note(self, text: str) -> None:
+        """Print a line above the bar."""
+        if self._bar is not None:
+            self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def advance(self, done: float, total: float) -> None:
+        """Show `done` of `total`. A smaller `done` or another `total` begins a new step."""
+        if self._bar is None:
+            return
+        if total != self._total or done < self._done:
+            self._bar.reset(self._task, total=total, completed=done)
+        else:
+            self._bar.update(self._task, completed=done)
+        self._done, self._total = done, total
+
+    def iterate(self, found: Iterable[Any], step: Callable[[Any], str]) -> Iterator[Any]:
+        """Yield the items; show the bar only while the next one is awaited. step: text after an item."""
+        items, text = iter(found), ""
+        while True:
+            with self:
+                self.show(text)
+                try:
+                    item = next(items)
+                except StopIteration:
+                    return
+            text = step(item)
+            yield item
+
+
+@contextmanager
+def campaign_progress(
+    total: int, stream: TextIO | None = None, *, label: str = "runs", begin: int = 0
+) -> Iterator[Callable[[int], None]]:
+    """A bar that stays; yields `advance(finished)`. begin: number finished before."""
+    with ProgressBar(label, stream, transient=False) as bar:
+        bar.advance(begin, total)
+        yield lambda finished: bar.advance(finished, total)
+
+
+def log_read(path: Path) -> RunLog:
+    """Read a log behind a bar: half an hour of log takes seconds. Raises LogError."""
+    from mazeplan.core.logs.run_log import read_log
+
+    with ProgressBar("reading", compiles=False) as bar:
+        bar.show(path.name)
+        return read_log(path)
+
+
+def _rich_bar(stream: TextIO, transient: bool) -> Any:
+    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
+    from rich.table import Column
+    from rich.text import Text
+
+    class Pace(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            return Text(_pace(task))
+
+    class Step(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            return Text(task.fields["step"], no_wrap=True, overflow="ellipsis")
+
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=16), Pace(), Step(Column(ratio=1)))
+    return Progress(
+        *columns, console=_console(stream), refresh_per_second=REFRESH_HZ, redirect_stdout=False, transient=transient,
+        expand=True,
+    )  # fmt: skip
+
+
+def _pace(task: Any) -> str:
+    """`12/40  3.10/s  left 0:00:09` for counts, `30 %  left 0:00:09` for shares, else the time taken."""
+    if task.total is None:
+        return str(timedelta(seconds=int(task.elapsed or 0.0)))
+    speed = task.finished_speed or task.speed
+    counted = isinstance(task.total, int) and isinstance(task.completed, int)
+    parts = [f"{task.completed:g}/{task.total:g}" if counted else f"{task.percentage:.0f} %"]
+    parts += [f"{speed:.2f}/s"] if counted and speed is not None else []
+    left = "-:--:--" if task.time_remaining is None else timedelta(seconds=int(task.time_remaining))
+    return "  ".join([*parts, f"left {left}"])
+
+
+def report_compiling() -> None:
+    """From now on print one line when Numba compiles for more than COMPILING_S: the first time takes a minute."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        depth, timer, reported = 0, None, False
+
+        def on_start(self, event: Any) -> None:
+            self.depth += 1
+            if self.depth == 1 and not self.reported:
+                self.timer = threading.Timer(COMPILING_S, self.report)
+                self.timer.daemon = True
+                self.timer.start()
+
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            if self.depth == 0 and self.timer is not None:
+                self.timer.cancel()
+
+        def report(self) -> None:
+            self.reported = True
+            say("compiling, once for this machine: up to two minutes")
+
+    if not _listeners:
+        _listeners.append(Listener())
+        event.register("numba:compile", _listeners[0])

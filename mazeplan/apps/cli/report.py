@@ -1,0 +1,93 @@
+"""`report`: runs, evaluations, models and diagnoses as figures in one HTML file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from mazeplan.apps.cli.options import file, folder
+from mazeplan.apps.cli.output import finite, say
+from mazeplan.core.errors import InputError
+
+if TYPE_CHECKING:
+    from mazeplan.apps.report.inputs import Input
+    from mazeplan.apps.report.page import PageSection
+
+Inputs = Annotated[
+    list[Path],
+    Argument(
+        metavar="INPUT...",
+        help="Run logs; JSON documents of evaluate, compare, diagnose or improve; folders of diagnose -o; folders of "
+        "models with the logs and tables to score them on.",
+    ),
+]
+Page = Annotated[
+    Path, Option("-o", "--output", parser=file(".html", ".htm"), metavar="FILE", help="HTML file to write.")
+]
+Pictures = Annotated[
+    Path | None,
+    Option("--pictures", parser=folder, metavar="FOLDER", help="Also write each figure as PNG and SVG."),
+]
+Title = Annotated[str | None, Option("--title", help="Title of the page. Default: its content.")]
+
+
+def report(inputs: Inputs, output: Page, pictures: Pictures = None, title: Title = None) -> None:
+    """Draw runs, evaluations, models and diagnoses into one HTML file without external content."""
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.apps.report.inputs import read_input
+    from mazeplan.apps.report.page import write_page
+
+    with ProgressBar("drawing", compiles=False) as bar:
+        sections = _sections([part for path in inputs for part in read_input(path)], bar.show)
+        write_page(output, title or sections[0].title + " and more" * (len(sections) > 1), sections, pictures)
+    say(f"wrote {output}" + (f", pictures in {pictures}" if pictures is not None else ""))
+
+
+def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> None:
+    """Write the page of a command's document; kind: as in `report.inputs`; name: of the subject."""
+    from mazeplan.apps.report.inputs import Input
+    from mazeplan.apps.report.page import write_page
+
+    sections = _sections([Input(kind, path, name, finite(document))])
+    write_page(path, sections[0].title, sections)
+    say(f"wrote {path}")
+
+
+def _sections(given: list[Input], show: Callable[[str], None] = lambda text: None) -> list[PageSection]:
+    """One section per input, all evaluations in one; show: gets the name of each input before it is drawn.
+
+    Beside the folder of a model, logs and tables are the data to score it on. Raises InputError."""
+    from mazeplan.apps.report.diagnosis import diagnosis_section
+    from mazeplan.apps.report.evaluation import evaluation_section
+    from mazeplan.apps.report.models import model_section, models_section
+    from mazeplan.apps.report.run import run_section
+    from mazeplan.core.logs.run_log import read_log
+
+    data = [part.path for part in given if part.kind in ("run", "table")]
+    models = any(part.kind == "model" for part in given)
+    evaluations = [part for part in given if part.kind == "evaluation"]
+    sections = []
+    for part in given:
+        show(part.path.name)
+        if part.kind == "model":
+            sections.append(model_section(part.path, data))
+        elif part.kind in ("run", "table") and models:
+            continue
+        elif part.kind == "table":
+            raise InputError("got a table, expected the folder of a model to score on it as well", file=part.path)
+        elif part.kind == "run":
+            log = read_log(part.path)
+            if "excitation" in log.header:
+                problem = "got a log of `collect`, expected one of `navigate --log`"
+                raise InputError(f"{problem}, or the folder of a model to score on it as well", file=part.path)
+            sections.append(run_section(log))
+        elif part.kind == "comparison":
+            sections.append(models_section(part))
+        elif part.kind == "diagnosis":
+            sections.append(diagnosis_section(part))
+        elif part is evaluations[0]:
+            sections.append(evaluation_section(evaluations))
+    return sections

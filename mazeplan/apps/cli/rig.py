@@ -1,0 +1,152 @@
+"""`rig check` and `rig list`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import print_json, say
+from mazeplan.core.errors import MazeplanError, RigError
+
+if TYPE_CHECKING:
+    from mazeplan.maze.geometry import Maze
+    from mazeplan.rigs.conformance import CheckResult
+
+app = typer.Typer(help="Check and list rigs.", no_args_is_help=True)
+
+RigArgument = Annotated[str, typer.Argument(help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.")]
+Hardware = Annotated[bool, typer.Option("--hardware", help="Skip checks that only a simulation can repeat.")]
+Yes = Annotated[bool, typer.Option("--yes", help="Ask no questions about a real rig.")]
+RigOutput = Annotated[
+    Path | None, typer.Option("-o", "--output", help="File for the latencies of a real rig. Default: its own file.")
+]
+
+
+@app.command("check")
+def check(
+    rig: RigArgument,
+    map_: opt.Map = "cme",
+    seed: opt.Seed = 0,
+    hardware: Hardware = False,
+    yes: Yes = False,
+    output: RigOutput = None,
+    as_json: opt.AsJson = False,
+) -> None:
+    """Check the rules of every rig: clock, signs, limits, level, repeatability.
+
+    Of a real rig, first check each part, the board first, and measure its latencies. Exit status: 1 a check failed,
+    2 a file is wrong or not calibrated, 3 a part is silent."""
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.maze.mapfile import load_map
+    from mazeplan.rigs.conformance import check_rig
+    from mazeplan.rigs.hardware.files import is_hardware
+    from mazeplan.rigs.registry import make_rig
+    from mazeplan.rigs.watchdog import watched
+
+    maze, results, more = load_map(map_), [], {}
+    problem: MazeplanError | None = None
+    if is_hardware(rig):  # no bar: a person answers questions
+        found: Iterator[Any] = _check_hardware(rig, maze, seed=seed, yes=yes, output=output)
+    else:
+        machine = watched(make_rig(rig, maze), own_process=True)
+        checks = check_rig(machine, maze, seed=seed, repeatable=not hardware)
+        found = ProgressBar("checking").iterate(checks, lambda result: f"after {result.name}")
+    try:
+        for result in found:
+            if isinstance(result, dict):
+                more |= result
+                continue
+            results.append(result)
+            if not as_json:
+                detail = "" if result.detail == "ok" else result.detail
+                print(f"{'ok' if result.passed else 'FAILED':6s}  {result.name:26s} {detail}".rstrip(), flush=True)
+    except MazeplanError as error:
+        if not results:
+            raise
+        problem = error
+    passed = problem is None and all(result.passed for result in results)
+    if as_json:
+        print_json({"rig": rig, "passed": passed, "checks": [asdict(result) for result in results], **more})
+    if problem is not None:
+        raise problem
+    sys.exit(0 if passed else 1)
+
+
+def _check_hardware(
+    spec: str, maze: Maze, *, seed: int, yes: bool, output: Path | None
+) -> Iterator[CheckResult | dict[str, Any]]:
+    """Results of the walk through a real rig and of the rules of every rig; {"latency": section} once measured.
+
+    The latencies are written to `output`, by default the rig's own file. Raises RigError for a silent part and
+    SettingsError for an unusable file, both after their result."""
+    from datetime import date
+
+    from mazeplan.rigs.conformance import RAISED, check_rig
+    from mazeplan.rigs.hardware.check import HardwareCheck
+    from mazeplan.rigs.hardware.files import hardware_file
+    from mazeplan.rigs.hardware.rig import HardwareRig
+    from mazeplan.rigs.registry import make_rig
+    from mazeplan.rigs.watchdog import watched
+
+    file, rig, passed = hardware_file(spec), make_rig(spec, maze), True
+    assert isinstance(rig, HardwareRig)
+    try:
+        walk = HardwareCheck(rig, (lambda question: True) if yes else _ask)
+        for result in walk.steps():
+            passed = passed and result.passed
+            yield result
+        if walk.latencies is not None:
+            section = walk.latencies.section(date.today().isoformat())
+            yield {"latency": section}
+            target = output or (file.target if file.keeps else None)  # a packaged emulated rig keeps none
+            if target is not None:
+                say(f"wrote latency to {file.write({'latency': section}, target)}")
+    finally:
+        rig.close()
+    if passed:
+        results = check_rig(watched(make_rig(spec, maze), own_process=True), maze, seed=seed, repeatable=False)
+        yield from results
+        failed = f"{RAISED}{RigError.__name__}: "  # the machine failed, not a rule
+        for result in results:
+            if result.detail.startswith(failed):
+                raise RigError(result.detail.removeprefix(failed))
+
+
+def _ask(question: str) -> bool:
+    if not sys.stdin.isatty():
+        say(f"{question}: no terminal to ask at, assuming yes (give --yes)")
+        return True
+    return typer.confirm(question, default=True, err=True)
+
+
+@app.command("list")
+def list_rigs(as_json: opt.AsJson = False) -> None:
+    """List packaged and installed rigs, and the keys of a simulated rig's YAML file."""
+    from mazeplan.core.plugins import RIGS, plugins
+    from mazeplan.rigs.registry import installed_rigs, rig_names, unusable
+    from mazeplan.rigs.sim.settings import SimulatedSettings
+
+    keys = {
+        name: {"default": info.default if name != "faults" else [], "what": info.description or ""}
+        for name, info in SimulatedSettings.model_fields.items()
+    }
+    if as_json:
+        installed = {
+            name: {"package": found.package, "version": found.version, "object": found.value}
+            for name, found in installed_rigs().items()
+        }
+        print_json({"rigs": [*rig_names(), *installed], "installed": installed, "settings": keys})
+        return
+    print("packaged rigs: " + ", ".join(rig_names()))
+    for found in plugins(RIGS):
+        problem = unusable(found)
+        print(f"of package {found.source}: {found.name} ({found.value}){f': not used: {problem}' if problem else ''}")
+    print("keys of a simulated rig (default; meaning):")
+    for name, key in keys.items():
+        print(f"  {name:28s} {key['default']!s:12s} {key['what']}")

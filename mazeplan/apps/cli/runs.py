@@ -1,0 +1,66 @@
+"""One navigation with its progress on the terminal, and the note about a missing model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.cli.output import say
+
+if TYPE_CHECKING:
+    from mazeplan.core.records import NavigationResult
+    from mazeplan.maze.geometry import Maze
+
+
+def navigation_job(
+    start: str, goal: str, map_: str, rig: str, model: str | None, *, sense: str | None, log: Path | None = None,
+    **more: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Arguments of `mazeplan.navigate` for options of the command line; more: further arguments as they are."""
+    from mazeplan.maze.mapfile import load_map
+
+    maze = load_map(map_)
+    note_missing_model(rig, model, maze, sense)
+    given = {"start": start, "goal": goal_of(goal, maze), "map": maze, "rig": rig, "model": model}
+    return {**given, "sense": sense, "log": log, **more}
+
+
+def goal_of(goal: str, maze: Maze) -> int | str:
+    """The ring to reach: `centre` is the innermost one."""
+    return len(maze.rings) if goal == "centre" else goal
+
+
+def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | None = None) -> None:
+    """Print a note if nominal physics replace a fitted model: no camera delay, no tilt of the table.
+
+    Raises InputError or RigError for a rig that cannot be made."""
+    from mazeplan.learning.modelfile import model_names
+    from mazeplan.rigs.registry import make_rig, rig_model_hint
+
+    make_rig(rig, maze, sense)
+    if model is None and rig not in model_names() and rig_model_hint(rig) is None:
+        say(f"no model for rig {rig}: using nominal physics; fit a model with `mazeplan collect` and `learn`")
+
+
+def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
+    """Run one job with its progress on the terminal; more: further arguments of `mazeplan.navigate`.
+
+    Without `goals` among them, a key stops a real rig."""
+    from mazeplan.apps.cli.emergency import stop_key
+    from mazeplan.apps.cli.progress import NavigationProgress
+    from mazeplan.core.errors import RigError
+    from mazeplan.run.goals import Goals
+    from mazeplan.run.navigate import navigate
+
+    if "goals" not in more:
+        goals = Goals(job["map"])
+        more = {**more, "goals": goals, "guard": lambda machine: stop_key(machine, goals.stop)}
+    with NavigationProgress() as progress:
+        try:
+            result = navigate(**job, **more, display=progress, own_process=True)
+        except RigError as problem:
+            if problem.result is not None and problem.result.success:  # the ball arrived, then the rig failed
+                progress.finished(problem.result)
+            raise
+        progress.finished(result)
+    return result

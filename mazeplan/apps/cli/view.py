@@ -1,0 +1,56 @@
+"""`view`: the page of a rig, of recorded runs, or of a map to edit."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.core.errors import InputError
+
+ViewLogs = Annotated[list[Path] | None, Argument(metavar="LOG [OTHER]", help="Show a run log, or two side by side.")]
+Edit = Annotated[bool, Option("--edit", help="Edit the map of --map on the page; move no rig.")]
+
+
+def view(
+    logs: ViewLogs = None,
+    start: opt.StartRing = "ring1",
+    goal: opt.GoalRing = "centre",
+    map_: opt.Map = "cme",
+    rig: opt.RigName = "toy",
+    model: opt.Model = None,
+    behavior: opt.Behavior = "navigate",
+    behavior_module: opt.BehaviorModule = None,
+    settings: opt.Settings = None,
+    seed: opt.Seed = 0,
+    time_limit: opt.TimeLimit = 20.0,
+    sense: opt.Sense = None,
+    host: opt.Host = opt.HOST,
+    port: opt.PagePort = opt.PORT,
+    edit: Edit = False,
+) -> None:
+    """Open the page in the browser: operate a rig, show recorded runs, or edit a map. Ctrl-C closes it."""
+    if logs or edit:
+        from mazeplan.apps.cli.progress import ProgressBar
+        from mazeplan.apps.view.serving import edit_map, open_logs, show_logs
+
+        if logs and edit:
+            raise InputError("--edit: got a log as well, expected one of the two")
+        if not logs:
+            edit_map(map_, host, port)
+            return
+        with ProgressBar("reading") as bar:
+            runs = open_logs(logs, bar.show)
+        show_logs(runs, host, port)
+        return
+    from mazeplan.apps.cli.live import navigate_live
+    from mazeplan.apps.cli.runs import navigation_job
+
+    job = navigation_job(
+        start, goal, map_, rig, model, sense=sense, behavior=behavior, behavior_modules=tuple(behavior_module or ()),
+        settings=settings, seed=seed, time_limit=time_limit,
+    )  # fmt: skip
+    sys.exit(navigate_live(job, host, port, begin=False))

@@ -1,0 +1,151 @@
+"""Episodes of N rigs side by side: what the environment for one and the one for many are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from mazeplan.apps.environment.judging import Judge, Verdict
+from mazeplan.apps.environment.senses import HIGH, LOW, Senses
+from mazeplan.apps.environment.task import Task
+from mazeplan.apps.environment.worlds import world_of
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.records import IntArray, Observation
+from mazeplan.core.resources import to_install
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.sim.fleet import Samples
+
+OPTIONS = ("start_ring", "start_angle_deg")  # of reset()
+
+
+class Episodes:
+    """N rigs with the same task. Rows of them are reset and stepped; what comes back has a line a row."""
+
+    def __init__(self, task: Task, number: int, threads: int | None = None) -> None:
+        self.task, self.maze = task, load_map(task.map)
+        task.starts(self.maze)
+        self.world = world_of(task.rig, self.maze, number, threads)
+        self.rate_hz = self.world.rate_hz
+        self._senses = Senses(self.maze, self.rate_hz, number)
+        self._judge = Judge(task, self._senses, number)
+        self._closed = False
+        self._samples: list[Observation | None] = [None] * number
+        self._light: list[np.random.Generator | None] = [None] * number
+        self._pictures: Any = None
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space: spaces.Box = (
+            spaces.Box(0, 255, (task.size, task.size, 3), np.uint8)
+            if task.observation == "pixels"
+            else spaces.Box(LOW, HIGH, dtype=np.float32)
+        )
+
+    def close(self) -> None:
+        """Give the rigs back; may be called twice."""
+        self._closed = True
+        self.world.close()
+
+    def reset(
+        self, rows: IntArray, rngs: Sequence[np.random.Generator], options: Mapping[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Observations and info. options: see OPTIONS, in the place of the task's. Raises SettingsError."""
+        self._check_open()
+        if not isinstance(options, Mapping | None):
+            raise SettingsError(f"got {options!r}, expected a dictionary or None", key="options")
+        asked = dict(options or {})
+        for name in asked:
+            if name not in OPTIONS:
+                raise SettingsError(f"unknown option of reset, expected one of {', '.join(OPTIONS)}", key=name)
+        starts = self.task.starts(self.maze, asked.get("start_ring"))
+        degrees = asked.get("start_angle_deg", self.task.start_angle_deg)
+        if degrees is not None and not (isinstance(degrees, int | float) and math.isfinite(degrees)):
+            raise SettingsError(f"got {degrees!r}, expected a finite number", key="start_angle_deg")
+        rings, thetas = [], []
+        for rng in rngs:  # both are drawn each time, so that what is given shifts nothing else
+            ring, angle = int(rng.integers(len(starts))), float(rng.uniform(-math.pi, math.pi))
+            rings.append(starts[ring])
+            thetas.append(self.maze.clear_angle(rings[-1], angle if degrees is None else math.radians(degrees)))
+        samples = self.world.reset(rows, rings, thetas, rngs)
+        self._senses.reset(rows, samples, rings, thetas)
+        self._judge.reset(rows)
+        if self.task.observation == "pixels":  # of pictures only: the other noise stays what it is without
+            for row, rng in zip(rows.tolist(), rngs, strict=True):
+                self._light[row] = rng.spawn(1)[0]
+        self._keep(rows, samples)
+        radius, _ = self._senses.place(rows)
+        nothing = np.zeros(len(rows), dtype=bool)
+        return self._observed(rows), self._info(rows, self._senses.ring(radius), nothing)
+
+    def step(self, rows: IntArray, actions: np.ndarray) -> tuple[np.ndarray, Verdict, dict[str, np.ndarray]]:
+        """Observations, verdicts and info. actions: (len(rows), 2), -1 to 1; what is beyond counts as that. Raises
+        ValueError for what is no number."""
+        self._check_open()
+        try:
+            given = np.asarray(actions, dtype=float)
+        except (TypeError, ValueError):
+            given = np.array(math.nan)
+        if given.shape != (len(rows), 2) or not np.all(np.isfinite(given)):
+            what = actions.tolist() if isinstance(actions, np.ndarray) else actions
+            raise ValueError(f"action: got {what!r}, expected two numbers from -1 to 1 for each rig")
+        commands = np.clip(given, -1.0, 1.0) * self.maze.tilt_limit
+        samples = self.world.step(rows, commands)
+        self._senses.take(rows, samples, commands)
+        verdict = self._judge.judge(rows)
+        self._keep(rows, samples)
+        return self._observed(rows), verdict, self._info(rows, verdict.ring, verdict.arrived)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RuntimeError("the environment is closed: its rig was given back")
+
+    def observation(self, row: int) -> Observation:
+        """What the rig of that row measured last, as rigs tell it."""
+        found = self._samples[row]
+        if found is None:
+            raise RuntimeError("reset() comes first")
+        return found
+
+    def picture(self, row: int) -> np.ndarray:
+        """The rig as its camera sees it, (480, 640, 3); drawn where it was seen where the rig has no pictures."""
+        try:
+            scene = self.world.pictured(row)
+        except SettingsError:
+            sample, (radius, theta) = self.observation(row), self._senses.place(np.array([row]))
+            x, y = float(radius[0] * np.cos(theta[0])), float(radius[0] * np.sin(theta[0]))
+            scene = np.array([x, y, self.maze.ball.radius, sample.beta, sample.gamma])
+        return self._drawn().whole(scene, np.random.default_rng(0))
+
+    def _keep(self, rows: IntArray, samples: Samples) -> None:
+        table = np.column_stack([samples.t, samples.x, samples.y, samples.beta, samples.gamma])
+        for row, (t, x, y, beta, gamma) in zip(rows.tolist(), table.tolist(), strict=True):
+            lost = math.isnan(x)
+            self._samples[row] = Observation(t, None if lost else x, None if lost else y, beta, gamma)
+
+    def _drawn(self) -> Any:
+        if self._pictures is None:
+            try:
+                from mazeplan.rigs.camera.sensing import RenderedPictures
+            except ImportError:
+                raise SettingsError(f"pictures need OpenCV: {to_install('gym')}") from None
+            self._pictures = RenderedPictures(self.maze)
+        return self._pictures
+
+    def _observed(self, rows: IntArray) -> np.ndarray:
+        if self.task.observation == "state":
+            return self._senses.state(rows)
+        light = [(row, self._light[row]) for row in rows.tolist()]
+        pictures, size = self._drawn(), self.task.size
+        drawn = [pictures.small(self.world.pictured(row), rng, size) for row, rng in light if rng is not None]
+        return np.stack(drawn)
+
+    def _info(self, rows: IntArray, ring: IntArray, arrived: np.ndarray) -> dict[str, np.ndarray]:
+        """ring: where the ball was seen last; time_s: of the rig; is_success: the same as success, as others call
+        it."""
+        seen = self._senses.unseen_s(rows) <= 0.0
+        return {
+            "ring": ring, "time_s": self._senses.t[rows], "seen": seen, "success": arrived,
+            "is_success": arrived.copy(),
+        }  # fmt: skip

@@ -1,0 +1,83 @@
+"""What an environment is asked to be, with all its choices."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+from mazeplan.core.errors import InputError, SettingsError
+from mazeplan.maze.geometry import Maze
+from mazeplan.run.resolve import ring_number
+
+OBSERVATIONS = ("state", "pixels")
+REWARDS = ("sparse", "dense")
+ANY = "any"  # ring to start in: drawn, but for the goal
+SIZES = (16, 480)  # px, of a picture's side
+STEPS = 600  # after which an episode is cut off: 20 s at 30 Hz, as for `navigate`
+
+
+@dataclass(frozen=True)
+class Task:
+    """map, rig: as `navigate` takes them; observation: "state" or "pixels"; reward: "sparse" or "dense"; start_ring: a
+    ring or "any", goal_ring: a ring (None: the innermost); start_angle_deg: None: drawn anew for each episode;
+    discount: the learner's, by which the dense reward is shaped; size: px, side of a picture. Raises SettingsError."""
+
+    map: str = "cme"
+    rig: str = "toy"
+    observation: str = "state"
+    reward: str = "sparse"
+    start_ring: int | str = 1
+    goal_ring: int | str | None = None
+    start_angle_deg: float | None = None
+    discount: float = 0.99
+    size: int = 96
+
+    def __post_init__(self) -> None:
+        for key in ("map", "rig"):
+            if not isinstance(getattr(self, key), str):
+                raise SettingsError(f"got {getattr(self, key)!r}, expected a name or a file", key=key)
+        for key, kinds in (("discount", int | float), ("size", int), ("start_angle_deg", int | float | None)):
+            if isinstance(value := getattr(self, key), bool) or not isinstance(value, kinds):
+                whole = "a whole number" if kinds is int else "a number"
+                raise SettingsError(f"got {value!r}, expected {whole}", key=key)
+        for key, known in (("observation", OBSERVATIONS), ("reward", REWARDS)):
+            if getattr(self, key) not in known:
+                raise SettingsError(f"got {getattr(self, key)!r}, expected {' or '.join(known)}", key=key)
+        if not 0.0 < self.discount <= 1.0:
+            raise SettingsError(f"got {self.discount!r}, expected 0 < discount <= 1", key="discount")
+        if not SIZES[0] <= self.size <= SIZES[1]:
+            raise SettingsError(f"got {self.size!r}, expected {SIZES[0]} to {SIZES[1]} px", key="size")
+        if self.start_angle_deg is not None and not math.isfinite(self.start_angle_deg):
+            raise SettingsError(f"got {self.start_angle_deg}, expected a finite number", key="start_angle_deg")
+
+    @classmethod
+    def of(cls, options: dict[str, Any]) -> Task:
+        """From keywords. Raises SettingsError for one that there is not."""
+        known = [field.name for field in fields(cls)]
+        for name in options:
+            if name not in known:
+                raise SettingsError(f"unknown option, expected one of {', '.join([*known, 'render_mode'])}", key=name)
+        return cls(**options)
+
+    def goal(self, maze: Maze) -> int:
+        """Number of the goal ring. Raises SettingsError."""
+        return len(maze.rings) if self.goal_ring is None else _ring("goal_ring", self.goal_ring, maze)
+
+    def starts(self, maze: Maze, ring: int | str | None = None) -> tuple[int, ...]:
+        """Numbers of the rings that an episode may begin in; ring: in the place of `start_ring`. Raises
+        SettingsError."""
+        goal, asked = self.goal(maze), self.start_ring if ring is None else ring
+        if asked == ANY:
+            return tuple(r.number for r in maze.rings if r.number != goal)
+        start = _ring("start_ring", asked, maze)
+        if start == goal:
+            raise SettingsError(f"got ring {start}, which is the goal", key="start_ring")
+        return (start,)
+
+
+def _ring(key: str, ring: int | str, maze: Maze) -> int:
+    try:
+        return ring_number(ring, maze)
+    except InputError as problem:
+        raise SettingsError(problem.problem, key=key) from None

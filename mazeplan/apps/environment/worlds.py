@@ -1,0 +1,103 @@
+"""The rigs behind environments: a fleet of simulated ones where that can be, else rigs one after another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Protocol
+
+import numpy as np
+
+from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.core.records import Array, IntArray, Observation
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.interface import Rig, check_ready, traits
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.sim.fleet import Fleet, Samples, fits
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.rigs.watchdog import watched
+
+
+class World(Protocol):
+    """N rigs, some of which (`rows`) are placed anew or go on by a sample. See `rigs.fleet.Fleet`."""
+
+    rate_hz: float
+
+    def reset(
+        self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
+    ) -> Samples:
+        """Place balls."""
+        ...
+
+    def step(self, rows: IntArray, commands: Array) -> Samples:
+        """Command tilts (len(rows), 2), rad, and wait for the next sample."""
+        ...
+
+    def pictured(self, row: int) -> Array:
+        """What the picture of the last sample shows, (5,), see `SimulatedRig.pictured`."""
+        ...
+
+    def close(self) -> None:
+        """Give everything back."""
+        ...
+
+
+class RigRow:
+    """Any rigs of one kind, one after another."""
+
+    def __init__(self, rigs: Sequence[Rig]) -> None:
+        self._rigs, self.rate_hz = list(rigs), rigs[0].rate_hz
+
+    def reset(
+        self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
+    ) -> Samples:
+        """See `World`."""
+        seen = []
+        for row, ring, theta, rng in zip(rows.tolist(), rings, thetas, rngs, strict=True):
+            self._rigs[row].reset(ring=ring, theta=theta, rng=rng)
+            seen.append(self._rigs[row].observe())
+        return _samples(seen)
+
+    def step(self, rows: IntArray, commands: Array) -> Samples:
+        """See `World`."""
+        seen = []
+        for row, command in zip(rows.tolist(), commands.tolist(), strict=True):
+            self._rigs[row].command(*command)
+            seen.append(self._rigs[row].observe())
+        return _samples(seen)
+
+    def pictured(self, row: int) -> Array:
+        """See `World`. Raises SettingsError for a rig that has no such pictures."""
+        look = traits(self._rigs[row]).pictured
+        if look is None:
+            raise SettingsError("got pixels, but this rig tells positions only; expected state", key="observation")
+        return look()
+
+    def close(self) -> None:
+        """Level and close all."""
+        for rig in self._rigs:
+            with suppress(RigError):  # one that fails now has said so before
+                rig.level()
+                rig.close()
+        self._rigs = []
+
+
+def _samples(seen: Sequence[Observation]) -> Samples:
+    table = np.array([(o.t, _number(o.x), _number(o.y), o.beta, o.gamma) for o in seen], dtype=float)
+    return Samples(*table.T)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def world_of(spec: str, maze: Maze, number: int, threads: int | None = None) -> World:
+    """N rigs of a name, file or class. Raises SettingsError."""
+    rig = make_rig(spec, maze)
+    if isinstance(rig, SimulatedRig) and fits(rig.settings, rig.maze):
+        return Fleet(rig.maze, rig.settings, number, threads)
+    rigs = [watched(rig), *(watched(make_rig(spec, maze)) for _ in range(number - 1))]
+    for one in rigs:
+        check_ready(one)
+    return RigRow(rigs)

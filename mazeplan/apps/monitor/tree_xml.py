@@ -1,0 +1,79 @@
+"""A tree that runs, as the XML that Groot2 asks for: each SubTree with its own path, each node with its number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
+
+from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.decorators import SubTree
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.palette import add_models, written
+from mazeplan.behavior.tree import BehaviorTree, parts_of
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One use of a tree: its name, the path of its SubTree (empty: the main tree), its root node, its blackboard."""
+
+    name: str
+    path: str
+    root: TreeNode
+    board: Blackboard
+
+    @property
+    def label(self) -> str:
+        """The name by which Groot2 asks for the blackboard."""
+        return self.path or self.name
+
+
+def instances(tree: BehaviorTree) -> tuple[Instance, ...]:
+    """The main tree, then each SubTree."""
+    paths = {id(node): path for (path, _), node in zip(tree.snapshot(), tree.nodes(), strict=True)}
+    subtrees = (node for node in tree.nodes() if isinstance(node, SubTree))
+    return (
+        Instance(tree.name, "", tree.root, tree.blackboard),
+        *(Instance(_name(node), paths[id(node)], node.parts[0], node.board) for node in subtrees),
+    )
+
+
+def tree_xml(tree: BehaviorTree) -> str:
+    """The tree with `_fullpath` and `_uid`; the number of a node is its place in `tree.nodes()`, from 1."""
+    numbers = {id(node): i for i, node in enumerate(tree.nodes(), 1)}
+    paths = {id(instance.root): instance.path for instance in instances(tree)}
+    root = etree.Element("root", BTCPP_format="4")
+    for instance in instances(tree):
+        top = etree.SubElement(root, "BehaviorTree", ID=instance.name, _fullpath=instance.path)
+        _add(top, instance.root, numbers, paths)
+    leaves = {type(node).__name__: type(node) for node in tree.nodes() if isinstance(node, Leaf)}
+    add_models(etree.SubElement(root, "TreeNodesModel"), leaves)
+    return etree.tostring(root, pretty_print=True, encoding="unicode")
+
+
+def _name(node: SubTree) -> str:
+    return str(node.values.get("ID", node.name))
+
+
+def _add(parent: Any, node: TreeNode, numbers: dict[int, int], paths: dict[int, str]) -> None:
+    element = etree.SubElement(parent, type(node).__name__)
+    if isinstance(node, SubTree):
+        element.set("ID", _name(node))
+        element.set("_fullpath", paths[id(node.parts[0])])
+    element.set("name", node.name)
+    element.set("_uid", str(numbers[id(node)]))
+    for name, text in _attributes(node):
+        element.set(name, text)
+    for child in () if isinstance(node, SubTree) else parts_of(node):
+        _add(element, child, numbers, paths)
+
+
+def _attributes(node: TreeNode) -> Iterator[tuple[str, str]]:
+    for port, value in node.values.items():
+        if port != "ID":
+            yield port, written(value)
+    for name, script in ({} if node.conditions is None else node.conditions.given).items():
+        yield name, script.text

@@ -1,0 +1,66 @@
+"""The palette of page and reports: colour, dashes, marker and hatch by the meaning of a thing.
+
+Colours are those of Okabe and Ito (Color Universal Design, 2008), some darkened until lines on white can be read
+(contrast 3 or more, but for the fills of what does not matter: skipped, idle). Things that are shown together differ in
+lightness, too, so that they stay apart printed grey, and for eyes that see two of the three colours. Because that alone
+is not enough in a thin line, a line also has its dashes, a point its marker, an area its hatch: use both.
+"""
+
+from __future__ import annotations
+
+COLOURS: dict[str, str] = {
+    # planned or commanded, and measured: theta, tilt
+    "planned": "#D55E00",
+    "real": "#004B79",
+    "commanded": "#D55E00",
+    "measured": "#004B79",
+    # an opening, a candidate, an error before and after
+    "good": "#008561",
+    "bad": "#7A2000",
+    "unsure": "#C28800",
+    "neutral": "#747474",
+    # rings from the outermost, each lighter than the one before
+    "ring1": "#000000",
+    "ring2": "#004B82",
+    "ring3": "#B04A00",
+    "ring4": "#009068",
+    "ring5": "#CC79A7",
+    # nodes of a tree
+    "running": "#005F99",
+    "success": "#2AA37C",
+    "failure": "#7A2000",
+    "skipped": "#B9B9B9",
+    "idle": "#E6E6E6",
+}
+
+# lengths of dash and gap in widths of the line; () is a solid line
+DASHES: dict[str, tuple[float, ...]] = {
+    "planned": (4.0, 1.5),
+    "commanded": (4.0, 1.5),
+    "bad": (4.0, 1.5),
+    "unsure": (1.0, 1.2),
+    "neutral": (1.0, 1.2),
+    "ring2": (5.0, 1.5),
+    "ring3": (1.0, 1.2),
+    "ring4": (5.0, 1.2, 1.0, 1.2),
+    "ring5": (8.0, 1.5),
+}
+
+# as Matplotlib writes them
+MARKERS: dict[str, str] = {
+    "planned": "s", "commanded": "s", "real": "o", "measured": "o", "good": "o", "bad": "X", "unsure": "^",
+    "neutral": ".", "ring1": "o", "ring2": "s", "ring3": "^", "ring4": "D", "ring5": "v", "running": ">",
+    "success": "o", "failure": "X", "skipped": "|", "idle": ".",
+}  # fmt: skip
+HATCHES: dict[str, str] = {"failure": "xxx", "bad": "xxx", "skipped": "...", "unsure": "//", "running": "//"}
+
+
+def dashes(name: str) -> tuple[float, ...]:
+    """Dash and gap of its line, in widths of the line; () when solid."""
+    return DASHES.get(name, ())
+
+
+def rgb(name: str) -> tuple[int, int, int]:
+    """Its colour as 0 .. 255 each of red, green, blue."""
+    colour = COLOURS[name]
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

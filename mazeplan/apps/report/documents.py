@@ -1,0 +1,273 @@
+"""The documents of evaluations and comparisons, as pydantic models, and what all models of documents share.
+
+A missing number (null) is NaN in a model. Unknown keys are ignored. Units are those of the files: SI.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetPydanticSchema,
+    StrictBool,
+    StrictInt,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)  # fmt: skip
+from pydantic_core import PydanticCustomError, core_schema
+
+from mazeplan.apps.report.words import KINDS
+from mazeplan.core.errors import InputError
+from mazeplan.core.records import Array
+from mazeplan.maze.yamltree import key_path
+
+
+def wrong(key: str, problem: str) -> PydanticCustomError:
+    """An error at a key inside the value that is being checked."""
+    return PydanticCustomError("document", "{problem}", {"problem": problem, "key": key})
+
+
+def counted(counts: Iterable[tuple[str, int, int, str]]) -> None:
+    """Refuse the first (key, number got, number expected, of what) whose numbers differ."""
+    for key, got, expected, words in counts:
+        if got != expected:
+            raise wrong(key, f"got {got} {words}, expected {expected}")
+
+
+def _through(kind: Any, convert: Any) -> Any:
+    """Check a value as `kind`, then convert it."""
+
+    def schema(_: Any, handler: Any) -> Any:
+        return core_schema.no_info_after_validator_function(convert, handler.generate_schema(kind))
+
+    return GetPydanticSchema(schema)
+
+
+def _table(rows: list[list[float]]) -> Array:
+    if len({len(row) for row in rows}) > 1:
+        raise wrong("", f"got rows of {sorted({len(row) for row in rows})} numbers, expected as many in each")
+    return np.array(rows, dtype=float) if rows else np.empty((0, 0))
+
+
+def alike(*names: str) -> AfterValidator:
+    """Lists under these names must be there, all as long."""
+
+    def check(lists: dict[str, Array]) -> dict[str, Array]:
+        for name in names:
+            if name not in lists:
+                raise wrong(name, "is not there")
+        lengths = sorted({len(lists[name]) for name in names})
+        if len(lengths) > 1:
+            raise wrong("", f"got lists of {lengths} numbers, expected as many in each")
+        return lists
+
+    return AfterValidator(check)
+
+
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Number = Annotated[float, _through(Real | None, lambda value: math.nan if value is None else value)]
+Row = Annotated[Array, _through(list[Number], lambda values: np.array(values, dtype=float))]
+Grid = Annotated[Array, _through(list[list[Number]], _table)]
+Scores = dict[str, Number]
+NullIsEmpty = BeforeValidator(lambda value: {} if value is None else value)
+
+
+class Document(BaseModel):
+    """Base of all models here."""
+
+    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
+
+
+# -- evaluate --json ---------------------------------------------------------------------------------------------------
+
+
+class RingTime(Document):
+    """Time in a ring."""
+
+    ring: StrictInt
+    time_s: Real
+
+
+class FailureEntry(Document):
+    """A failure, and where the ball was."""
+
+    kind: StrictStr
+    x: Number = math.nan
+    y: Number = math.nan
+
+
+class StartAngle(Document):
+    """Where the ball began."""
+
+    theta: Real
+
+
+class RunEntry(Document):
+    """One run of an evaluation."""
+
+    success: StrictBool
+    reason: StrictStr
+    time_s: Real
+    rings: list[RingTime]
+    failures: list[FailureEntry]
+    start: StartAngle | None = None
+
+
+class EvaluationSetup(Document):
+    """What was evaluated; `dict(setup)` has further keys, too. changes: runs that begin with a changed rig."""
+
+    model_config = ConfigDict(extra="allow")
+    rig: StrictStr | None = None
+    map: StrictStr | None = None
+    model: StrictStr | None = None
+    time_limit_s: Number = math.nan
+    changes: list[StrictInt] = []
+
+
+class LessonEntry(Document):
+    """What the model learned from one run; errors: rms of the acceleration expected before it."""
+
+    run: StrictInt
+    error_m_s2: Number = math.nan
+    fixed_error_m_s2: Number = math.nan
+    trusted: StrictBool = True
+    why_not: StrictStr | None = None
+
+
+class LearningDocument(Document):
+    """What a model learned, run by run."""
+
+    runs: list[LessonEntry] = []
+
+
+class EvaluationDocument(Document):
+    """Printed by `evaluate --json`."""
+
+    results: list[RunEntry] = Field(min_length=1)
+    setup: Annotated[EvaluationSetup, NullIsEmpty] = EvaluationSetup()
+    learning: Annotated[LearningDocument, NullIsEmpty] = LearningDocument()
+
+
+# -- compare --json ----------------------------------------------------------------------------------------------------
+
+
+class ResidualDocument(Document):
+    """Residual of the acceleration by cell of rate and angle. rate: edges of rows; mean, rms: by kind of model."""
+
+    rate: Row
+    count: Grid
+    mean: dict[str, Grid]
+    rms: dict[str, Grid]
+
+    @model_validator(mode="after")
+    def _shapes(self) -> ResidualDocument:
+        tables = {f"{name}.{kind}": t for name in ("mean", "rms") for kind, t in getattr(self, name).items()}
+        counted((key, len(t), len(self.rate) - 1, "rows") for key, t in {"count": self.count, **tables}.items())
+        counted((key, t.shape[1], self.count.shape[1], "columns") for key, t in tables.items())
+        return self
+
+
+class ConfidenceEntry(Document):
+    """How sure a kind of model is. below, above: band of 90 %; coverage: share of windows in it, by sample."""
+
+    rollouts: StrictInt
+    windows: StrictInt
+    below: Row
+    above: Row
+    coverage: Row
+    coverage20: Number
+    coverage40: Number
+    window: Annotated[dict[str, Row], alike("low", "middle", "high", "measured")]
+
+
+class ComparedRing(Document):
+    """Scores of kinds of models on one ring. rollout: mean error after "20" and "40" samples; bands: by sample."""
+
+    n_train: StrictInt | None = None
+    n_test: StrictInt | None = None
+    rates: StrictStr | None = None
+    delay_s: Number = math.nan
+    windows: StrictInt | None = None
+    windows_chosen: StrictStr = ""
+    blocks: dict[str, StrictInt | None] = {}
+    nrmse_train: Scores
+    nrmse_test: Scores
+    rollout: dict[str, Scores]
+    interval95: dict[str, dict[str, Row | None]] = {}
+    curve: dict[str, Grid] = {}
+    bands: dict[str, Annotated[dict[str, Row], alike("mean", "p10", "p90")]] = {}
+    residual: ResidualDocument | None = None
+    confidence: dict[str, ConfidenceEntry] = {}
+
+    @model_validator(mode="after")
+    def _steps(self) -> ComparedRing:
+        for kind, errors in self.rollout.items():
+            for step in ("20", "40"):
+                if not math.isfinite(errors.get(step, math.nan)):
+                    raise wrong(f"rollout.{kind}.{step}", "is not there")
+        return self
+
+    def interval(self, score: str, kind: str) -> tuple[float, float] | None:
+        """Ends of a 95 % interval; None where the document has none."""
+        found = self.interval95.get(score, {}).get(kind)
+        return None if found is None else (float(found[0]), float(found[1]))
+
+
+Comparison = Mapping[int, ComparedRing]  # by ring
+
+
+def kinds(document: Comparison, part: str) -> list[str]:
+    """Kinds of models with scores in any ring, in the paper's order. part: a field of `ComparedRing`."""
+    found = {kind for scores in document.values() for kind in getattr(scores, part)}
+    return [kind for kind in KINDS if kind in found] + sorted(found - set(KINDS))
+
+
+def best_kind(document: Comparison) -> str:
+    """The kind with the least mean test nRMSE of all rings; empty without scores."""
+    rings = list(document.values())
+    means = {
+        kind: np.mean([scores.nrmse_test.get(kind, math.nan) for scores in rings])
+        for kind in kinds(document, "nrmse_test")
+    }
+    finite = {kind: mean for kind, mean in means.items() if math.isfinite(mean)}
+    return min(finite, key=lambda kind: finite[kind]) if finite else ""
+
+
+# -- checks ------------------------------------------------------------------------------------------------------------
+
+EXPECTED = {
+    "model_type": "an object", "model_attributes_type": "an object", "dict_type": "an object", "list_type": "a list",
+    "string_type": "text", "bool_type": "true or false", "int_type": "a whole number", "float_type": "a finite number",
+    "finite_number": "a finite number",
+}  # fmt: skip
+
+
+def checked(model: Any, document: Any, path: Path, place: tuple[str | int, ...] = ()) -> Any:
+    """The document as `model`. place: keys that lead to it in its file. Raises InputError at the first problem."""
+    try:
+        return TypeAdapter(model).validate_python(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+    context, kind = first.get("ctx", {}), first["type"]
+    key = ".".join(part for part in (key_path((*place, *first["loc"])), context.get("key", "")) if part)
+    if kind == "document":
+        problem = context["problem"]
+    elif kind == "missing":
+        problem = "is not there"
+    elif kind == "too_short":
+        problem = f"got no {'runs' if key == 'results' else key}, expected one or more"
+    else:
+        problem = f"got {json.dumps(first['input'], default=str)[:40]}, expected {EXPECTED.get(kind, first['msg'])}"
+    raise InputError(problem, file=path, key=key)

@@ -1,0 +1,107 @@
+"""What pictures share: lines, points and areas in the palette's styles, a maze to draw over, and legends.
+
+Everything that differs in colour also differs in dashes, marker or hatch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.apps.palette import COLOURS, HATCHES, MARKERS, dashes
+from mazeplan.maze.drawing import draw_maze
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from mazeplan.core.records import Array
+    from mazeplan.maze.geometry import Maze
+
+INK = "#1c1f24"
+SERIES = ("real", "ring3", "ring4", "ring5", "ring1")  # of evaluations beside each other
+KIND_STYLES = {"rf": "neutral", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
+               "model": "ring2"}  # fmt: skip
+FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
+
+
+def line(name: str, **more: Any) -> dict[str, Any]:
+    """Keywords of Matplotlib for the line of a name of the palette."""
+    pattern = dashes(name)
+    style: Any = (0, pattern) if pattern else "-"
+    return {"color": COLOURS[name], "linestyle": style, "linewidth": 1.4, **more}
+
+
+def points(name: str, **more: Any) -> dict[str, Any]:
+    """Keywords for its points alone."""
+    edge = {"markeredgecolor": "white", "markeredgewidth": 0.4}
+    return {"color": COLOURS[name], "marker": MARKERS[name], "linestyle": "none", "markersize": 5.0, **edge, **more}
+
+
+def area(name: str, **more: Any) -> dict[str, Any]:
+    """Keywords for a filled area of it."""
+    return {"facecolor": COLOURS[name], "edgecolor": "white", "hatch": HATCHES.get(name, ""), "linewidth": 0.0, **more}
+
+
+def failure_mark(marker: str, **more: Any) -> dict[str, Any]:
+    """Keywords for the marker of a failure."""
+    edge = {"markeredgecolor": "white", "markeredgewidth": 0.9}
+    return {"marker": marker, "color": COLOURS["failure"], "ls": "none", "markersize": 8.0, "zorder": 8, **edge, **more}
+
+
+def series(number: int) -> str:
+    """The palette's name for one of several evaluations."""
+    return SERIES[number % len(SERIES)]
+
+
+def darker(name: str = "viridis", first: float = 0.0, last: float = 0.88) -> Any:
+    """A colour map without the end that white paper hides; grey printing keeps its order."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps[name](np.linspace(first, last, 256)))
+
+
+def plan_view(axes: Axes, maze: Maze, points: Array, *, labels: bool = True) -> None:
+    """A maze without its ball to draw over, in mm; its ring numbers keep away from points (N, 2), m."""
+    draw_maze(maze, axes, labels=labels, path=points, ball=False)
+
+
+def sector_map(
+    axes: Axes, rings: Iterable[tuple[float, float]], values: Sequence[Array], start: float, top: float, cmap: Any
+) -> Any:
+    """Colour the sectors of rings (inner and outer radius, m) by their values, one array a ring; NaN stays white.
+
+    start: angle of the first sector, deg; top: value of the last colour."""
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Wedge
+
+    patches = [
+        Wedge((0, 0), 1e3 * outer, start + j * 360.0 / len(row), start + (j + 1) * 360.0 / len(row),
+              width=1e3 * (outer - inner))
+        for (inner, outer), row in zip(rings, values, strict=True) for j in range(len(row))
+    ]  # fmt: skip
+    drawn = PatchCollection(patches, cmap=cmap, linewidths=0, zorder=1.5)
+    drawn.set_array(np.ma.masked_invalid(np.concatenate(values)))
+    drawn.set_clim(0.0, top)
+    return axes.add_collection(drawn)
+
+
+def beside(figure: Figure, widths: tuple[float, ...]) -> list[Axes]:
+    """Panels beside each other."""
+    found = figure.subplots(1, len(widths), gridspec_kw={"width_ratios": widths}, squeeze=False)
+    return list(found[0])
+
+
+def legend_beside(axes: Axes, **more: Any) -> None:
+    """A legend to the right of the panel."""
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), **more)
+
+
+def nothing(axes: Axes, why: str) -> None:
+    """Say in an empty panel why it is empty."""
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=COLOURS["neutral"])

@@ -1,0 +1,131 @@
+"""A model folder judged on logs that it has not seen: the scores of `compare`, for the model and the bare equation.
+
+Samples are those of `compare` by default: rates and accelerations smoothed (Savitzky-Golay, window 9), the tilt from
+the camera's delay before. A filter with the model estimates the state at the start of a roll-out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazeplan.apps.report import words
+from mazeplan.apps.report.documents import ComparedRing, Comparison
+from mazeplan.apps.report.page import PageTable
+from mazeplan.core.errors import InputError
+from mazeplan.core.logs.table import Table
+from mazeplan.core.records import Array
+from mazeplan.learning.features import inputs
+from mazeplan.learning.modelfile import RigModel, model_document
+from mazeplan.learning.rig_gp import planned
+from mazeplan.learning.ring_scores import residual_map
+from mazeplan.learning.rollout import CHECKED, PAST, angle_noise, causal_start, choose_windows, roll_out
+from mazeplan.learning.samples import RingSamples, SampleOptions, joined, ring_samples
+from mazeplan.learning.smoothing import Smoothing
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
+
+MISFIT = 0.5  # of the spread of theta_dd: what the filter that finds a roll-out's start expects of any model
+FEWEST = 50  # samples of a ring
+Predict = Callable[[RingKinematics], Array]
+
+
+def predictors(model: RigModel, ring: int) -> dict[str, Predict]:
+    """theta_dd by the model, as planner and estimator have it, and by the bare equation (p)."""
+    ball, process = model.ball(ring), model.processes.get(ring)
+
+    def learned(k: RingKinematics) -> Array:
+        if process is None:
+            return ball.acceleration(k)
+        base = kinematic_terms(k) if model.kind == "np" else planned(ball, k)
+        return base + process.mean(inputs(k))
+
+    return {"p": BallModel((rolling_inertia(1.0),)).acceleration, "model": learned}
+
+
+def judged(model: RigModel, tables: Sequence[Table], maze: Maze) -> Comparison:
+    """Scores of each ring. Raises InputError where no ring has enough samples."""
+    found: dict[int, list[RingSamples]] = {}
+    for table in tables:
+        options = SampleOptions(delay=model.camera_delay, rates="smoothed")
+        for ring, part in ring_samples(table, maze, Smoothing(window=9), options).items():
+            found.setdefault(ring, []).append(part)
+    out = {}
+    for ring, parts in sorted(found.items()):
+        samples = joined(parts)
+        if int(samples.good.sum()) >= FEWEST:
+            out[ring] = _ring(model, ring, samples, maze)
+    if not out:
+        raise InputError(f"no ring has {FEWEST} samples in the logs that the model is to be judged on")
+    return out
+
+
+def _ring(model: RigModel, ring: int, samples: RingSamples, maze: Maze) -> ComparedRing:
+    rows = np.flatnonzero(samples.good)
+    k, truth = samples.at(rows), samples.theta_ddot[rows]
+    ways = predictors(model, ring)
+    left = {kind: truth - way(k) for kind, way in ways.items()}
+    spread = max(float(np.std(truth)), 1e-300)
+    openings = np.array([opening.angle for opening in maze.openings_of(ring)])
+    # the filter that finds a roll-out's start looks back, and must find nothing missing there
+    bad = np.concatenate([[0], np.cumsum(~samples.good)])
+    row = np.arange(len(samples))
+    windows = choose_windows(samples, (bad[row + 1] == bad[np.maximum(row - PAST, 0)]) & (row >= PAST), openings)
+    rollout, bands = {}, {}
+    for kind, way in ways.items() if len(windows) else ():
+        theta, rate, _ = causal_start(way, samples, windows.start, angle_noise(samples), MISFIT * spread)
+        done = roll_out(way, samples, windows.start, theta, rate)
+        rollout[kind] = {str(n): done.after(n) for n in CHECKED}
+        bands[kind] = done.bands()
+    return ComparedRing.model_validate({
+        "n_train": 0, "n_test": len(rows), "rates": "smoothed", "delay_s": round(model.camera_delay, 4),
+        "windows": len(windows), "windows_chosen": windows.chosen, "nrmse_train": {},
+        "nrmse_test": {kind: float(np.sqrt(np.mean(e**2)) / spread) for kind, e in left.items()},
+        "rollout": rollout, "bands": bands, "residual": residual_map(k.theta, k.theta_dot, left).document(),
+    })  # fmt: skip
+
+
+def effects_table(model: RigModel) -> PageTable:
+    """The effects of each ring in the model's file."""
+    rings = model_document(model)["rings"]
+    names = list(dict.fromkeys((effect, p) for found in rings.values() for effect, ps in found.items() for p in ps))
+    rows = []
+    for effect, parameter in names:
+        entries = [found.get(effect, {}).get(parameter) for found in rings.values()]
+        unit = next(entry["unit"] for entry in entries if entry)
+        shown = words.in_unit(0.0, unit)[1]
+        label = f"{words.spoken(effect)}: {words.parameter(effect, parameter)}" + (f", {shown}" if shown else "")
+        cells = [words.MISSING if e is None else _entry(e, shown) for e in entries]
+        rows.append([label, *cells, f"{effect}.{parameter}"])
+    head = ("", *(f"ring {ring}" for ring in rings), "name")
+    return PageTable("Effects, value ± standard error", head, rows, code=frozenset({len(head) - 1}))
+
+
+def _entry(entry: dict[str, Any], unit: str) -> str:
+    """Without the unit, which is at the head of its row."""
+    return words.measured(entry["value"], entry.get("stderr"), entry["unit"]).removesuffix(f"{words.HARD}{unit}")
+
+
+def learned_from(model: RigModel, logs: Sequence[Path]) -> list[str]:
+    """Names of the logs that the model was learned from: by their content if its file has that, else by name."""
+    data = [entry for entry in model.data if isinstance(entry, dict)]
+    prints = {str(entry["sha256"]) for entry in data if entry.get("sha256")}
+    names = {Path(str(entry["file"])).name for entry in data if entry.get("file") and not entry.get("sha256")}
+    return [log.name for log in logs if log.name in names or sha256(log.read_bytes()).hexdigest() in prints]
+
+
+def model_facts(model: RigModel, folder: Path) -> list[tuple[str, str]]:
+    """Kind, delay and data of the model."""
+    facts = [
+        ("model", folder.name),
+        ("kind", words.kind(model.kind)),
+        ("camera late by", f"{1e3 * model.camera_delay:.1f} ms"),
+    ]
+    files = [str(entry["file"]) for entry in model.data if isinstance(entry, dict) and entry.get("file")]
+    return [*facts, *([("learned from", ", ".join(files))] if files else [])]

@@ -1,0 +1,344 @@
+"""The report of models: kinds of models compared (`compare --json`), or one model folder judged on logs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.apps.report import published, words
+from mazeplan.apps.report.confidence import confidence_parts
+from mazeplan.apps.report.documents import ComparedRing, Comparison, ResidualDocument, best_kind, kinds
+from mazeplan.apps.report.drawing import (
+    INK,
+    KIND_STYLES,
+    darker,
+    legend_beside,
+    line,
+    plan_view,
+    points,
+    sector_map,
+)  # fmt: skip
+from mazeplan.apps.report.inputs import Input
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
+from mazeplan.apps.report.run_record import maze_of
+from mazeplan.apps.report.words import DEG, KINDS, MISSING
+from mazeplan.core.errors import InputError
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.records import Array
+from mazeplan.learning.split import BLOCKS, TOO_FEW, WINDOWS, enough
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INTERVALS = (
+    "Intervals are percentiles over test rows drawn in whole blocks again and again. The error is divided by the "
+    "spread of the rows drawn, which is less where a block is drawn twice: with few blocks an interval may begin at "
+    f"its number, or lie above it. Fewer than {BLOCKS} blocks, or {WINDOWS} windows of roll-outs, are too few to say "
+    "how sure a number is."
+)
+SLASH = f"{words.HARD}/{words.HARD}"
+MOST_DRAWN = 2.0  # nRMSE; the axis ignores larger ones
+MAPS_SHOWN = 3  # kinds of models beside each other
+
+
+def models_section(given: Input) -> PageSection:
+    """Everything about a comparison. Raises InputError for rings that the maze lacks."""
+    document, maze = given.document, load_map("cme")
+    if max(document) > len(maze.rings):
+        raise InputError(f"got ring{max(document)}, expected ring1 to ring{len(maze.rings)}", file=given.path)
+    parts: list[Any] = [_accelerations(document), _rollouts(document), *confidence_parts(document)]
+    if any(scores.interval95 for scores in document.values()):
+        parts.insert(1, Note(INTERVALS))
+    parts += models_pictures(document, maze)
+    if not any(scores.curve for scores in document.values()):
+        parts.append(Note("Learning curves are in the document of", "mazeplan compare LOG... --curve FILE.png --json"))
+    if not any(scores.residual for scores in document.values()):
+        parts.append(Note("A document without residuals over the maze and bands is of an older version."))
+    first, facts = next(iter(document.values())), [("rings", ", ".join(map(str, document)))]
+    if first.rates is not None:
+        facts.append(("rates", first.rates))
+    if math.isfinite(first.delay_s):
+        facts.append(("ball behind the tilt", f"{first.delay_s:g} s"))
+    return PageSection(f"Models, {given.name}", _lead(document), facts, parts)
+
+
+def model_section(folder: Path, logs: Sequence[Path]) -> PageSection:
+    """A model folder, and its scores on logs, if there are any. Raises InputError."""
+    from mazeplan.apps.report.learned import effects_table, judged, learned_from, model_facts
+    from mazeplan.core.logs.table import read_table
+    from mazeplan.learning.modelfile import load_model
+
+    model, facts = load_model(folder), model_facts(load_model(folder), folder)
+    if not logs:
+        note = Note("Give logs with the model to see how well it predicts them:",
+                    "mazeplan report MODEL LOG... -o FILE.html")  # fmt: skip
+        lead = f"Kind of model: {words.kind(model.kind)}."
+        return PageSection(f"Model {folder.name}", lead, facts, [effects_table(model), note])
+    run = next((log for log in logs if log.suffix.lower() == ".mcap"), None)
+    maze, names = load_map("cme") if run is None else maze_of(read_log(run)), ", ".join(log.name for log in logs)
+    document = judged(model, [read_table(log) for log in logs], maze)
+    parts = [_accelerations(document), _rollouts(document), effects_table(model)]
+    scores = [f"{s.nrmse_test['model']:.3f} in ring {ring}" for ring, s in document.items()]
+    lead = f"Relative error of the angular acceleration (nRMSE): {', '.join(scores)}"
+    if seen := learned_from(model, logs):
+        lead += f". Beware: the model was learned from {', '.join(seen)} itself, so that it looks better than it is"
+    parts += models_pictures(document, maze, "model")
+    return PageSection(f"Model {folder.name} on {names}", f"{lead}.", [*facts, ("judged on", names)], parts)
+
+
+def _lead(document: Comparison) -> str:
+    best = best_kind(document)
+    if not best:
+        return "No kind of model could be scored."
+    scores = [f"{s.nrmse_test[best]:.3f} in ring {ring}" for ring, s in document.items()]
+    others = []
+    for ring, s in document.items():
+        finite = {kind: value for kind, value in s.nrmse_test.items() if math.isfinite(value)}
+        first = min(finite, key=lambda kind: finite[kind])
+        if finite[first] < finite[best]:
+            others.append(f"in ring {ring} {KINDS.get(first, first)}, {finite[first]:.3f}")
+    return (
+        f"Predicts the acceleration best{'' if len(document) == 1 else ' on average'}: {KINDS.get(best, best)}. "
+        f"Relative error on test rows (nRMSE): {', '.join(scores)}."
+        + (f" Better there: {'; '.join(others)}." if others else "")
+    )
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+
+def _scores_table(
+    title: str, head: Sequence[str], columns: list[str], labels: dict[int, str],
+    value: Callable[[int, str], float], text: Callable[[int, str], str], paper: list[list[str]], bold: str,
+) -> PageTable:  # fmt: skip
+    """Rings (labels of rows) by kinds (columns), the least value of each row bold; published scores below."""
+    rows, strong = [], set()
+    for i, (ring, label) in enumerate(labels.items()):
+        values = [value(ring, kind) for kind in columns]
+        rows.append([label, *(text(ring, kind) for kind in columns)])
+        if np.isfinite(values).any():
+            strong.add((i, 1 + int(np.nanargmin(values))))
+    title += "; published: test, on the paper's rig" if paper else ""
+    title += f"; bold: least {bold}" if strong else ""
+    return PageTable(title, ("", *head), [*rows, *paper], frozenset(strong))
+
+
+def _paper(columns: list[str], rings: Comparison, table: dict[str, Any], text: Callable[[Any], str]) -> list[list[str]]:
+    """Published scores, of other data: rows of the same form."""
+    rows = []
+    for ring in rings:
+        known = {kind: table[kind][ring - 1] for kind in columns if ring <= len(table.get(kind, ()))}
+        if known:
+            cells = [text(known[kind]) if kind in known else MISSING for kind in columns]
+            rows.append([f"published, ring {ring}", *cells])
+    return rows
+
+
+def _accelerations(document: Comparison) -> PageTable:
+    """The paper's first table."""
+    columns = kinds(document, "nrmse_test")
+
+    def test(ring: int, kind: str) -> float:
+        return document[ring].nrmse_test.get(kind, math.nan)
+
+    def text(ring: int, kind: str) -> str:
+        scores = document[ring]
+        train, interval = scores.nrmse_train.get(kind, math.nan), scores.interval("nrmse_test", kind)
+        before = f"{words.number(train, 3)}{SLASH}" if math.isfinite(train) else ""
+        band = ""
+        if interval is not None and not enough(blocks=scores.blocks.get("test")):
+            band = f"\n{TOO_FEW}"
+        elif interval is not None and np.isfinite(interval).all():
+            band = f"\n[{interval[0]:.2f},{words.HARD}{interval[1]:.2f}]"
+        return f"{before}{words.number(test(ring, kind), 3)}{band}"
+
+    title = "Relative error of the angular acceleration (nRMSE)"
+    if any(scores.nrmse_train for scores in document.values()):
+        title += ", train / test" + (", [95 % interval]" if any(s.interval95 for s in document.values()) else "")
+    return _scores_table(
+        title, [words.kind(kind) for kind in columns], columns,
+        {ring: f"ring {ring}: {_rows(scores)}" for ring, scores in document.items()}, test, text,
+        _paper(columns, document, published.NRMSE, lambda value: f"{value:.2f}"), "on test rows",
+    )  # fmt: skip
+
+
+def _rows(scores: ComparedRing) -> str:
+    train, test = ("?" if n is None else n for n in (scores.n_train, scores.n_test))
+    blocks, text = scores.blocks.get("test"), f"{test} to test"
+    if blocks is not None and not enough(blocks=blocks):
+        text += f" in {blocks} block{'' if blocks == 1 else 's'}"
+    return f"{train} rows, {text}" if train != 0 else text
+
+
+def _rollouts(document: Comparison) -> PageTable:
+    """The paper's second table."""
+    columns = kinds(document, "rollout")
+
+    def text(ring: int, kind: str) -> str:
+        errors = document[ring].rollout.get(kind)
+        return _degrees(errors["20"], errors["40"]) if errors else MISSING
+
+    labels = {
+        ring: f"ring {ring}: {'?' if s.windows is None else s.windows} windows, {s.windows_chosen}"
+        for ring, s in document.items() if s.rollout
+    }  # fmt: skip
+    return _scores_table(
+        "Mean absolute error of the angle after 20 / 40 samples, deg", [KINDS.get(kind, kind) for kind in columns],
+        columns, labels, lambda ring, kind: document[ring].rollout.get(kind, {}).get("40", math.nan), text,
+        _paper(columns, document, published.ROLLOUT, lambda pair: _degrees(*pair)), "after 40",
+    )  # fmt: skip
+
+
+def _degrees(early: float, late: float) -> str:
+    return SLASH.join(words.number(DEG * value, 1) for value in (early, late))
+
+
+# -- pictures ----------------------------------------------------------------------------------------------------------
+
+
+def around(residual: ResidualDocument, kind: str) -> Array:
+    """Root mean square residual of a kind in each cell of angle (A,), all rates together, rad/s^2."""
+    rms = residual.rms[kind]
+    count = np.where(np.isfinite(rms), residual.count, 0.0)
+    total = count.sum(axis=0)
+    power = np.sum(count * np.nan_to_num(rms) ** 2, axis=0)
+    return np.sqrt(np.divide(power, total, out=np.full(len(total), math.nan), where=total > 0))
+
+
+def models_pictures(document: Comparison, maze: Maze, main: str = "") -> list[PagePicture]:
+    """The pictures for which the document has numbers; main: the kind that is looked at, by default the best."""
+    main = main or best_kind(document)
+    found, width = [], min(12.0, 1.4 + 2.7 * len(document))
+    if any(scores.curve for scores in document.values()):
+        found.append(
+            PagePicture(
+                "learning", "Learning curves", "relative test error against the number of training rows, by ring",
+                partial(_learning, document=document), (width, 3.2),
+            )
+        )  # fmt: skip
+    if any(scores.bands for scores in document.values()):
+        found.append(
+            PagePicture(
+                "rollouts", "How far roll-outs are off: mean, and from 10 to 90 % of the windows",
+                "absolute error of the angle against the number of samples rolled out, by ring",
+                partial(_rollout_errors, document=document), (width, 3.2),
+            )
+        )  # fmt: skip
+    residuals = {ring: scores.residual for ring, scores in document.items() if scores.residual}
+    if residuals:
+        have = list(next(iter(residuals.values())).rms)
+        wanted = dict.fromkeys(kind for kind in ("p", "pi", main, "np") if kind in have)
+        shown = list(wanted or have)[:MAPS_SHOWN]
+        found += [
+            PagePicture(
+                "residual-maze", "Residual of the acceleration, over the maze (white: too few samples)",
+                "root mean square residual by ring and angle, over the plan of the maze",
+                partial(_over_maze, residuals=residuals, maze=maze, shown=shown), (1.0 + 3.7 * len(shown), 4.4),
+            ),
+            PagePicture(
+                "residual-rings", f"Mean residual in each ring, by angle and speed: {KINDS.get(main, main)}",
+                "heat map of the mean residual against angle and rate, a panel a ring",
+                partial(_heat, residuals=residuals, kind=main), (9.0, 1.0 + 1.75 * len(residuals)),
+            ),
+        ]  # fmt: skip
+    return found
+
+
+def _learning(figure: Figure, document: Comparison) -> None:
+    panels, top = figure.subplots(1, len(document), sharey=True, squeeze=False)[0], 0.1
+    for axes, (ring, scores) in zip(panels, document.items(), strict=True):
+        rows: set[float] = set()
+        for kind in kinds(document, "curve"):
+            last = (math.nan if scores.n_train is None else scores.n_train, scores.nrmse_test.get(kind, math.nan))
+            n, y = np.array([*scores.curve.get(kind, np.empty((0, 2))), last]).T
+            rows |= {value for value in n if value and math.isfinite(value)}
+            top = max([top, *y[y < MOST_DRAWN]])
+            name = KIND_STYLES.get(kind, "neutral")
+            axes.plot(n, y, **{**points(name, markersize=4.5), **line(name)}, label=KINDS.get(kind, kind))
+        axes.set_xscale("log")
+        axes.set_xticks(sorted(rows), [f"{n:g}" for n in sorted(rows)], rotation=45)
+        axes.minorticks_off()
+        axes.set_title(f"ring {ring}")
+        axes.set_xlabel("training rows")
+        axes.grid()
+    panels[0].set_ylim(0.0, 1.05 * top)
+    panels[0].set_ylabel("relative error of the angular\nacceleration on test rows (nRMSE)")
+    legend_beside(panels[-1])
+
+
+def _rollout_errors(figure: Figure, document: Comparison) -> None:
+    bands = {ring: scores.bands for ring, scores in document.items() if scores.bands}
+    panels, top = figure.subplots(1, len(bands), sharey=True, squeeze=False)[0], 0.0
+    for axes, (ring, by_kind) in zip(panels, bands.items(), strict=True):
+        for kind in (kind for kind in kinds(document, "bands") if kind in by_kind):
+            mean, low, high = (DEG * by_kind[kind][name] for name in ("mean", "p10", "p90"))
+            k, name = np.arange(len(mean)), KIND_STYLES.get(kind, "neutral")
+            axes.plot(k, mean, **line(name), label=KINDS.get(kind, kind))
+            axes.plot(k[10::10], mean[10::10], **points(name))
+            if kind != "npd":  # it leaves the picture
+                axes.fill_between(k, low, high, color=COLOURS[name], alpha=0.16, lw=0)
+                top = max(top, float(np.nanmax(high)))
+        axes.set_title(f"ring {ring}")
+        axes.set_xlabel("samples rolled out")
+        axes.grid()
+    panels[0].set_ylabel("error of the angle, deg")
+    panels[0].set_ylim(0.0, 1.05 * top if top > 0.0 else None)
+    _mark_leaving(panels, 1.05 * top)
+    legend_beside(panels[-1])
+
+
+def _mark_leaving(panels: Any, top: float) -> None:
+    """An arrow at the upper edge where a line goes beyond it."""
+    for axes in panels:
+        for drawn in list(axes.lines):
+            x, y = (np.asarray(values, dtype=float) for values in drawn.get_data())
+            above = np.flatnonzero(y > top)
+            if drawn.get_linestyle() != "None" and top > 0.0 and len(above):
+                axes.plot(x[above[0]], 0.98 * top, marker="^", color=drawn.get_color(), ms=6, clip_on=False, ls="none")
+
+
+def _over_maze(figure: Figure, residuals: dict[int, ResidualDocument], maze: Maze, shown: list[str]) -> None:
+    panels: Any = figure.subplots(1, len(shown), squeeze=False)[0]
+    values = {kind: [around(residual, kind) for residual in residuals.values()] for kind in shown}
+    top = float(np.nanpercentile(np.concatenate([row for rows in values.values() for row in rows]), 98.0))
+    rings = [(maze.ring(ring).inner_radius, maze.ring(ring).outer_radius) for ring in residuals]
+    drawn: Any = None
+    for axes, kind in zip(panels, shown, strict=True):
+        plan_view(axes, maze, np.empty((0, 2)), labels=False)
+        drawn = sector_map(axes, rings, values[kind], 0.0, top, darker("inferno_r", 0.06, 1.0))
+        axes.set_title(KINDS.get(kind, kind))
+    bar = figure.colorbar(drawn, ax=list(panels), shrink=0.75, extend="max", aspect=30)
+    bar.set_label("measured less predicted,\nroot mean square, rad/s²")
+
+
+def _heat(figure: Figure, residuals: dict[int, ResidualDocument], kind: str) -> None:
+    panels = figure.subplots(len(residuals), 1, sharex=True, squeeze=False)[:, 0]
+    tables = list(residuals.values())
+    kind = kind if all(kind in table.mean for table in tables) else next(iter(tables[0].mean))
+    top = max(float(np.nanpercentile(np.abs(np.concatenate([t.mean[kind].ravel() for t in tables])), 97.0)), 1e-6)
+    drawn: Any = None
+    for axes, (ring, table) in zip(panels, residuals.items(), strict=True):
+        mean = table.mean[kind]
+        angle, row = np.linspace(0.0, 360.0, mean.shape[1] + 1), np.arange(len(table.rate))
+        drawn = axes.pcolormesh(angle, row, np.ma.masked_invalid(mean), cmap="PuOr_r", vmin=-top, vmax=top)
+        axes.patch.set(facecolor="white", edgecolor="#c4c4c4", hatch="//////")
+        # grey printing shows how large, not which way
+        for j, i in zip(*np.nonzero(np.abs(mean) > 0.35 * top), strict=True):
+            ink = "white" if abs(mean[j, i]) > 0.65 * top else INK
+            axes.text(0.5 * (angle[i] + angle[i + 1]), j + 0.5, "+" if mean[j, i] > 0 else "−", color=ink, ha="center",
+                      va="center", fontsize=7)  # fmt: skip
+        axes.axhline(0.5 * row[-1], color=INK, lw=0.6)
+        axes.set_ylabel(f"ring {ring}\nspeed, rad/s")
+        axes.set_yticks(row, [f"{v:.1f}" for v in table.rate], fontsize=7.5)
+    panels[-1].set_xticks(range(0, 361, 45))
+    panels[-1].set_xlabel("angle of the ball, deg   (speed: angular; hatched: too few samples)")
+    bar = figure.colorbar(drawn, ax=list(panels), extend="both", aspect=40)
+    bar.set_label("measured less predicted, mean, rad/s²")

@@ -1,0 +1,189 @@
+"""Write a page: sections of tables and pictures as one HTML file that loads nothing and runs nothing.
+
+Pictures are SVG, in print as sharp as text; an SVG above SVG_MOST is replaced by a PNG. The template (Jinja2) escapes
+all text, and a Content-Security-Policy forbids loading from elsewhere.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.report.words import HARD
+from mazeplan.core.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SVG_MOST = 400_000  # bytes
+DPI = 160
+STYLE: Any = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.linewidth": 0.7,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "hatch.linewidth": 0.6,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "svg.fonttype": "path",  # the same picture on every machine
+    "svg.hashsalt": "mazeplan",  # the same picture, the same file
+}
+NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
+LETTERS = re.compile(r"[^\W\d_]+")
+AMONG_FIGURES = frozenset(["e", "of", "to", "s", "ms", "mm", "m", "deg", "rad", "Hz"])
+LONGEST = 60  # characters of a cell that stays in one line
+UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
+NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+
+
+@dataclass(frozen=True)
+class PagePicture:
+    """name: of its files; alt: description in words; draw: draws into a figure; size: inches; automatic: whether a
+    layout engine places its parts."""
+
+    name: str
+    title: str
+    alt: str
+    draw: Callable[[Figure], None]
+    size: tuple[float, float] = (9.0, 3.4)
+    automatic: bool = True
+
+    def files(self, png: bool = True) -> tuple[bytes, bytes]:
+        """SVG, and PNG if `png`, or the SVG is too large, else empty."""
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+
+        with rc_context(STYLE):
+            figure = Figure(figsize=self.size, layout="constrained" if self.automatic else None)
+            self.draw(figure)
+            svg, points = io.BytesIO(), io.BytesIO()
+            figure.savefig(svg, format="svg", metadata=NO_METADATA)
+            if png or svg.tell() > SVG_MOST:
+                figure.savefig(points, format="png", dpi=DPI)
+        return svg.getvalue(), points.getvalue()
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """head: of its columns; rows: of text, smaller from the second line of a cell on; strong: (row, column) of bold
+    cells; code: columns of names to type."""
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    strong: frozenset[tuple[int, int]] = frozenset()
+    code: frozenset[int] = frozenset()
+
+    @property
+    def numeric(self) -> set[int]:
+        """Columns of numbers alone, with or without a unit, which the page aligns right."""
+        columns = list(zip(*self.rows, strict=True))
+        return {i for i, cells in enumerate(columns) if all(NUMBER.fullmatch(cell) for cell in cells) and any(cells)}
+
+
+@dataclass(frozen=True)
+class Note:
+    """A paragraph; code: a command to type."""
+
+    text: str
+    code: str = ""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A numbered list of instructions."""
+
+    caption: str
+    notes: Sequence[Note]
+
+
+@dataclass(frozen=True)
+class PageSection:
+    """lead: the result in a sentence; facts: (name, value) of the input; parts: in their order."""
+
+    title: str
+    lead: str
+    facts: Sequence[tuple[str, str]]
+    parts: Sequence[PagePicture | PageTable | Note | Steps]
+
+
+def write_page(path: Path, title: str, sections: Sequence[PageSection], pictures: Path | None = None) -> None:
+    """Write the page, and each picture as PNG and SVG into the folder `pictures`. Raises InputError for a path that
+    cannot be written."""
+    shown, stems = [], set[str]()
+    for number, section in enumerate(sections, start=1):
+        parts = []
+        for part in section.parts:
+            if not isinstance(part, PagePicture):
+                parts.append({"kind": type(part).__name__, "part": part})
+                continue
+            svg, png = part.files(png=pictures is not None)
+            parts.append({"kind": "PagePicture", "part": part, "source": _data(svg, png)})
+            if pictures is not None:
+                _save(pictures, _stem(part.name, number if len(sections) > 1 else 0, stems), svg, png)
+        shown.append({"section": section, "parts": parts})
+    text = _template().render(title=title, sections=shown, version=version("mazeplan"))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
+
+
+def _data(svg: bytes, png: bytes) -> str:
+    kind, content = ("svg+xml", svg) if len(svg) <= SVG_MOST else ("png", png)
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _stem(name: str, number: int, taken: set[str]) -> str:
+    """A unique file name of plain letters, without its suffix."""
+    plain = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "picture"
+    plain = f"{number}-{plain}" if number else plain
+    stem, again = plain, 1
+    while stem in taken:
+        again += 1
+        stem = f"{plain}-{again}"
+    taken.add(stem)
+    return stem
+
+
+def _save(folder: Path, stem: str, svg: bytes, png: bytes) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{stem}.svg").write_bytes(svg)
+        (folder / f"{stem}.png").write_bytes(png)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=folder) from None
+
+
+def _figures(cell: str) -> bool:
+    """Whether a cell has figures, signs and units alone, so that no line ends in it."""
+    figures = AMONG_FIGURES.issuperset(LETTERS.findall(cell))
+    return figures and len(cell) <= LONGEST and any(c.isdigit() for c in cell)
+
+
+def _whole(text: str) -> str:
+    """Text in which no line ends between a number and its unit or its error."""
+    return UNIT.sub(lambda found: found[0].replace(" ", HARD), text)
+
+
+def _template() -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    room = Environment(
+        loader=PackageLoader("mazeplan.apps.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    room.tests["figures"], room.filters["whole"] = _figures, _whole
+    return room.get_template("page.html")

@@ -1,0 +1,293 @@
+"""The report of a whole rig's diagnosis: what is wrong, what to do, and then the evidence, in this order."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.apps.report import words
+from mazeplan.apps.report.diagnosis_documents import NavigationChange, PlaceMark, RigDocument, RigEvidenceDocument
+from mazeplan.apps.report.drawing import INK, beside, darker, line, nothing, plan_view, sector_map
+from mazeplan.apps.report.inputs import Input
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, Steps
+from mazeplan.apps.report.words import DEG
+from mazeplan.maze.mapfile import check_text
+from mazeplan.physics.registry import EFFECTS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+AS_WAS, AS_FOUND = "with the model as it was", "with what was found"
+WHEN = {"before": ("bad", AS_WAS), "after": ("good", AS_FOUND)}
+HEALTHY = {"before": ("real", AS_WAS)}  # without a finding nothing is bad
+VERDICTS = {
+    "nothing_missing": "the rig is as its model says",
+    "effect_found": "a cause was found",
+    "ambiguous": "a cause was found, but this record fits another one, too",
+    "unknown_effect": "something is there that has no name",
+}
+COMMAND = re.compile(r":\s+(mazeplan .+?)\.?$")  # at the end of an advice
+SMALL_UNITS = {"m": (1e3, "mm"), "s": (1e3, "ms")}  # as people read them
+MOST = 0.98  # share of the sectors before that are within the colour scale
+MM = 1e3
+# of a spectrum: the mean of two axes exceeds p by noise alone with exp(-2 p) (1 + 2 p); of some 4000 frequencies one
+# does so once in a hundred records
+PEAK = 8.0
+
+
+def rig_section(given: Input) -> PageSection:
+    """Everything about the diagnosis."""
+    document, evidence = given.document, given.evidence
+    parts: list[Any] = []
+    if document.advice:
+        parts.append(Steps("What to do", [_step(text) for text in document.advice]))
+    if document.effects:
+        parts.append(_effects(document))
+    parts.append(_errors(document))
+    if document.navigation is not None:
+        parts.append(navigation_table(document.navigation))
+    if evidence is not None:
+        parts += rig_pictures(document, evidence)
+    else:
+        text = "This command writes a folder with the pictures behind this verdict:"
+        parts.append(Note(text, "mazeplan diagnose LOG --reference LOG --model MODEL -o FOLDER"))
+    parts.append(_remaining(document, evidence))
+    parts += [Note(words.sentence(note)) for note in document.notes]
+    title = evidence.title if evidence is not None else given.name
+    facts = [
+        ("verdict", VERDICTS.get(document.verdict, document.verdict)), ("compared with", document.reference),
+        ("tested on", "each half of the record, predicted by a fit to the other"),
+        *([("new model", document.model)] if document.model else []),
+    ]  # fmt: skip
+    return PageSection(f"Diagnosis of {title}", document.sentence, facts, parts)
+
+
+def _step(advice: str) -> Note:
+    """An advice, its command set apart."""
+    found = COMMAND.search(advice)
+    return Note(advice) if found is None else Note(f"{advice[: found.start()]}:", found[1])
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+
+def navigation_table(navigation: NavigationChange) -> PageTable:
+    """Runs of `improve` with the old model and with the new one."""
+    rows = []
+    for when in ("before", "after"):
+        runs = getattr(navigation, when)
+        times = (words.seconds(runs.time_s.get(name, math.nan)) for name in ("mean", "best", "worst"))
+        rows.append([when, f"{runs.success} of {runs.runs}", *times])
+    return PageTable(
+        "Navigations with the old model and with the new one", ("", "arrived", "mean", "best", "worst"), rows
+    )
+
+
+def _effects(document: RigDocument) -> PageTable:
+    """A row for each parameter: its old size and its new one."""
+    rows = []
+    for effect in document.effects:
+        where = EFFECTS[effect.name].places if effect.name in EFFECTS else ()
+        first = [
+            words.spoken(effect.name),
+            ", ".join(effect.rings),
+            "yes" if effect.planned else f"no: {effect.why_not}",
+        ]
+        for name, p in effect.parameters.items():
+            factor, unit = SMALL_UNITS.get(p.unit, (1.0, p.unit))
+            old = effect.known_before.get(name, math.nan)
+            before = words.MISSING
+            if math.isfinite(old) and name not in where:
+                before = words.measured(factor * old + 0.0, factor * p.stderr, unit, show_error=False)
+            size = words.measured(factor * p.value, factor * p.stderr, unit)
+            rows.append([first[0], words.parameter(effect.name, name), before, size, *first[1:]])
+            first = ["", "", ""]
+    head = ("effect", "parameter", "before", "in this record ± standard error", "rings", "used by plans")
+    return PageTable("What differs; sizes are those of the ring that is named first", head, rows)
+
+
+def _errors(document: RigDocument) -> PageTable:
+    """The column before alone, where nothing was found."""
+    columns = document.columns(AS_WAS, AS_FOUND)
+    if not document.something_found:
+        del columns[AS_FOUND]
+    rows = [
+        [f"error of the angle {seconds} s ahead, deg",
+         *(words.number(DEG * part.get(f"rollout{ahead}", math.nan), 1) for part in columns.values())]
+        for ahead, seconds in ((20, 0.7), (40, 1.3))
+    ]  # fmt: skip
+    return PageTable("Mean error of the prediction, on parts that took no part in the fit", ("", *columns), rows)
+
+
+def _remaining(document: RigDocument, evidence: RigEvidenceDocument | None) -> PageTable:
+    """The residual now, and when the model was right."""
+    then = evidence.remaining.get("then") if evidence is not None else None
+    now = "in this record, with what was found" if document.something_found else "in this record"
+    rows = [[now, words.number(document.remaining, 2)], ["when the model was right", words.number(then or math.nan, 2)]]
+    return PageTable("What remains, in times the noise of the camera (1: noise alone)", ("", "times the noise"), rows)
+
+
+# -- pictures; each title says what to look for ------------------------------------------------------------------------
+
+
+def rig_pictures(document: RigDocument, evidence: RigEvidenceDocument) -> list[PagePicture]:
+    """The pictures for which there is evidence."""
+    shown = WHEN if document.something_found else HEALTHY
+    found = [
+        PagePicture(
+            "error", _error_title(evidence, shown), "error of the angle against the time ahead, before and after",
+            partial(_ahead, evidence=evidence, shown=shown), (9.0, 3.2),
+        ),
+        PagePicture(
+            "places", _places_title(evidence, shown),
+            "map of the plate with the error of the prediction, before and after",
+            partial(_places, evidence=evidence, shown=shown), (9.4 if len(shown) > 1 else 5.6, 4.4),
+        ),
+    ]  # fmt: skip
+    if len(evidence.gain):
+        better = int(np.sum(evidence.gain > 0.0))
+        title = (
+            f"Does all of the record say so? {better} of {len(evidence.gain)} blocks of "
+            f"{evidence.block_s:g} s are likelier with the finding"
+        )
+        alt = "gain of each block of time by what was found"
+        found.append(PagePicture("blocks", title, alt, partial(_blocks, evidence=evidence), (9.0, 2.8)))
+    found.append(
+        PagePicture(
+            "remains", _memory_title(evidence, shown),
+            "correlation of what remains from picture to picture, before and after",
+            partial(_memory, evidence=evidence, shown=shown), (9.0, 3.0),
+        )
+    )  # fmt: skip
+    if evidence.spectrum is not None:
+        title = "What swings? A peak is a motion that the model does not know"
+        alt = "spectrum of what was not expected, before and after"
+        draw = partial(_spectrum, evidence=evidence, shown=shown)
+        found.append(PagePicture("spectrum", title, alt, draw, (9.0, 3.0)))
+    return found
+
+
+Shown = dict[str, tuple[str, str]]  # before and after -> style, words
+
+
+def _error_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
+    before, after = (
+        DEG * part[-1] if len(part) else math.nan for part in (evidence.error["before"], evidence.error["after"])
+    )
+    if len(shown) < 2 or not math.isfinite(before + after):
+        return "How far is the prediction off? The error grows with the time ahead"
+    return f"How far is the prediction off? At the right end {before:.1f} degrees before, {after:.1f} after"
+
+
+def _ahead(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
+    (axes,) = beside(figure, (1.0,))
+    t = evidence.ahead_s
+    for when, (style, text) in shown.items():
+        low, mean, high = (DEG * part[when] for part in (evidence.low, evidence.error, evidence.high))
+        axes.fill_between(t, low, high, color=COLOURS[style], alpha=0.15, linewidth=0.0, label=f"{text}: four of five")
+        axes.plot(t, mean, **line(style), label=f"{text}: mean")
+    axes.set_xlabel("time ahead, s")
+    axes.set_ylabel("error of the angle, deg")
+    axes.set_xlim(0.0, t[-1] if len(t) else 1.0)
+    axes.set_ylim(bottom=0.0)
+    axes.legend(frameon=False, loc="upper left")
+
+
+def _blocks(figure: Figure, evidence: RigEvidenceDocument) -> None:
+    """-2 log L of a block falls by g: it is exp(g / 2) times likelier."""
+    (axes,) = beside(figure, (1.0,))
+    gain = evidence.gain / (2.0 * math.log(10.0))
+    for rows, style, hatch in ((gain > 0.0, "good", ""), (gain <= 0.0, "bad", "xxx")):
+        axes.bar(evidence.gain_t[rows], gain[rows], width=0.85 * evidence.block_s, color=COLOURS[style], hatch=hatch,
+                 edgecolor="white", linewidth=0.0)  # fmt: skip
+    axes.axhline(0.0, color=COLOURS["neutral"], linewidth=0.8)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("likelier, powers of ten\n(2: 100 times)")
+
+
+def _places_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
+    asked = f"Where is the prediction off, {evidence.ahead_s[evidence.places.ahead - 1]:.1f} s ahead? "
+    if len(shown) < 2:
+        return f"{asked}Light: far off; white: too few samples"
+    mark = " The black outline is the place that was found." if evidence.marks else ""
+    return f"{asked}Dark is good; white has too few samples.{mark}"
+
+
+def _places(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
+    panels, places = beside(figure, (1.0,) * len(shown)), evidence.places
+    maze = check_text(evidence.map).maze
+    if maze is None:
+        for axes in panels:
+            nothing(axes, "the map cannot be read")
+        return
+    known = MM * places.before[np.isfinite(places.before)]
+    most = max(float(np.quantile(known, MOST)) if known.size else 1.0, 0.1)
+    rings = [(inner, outer) for inner, outer in places.rings]
+    drawn: Any = None
+    for axes, (when, (_, text)) in zip(panels, shown.items(), strict=True):
+        plan_view(axes, maze, np.zeros((0, 2)), labels=False)
+        for angle in range(0, 360, 45):
+            x, y = (1.09 * MM * maze.rings[0].outer_radius * f(math.radians(angle)) for f in (math.cos, math.sin))
+            axes.text(x, y, f"{angle}°", ha="center", va="center", fontsize=7, color=INK)
+        drawn = sector_map(axes, rings, list(MM * getattr(places, when)), -180.0, most, darker())
+        for mark in evidence.marks:
+            _mark(axes, mark)
+        axes.set_title(text, fontsize=9)
+    bar = figure.colorbar(drawn, ax=panels, shrink=0.8, extend="max")
+    bar.set_label("error along the ring, mm")
+
+
+def _mark(axes: Axes, mark: PlaceMark) -> None:
+    """A circle around a spot; a frame around a sector; a line across a ring at a threshold."""
+    if math.isfinite(mark.x):
+        turn = np.linspace(0.0, 2.0 * math.pi, 60)
+        x, y = mark.x + mark.width * np.cos(turn), mark.y + mark.width * np.sin(turn)
+    else:
+        arc = mark.centre + mark.half * np.linspace(-1.0, 1.0, 40)
+        angle = np.r_[arc, arc[::-1], arc[:1]]
+        radius = np.r_[np.full(40, mark.inner), np.full(40, mark.outer), mark.inner]
+        x, y = radius * np.cos(angle), radius * np.sin(angle)
+    axes.plot(MM * x, MM * y, color=INK, linewidth=1.8, zorder=6, clip_on=False)
+
+
+def _memory_title(evidence: RigEvidenceDocument, shown: Shown) -> str:
+    first = np.abs(evidence.correlation[list(shown)[-1]][:3])
+    most, limit = float(np.nanmax(first, initial=0.0)), evidence.alike_from
+    if most < limit:
+        return f"Is what remains like noise? Yes: pictures that follow one another are alike by less than {limit:.2g}"
+    return f"Is what remains like noise? No: pictures that follow one another are alike by {most:.2f}"
+
+
+def _memory(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
+    (axes,) = beside(figure, (1.0,))
+    white, limit = evidence.white, evidence.alike_from
+    top = limit
+    axes.axhspan(-white, white, color=COLOURS["neutral"], alpha=0.25, label="noise alone, 95 %", linewidth=0.0)
+    for when, (style, text) in shown.items():
+        values = evidence.correlation[when]
+        axes.plot(np.arange(1, len(values) + 1), values, marker="o", markersize=4, **line(style), label=text)
+        top = max(top, float(np.nanmax(np.abs(values), initial=0.0)))
+    for side, text in ((-limit, None), (limit, "an alarm from here on")):
+        axes.axhline(side, color=COLOURS["neutral"], linewidth=0.8, linestyle=":", label=text)
+    axes.set_ylim(-1.3 * top, 1.7 * top)
+    axes.set_xlabel("pictures later")
+    axes.set_ylabel("correlation")
+    axes.legend(frameon=False, loc="upper right", ncols=4)
+
+
+def _spectrum(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
+    (axes,) = beside(figure, (1.0,))
+    spectrum: Any = evidence.spectrum
+    for when, (style, text) in shown.items():
+        axes.plot(spectrum["hz"], spectrum[when], **line(style, linewidth=1.1), label=text)
+    axes.axhline(PEAK, color=COLOURS["neutral"], linewidth=0.8, linestyle=":", label="noise alone is seldom higher")
+    axes.set_yscale("log")
+    axes.set_xlabel("frequency, Hz")
+    axes.set_ylabel("highest power of each band,\ntimes that of noise")
+    axes.legend(frameon=False, loc="upper right")

@@ -1,0 +1,299 @@
+"""The report of a run, by its log."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.apps.report.drawing import (
+    FAILURE_MARKERS,
+    INK,
+    area,
+    darker,
+    failure_mark,
+    legend_beside,
+    line,
+    nothing,
+)  # fmt: skip
+from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
+from mazeplan.apps.report.run_record import (
+    AHEAD,
+    Mishap,
+    Visit,
+    end_of,
+    labels,
+    leaf_bars,
+    maze_of,
+    mishaps,
+    theta_lines,
+    times_ms,
+    trail,
+    visits,
+)  # fmt: skip
+from mazeplan.apps.report.words import ANGLE, BETA, DEG, GAMMA, MISSING, setup_facts
+from mazeplan.core.errors import LogError
+from mazeplan.core.logs.run_log import STATUSES, RunLog
+from mazeplan.core.records import Array, TreeOutline
+from mazeplan.maze.drawing import draw_maze
+from mazeplan.maze.geometry import Maze
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DRAWN_AS = {STATUSES[name]: name.lower() for name in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED")}
+MEANING = {
+    "running": "running", "success": "succeeded", "failure": "failed", "skipped": "skipped", "no": "no (a condition)",
+}  # fmt: skip
+CONDITIONS = frozenset({"BallSeen", "InRing", "FailureIs"})  # in older logs: their failure is the answer no
+MOST_LEAVES = 60
+Markers = dict[str, str]  # by kind of failure
+
+
+def run_section(log: RunLog) -> PageSection:
+    """Everything about a run. Raises LogError for a log without a tick."""
+    if not len(log.ticks["t"]):
+        raise LogError("got a log without a single tick, expected one of a run", file=log.path)
+    maze, failures = maze_of(log), mishaps(log)
+    facts = [("log", log.path.name + ("" if log.complete else " (cut off)")), *setup_facts(log.header)]
+    parts: list[Any] = [_rings_table(log), *run_pictures(log, maze), _times_table(log)]
+    if failures:
+        parts.insert(1, _failures_table(failures))
+    if not log.trees:
+        parts.append(
+            Note("An older version wrote this log, without its tree: the timeline shows which leaf commanded.")
+        )
+    return PageSection(f"Run {log.path.name}", lead(log), facts, parts)
+
+
+def lead(log: RunLog) -> str:
+    """How the run ended, in a sentence."""
+    result = log.result
+    if result is None:
+        return f"The log ends without a result after {end_of(log):.2f} s: the program did not come to its end."
+    problems = len(result.get("failures", []))
+    on_the_way = "nothing went wrong" if not problems else f"{problems} failure{'s' * (problems > 1)} on the way"
+    if result.get("success"):
+        return f"The ball arrived after {result['time_s']:.2f} s; {on_the_way}."
+    return f"The ball did not arrive: {result.get('reason')} after {result['time_s']:.2f} s; {on_the_way}."
+
+
+def spread_of(values: Array) -> tuple[float, float, float]:
+    """Median, 99th percentile and maximum; NaN without values."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return math.nan, math.nan, math.nan
+    p50, p99 = np.percentile(values, [50.0, 99.0])
+    return float(p50), float(p99), float(values.max())
+
+
+def _rings_table(log: RunLog) -> PageTable:
+    rows = [[f"{v.ring}", f"{v.start:.2f} s", f"{v.end - v.start:.2f} s", v.opening or MISSING] for v in visits(log)]
+    return PageTable("Rings", ("ring", "entered at", "time in it", "left by"), rows)
+
+
+def _failures_table(failures: list[Mishap]) -> PageTable:
+    rows = [
+        [f"{m.t:.2f} s", m.kind.replace("_", " "), m.where, m.detail, m.recovery.replace("_", " ") or MISSING]
+        for m in failures
+    ]
+    return PageTable("Failures and recoveries", ("at", "kind", "where", "detail", "recovery"), rows)
+
+
+def _times_table(log: RunLog) -> PageTable:
+    rows = []
+    for label, values in times_ms(log).items():
+        spread = spread_of(values)
+        if math.isfinite(spread[0]):
+            rows.append([label, f"{len(values)}", *(f"{value:.2f} ms" for value in spread)])
+    return PageTable("Computing time", ("of", "number", "median", "99 %", "most"), rows)
+
+
+# -- pictures ----------------------------------------------------------------------------------------------------------
+
+
+def run_pictures(log: RunLog, maze: Maze) -> list[PagePicture]:
+    """All pictures, in the order of the page."""
+    failures = mishaps(log)
+    markers: Markers = dict(zip(dict.fromkeys(m.kind for m in failures), FAILURE_MARKERS, strict=False))
+    rows = min(len({bar.path for bar in leaf_bars(log)}), MOST_LEAVES)
+    marked = {"failures": failures, "markers": markers}
+    return [
+        PagePicture(
+            "path", "The ball's path; colour is time", "path of the ball over the maze, coloured by time",
+            partial(_path, log=log, maze=maze, **marked), (7.4, 6.4),
+        ),
+        PagePicture(
+            "theta", f"Angle in each ring: as planned {AHEAD} s before, and real",
+            "angle of the ball against time, as planned and as it was",
+            partial(_theta, log=log, maze=maze, **marked), (9.0, 4.6),
+        ),
+        PagePicture(
+            "tree", "What the tree did: its leaves over time", "Gantt chart of the leaves of the behaviour tree",
+            partial(_gantt, log=log, **marked), (9.0, 1.4 + 0.21 * max(rows, 4)),
+        ),
+        PagePicture(
+            "tilt", "Tilt of the plate, commanded and measured", "tilt of both axes against time",
+            partial(_tilt, log=log, **marked), (9.0, 4.0),
+        ),
+        PagePicture(
+            "times", "Computing time of plans and ticks", "planner and tick times against the time of a sample",
+            partial(_times, log=log), (9.0, 3.2),
+        ),
+    ]  # fmt: skip
+
+
+def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], markers: Markers) -> None:
+    from matplotlib.collections import LineCollection
+
+    axes, place = figure.add_subplot(), trail(log)
+    whole = np.asarray(np.isfinite(place).all(axis=1))
+    if whole.sum() < 2:
+        return nothing(axes, "the ball was not seen")
+    draw_maze(maze, axes, path=place[whole, :2])
+    points = 1e3 * place[:, :2]
+    together = whole[:-1] & whole[1:]
+    pieces = np.stack([points[:-1], points[1:]], axis=1)[together]
+    lines = LineCollection(list(pieces), linewidths=1.8, capstyle="round", zorder=4, cmap=darker())
+    lines.set_array(0.5 * (place[:-1, 2] + place[1:, 2])[together])
+    axes.add_collection(lines)
+    figure.colorbar(lines, ax=axes, shrink=0.6, pad=0.02, aspect=30).set_label("time, s")
+    for kind, marker in markers.items():
+        at = np.array([(m.x, m.y) for m in failures if m.kind == kind])
+        axes.plot(*(1e3 * at.T), **failure_mark(marker), label=kind.replace("_", " "))
+    if markers:
+        axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.0), title="failures")
+    return None
+
+
+def _bands(axes: Axes, stays: list[Visit], named: bool) -> None:
+    """Shade every second ring behind a picture over time."""
+    for i, visit in enumerate(stays):
+        length = visit.end - visit.start
+        if i % 2 == 0:
+            axes.axvspan(visit.start, visit.end, color="#f1f3f6", lw=0, zorder=0)
+        if named and length > 0.02 * (stays[-1].end - stays[0].start):
+            text = f"ring {visit.ring}" if length > 0.09 * stays[-1].end else f"{visit.ring}"
+            axes.text(0.5 * (visit.start + visit.end), 1.01, text, transform=axes.get_xaxis_transform(), ha="center",
+                      va="bottom", fontsize=8)  # fmt: skip
+
+
+def _failure_lines(axes: Axes, failures: list[Mishap], markers: Markers, named: bool = False) -> None:
+    """A line at each failure, with the marker of its kind on top."""
+    seen: set[str] = set()
+    for m in failures:
+        axes.axvline(m.t, color=COLOURS["failure"], lw=0.7, ls=(0, (1.0, 1.5)), zorder=1)
+        label = m.kind.replace("_", " ") if named and m.kind not in seen else None
+        seen.add(m.kind)
+        mark = failure_mark(markers.get(m.kind, "X"), markersize=6.5, clip_on=False)
+        axes.plot([m.t], [0.97], transform=axes.get_xaxis_transform(), label=label, **mark)
+
+
+def _theta(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], markers: Markers) -> None:
+    upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2.6, 1.0)})
+    parts = theta_lines(log, maze)
+    if not parts:
+        return nothing(upper, "the ball was in no ring with a channel")
+    for axes in (upper, lower):
+        _bands(axes, visits(log), named=axes is upper)
+        axes.grid(axis="y")
+    for i, (visit, t, real, planned) in enumerate(parts):
+        names = ("real", f"planned {AHEAD} s before", "opening it left by") if i == 0 else (None, None, None)
+        upper.plot(t, real, **line("real"), label=names[0])
+        upper.plot(t, planned, **line("planned", linewidth=1.8), label=names[1])
+        lower.plot(t, real - planned, **line("real"))
+        angle = next((o.angle for o in maze.openings if o.name == visit.opening), None)
+        if angle is not None and np.isfinite(real).any():
+            end = real[np.isfinite(real)][-1]
+            there = end + (math.degrees(angle) - end + 180.0) % 360.0 - 180.0
+            upper.plot(visit.end, there, "<", color=INK, markersize=6, zorder=6, label=names[2])
+    _failure_lines(upper, failures, markers, named=True)
+    upper.set_ylabel(ANGLE)
+    lower.set_ylabel("real less\nplanned, deg")
+    lower.set_xlabel("time, s")
+    lower.axhline(0.0, color=INK, lw=0.6)
+    legend_beside(upper)
+    return None
+
+
+def _conditions(tree: TreeOutline) -> list[str]:
+    """Paths of the conditions of a tree; logs of older versions have their kinds alone."""
+    paths, numbers = tree.paths, tree.conditions
+    if numbers is None:
+        return [path for path, kind in zip(paths, tree.kinds, strict=True) if kind in CONDITIONS]
+    return [paths[i] for i in numbers]
+
+
+def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers) -> None:
+    from matplotlib.patches import Patch
+
+    axes, bars = figure.add_subplot(), leaf_bars(log)
+    if not bars:
+        return nothing(axes, "the log has no leaf")
+    named = labels(bars)
+    asked = {path for tree in log.trees for path in _conditions(tree.outline)}
+    met: set[str] = set()
+    rows = {path: i for i, path in enumerate(list(named)[:MOST_LEAVES])}
+    _bands(axes, visits(log), named=True)
+    for bar in bars:
+        if bar.path not in rows or bar.status not in DRAWN_AS:
+            continue
+        name, y = DRAWN_AS[bar.status], rows[bar.path]
+        name = "no" if name == "failure" and bar.path in asked else name
+        met.add(name)
+        height = 0.72 if name == "running" else 0.13
+        axes.broken_barh([(bar.start, bar.end - bar.start)], (y - 0.5 * height, height), **_look(name))
+        if name == "failure":
+            axes.plot([bar.start], [y], **failure_mark("X", markersize=6.0))
+        elif name == "success":
+            axes.plot([bar.start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5)
+    _failure_lines(axes, failures, markers)
+    axes.set_yticks(list(rows.values()), [named[path] for path in rows], fontsize=7.5)
+    axes.set_ylim(len(rows) - 0.4, -1.4 if failures else -0.7)
+    axes.set_xlabel("time, s")
+    axes.grid(axis="x")
+    patches = [Patch(**_look(name), label=meaning) for name, meaning in MEANING.items() if name in met]
+    legend_beside(axes, handles=patches, title="last tick")
+    return None
+
+
+def _look(name: str) -> dict[str, Any]:
+    return area("neutral" if name == "no" else name, hatch="")
+
+
+def _tilt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers) -> None:
+    panels, t = figure.subplots(2, 1, sharex=True), log.ticks["t"]
+    for axes, name, label in zip(panels, ("beta", "gamma"), (BETA, GAMMA), strict=True):
+        _bands(axes, visits(log), named=axes is panels[0])
+        axes.plot(t, DEG * log.ticks[f"u_{name}"], drawstyle="steps-post", **line("commanded"), label="commanded")
+        axes.plot(t, DEG * log.ticks[name], **line("measured"), label="measured")
+        _failure_lines(axes, failures if axes is panels[0] else [], markers)
+        axes.set_ylabel(label.replace(" (", "\n("))
+        axes.grid(axis="y")
+    legend_beside(panels[0])
+    panels[1].set_xlabel("time, s")
+
+
+def _times(figure: Figure, log: RunLog) -> None:
+    axes, took, t = figure.add_subplot(), times_ms(log), log.ticks["t"]
+    if len(took["tick"]):
+        axes.plot(t, took["tick"], **line("real", linewidth=0.9), label="tick")
+    if len(took["plan"]):
+        at = [plan.t0 for plan in log.plans]
+        axes.plot(at, took["plan"], "s", color=COLOURS["planned"], markersize=3.5, label="plan", zorder=3)
+    if len(t) > 1:
+        sample = 1e3 * float(np.median(np.diff(t)))
+        axes.axhline(sample, **line("bad", linewidth=1.0), label=f"until the next\nsample, {sample:.1f} ms")
+    if any(np.nanmax(part, initial=0.0) > 0.0 for part in took.values()):
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+    else:
+        axes.text(0.5, 0.5, "the log has no times", transform=axes.transAxes, ha="center")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("computing time, ms (log scale)")
+    axes.grid(axis="y")
+    legend_beside(axes)

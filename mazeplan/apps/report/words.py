@@ -1,0 +1,128 @@
+"""Words of reports: for names in files, one unit for each quantity, one sign for a missing value.
+
+Angles and their errors are in degrees, angular speeds in rad/s, angular accelerations in rad/s²; lengths in mm or m.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from mazeplan.physics.registry import EFFECTS
+
+MISSING = "–"
+HARD = "\u00a0"  # a space at which no line ends
+DEG = 180.0 / math.pi
+UNITS = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
+ANGLE, SPEED = "angle of the ball, deg", "angular speed of the ball, rad/s"
+BETA, GAMMA = "tilt down at +x (beta), deg", "tilt up at +y (gamma), deg"
+SCORES = {
+    "nrmse": "relative error of the angular acceleration (nRMSE)",
+    "rollout20": "error of the angle after 20 samples, rad", "rollout40": "error of the angle after 40 samples, rad",
+    "free_run": "position error of a free run, m",
+}  # fmt: skip
+KINDS = {
+    "rf": "random forest", "p": "bare equation", "pi": "weighted terms", "np": "Gaussian process",
+    "npd": "discrete process", "sp": "terms and process", "model": "the model",
+}  # fmt: skip
+CANDIDATES = {
+    "placebo: friction with it": "placebo: friction by tilt played backwards",
+    "speed and lean": "no name: by speed and wall", "direction and lean": "no name: by direction and wall",
+}  # fmt: skip
+SETUP = {
+    "rig": "rig", "map_name": "map", "model": "model", "behavior": "behaviour tree", "seed": "seed",
+    "start_ring": "from ring", "goal_ring": "to ring", "time_limit_s": "time limit", "version": "mazeplan",
+    "platform": "machine",
+}  # fmt: skip
+_NAME = re.compile(r"\b[a-z]+(?:_[a-z]+)+\b")
+_SPOKEN = {"theta_dd": "angular acceleration", "theta_ddot": "angular acceleration", "theta_dot": "angular speed"}
+
+
+def spoken(name: str) -> str:
+    """Text with names in it (`outer_gates`) as words."""
+    return _NAME.sub(lambda found: _SPOKEN.get(found[0], found[0].replace("_", " ")), name)
+
+
+def sentence(text: Any) -> str:
+    """A remark as a sentence, in words."""
+    words = str(text).strip()
+    for name, shown in CANDIDATES.items():
+        words = words.replace(name, shown)
+    words = spoken(words)
+    return words[:1].upper() + words[1:] + ("" if words[-1:] in ".:?!" else ".")
+
+
+def candidate(name: str) -> str:
+    """A candidate of a diagnosis, in words."""
+    return CANDIDATES.get(name, spoken(name))
+
+
+def parameter(effect: str, name: str) -> str:
+    """A parameter of an effect, in words."""
+    wave = re.fullmatch(r"(cos|sin)([0-9]+)", name)
+    if wave is not None:
+        return f"harmonic {wave[2]}, {'cosine' if wave[1] == 'cos' else 'sine'}"
+    known = EFFECTS[effect].parameters.get(name) if effect in EFFECTS else None
+    return known.words if known is not None and known.words else spoken(name)
+
+
+def kind(name: str) -> str:
+    """A kind of model, in words and as the commands call it."""
+    return KINDS.get(name, name) if name == "model" or name not in KINDS else f"{KINDS[name]} ({name})"
+
+
+def in_unit(value: float, unit: str) -> tuple[float, str]:
+    """A value and its unit in reports: angles in degrees."""
+    return (DEG * value, "deg") if unit == "rad" else (value, UNITS.get(unit, unit))
+
+
+def labelled(value: float, label: str) -> float:
+    """A value whose label ends in its unit, as `relabelled` shows it."""
+    return DEG * value if label.endswith(", rad") else value
+
+
+def relabelled(label: str) -> str:
+    """A label that ends in its unit (`theta, rad`), in words, with the unit of reports."""
+    words = {"theta, rad": ANGLE, "theta_dot, rad/s": SPEED}.get(label, label)
+    words = words.removesuffix("rad") + "deg" if words.endswith(", rad") else words
+    return spoken(re.sub(r"\btheta error\b", "error of the angle", words))
+
+
+def split_unit(label: str) -> tuple[str, str]:
+    """A label in words, and its unit with a blank before it; the unit is empty for a number without one."""
+    text, _, unit = relabelled(label).rpartition(", ")
+    return (text, f" {unit}") if text else (unit, "")
+
+
+def measured(value: float, stderr: float | None, unit: str, show_error: bool = True) -> str:
+    """Value ± standard error, both in the unit that follows; the error decides how many digits."""
+    value, shown = in_unit(value, unit)
+    error = math.nan if stderr is None else in_unit(stderr, unit)[0]
+    after = f"{HARD}{shown}" if shown else ""
+    if not (math.isfinite(error) and error > 0.0):
+        return f"{value:.4g}{after}"
+    places = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{places}f}" + (f"{HARD}±{HARD}{error:.{places}f}" if show_error else "") + after
+
+
+def number(value: float, places: int) -> str:
+    """A number; the sign for a missing value in place of NaN."""
+    return f"{value:.{places}f}" if math.isfinite(value) else MISSING
+
+
+def seconds(value: float) -> str:
+    """A time in s."""
+    return f"{value:.2f} s" if math.isfinite(value) else MISSING
+
+
+def setup_facts(setup: Mapping[str, Any], seed: str = "seed") -> list[tuple[str, str]]:
+    """(label, value) of what a run or an evaluation was done with; seed: label of the seed."""
+    facts = []
+    for name, label in SETUP.items():
+        value = setup.get(name)
+        if value not in (None, "") and value == value:  # not NaN
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            facts.append((seed if name == "seed" else label, f"{shown} s" if name.endswith("_s") else shown))
+    return facts

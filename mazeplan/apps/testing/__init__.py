@@ -1,0 +1,52 @@
+"""A test kit for those who write trees and leaves; docs/testing-trees.md shows it at work.
+
+    run_tree, tick_tree       run a tree on a rig where things go wrong, or its leaves alone; both return a Record
+    script                    what a leaf does instead: "RUNNING x3 then SUCCESS"
+    scripted_rig              a rig with a script of mishaps, from a few lines of YAML
+    Record                    what happened, and claims of it: reaches, never, within, visits, ends_with, halts
+    Coverage                  leaves and branches of a tree that some runs exercised
+    BallBehaviour             where a ball is over time, of Roll, Rest, Pass and Jump; PlayedRig plays it
+    LightRig                  a rig that runs in milliseconds
+    ball_behaviours, mishaps, leaf_scripts     hypothesis strategies, of the extra `testing`
+
+Nothing of the product imports it, and it needs no test framework.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mazeplan.apps.testing.balls import BallBehaviour, Jump, Pass, PlayedRig, Rest, Roll
+    from mazeplan.apps.testing.coverage import Coverage
+    from mazeplan.apps.testing.leafscript import Player, Script, script
+    from mazeplan.apps.testing.lightrig import LightRig
+    from mazeplan.apps.testing.record import Record
+    from mazeplan.apps.testing.scriptedrig import ScriptedRig
+    from mazeplan.apps.testing.strategies import ball_behaviours, leaf_scripts, mishaps
+    from mazeplan.apps.testing.trees import run_tree, scripted_rig, tick_tree
+
+_HOMES = {
+    "BallBehaviour": "balls", "Jump": "balls", "Pass": "balls", "PlayedRig": "balls", "Rest": "balls", "Roll": "balls",
+    "Coverage": "coverage", "LightRig": "lightrig", "Record": "record", "Player": "leafscript", "Script": "leafscript",
+    "script": "leafscript", "ScriptedRig": "scriptedrig", "ball_behaviours": "strategies", "leaf_scripts": "strategies",
+    "mishaps": "strategies", "run_tree": "trees", "scripted_rig": "trees", "tick_tree": "trees",
+}  # fmt: skip
+
+__all__ = [
+    "BallBehaviour", "Coverage", "Jump", "LightRig", "Pass", "PlayedRig", "Player", "Record", "Rest", "Roll", "Script",
+    "ScriptedRig", "ball_behaviours", "leaf_scripts", "mishaps", "run_tree", "script", "scripted_rig", "tick_tree",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        value = getattr(import_module(f"mazeplan.apps.testing.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'mazeplan.apps.testing' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,184 @@
+"""The record of a run of a tree, and what may be claimed of it: `record.reaches(5).never("ball_lost").within(8.0)`.
+
+A claim that does not hold raises AssertionError with what happened instead and the rows of the timeline about it; one
+about a name that the tree has not raises InputError, or a typing error would make it hold for ever.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+from mazeplan.apps.testing.leafscript import Player
+from mazeplan.apps.testing.timeline import excerpt, rows
+from mazeplan.apps.testing.watch import HALTED, NodeInfo, Step, Tick
+from mazeplan.behavior.ports import shown
+from mazeplan.core.errors import InputError
+from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import FailureKind, NavigationResult
+from mazeplan.maze.geometry import Maze
+from mazeplan.run.resolve import ring_number
+
+OUTSIDE = "outside limits"
+TOLERANCE = 1e-9  # rad
+RECOVERIES = ("level_plate", "dither", "back_off", "avoid_opening", "replan")  # of the packaged leaves
+
+
+@dataclass(frozen=True, repr=False)
+class Record:
+    """What a tree did, tick by tick.
+
+    reason: as that of a navigation (arrived, stuck, out_of_time ...; rig_failed where the rig refused), or how the root
+    ended where there was no rig; goal: the goal ring; result: of the navigation, if there was one;
+    players: of the scripts that were played, by the name under which they were given."""
+
+    tree: str
+    nodes: tuple[NodeInfo, ...]
+    ticks: tuple[Tick, ...]
+    steps: tuple[Step, ...]
+    events: tuple[TimedEvent, ...]
+    reason: str
+    success: bool
+    goal: int
+    maze: Maze
+    result: NavigationResult | None = None
+    players: dict[str, list[Player]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Record of {self.tree}: {self.reason} after {self.time_s:.3f} s, {len(self.ticks)} ticks>"
+
+    # -- what happened ----------------------------------------------------------------------------------------------
+
+    @property
+    def time_s(self) -> float:
+        """Rig time of the last tick, s."""
+        return self.ticks[-1].t if self.ticks else 0.0
+
+    @property
+    def failures(self) -> list[str]:
+        """Kinds of failure, in order."""
+        return [e.event.kind for e in self.events if isinstance(e.event, FailureReported)]
+
+    @property
+    def recoveries(self) -> list[str]:
+        """Names of recoveries, in order."""
+        return [e.event.recovery for e in self.events if isinstance(e.event, RecoveryChosen)]
+
+    @property
+    def openings(self) -> list[str]:
+        """Openings by which the ball really changed its ring, in order; not where it was put into another."""
+        out = []
+        for before, now in itertools.pairwise(self.ticks):
+            for opening in self.maze.openings_between(before.ring, now.ring) if before.ring != now.ring else ():
+                turned = abs(difference(opening.angle, now.theta))
+                if turned * self.maze.threshold_radius(opening) <= opening.width:
+                    out.append(opening.name)
+        return out
+
+    def statuses(self, name: str) -> list[str]:
+        """How each tick of a node ended, by name, kind or path; HALTED where it was. Raises InputError."""
+        known = self._nodes(name)
+        return [step.what for step in self.steps if step.node in known and not step.what.startswith("_")]
+
+    def timeline(self) -> str:
+        """All rows."""
+        lines = rows(self.ticks, self.events, self.reason)
+        return "\n".join(map(str, lines))
+
+    # -- claims -----------------------------------------------------------------------------------------------------
+
+    def reaches(self, ring: int | str = "goal", within: float | None = None) -> Record:
+        """The ball was in a ring; "goal": and the tree succeeded there. within: s of rig time."""
+        wanted = self.goal if ring == "goal" else ring_number(ring, self.maze)
+        first = next((tick.t for tick in self.ticks if tick.ring == wanted), None)
+        if ring == "goal" and not (self.success and self.ticks[-1].ring == wanted):
+            self._fail(f"expected the tree to succeed with the ball in ring {wanted}", None)
+        if first is None:
+            seen = ", ".join(map(str, dict.fromkeys(tick.ring for tick in self.ticks)))
+            self._fail(f"expected the ball in ring {wanted}, it was in {seen}", None)
+        if within is not None:
+            if ring == "goal":
+                return self.within(within)
+            if first > within + 1e-9:
+                self._fail(
+                    f"expected the ball in ring {wanted} within {within:g} s, it came after {first:.3f} s", first
+                )
+        return self
+
+    def within(self, seconds: float) -> Record:
+        """It took at most so many s of rig time."""
+        if self.time_s > seconds + 1e-9:
+            self._fail(f"expected an end within {seconds:g} s, it took {self.time_s:.3f} s", None)
+        return self
+
+    def ends_with(self, reason: str) -> Record:
+        """The reason for which it ended."""
+        if self.reason != reason:
+            self._fail(f"expected the end {shown(reason)}, got {shown(self.reason)}", None)
+        return self
+
+    def visits(self, *names: str, in_order: bool = True) -> Record:
+        """These leaves or nodes (name, kind or path) were ticked, in this order, other ones in between."""
+        at = 0
+        for i, name in enumerate(names):
+            known = self._nodes(name)
+            ticked = [k for k, step in enumerate(self.steps) if step.node in known and step.ticked]
+            later = [k for k in ticked if k >= at]
+            if not ticked:
+                self._fail(f"expected {name} to be ticked, it never was", None)
+            if in_order and not later:
+                after = self.steps[max(at - 1, 0)].t
+                self._fail(f"expected {name} to be ticked after {names[i - 1]}, it never was", after)
+            at = later[0] + 1 if in_order else 0
+        return self
+
+    def never(self, *what: str) -> Record:
+        """No leaf or node of that name (or kind, path) was ticked, no failure of that kind left, no recovery of that
+        name begun; "outside limits": no command beyond the tilt limit."""
+        for name in what:
+            self._never(name)
+        return self
+
+    def halts(self, name: str) -> Record:
+        """A node was halted while it ran."""
+        if HALTED not in self.statuses(name):
+            self._fail(f"expected {name} to be halted, it never was", None)
+        return self
+
+    def _never(self, name: str) -> None:
+        if name == OUTSIDE:
+            for tick in self.ticks:
+                u = tick.command
+                if u is not None and not max(abs(u.u_beta), abs(u.u_gamma)) <= self.maze.tilt_limit + TOLERANCE:
+                    got = f"({u.u_beta:.4f}, {u.u_gamma:.4f}) rad by {tick.leaf}"
+                    self._fail(
+                        f"expected no command beyond {self.maze.tilt_limit:.4f} rad, got {got} at {tick.t:.3f} s",
+                        tick.t,
+                    )
+            return
+        for timed in self.events:
+            match timed.event:
+                case FailureReported(word) | RecoveryChosen(word) if word == name:
+                    self._fail(f"expected never {name}, it happened at {timed.t:.3f} s", timed.t)
+        if name in [str(kind) for kind in FailureKind] or name in RECOVERIES:
+            return
+        known = self._nodes(name)
+        for step in self.steps:
+            if step.node in known and step.ticked:
+                self._fail(f"expected {name} never to be ticked, it was at {step.t:.3f} s", step.t)
+
+    def _nodes(self, name: str) -> set[int]:
+        found = {info.index for info in self.nodes if name in (info.name, info.kind, info.path)}
+        if not found:
+            leaves = ", ".join(dict.fromkeys(info.name for info in self.nodes if info.is_leaf))
+            more = "another node, a kind of failure, or outside limits"
+            raise InputError(f"got {shown(name)}, expected a leaf ({leaves}), {more}", key=f"tree {self.tree}")
+        return found
+
+    def _fail(self, problem: str, around: float | None) -> NoReturn:
+        lines = rows(self.ticks, self.events, self.reason)
+        raise AssertionError(
+            f"{problem}; {self.tree} ended after {self.time_s:.3f} s: {self.reason}\n{excerpt(lines, around)}"
+        )

@@ -1,0 +1,108 @@
+"""Hypothesis strategies: ball behaviours that a map allows, mishaps of a rig, scripts of leaves.
+
+The one room that imports hypothesis, which comes with the extra `testing`.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from mazeplan.apps.testing.balls import BallBehaviour, Jump, Move, Pass, Rest, Roll
+from mazeplan.apps.testing.mishapfile import (
+    AxisDead,
+    BallPushed,
+    BallStuck,
+    BallTeleported,
+    CameraBlind,
+    Mishap,
+    OpeningBlocked,
+)
+from mazeplan.core.records import FailureKind
+from mazeplan.core.resources import to_install
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+
+try:
+    from hypothesis import strategies as st
+except ModuleNotFoundError:
+    raise ImportError(
+        f"the strategies of mazeplan.apps.testing need hypothesis, which is not installed: {to_install('testing')}"
+    ) from None
+
+
+FASTEST_DEG_S = 200.0  # along a ring: 0.3 m/s in the outermost one
+
+
+def _maze(maze: Maze | str | Path) -> Maze:
+    return maze if isinstance(maze, Maze) else load_map(maze)
+
+
+def _tenths(least: float, most: float) -> st.SearchStrategy[float]:
+    """Tenths, which shrink to whole and small ones and read well."""
+    return st.integers(round(10 * least), round(10 * most)).map(lambda n: n / 10)
+
+
+def ball_behaviours(
+    maze: Maze | str | Path = "cme", *, most_moves: int = 6, jumps: bool = True
+) -> st.SearchStrategy[BallBehaviour]:
+    """Where a ball may be over time: it rolls along rings, rests, passes openings of its ring, falls back, jumps to
+    another ring (unless jumps is False), and is not seen at times. maze: a Maze, or name or file of a map."""
+    return _ball_behaviours(_maze(maze), most_moves, jumps)
+
+
+@st.composite
+def _ball_behaviours(draw: st.DrawFn, maze: Maze, most_moves: int, jumps: bool) -> BallBehaviour:
+    ring = start = draw(st.integers(1, len(maze.rings)))
+    theta = draw(st.integers(-180, 180))
+    moves: list[Move] = []
+    for _ in range(draw(st.integers(0, most_moves))):
+        kinds = ["roll", "rest", "pass"] if maze.openings_of(ring) else ["roll", "rest"]
+        match draw(st.sampled_from(kinds + ["jump"] * jumps)):
+            case "roll":
+                turn = draw(st.integers(-90, 90))
+                moves.append(
+                    Roll(draw(_tenths(max(0.1, math.ceil(abs(turn) / FASTEST_DEG_S * 10) / 10), 2.0)), float(turn))
+                )
+            case "rest":
+                moves.append(Rest(draw(_tenths(0.1, 2.0))))
+            case "pass":
+                opening = draw(st.sampled_from(maze.openings_of(ring)))
+                moves.append(Pass(opening.name, draw(_tenths(0.1, 0.4))))
+                ring = opening.leads_to(ring)
+            case _:
+                ring = draw(st.integers(1, len(maze.rings)))
+                moves.append(Jump(ring, float(draw(st.integers(-180, 180)))))
+    unseen = draw(st.lists(st.tuples(_tenths(0.0, 5.0), _tenths(0.1, 1.5)), max_size=2))
+    return BallBehaviour(start, float(theta), tuple(moves), tuple((a, round(a + b, 1)) for a, b in unseen))
+
+
+def mishaps(maze: Maze | str | Path = "cme", *, most: int = 3) -> st.SearchStrategy[tuple[Mishap, ...]]:
+    """Scripts of a rig: up to `most` things that go wrong within the first five seconds."""
+    maze = _maze(maze)
+    rings, angles = st.integers(1, len(maze.rings)), st.integers(-180, 180).map(float)
+    span = st.tuples(_tenths(0.0, 5.0), _tenths(0.1, 1.5)).map(
+        lambda s: {"from_s": s[0], "to_s": round(s[0] + s[1], 1)}
+    )
+    at = _tenths(0.0, 5.0)
+    kinds: list[st.SearchStrategy[Mishap]] = [
+        st.builds(lambda s, theta: BallStuck(theta_deg=theta, **s), span, st.none() | angles),
+        st.builds(lambda s: CameraBlind(**s), span),
+        st.builds(lambda s, axis: AxisDead(axis=axis, **s), span, st.sampled_from(("beta", "gamma"))),
+        st.builds(lambda t, v, a: BallPushed(at_s=t, speed_m_s=v, direction_deg=a), at, _tenths(0.1, 0.5), angles),
+        st.builds(lambda t, ring, a: BallTeleported(at_s=t, ring=ring, theta_deg=a), at, rings, angles),
+    ]
+    if maze.openings:
+        names = st.sampled_from([opening.name for opening in maze.openings])
+        kinds.append(st.builds(lambda name: OpeningBlocked(opening=name), names))
+    return st.lists(st.one_of(kinds), max_size=most).map(tuple)
+
+
+def leaf_scripts(*, skipped: bool = False, most_acts: int = 4) -> st.SearchStrategy[str]:
+    """Scripts of leaves as text, such as `RUNNING x2 then FAILURE(stuck)`; skipped: SKIPPED among them."""
+    failures = [f"FAILURE({kind})" for kind in FailureKind]
+    names = ["SUCCESS", "RUNNING", "FAILURE", *failures, *(["SKIPPED"] if skipped else [])]
+    status: st.SearchStrategy[str] = st.sampled_from(names)
+    act = st.builds(lambda status, n: status if n == 1 else f"{status} x{n}", status, st.integers(1, 5))
+    acts = st.lists(act, min_size=1, max_size=most_acts)
+    return st.builds(lambda acts, again: " then ".join(acts) + again, acts, st.sampled_from(("", " again")))

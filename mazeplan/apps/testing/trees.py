@@ -1,0 +1,238 @@
+"""Runs trees for tests: `run_tree` with a rig on which a script of mishaps happens, `tick_tree` with leaves alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mazeplan.apps.testing.balls import DT, BallBehaviour, PlayedRig, after, states
+from mazeplan.apps.testing.leafscript import Script
+from mazeplan.apps.testing.lightrig import LightRig, identified
+from mazeplan.apps.testing.mishapfile import Given, read_mishaps
+from mazeplan.apps.testing.record import Record
+from mazeplan.apps.testing.scriptedrig import ScriptedRig, ScriptedSimulation
+from mazeplan.apps.testing.watch import Watch
+from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.ownleaves import registry_with
+from mazeplan.behavior.treefile import load_tree
+from mazeplan.control.cost import CostParameters
+from mazeplan.control.ring_planner import RingPlanner
+from mazeplan.control.tilt import Plate
+from mazeplan.core.errors import InputError, RigError
+from mazeplan.core.events import FailureReported, OtherEvent, TimedEvent
+from mazeplan.core.records import Failure, FailureKind, NavigationResult, State
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.graph import RouteGraph
+from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
+from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.run.execution import run_job
+from mazeplan.run.resolve import resolve_model, ring_number
+from mazeplan.run.settings import Settings, load_settings
+from mazeplan.run.specification import TIME_LIMIT, Job, Setup
+
+Leaves = Mapping[str, str | Script]
+PATIENCE_MS = 1e6  # for a plan: with a deadline in wall time a run would depend on how busy the machine is
+
+
+def scripted_rig(
+    mishaps: Given, map: str | Path | Maze = "cme", rig: str = "light"
+) -> ScriptedRig | ScriptedSimulation:
+    """A rig on which things go wrong: `light`, or one simulated in MuJoCo by its name or file.
+
+    mishaps: YAML file, YAML text, or a list (see `mishapfile`). Raises InputError with file and line."""
+    maze = map if isinstance(map, Maze) else load_map(map)
+    script = read_mishaps(mishaps, maze)
+    if rig == "light":
+        return ScriptedRig(maze, mishaps=script)
+    made = make_rig(rig, maze)
+    if not isinstance(made, SimulatedRig):
+        raise InputError(f"got {rig!r}, expected light, or a rig that is simulated in MuJoCo", key="rig")
+    return ScriptedSimulation(made.maze, made.settings, mishaps=script)
+
+
+def run_tree(
+    tree: str | Path = "navigate",
+    leaves: Leaves | None = None,
+    *,
+    mishaps: Given = (),
+    ball: BallBehaviour | None = None,
+    rig: str | Rig = "light",
+    map: str | Path | Maze = "cme",
+    start: int | str = 1,
+    goal: int | str | None = None,
+    start_angle_deg: float = 0.0,
+    closed: Sequence[str] = (),
+    behavior_modules: Sequence[str] = (),
+    settings: str | Path | Settings | None = None,
+    time_limit: float = TIME_LIMIT,
+    seed: int = 0,
+    log: str | Path | None = None,
+) -> Record:
+    """One navigation with a tree (packaged name, file, or XML text) on a rig, written down tick by tick.
+
+    leaves: {name, kind or path of leaves: script} that replace what they do; mishaps: what goes wrong, as YAML file or
+    text; ball: where the ball is, whatever the plate does; rig: "light", a simulated one, or a rig; goal: the last
+    ring, unless another is given. Raises InputError for what cannot be used."""
+    if log is not None and str(tree).lstrip().startswith("<"):
+        raise InputError("a log names the file of its tree; write the text into one", key="log")
+    maze = map if isinstance(map, Maze) else load_map(map)
+    machine = _machine(rig, ball, mishaps, maze)
+    watch = Watch(leaves, _truth(machine))
+    how = settings if isinstance(settings, Settings) else load_settings(settings)
+    setup = Setup(
+        maze,
+        resolve_model(None, rig, maze) if isinstance(rig, str) and rig != "light" else identified(maze),
+        str(tree),
+        rig_label(rig) if isinstance(rig, str) and rig != "light" else "light",
+        settings=how.with_values({"travel": {"deadline_ms": PATIENCE_MS}}),
+        behavior_modules=tuple(behavior_modules),
+        watch=watch,
+    )
+    aim = ring_number(len(maze.rings) if goal is None else goal, maze)
+    start_ring = ring_number(start, maze)
+    job = Job(start_ring, aim, math.radians(start_angle_deg), seed, time_limit, _openings(closed, maze))
+    try:
+        result = run_job(machine, setup, job, log=log)
+    except RigError as problem:
+        watch.events.append(
+            TimedEvent(watch.ticks[-1].t if watch.ticks else 0.0, OtherEvent("rig_failed", {"detail": str(problem)}))
+        )
+        return _record(watch, maze, aim, "rig_failed", False)
+    finally:
+        machine.close()
+    if result.reason in (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE):  # the run's own, which no leaf reported
+        last = result.failures[-1]
+        failure = FailureReported(str(last.kind), last.where, last.detail)
+        if not any(timed.event == failure for timed in watch.events):
+            watch.events.append(TimedEvent(last.t, failure))
+    return _record(watch, maze, aim, result.reason, result.success, result)
+
+
+def _machine(rig: str | Rig, ball: BallBehaviour | None, mishaps: Given, maze: Maze) -> Rig:
+    given = isinstance(mishaps, str | Path) or len(mishaps) > 0
+    if ball is not None:
+        if given or rig != "light":
+            raise InputError("a ball behaviour leaves neither room for mishaps nor for another rig", key="ball")
+        return PlayedRig(maze, ball=ball)
+    if isinstance(rig, str):
+        return scripted_rig(mishaps, maze, rig)
+    if given:
+        raise InputError(
+            "mishaps happen on the rig that is named; give its name, or make it by scripted_rig", key="rig"
+        )
+    return rig
+
+
+def _truth(rig: Rig) -> Callable[[], tuple[int, float] | None]:
+    if isinstance(rig, LightRig | PlayedRig | ScriptedSimulation):
+        return lambda: (rig.ring, rig.theta)
+    return lambda: None
+
+
+def _record(
+    watch: Watch, maze: Maze, goal: int, reason: str, success: bool, result: NavigationResult | None = None
+) -> Record:
+    return Record(
+        watch.tree_name, tuple(watch.nodes), tuple(watch.ticks), tuple(watch.steps), tuple(watch.events), reason,
+        success, goal, maze, result, watch.players,
+    )  # fmt: skip
+
+
+# -- without a rig -----------------------------------------------------------------------------------------------------
+
+
+class _Planners(dict[int, RingPlanner]):
+    """Planners that are made when one is asked for: most tests of leaves ask for none."""
+
+    def __init__(self, maze: Maze) -> None:
+        super().__init__()
+        self._maze, self._model = maze, identified(maze)
+
+    def __missing__(self, ring: int) -> RingPlanner:
+        radius, limit = self._maze.track_radius(ring), self._maze.tilt_limit
+        self[ring] = RingPlanner(RingParameters.from_model(self._model, ring, radius), limit, cost=CostParameters())
+        return self[ring]
+
+
+def tick_tree(
+    tree: str | Path = "navigate",
+    leaves: Leaves | None = None,
+    *,
+    main: str | None = None,
+    ball: BallBehaviour | None = None,
+    failures: Sequence[str] = (),
+    keys: Mapping[str, Any] | None = None,
+    map: str | Path | Maze = "cme",
+    goal: int | str | None = None,
+    closed: Sequence[str] = (),
+    behavior_modules: Sequence[str] = (),
+    ticks: int = 100,
+    halt: bool = False,
+) -> Record:
+    """Tick a tree, or the tree `main` of its file, at 30 Hz of rig time until it ends or `ticks` are over; no rig.
+
+    The leaves that have no script see the ball where `ball` says, exactly (default: at rest in ring 1). failures: kinds
+    that happened before the first tick, the last one last; keys: what stands on the blackboard; halt: halt the tree at
+    the end, as another goal would. Raises InputError for what cannot be used."""
+    maze = map if isinstance(map, Maze) else load_map(map)
+    aim = ring_number(len(maze.rings) if goal is None else goal, maze)
+    options = load_settings()
+    path = states(ball or BallBehaviour(), maze, options.estimator.lost_after)
+    context = RunContext(
+        maze=maze,
+        graph=RouteGraph(maze),
+        plate=Plate(maze.tilt_limit),
+        goal=aim,
+        planners=_Planners(maze),
+        ahead=lambda seconds: _carried(context.here, seconds, maze),
+        report=lambda event: None,
+        options=options.with_values({"travel": {"deadline_ms": PATIENCE_MS}}).leaves,
+    )
+    for name in _openings(closed, maze):
+        context.graph.close(name)
+    for kind in failures:
+        context.failed(Failure(_kind(kind), "before", 0.0))
+    watch = Watch(leaves)
+    loaded = load_tree(tree, registry_with(behavior_modules), context, main)
+    for key, value in {"goal": aim, **(keys or {})}.items():
+        loaded.blackboard.set(key, value)
+    watch(loaded, context)
+    for k in range(ticks):
+        state = path[k] if k < len(path) else after(path[-1], k * DT)
+        context.begin(k * DT, state, state)
+        if loaded.tick().name != "RUNNING":
+            break
+    reason = watch.ticks[-1].status if watch.ticks else ""
+    if halt:
+        loaded.halt()
+    return _record(watch, maze, aim, reason, reason == "SUCCESS")
+
+
+def _openings(names: Sequence[str], maze: Maze) -> tuple[str, ...]:
+    known = [opening.name for opening in maze.openings]
+    for name in names:
+        if name not in known:
+            raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed")
+    return tuple(names)
+
+
+def _kind(name: str) -> FailureKind:
+    try:
+        return FailureKind(name)
+    except ValueError:
+        kinds = ", ".join(str(kind) for kind in FailureKind)
+        raise InputError(f"got {name!r}, expected one of {kinds}", key="failures") from None
+
+
+def _carried(state: State, seconds: float, maze: Maze) -> State:
+    """Straight on, as far as a leaf looks ahead."""
+    x, y = state.x + seconds * state.vx, state.y + seconds * state.vy
+    return State(
+        state.t + seconds, x, y, state.vx, state.vy, state.beta, state.beta_dot, state.gamma, state.gamma_dot,
+        maze.ring_at(math.hypot(x, y)), state.seen, state.lost,
+    )  # fmt: skip

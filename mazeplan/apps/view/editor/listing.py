@@ -1,0 +1,75 @@
+"""A map's text as HTML: numbered lines, the line of the opening that is chosen, each problem below its line."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from html import escape
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.core.errors import MapError
+
+FONT = "font-family:ui-monospace,Menlo,Consolas,monospace;font-size:11px;line-height:1.5;"
+MOST = 2000  # lines that are shown
+WIDE = "min(460px,calc(100cqw - 14px))"  # of a problem below its line: at most the panel
+COMMENT = "#6a6f76"
+
+
+def listing(text: str, problems: Iterable[MapError], chosen: int | None, changed: frozenset[int] = frozenset()) -> str:
+    """chosen: line to point at; changed: lines that are others than in the file, all from 1."""
+    at: dict[int, list[MapError]] = defaultdict(list)
+    rows = text.splitlines()
+    for problem in problems:
+        at[min(max(problem.line or 1, 1), max(len(rows), 1))].append(problem)
+    width = len(str(len(rows)))
+    shown = [_row(i, row, i == chosen, i in changed, at[i], width) for i, row in enumerate(rows[:MOST], start=1)]
+    if not rows:
+        shown = [_row(1, "", False, False, at[1], 1)]
+    if len(rows) > MOST:
+        shown.append(f"<div>… and {len(rows) - MOST} lines more</div>")
+    return (
+        f'<div style="{FONT}padding:2px 0;overflow-x:auto;container-type:inline-size">'
+        f'<div style="display:inline-block;min-width:100%">'
+        f"{''.join(shown)}</div></div>"
+    )
+
+
+def _row(number: int, row: str, chosen: bool, changed: bool, problems: list[MapError], width: int) -> str:
+    bad, ink = bool(problems), COLOURS["bad"]
+    back = "#fbe9e2" if bad else "#e3eef7" if chosen else "transparent"
+    edge = ink if bad else COLOURS["planned"] if changed else "transparent"
+    sign = "✕" if bad else "•" if changed else " "
+    below = "".join(
+        f'<div data-problem="{number}" style="color:{ink};white-space:normal;overflow-wrap:anywhere;'
+        f"max-width:{WIDE};font-weight:600;"
+        f'padding-left:{width + 3}ch">{escape(_problem_text(problem))}</div>'
+        for problem in problems
+    )
+    return (
+        f'<div data-line="{number}" style="background:{back};border-left:3px solid {edge};white-space:pre">'
+        f'<span style="color:#8a8f96;user-select:none">{sign}{number:>{width}}  </span>{_coloured(row)}{below}</div>'
+    )
+
+
+def _problem_text(problem: MapError) -> str:
+    return f"{problem.key}: {problem.problem}" if problem.key else problem.problem
+
+
+def _coloured(row: str) -> str:
+    """Comments stand back a little."""
+    mark = 0 if row.lstrip().startswith("#") else row.find(" #")
+    if mark < 0 or (mark and any(quote in row for quote in "\"'")):
+        return escape(row) or " "
+    return f'{escape(row[:mark])}<span style="color:{COMMENT}">{escape(row[mark:])}</span>'
+
+
+def changed_lines(before: str, now: str) -> frozenset[int]:
+    """Lines of a text, from 1, that are not in the one before, or below which lines are gone."""
+    from difflib import SequenceMatcher
+
+    matcher = SequenceMatcher(None, before.splitlines(), now.splitlines(), autojunk=False)
+    found: set[int] = set()
+    for kind, _, _, start, end in matcher.get_opcodes():
+        if kind != "equal":
+            found |= set(range(start + 1, end + 1)) or {max(start, 1)}
+    return frozenset(found)

@@ -1,0 +1,278 @@
+"""A map that is edited: its text, its errors and their lines, steps to undo, and its file.
+
+This module has no page. The text is the map: each drag becomes a change of the text (`maze.mapedit`), and the page
+draws the text. A text with errors can be edited; saving it needs `with_errors`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tempfile
+from collections.abc import Callable, Hashable
+from pathlib import Path
+
+from mazeplan.core import resources
+from mazeplan.core.errors import MapError
+from mazeplan.maze.geometry import Maze, Wall
+from mazeplan.maze.mapedit import Written, add_opening, close_opening, move_opening, remove_opening, widen_opening
+from mazeplan.maze.mapedit import written_openings as read_openings
+from mazeplan.maze.mapfile import MapCheck, check_text, find_map
+from mazeplan.maze.mapschema import NAME_PATTERN
+from mazeplan.maze.yamltree import MAX_BYTES, read_yaml
+
+MOST_STEPS = 500  # that can be undone
+ROOM = 1.2  # width of the first opening of a wall, in diameters of the ball
+_BOM = b"\xef\xbb\xbf"
+
+
+class MapEditor:
+    """One map file, open for editing.
+
+    source: a file, or the name of a packaged map, which is saved under another name. Raises MapError for a file that
+    cannot be read or is no YAML. A map with errors can be opened.
+
+    text:     of the map
+    check:    result of `check_text`; its `maze` is None while there are errors
+    maze:     the last maze without errors; None before the first
+    openings: in the text, also with errors (`mapedit.Written`)
+    path:     of the file
+    """
+
+    def __init__(self, source: str | Path) -> None:
+        found = find_map(source)
+        read_yaml(found, error=MapError, what="a map (YAML)")  # says in one line what cannot be read
+        packaged = found.parent == resources.share("maps") and not Path(source).exists()
+        self.path = Path.cwd() / found.name if packaged else found.resolve()
+        content = found.read_bytes()
+        self._on_disk = None if packaged else content
+        self._bom = _BOM if content.startswith(_BOM) else b""
+        self._crlf = b"\r\n" in content
+        self._undone: list[str] = []
+        self._done: list[str] = []
+        self._gesture: Hashable = None
+        self.maze: Maze | None = None
+        self._saved = content.removeprefix(_BOM).decode()
+        self._take(self._saved)
+
+    def _take(self, text: str) -> None:
+        self.text = text
+        self.check: MapCheck = check_text(text, file=self.path.name)
+        self.maze = self.check.maze or self.maze
+        self.openings: tuple[Written, ...] = read_openings(text)
+
+    # -- edits ------------------------------------------------------------------------------------------------------
+
+    def move(self, index: int, angle_deg: float, gesture: Hashable = None) -> None:
+        """Turn an opening to an angle. Calls with the same `gesture`, as a drag makes, are undone in one step."""
+        self._change(lambda text: move_opening(text, index, angle_deg), gesture)
+
+    def widen(self, index: int, width_mm: float, gesture: Hashable = None) -> None:
+        """Give an opening another width."""
+        self._change(lambda text: widen_opening(text, index, width_mm), gesture)
+
+    def close(self, index: int, closed: bool) -> None:
+        """Close an opening for routes, or open it."""
+        self._change(lambda text: close_opening(text, index, closed))
+
+    def add(self, outer: int, angle_deg: float | None = None, width_mm: float | None = None) -> int:
+        """One more in the wall inside ring `outer`: by default in the middle of its largest piece and as wide as
+        the wall's last opening. Returns its index."""
+        angle = self.free_angle(outer) if angle_deg is None else angle_deg
+        width = self.usual_width(outer) if width_mm is None else width_mm
+        before = self.openings
+        self._change(lambda text: add_opening(text, outer, angle, width))
+        pairs = zip(self.openings, before, strict=False)
+        return next((new.index for new, old in pairs if _place(new) != _place(old)), len(self.openings) - 1)
+
+    def remove(self, index: int) -> None:
+        """Remove an opening."""
+        self._change(lambda text: remove_opening(text, index))
+
+    def write(self, text: str) -> None:
+        """Replace the whole text by a typed one."""
+        if len(text.encode()) > MAX_BYTES:
+            raise MapError(f"got more than {MAX_BYTES} bytes, expected a map", file=self.path.name)
+        plain = text.removeprefix("\ufeff").replace("\r\n", "\n")
+        self._change(lambda _: plain.replace("\n", "\r\n") if self._crlf else plain, "typing")
+
+    def settle(self) -> None:
+        """End a drag or typing: the next change is a step of its own."""
+        self._gesture = None
+
+    def _change(self, edit: Callable[[str], str], gesture: Hashable = None) -> None:
+        text = edit(self.text)
+        if text == self.text:
+            return
+        if gesture is None or gesture != self._gesture:
+            self._done = [*self._done[1 - MOST_STEPS :], self.text]
+        self._undone, self._gesture = [], gesture
+        self._take(text)
+
+    def undo(self) -> bool:
+        """Undo the last step; whether there was one."""
+        return self._step(self._done, self._undone)
+
+    def redo(self) -> bool:
+        """Redo the last undone step; whether there was one."""
+        return self._step(self._undone, self._done)
+
+    def _step(self, taken: list[str], kept: list[str]) -> bool:
+        if taken:
+            kept.append(self.text)
+            self._take(taken.pop())
+            self.settle()
+            return True
+        return False
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether a step can be undone."""
+        return bool(self._done)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether an undone step can be redone."""
+        return bool(self._undone)
+
+    # -- what is there ----------------------------------------------------------------------------------------------
+
+    @property
+    def saved(self) -> str:
+        """The text in the file."""
+        return self._saved
+
+    @property
+    def changed(self) -> bool:
+        """Whether the text differs from the file."""
+        return self.text != self._saved
+
+    @property
+    def wrong(self) -> frozenset[int]:
+        """Indices of the openings that errors name."""
+        named = (re.findall(r"openings\[(\d+)\]", f"{error.key} {error.problem}") for error in self.check.errors)
+        return frozenset(int(index) for found in named for index in found)
+
+    def opening(self, index: int) -> Written | None:
+        """The opening of an index; None if the text has none."""
+        return next((opening for opening in self.openings if opening.index == index), None)
+
+    def usual_width(self, outer: int) -> float:
+        """Width, mm, of the last opening of a wall, else one that the ball passes."""
+        same = [opening.width_mm for opening in self.openings if opening.outer == outer]
+        return same[-1] if same else math.ceil(20.0 * ROOM * self._drawn.ball.radius * 1000.0) / 10.0
+
+    def free_angle(self, outer: int) -> float:
+        """Degrees: the middle of the longest piece of the wall between openings, and radial walls on either side."""
+        taken = [opening.angle_deg for opening in self.openings if opening.outer == outer]
+        across = self.maze.radial_walls if self.maze else ()
+        taken += [math.degrees(w.angle) % 360.0 for w in across if w.ring in (outer, outer + 1)]
+        angles = sorted(taken)
+        if not angles:
+            return 0.0
+        pieces = zip(angles, [*angles[1:], angles[0] + 360.0], strict=True)
+        first, last = max(pieces, key=lambda piece: round(piece[1] - piece[0], 6))
+        return 0.5 * (first + last) % 360.0
+
+    @property
+    def _drawn(self) -> Maze:
+        if self.maze is None:
+            raise MapError("has errors: correct them in the text first", file=self.path.name)
+        return self.maze
+
+    def wall_at(self, x: float, y: float) -> tuple[int, float]:
+        """The wall nearest to a place in the plate, m, as the ring outside it, and the angle there in degrees."""
+        radius, angle = math.hypot(x, y), math.degrees(math.atan2(y, x)) % 360.0
+        walls = [wall for wall in self._drawn.walls if wall.outer_ring]
+
+        def off(wall: Wall) -> float:
+            return abs(0.5 * (wall.inner_radius + wall.outer_radius) - radius)
+
+        return min(walls, key=off).outer_ring, angle
+
+    # -- the file ---------------------------------------------------------------------------------------------------
+
+    def save(self, name: str | None = None, *, with_errors: bool = False) -> Path:
+        """Write the text, all at once or not at all. name: another file in the same folder, which must not exist yet.
+
+        Raises MapError: the first error of the map unless `with_errors`; a file that another program
+        changed since; a place that cannot be written. Then the file does not change."""
+        path = self.path if name in (None, self.path.name) else self._other(name)
+        if self.check.errors and not with_errors:
+            raise self.check.errors[0]
+        content = self._bom + self.text.encode()
+        try:
+            if path == self.path and self._on_disk is not None:
+                self._check_unchanged(path)
+                _put(path, content)
+            else:
+                _write_new(path, content)
+        except FileExistsError:
+            raise MapError("exists already, expected the name of a new file", file=path) from None
+        except OSError as problem:
+            raise MapError(f"cannot be written: {problem.strerror or problem}", file=path) from None
+        self.path, self._on_disk, self._saved = path, content, self.text
+        self.settle()
+        self._take(self.text)
+        return path
+
+    def _other(self, name: str) -> Path:
+        if not re.fullmatch(NAME_PATTERN, name) or not name.endswith((".yaml", ".yml")) or name.startswith("."):
+            raise MapError(f"got the file name {name!r}, expected letters, digits or _ . @ + - and .yaml at its end")
+        return self.path.with_name(name)
+
+    def overtaken(self) -> str:
+        """What another program did to the file since it was read or saved here; empty for nothing."""
+        if self._on_disk is None:
+            return ""
+        try:
+            now = self.path.read_bytes()
+        except FileNotFoundError:
+            return "is gone"
+        except OSError as problem:
+            return f"cannot be read: {problem.strerror or problem}"
+        return "" if now == self._on_disk else "was changed by another program"
+
+    def read_again(self) -> None:
+        """Read the file again, as a step that can be undone. Raises MapError for a file without YAML."""
+        read_yaml(self.path, error=MapError, what="a map (YAML)")
+        content = self.path.read_bytes()
+        self._on_disk, self._bom = content, _BOM if content.startswith(_BOM) else b""
+        self._crlf, self._saved = b"\r\n" in content, content.removeprefix(_BOM).decode()
+        self.settle()
+        self._change(lambda _: self._saved)
+
+    def _check_unchanged(self, path: Path) -> None:
+        if what := self.overtaken():
+            raise MapError(f"{what} since it was opened here: save under another name", file=path)
+
+
+def _write_new(path: Path, content: bytes) -> None:
+    """Write a new file. Raises FileExistsError."""
+    with path.open("xb"):  # with the rights of a new file
+        pass
+    try:
+        _put(path, content)
+    except OSError:
+        path.unlink()
+        raise
+
+
+def _put(path: Path, content: bytes) -> None:
+    """Replace a file in one step; it keeps its rights."""
+    number, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    draft = Path(name)
+    try:
+        with os.fdopen(number, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(draft, path.stat().st_mode & 0o7777)
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _place(opening: Written) -> tuple[int, float, float]:
+    return opening.outer, opening.angle_deg, opening.width_mm

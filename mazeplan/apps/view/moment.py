@@ -1,0 +1,138 @@
+"""A run at one time, ready to be drawn: plain records, of a live run and of a recorded one alike.
+
+Lengths m, angles rad, times s of the rig's clock. `story` makes moments from a run's messages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.records import Array, Failure
+
+COLUMNS = (
+    "t", "x", "y", "u_beta", "u_gamma", "beta", "gamma", "theta", "planned_theta", "planner_ms", "tick_ms",
+)  # fmt: skip
+COLUMN = {name: i for i, name in enumerate(COLUMNS)}
+
+
+@dataclass(frozen=True)
+class NodeShown:
+    """A node of the behaviour tree. parent: number of the node above, -1 of the root; depth: 0 of the root."""
+
+    path: str
+    kind: str
+    name: str
+    parent: int
+    depth: int
+
+
+@dataclass(frozen=True)
+class TreeShown:
+    """The behaviour tree. number: how many trees the run has had; statuses: a letter for each node
+    (`core.logs.run_log.STATUSES`); active: numbers of the nodes that run, with all above them."""
+
+    number: int = 0
+    nodes: tuple[NodeShown, ...] = ()
+    statuses: str = ""
+    active: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class TaskShown:
+    """What the run is doing: ring of the ball and of the goal, the next opening, the leaf that commands, and
+    measurements that are not believed."""
+
+    ring: int | None = None
+    goal: int | None = None
+    opening: str | None = None
+    leaf: str = ""
+    doubts: str = ""
+
+
+@dataclass(frozen=True)
+class BallShown:
+    """Estimated place of the ball; seen: whether the last picture showed it."""
+
+    x: float
+    y: float
+    seen: bool
+
+
+@dataclass(frozen=True)
+class PlanShown:
+    """The plan that is followed.
+
+    t0, dt: time of the first step, and between steps; theta: (N,), continuous; places: (N, 2) x, y on the track of the
+    ring; errors: (N,) how far off along the ring earlier plans of this run were after as many steps, rms, m; NaN where
+    too few plans are that old."""
+
+    t0: float
+    dt: float
+    ring: int
+    theta: Array
+    places: Array
+    errors: Array
+
+
+@dataclass(frozen=True)
+class OpeningShown:
+    """An opening. next: the ball is brought there; successes, failures: as they count now; chance, low, high: mean and
+    90 % bounds of the Beta posterior of getting through."""
+
+    name: str
+    closed: bool
+    next: bool
+    successes: float
+    failures: float
+    chance: float
+    low: float
+    high: float
+
+    @property
+    def tried(self) -> bool:
+        """Whether anything is known of it."""
+        return self.successes + self.failures > 0.05
+
+
+@dataclass(frozen=True)
+class EventShown:
+    """An event in words."""
+
+    t: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A run at one time.
+
+    run: number of the run on this page; tick: how many ticks the run has had; header: of its log; ball: None while
+    its place is not known; tilt: beta, gamma as measured; rows: (N, len(COLUMNS)) of the last seconds, the newest last,
+    NaN for what is not known, theta continuous; failure: the last one; events: the last ones; result: None until the
+    run ends."""
+
+    run: int = 0
+    tick: int = 0
+    t: float = 0.0
+    header: dict[str, Any] = field(default_factory=dict)
+    task: TaskShown = TaskShown()
+    ball: BallShown | None = None
+    tilt: tuple[float, float] = (0.0, 0.0)
+    rows: Array = field(default_factory=lambda: np.empty((0, len(COLUMNS))))
+    plan: PlanShown | None = None
+    openings: tuple[OpeningShown, ...] = ()
+    tree: TreeShown = TreeShown()
+    failure: Failure | None = None
+    events: tuple[EventShown, ...] = ()
+    result: dict[str, Any] | None = None
+
+    def column(self, name: str) -> Array:
+        """One column of `rows`, (N,)."""
+        return self.rows[:, COLUMN[name]]
+
+    def trail(self, seconds: float) -> Array:
+        """Path of the ball, (N, 2), within the last seconds; NaN where it is not known."""
+        return self.rows[self.column("t") >= self.t - seconds][:, [COLUMN["x"], COLUMN["y"]]]

@@ -1,0 +1,99 @@
+"""A page: a server behind its door, and tabs that are drawn by one thread.
+
+A tab has `build` and `draw` (`Tab`). It gets the page, whose `server` is viser's, and adds itself to `page.tabs`, the
+group of tabs in the right panel. All tabs share one scene, so only one tab may draw in it and set `page.framing`.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
+from threading import Event
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Any, Protocol
+
+from mazeplan.apps.view.camera import Framing
+from mazeplan.apps.view.door import Door
+from mazeplan.apps.view.server import open_server
+
+if TYPE_CHECKING:
+    import socket
+
+    from viser import GuiTabGroupHandle, ViserServer
+
+HZ = 25.0  # drawn so often
+WIDTH = 340  # pixels of the panels at both sides: with one of 1024 there is as much left between them
+FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
+
+
+def pressed(lock: AbstractContextManager[object], do: Callable[[Any], object]) -> Callable[[Any], None]:
+    """A callback for what a person does in a browser, one after another; changes by the program are ignored."""
+
+    def on(event: Any) -> None:
+        if getattr(event, "client_id", 0) is not None:
+            with lock:
+                do(event)
+
+    return on
+
+
+class Tab(Protocol):
+    """A tab of the page."""
+
+    def build(self, page: Page) -> None:
+        """Add all elements to the page; called once."""
+
+    def draw(self, now: float) -> None:
+        """Update the elements within a few ms; now: monotonic, s. Called `HZ` times a second."""
+
+
+class Page:
+    """An open page. Raises what `open_server` raises."""
+
+    def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, title: str = "mazeplan") -> None:
+        self.door = door
+        ready = Event()
+        self.server: ViserServer = open_server(door, listening, ready)
+        self._tabs = tuple(tabs)
+        self._printed = False
+        gui, scene = self.server.gui, self.server.scene
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 95, 153))
+        gui.set_panel_label(title)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
+        scene.set_up_direction("+z")
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(cast_shadow=False)
+        scene.add_light_ambient("/light", intensity=0.9)
+        scene.add_light_directional("/lamp", intensity=0.7, position=(-0.8, -2.5, 2.0))
+        self.framing = Framing(self.server)
+        self.tabs: GuiTabGroupHandle = gui.add_tab_group()
+        for tab in self._tabs:
+            tab.build(self)
+        ready.set()
+
+    def draw(self) -> None:
+        """All tabs once. The first exception of a tab is printed, and the other tabs are drawn."""
+        for tab in self._tabs:
+            try:
+                with self.server.atomic():
+                    tab.draw(monotonic())
+            except Exception:  # a picture that fails must not end the page, which has the emergency stop
+                if not self._printed:
+                    self._printed = True
+                    with suppress(OSError):
+                        print(f"mazeplan: the page could not draw: {traceback.format_exc()}", file=sys.stderr)
+
+    def loop(self, on: Callable[[], bool]) -> None:
+        """Draw while `on()` is true."""
+        due = monotonic()
+        while on():
+            self.draw()
+            due = max(due + 1.0 / HZ, monotonic())
+            sleep(max(0.0, due - monotonic()))
+
+    def close(self) -> None:
+        """Stop the server."""
+        self.server.stop()

@@ -1,0 +1,146 @@
+"""Facts of a run, its behaviour tree and its last failure, as HTML.
+
+A status has a colour and a sign; active nodes are bold and have a bar.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.apps.view.moment import Moment, NodeShown
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+HZ = 10.0  # at most so often a panel is drawn
+SIGNS = {  # letter of a status -> sign, style, word
+    "R": ("▶", "running", "running"),
+    "S": ("✓", "success", "success"),
+    "F": ("✕", "failure", "failure"),
+    "K": ("–", "skipped", "skipped"),
+    "-": ("·", "skipped", "idle"),
+}
+FONT = "font-size:12px;line-height:1.35;"
+GREY = 'style="color:#666'
+
+
+class HtmlPanel:
+    """HTML of a moment, in viser's current container. html: what to draw; key: what it depends on."""
+
+    def __init__(self, server: ViserServer, html: Callable[[Moment], str], key: Callable[[Moment], Any]) -> None:
+        self._html, self._key = html, key
+        self._shown = server.gui.add_html(html(Moment()))
+        self._at, self._before = 0.0, None
+
+    def show(self, moment: Moment, now: float) -> None:
+        """Draw a moment, at most HZ times a second; now: s of any clock."""
+        if now - self._at < 1.0 / HZ or (key := self._key(moment)) == self._before:
+            return
+        self._at, self._before = now, key
+        self._shown.content = self._html(moment)
+
+
+def facts_panel(server: ViserServer) -> HtmlPanel:
+    """Where the run is, in a few lines."""
+    return HtmlPanel(server, facts_html, lambda m: (m.run, m.tick, m.task, m.failure, m.events, m.result is None))
+
+
+def tree_panel(server: ViserServer) -> HtmlPanel:
+    """The behaviour tree."""
+    return HtmlPanel(server, tree_html, lambda m: (m.run, m.tree.number, m.tree.statuses, m.failure))
+
+
+def facts_html(moment: Moment) -> str:
+    """Time, rings, leaf, computing time, outcome, last failure, last events."""
+    task = moment.task
+    goal = task.goal if moment.tick else None  # before the first tick another one may wait to be read
+    rows = {
+        "time": f"{moment.t:.2f} s" if moment.tick else "–",
+        "ring": f"{task.ring or '–'}{f' → {goal}' if goal else ''}",
+        "doing": _doing(moment),
+    }
+    if len(moment.rows):
+        times = [moment.column(name)[-1] for name in ("planner_ms", "tick_ms")]
+        if not all(map(math.isnan, times)):
+            rows["planner, tick"] = ", ".join("–" if math.isnan(value) else f"{value:.1f} ms" for value in times)
+    if task.doubts:
+        rows["not believed"] = task.doubts
+    cells = "".join(
+        f'<tr><td {GREY};padding-right:10px;white-space:nowrap">{name}</td>'
+        f'<td data-fact="{name}">{escape(text)}</td></tr>'
+        for name, text in rows.items()
+    )
+    events = "".join(f"<div>{event.t:6.2f} s  {escape(event.text)}</div>" for event in reversed(moment.events[-5:]))
+    return (
+        f'<div style="{FONT}padding:2px 12px">{_outcome(moment)}<table style="border-spacing:0">{cells}</table>'
+        f'{_failure(moment)}<div {GREY};margin-top:4px;white-space:pre-wrap">{events}</div></div>'
+    )
+
+
+def _doing(moment: Moment) -> str:
+    if moment.result is not None or not moment.tick:
+        return "–"
+    excitation = moment.header.get("excitation")
+    leaf = moment.task.leaf or (f"excitation: {excitation}" if excitation else "–")
+    return f"{leaf}{f' to {moment.task.opening}' if moment.task.opening else ''}"
+
+
+def _outcome(moment: Moment) -> str:
+    if moment.result is None:
+        return ""
+    arrived, time = bool(moment.result.get("success")), moment.result.get("time_s")
+    word, colour = ("✓ arrived", "good") if arrived else (f"✕ {moment.result.get('reason', '')}", "bad")
+    after = f" after {time:.2f} s" if isinstance(time, int | float) else ""
+    style = f"color:{COLOURS[colour]};font-weight:bold;font-size:14px"
+    return f'<div style="{style}" data-outcome>{escape(word)}{after}</div>'
+
+
+def _failure(moment: Moment) -> str:
+    failure = moment.failure
+    if failure is None:
+        return ""
+    recovery = f" → {escape(failure.recovery)}" if failure.recovery else ""
+    return (
+        f'<div data-failure style="border-left:4px solid {COLOURS["bad"]};padding-left:6px;margin-top:4px">'
+        f"<b>last failure</b> at {failure.t:.2f} s: {escape(str(failure.kind))}{recovery}<br>"
+        f'<span {GREY}">{escape(failure.detail)} ({escape(failure.where)})</span></div>'
+    )
+
+
+def tree_html(moment: Moment) -> str:
+    """A line for each node, indented."""
+    tree = moment.tree
+    if not tree.nodes:
+        return f'<div style="{FONT}color:#666;padding:2px 12px">no tree{"" if moment.tick else " yet"}</div>'
+    failed = moment.failure.where if moment.failure is not None else None
+    lines = [
+        _node(node, tree.statuses[i : i + 1] or "-", i in tree.active, node.name == failed)
+        for i, node in enumerate(tree.nodes)
+    ]
+    legend = "  ".join(f'<span style="color:{_ink(name)}">{sign}</span> {word}' for sign, name, word in SIGNS.values())
+    return (
+        f'<div style="{FONT}padding:2px 12px" data-tree="{tree.number}">{"".join(lines)}'
+        f'<div {GREY};margin-top:4px">{legend}</div></div>'
+    )
+
+
+def _ink(name: str) -> str:
+    return "#9a9a9a" if name == "skipped" else COLOURS[name]
+
+
+def _node(node: NodeShown, letter: str, active: bool, failed: bool) -> str:
+    sign, style, word = SIGNS.get(letter, SIGNS["-"])
+    bar, weight = (COLOURS["running"], "bold") if active else ("transparent", "normal")
+    kind = f' <span style="color:#999">{escape(node.kind)}</span>' if node.kind != node.name else ""
+    mark = f' <span style="color:{COLOURS["bad"]}">← last failure</span>' if failed else ""
+    return (
+        f'<div title="{escape(node.path, quote=True)}: {word}" style="border-left:3px solid {bar};'
+        f'padding-left:{4 + 9 * node.depth}px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis">'
+        f'<span style="color:{_ink(style)};display:inline-block;width:13px">{sign}</span>'
+        f'<span style="font-weight:{weight};color:{"#222" if letter != "-" else "#888"}">{escape(node.name)}</span>'
+        f"{kind}{mark}</div>"
+    )

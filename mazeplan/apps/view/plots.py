@@ -1,0 +1,201 @@
+"""Curves: tilt commanded and measured, theta planned and measured, computing times of planner and tick.
+
+A live page shows the last seconds. A replay shows the whole run, of a long one the part around the current time, with
+a line at that time; of two runs it lays the last curve of each plot over each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mazeplan.apps.palette import COLOURS, dashes
+from mazeplan.apps.view.moment import Moment
+from mazeplan.core.records import Array
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+    from mazeplan.apps.view.replay.recorded import RecordedRun
+
+HZ = 10.0  # rate at which curves are sent
+EVERY = 2  # a live page shows every second sample
+HEIGHT = 190  # pixels
+SHOWN_S = 30.0  # s of a long recorded run
+DEG = 180.0 / np.pi
+STEP_DEG = 45.0  # of the axis of theta
+NOTE = "font-size:13px;color:#666;padding:2px 12px"
+
+
+class PlotLine(NamedTuple):
+    """A column of a moment: label, column, style of the palette, whether it is dashed."""
+
+    label: str
+    column: str
+    style: str
+    dashed: bool = False
+
+
+class Chart(NamedTuple):
+    """A plot: factor from the columns to the unit; step: of a live axis, None to find it."""
+
+    title: str
+    unit: str
+    factor: float
+    curves: tuple[PlotLine, PlotLine]
+    step: float | None = None
+
+
+CHARTS = (
+    Chart("tilt beta about the y axis", "deg", DEG, (
+        PlotLine("commanded", "u_beta", "commanded", True), PlotLine("measured", "beta", "measured"))),
+    Chart("tilt gamma about the x axis", "deg", DEG, (
+        PlotLine("commanded", "u_gamma", "commanded", True), PlotLine("measured", "gamma", "measured"))),
+    Chart("angle of the ball, theta", "deg", DEG, (
+        PlotLine("planned", "planned_theta", "planned", True), PlotLine("estimated", "theta", "real")), STEP_DEG),
+    Chart("computing time in a tick", "ms", 1.0, (
+        PlotLine("planner", "planner_ms", "planned", True), PlotLine("whole tick", "tick_ms", "neutral"))),
+)  # fmt: skip
+
+
+def line(label: str, style: str, dashed: bool = False) -> dict[str, Any]:
+    """A series of uPlot in a colour of the palette."""
+    series: dict[str, Any] = {"label": label, "stroke": COLOURS[style], "width": 2, "points": {"show": False}}
+    if dashed:
+        series["dash"] = tuple(2.0 * length for length in dashes(style))
+    return series
+
+
+def _add_plot(server: ViserServer, chart: Chart, series: Sequence[Any], data: tuple[Array, ...], **more: Any) -> Any:
+    common = {"grid": {"stroke": "#e4e6ea", "width": 1}, "font": "11px sans-serif", "labelSize": 18}
+    axes = {"label": "time (s)", "size": 32, **common}, {"label": chart.unit, "size": 44, **common}
+    every: Any = ({"label": "t (s)"}, *series)
+    more |= {"axes": axes, "height": HEIGHT, "title": chart.title}
+    return server.gui.add_uplot(data, every, padding=(4, 12, 0, 0), **more)  # pyright: ignore
+
+
+def scales(time: tuple[float, float], values: tuple[float, float]) -> dict[str, Any]:
+    """Ranges of both axes. Without one viser keeps a share of the earlier time axis, which is off later."""
+    return {"x": {"time": False, "range": time}, "y": {"range": values}}
+
+
+def span_of(times: Array) -> tuple[float, float]:
+    """Ends of the time axis, s: whole seconds, as every change makes a new chart."""
+    return (float(np.floor(times[0])), float(np.floor(times[-1]) + 1.0)) if len(times) else (0.0, 1.0)
+
+
+def range_of(curves: Sequence[Array], step: float | None = None) -> tuple[float, float]:
+    """Ends of an axis that hold all known values, in steps that seldom change: by default 1, 2 or 5 times a power of
+    ten. uPlot finds no range for a curve that begins with NaN."""
+    known = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    if step is None:
+        least = max(high - low, 1.0) / 4.0
+        power = 10.0 ** np.floor(np.log10(least))
+        step = float(next(power * digit for digit in (1.0, 2.0, 5.0, 10.0) if power * digit >= least * (1.0 - 1e-9)))
+    return step * float(np.floor(low / step)), step * float(np.floor(high / step) + 1.0)
+
+
+class LivePlots:
+    """Curves of the last seconds, in viser's current container; before the first run a note."""
+
+    def __init__(self, server: ViserServer) -> None:
+        self._none = server.gui.add_html(f'<div style="{NOTE}" data-curves="none">no run yet</div>')
+        empty = {"scales": scales((0.0, 1.0), (0.0, 1.0)), "visible": False}
+        self._plots = []
+        for chart in CHARTS:
+            series = [line(curve.label, curve.style, curve.dashed) for curve in chart.curves]
+            self._plots.append(_add_plot(server, chart, series, (np.zeros(1),) * 3, **empty))
+        self._ranges: list[Any] = [None] * len(CHARTS)
+        self._at, self._before = 0.0, (-1, -1)
+
+    def show(self, moment: Moment, now: float) -> None:
+        """Draw a moment, at most HZ times a second; now: s of any clock."""
+        key = (moment.run, moment.tick)
+        if key == self._before or (now - self._at < 1.0 / HZ and moment.result is None):
+            return
+        self._before, self._at = key, now
+        if not len(moment.rows):
+            return
+        picked = slice((len(moment.rows) - 1) % EVERY, None, EVERY)
+        time = np.ascontiguousarray(moment.column("t")[picked])
+        for i, (chart, plot) in enumerate(zip(CHARTS, self._plots, strict=True)):
+            curves = [np.ascontiguousarray(chart.factor * moment.column(c.column)[picked]) for c in chart.curves]
+            ranges = span_of(time), range_of(curves, chart.step)
+            if ranges != self._ranges[i]:
+                self._ranges[i], plot.scales = ranges, scales(*ranges)
+            plot.data = (time, *curves)
+            plot.visible = True
+        self._none.visible = False
+
+
+class ReplayPlots:
+    """Curves of one recorded run or two, in viser's current container."""
+
+    def __init__(self, server: ViserServer, runs: Sequence[RecordedRun]) -> None:
+        self._at, self._shown = -1.0, None
+        self._plots = []  # each with its columns and range
+        for chart in CHARTS:
+            columns = table(runs, chart)
+            low, high = spread(columns[1:])
+            series = [line(curve.label, curve.style, curve.dashed) for curve in chart.curves]
+            if len(runs) > 1:
+                series = [
+                    line(f"A {chart.curves[1].label}", "real"),
+                    line(f"B {chart.curves[1].label}", "planned", True),
+                ]
+            here = {"label": "now", "stroke": COLOURS["neutral"], "width": 1, "points": {"show": False}}
+            data = with_line(columns, columns[0][0], low, high)
+            more = {"scales": {"x": {"time": False}, "y": {"range": (low, high)}}}
+            self._plots.append((_add_plot(server, chart, [*series, here], data, **more), columns, low, high))
+
+    def show(self, t: float, now: float) -> None:
+        """Put the line at t, at most HZ times a second; now: s of any clock."""
+        if t == self._shown or now - self._at < 1.0 / HZ:
+            return
+        self._shown, self._at = t, now
+        for plot, columns, low, high in self._plots:
+            plot.data = with_line(around(columns, t), t, low, high)
+
+
+def table(runs: Sequence[RecordedRun], chart: Chart) -> tuple[Array, ...]:
+    """Times of all runs, and each curve at them, NaN where its run has nothing: (N,) each."""
+    if len(runs) == 1:
+        return runs[0].times, *(chart.factor * runs[0].column(curve.column) for curve in chart.curves)
+    times, name = np.unique(np.concatenate([run.times for run in runs])), chart.curves[1].column
+    return times, *(chart.factor * at_times(times, run.times, run.column(name)) for run in runs)
+
+
+def at_times(times: Array, known: Array, values: Array) -> Array:
+    """Values at other times, linear between known ones; NaN outside and beside NaN."""
+    return np.interp(times, known, values, left=np.nan, right=np.nan)
+
+
+def around(columns: tuple[Array, ...], t: float) -> tuple[Array, ...]:
+    """The part of a long run around t."""
+    times = columns[0]
+    if times[-1] - times[0] <= SHOWN_S:
+        return columns
+    first = min(max(t - 0.5 * SHOWN_S, times[0]), times[-1] - SHOWN_S)
+    start, end = np.searchsorted(times, [first, first + SHOWN_S])
+    return tuple(column[start:end] for column in columns)
+
+
+def spread(curves: Sequence[Array]) -> tuple[float, float]:
+    """From a little below all curves to a little above."""
+    known = np.concatenate(curves)
+    known = known[np.isfinite(known)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    room = 0.05 * (high - low) or 1.0
+    return low - room, high + room
+
+
+def with_line(columns: tuple[Array, ...], t: float, low: float, high: float) -> tuple[Array, ...]:
+    """The curves, and one more column that goes from `low` to `high` at t and is NaN elsewhere."""
+    times, *curves = columns
+    at, both = int(np.searchsorted(times, t)), np.array([t, t])
+    here = np.insert(np.full(len(times), np.nan), at, [low, high])
+    more = [np.insert(curve, at, at_times(both, times, curve)) for curve in curves]
+    return tuple(np.ascontiguousarray(column) for column in (np.insert(times, at, both), *more, here))

@@ -1,0 +1,224 @@
+"""The maze in 3D as it tilts: ball and trail, the plan ahead with its errors, and the openings.
+
+opening   grey: untried; else from `bad` over `unsure` to `good` by the chance of getting through, the mean of its
+          Beta posterior; a label has this mean and its 90 % bounds; red plug: closed; bright frame: the next one
+plan      a line on the track of the ring, in a band of 2 rms errors of earlier plans to either side
+tilt      drawn larger than it is; a slider sets the factor
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.apps.palette import rgb
+from mazeplan.apps.view.camera import around
+from mazeplan.apps.view.meshes import Mesh, gap_box, posts, radial_mesh, ribbon, ring_floor, strip, wall_mesh
+from mazeplan.apps.view.moment import Moment, OpeningShown, PlanShown
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze, Opening
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+UNIT = 10.0  # lengths in the scene are dm: cameras and lights of viser are made for things about as large as 1
+TRAIL_S, TRAIL_POINTS = 3.0, 90
+PLAN_POINTS = 64
+TILT_SHOWN = 3.0  # times as large as it is
+WALLS_SHOWN = 0.5  # of their height: the ball is to be seen behind them
+WALL, TABLE = (178, 184, 192), (205, 208, 212)
+FLOORS = (238, 240, 242), (250, 250, 248)  # of even and odd rings
+SHADE = (222, 225, 229)
+SHADE_BELOW, RAISED = 0.3, 0.15  # of the rim's radius: depth of the plate's shade, usual height of its raised edge
+LABELS_AT = -60.0  # deg, where rings have their numbers
+Colour = tuple[int, int, int]
+
+
+class Scene:
+    """The scene of a page, under `name` in viser's tree: two of them may stand side by side (`at`: x, y in m).
+
+    on_ring, on_opening: called with number or name at a click; None: no clicks."""
+
+    def __init__(
+        self, server: ViserServer, maze: Maze, name: str = "/maze", at: tuple[float, float] = (0.0, 0.0), *,
+        on_ring: Callable[[int], None] | None = None, on_opening: Callable[[str], None] | None = None,
+    ) -> None:  # fmt: skip
+        self._server, self._maze, self._name = server, maze, name
+        self.tilt_shown = TILT_SHOWN
+        scene = server.scene
+        scene.add_frame(name, show_axes=False, position=(UNIT * at[0], UNIT * at[1], 0.0))
+        self._plate = scene.add_frame(f"{name}/plate", show_axes=False)
+        rim = maze.walls[0].outer_radius
+        scene.add_cylinder(
+            f"{name}/shade", UNIT * 0.99 * rim, 0.01, SHADE, radial_segments=96,
+            position=(0.0, 0.0, -UNIT * SHADE_BELOW * rim),
+        )  # fmt: skip
+        self._build_plate(on_ring)
+        self._openings = {o.name: _OpeningMark(self, o, on_opening) for o in maze.openings}
+        self._build_ball()
+        self._shown: tuple[Any, ...] = ()
+
+    def _mesh(self, name: str, mesh: Mesh, colour: Colour, **more: Any) -> Any:
+        return add_mesh(self._server, f"{self._name}/plate/{name}", mesh, colour, **more)
+
+    def _build_plate(self, on_ring: Callable[[int], None] | None) -> None:
+        maze, plate = self._maze, f"{self._name}/plate"
+        for name, mesh in wall_meshes(maze).items():
+            self._mesh(name, mesh, WALL, flat_shading=False)
+        for ring in maze.rings:
+            floor = self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), FLOORS[ring.number % 2])
+            if on_ring is not None:
+                floor.on_click(lambda _, number=ring.number: on_ring(number))
+                out = 0.5 * (ring.inner_radius + ring.outer_radius) if ring.inner_radius else 0.0
+                along = math.radians(LABELS_AT)
+                self._server.scene.add_label(
+                    f"{plate}/ring{ring.number}/number", str(ring.number), font_screen_scale=0.7,
+                    position=(UNIT * out * math.cos(along), UNIT * out * math.sin(along), UNIT * 0.001),
+                )  # fmt: skip
+        self._server.scene.add_cylinder(
+            f"{plate}/base", UNIT * maze.walls[0].outer_radius, UNIT * 0.003, TABLE, radial_segments=96,
+            position=(0.0, 0.0, -UNIT * 0.002),
+        )  # fmt: skip
+
+    def _build_ball(self) -> None:
+        scene, plate, radius = self._server.scene, f"{self._name}/plate", UNIT * self._maze.ball.radius
+        self._ball = scene.add_icosphere(f"{plate}/ball", radius, rgb("real"), subdivisions=3, visible=False)
+        nothing = np.zeros((TRAIL_POINTS - 1, 2, 3), dtype=np.float32)
+        fade = np.linspace(0.0, 1.0, TRAIL_POINTS)[:, None]
+        colours = (1.0 - fade) * np.array([215, 222, 230]) + fade * np.array(rgb("real"))
+        pairs = np.stack([colours[:-1], colours[1:]], axis=1).astype(np.uint8)
+        self._trail = scene.add_line_segments(f"{plate}/trail", nothing, pairs, thickness=0.02)
+        line = np.zeros((PLAN_POINTS - 1, 2, 3), dtype=np.float32)
+        self._plan = scene.add_line_segments(f"{plate}/plan", line, rgb("planned"), thickness=0.022, visible=False)
+        band = strip(np.zeros((PLAN_POINTS, 3)), np.zeros((PLAN_POINTS, 3)))
+        self._band = scene.add_mesh_simple(
+            f"{plate}/errors", *band, color=rgb("planned"), opacity=0.28, side="double", visible=False,
+        )  # fmt: skip
+
+    # -- what changes -----------------------------------------------------------------------------------------------
+
+    def show(self, moment: Moment) -> None:
+        """Draw a moment of a run in this maze; only changes are sent."""
+        shown = (moment.run, moment.tick, moment.openings, self.tilt_shown, moment.result is None)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        beta, gamma = (self.tilt_shown * angle for angle in moment.tilt)
+        self._plate.wxyz = attitude(beta, gamma)
+        self._ball.visible = moment.ball is not None
+        if (ball := moment.ball) is not None:
+            self._ball.position = (UNIT * ball.x, UNIT * ball.y, UNIT * self._maze.ball.radius)
+            self._ball.color = rgb("real") if ball.seen else rgb("neutral")
+        trail = moment.trail(TRAIL_S)
+        self._trail.visible = len(trail) > 1
+        if len(trail) > 1:
+            self._trail.points = segments(resampled(trail, TRAIL_POINTS), UNIT * 0.001)
+        self._show_plan(moment.plan)
+        for opening in moment.openings:
+            if opening.name in self._openings:
+                self._openings[opening.name].show(opening)
+
+    def _show_plan(self, plan: PlanShown | None) -> None:
+        self._plan.visible = self._band.visible = plan is not None
+        if plan is None:
+            return
+        places = resampled(plan.places, PLAN_POINTS)
+        errors = resampled(plan.errors[:, None], PLAN_POINTS)[:, 0]
+        self._plan.points = segments(places, UNIT * 0.0015)
+        self._band.vertices = (UNIT * ribbon(places, 2.0 * errors, 0.0012)[0]).astype(np.float32)
+
+
+class _OpeningMark:
+    """An opening: a mark on its floor, a frame while it is next, a plug while it is closed, a label once tried."""
+
+    def __init__(self, scene: Scene, opening: Opening, on_click: Callable[[str], None] | None) -> None:
+        maze, name = scene._maze, f"opening/{opening.name}"
+        self._floor = scene._mesh(f"{name}/floor", gap_box(maze, opening, 0.0, 4e-4), rgb("idle"))
+        self._plug = scene._mesh(
+            f"{name}/plug", gap_box(maze, opening, 0.0, WALLS_SHOWN * maze.wall_height), rgb("bad"), visible=False
+        )
+        self._frame = scene._mesh(
+            f"{name}/frame",
+            posts(maze, opening, 0.0025, 1.15 * WALLS_SHOWN * maze.wall_height),
+            rgb("planned"),
+            visible=False,
+        )
+        middle, high = UNIT * maze.threshold_radius(opening), UNIT * 1.25 * WALLS_SHOWN * maze.wall_height
+        self._add_label = partial(
+            scene._server.scene.add_label, f"{scene._name}/plate/{name}/label", anchor="bottom-center",
+            position=(middle * math.cos(opening.angle), middle * math.sin(opening.angle), high), font_screen_scale=0.8,
+        )  # fmt: skip
+        self._label: Any = None
+        self._before: tuple[Any, ...] = ()
+        if on_click is not None:
+            for mesh in (self._floor, self._plug):
+                mesh.on_click(lambda _: on_click(opening.name))
+
+    def show(self, known: OpeningShown) -> None:
+        text = f"{100 * known.chance:.0f} % ({100 * known.low:.0f}–{100 * known.high:.0f})" if known.tried else ""
+        text = "closed" if known.closed else text
+        now = (opening_colour(known), known.closed, known.next and not known.closed, text)
+        if now == self._before:
+            return
+        self._before = now
+        self._floor.color, self._plug.visible, self._frame.visible, _ = now
+        if text and self._label is not None:
+            self._label.text = text
+        elif text:
+            self._label = self._add_label(text)
+        elif self._label is not None:
+            self._label.remove()
+            self._label = None
+
+
+def outline(maze: Maze, at: tuple[float, float] = (0.0, 0.0)) -> Array:
+    """Points, (N, 3), between which a maze lies that stands at a place, m, and tilts."""
+    rim = UNIT * maze.walls[0].outer_radius
+    return around(rim, (UNIT * at[0], UNIT * at[1]), -SHADE_BELOW * rim, RAISED * rim)
+
+
+def add_mesh(server: ViserServer, name: str, mesh: Mesh, colour: Colour, **more: Any) -> Any:
+    """A mesh, m, in the scene."""
+    vertices, faces = mesh
+    return server.scene.add_mesh_simple(name, UNIT * vertices, faces, color=colour, side="double", **more)
+
+
+def wall_meshes(maze: Maze) -> dict[str, Mesh]:
+    """All walls, as high as they are shown, by a name for the scene."""
+    height = WALLS_SHOWN * maze.wall_height
+    found = {f"wall{wall.outer_ring}": wall_mesh(wall, height) for wall in maze.walls}
+    return found | {f"radial{i}": radial_mesh(maze, wall, height) for i, wall in enumerate(maze.radial_walls)}
+
+
+def opening_colour(known: OpeningShown) -> Colour:
+    """Grey for an untried opening, else by the chance of getting through."""
+    if not known.tried:
+        return rgb("skipped")
+    share = min(max(known.chance, 0.0), 1.0)
+    below, above, part = ("bad", "unsure", 2.0 * share) if share < 0.5 else ("unsure", "good", 2.0 * share - 1.0)
+    mixed = [round((1.0 - part) * a + part * b) for a, b in zip(rgb(below), rgb(above), strict=True)]
+    return mixed[0], mixed[1], mixed[2]
+
+
+def attitude(beta: float, gamma: float) -> tuple[float, float, float, float]:
+    """Quaternion w, x, y, z of the plate, Ry(beta) Rx(gamma)."""
+    cb, sb, cg, sg = math.cos(0.5 * beta), math.sin(0.5 * beta), math.cos(0.5 * gamma), math.sin(0.5 * gamma)
+    return cb * cg, cb * sg, sb * cg, -sb * sg
+
+
+def resampled(points: Array, count: int) -> Array:
+    """`count` rows from (N, k) rows evenly by number; the whole, however many there are."""
+    at = np.linspace(0.0, len(points) - 1.0, count)
+    return np.column_stack([np.interp(at, np.arange(len(points)), column) for column in points.T])
+
+
+def segments(places: Array, z: float) -> Any:
+    """(N, 2) places in m as (N - 1, 2, 3) pieces of a line in the scene; a piece without both ends has no length."""
+    points = np.column_stack([UNIT * places, np.full(len(places), z)])
+    pairs = np.stack([points[:-1], points[1:]], axis=1)
+    pairs[~np.isfinite(pairs).all(axis=(1, 2))] = (0.0, 0.0, -1.0)
+    return pairs.astype(np.float32)

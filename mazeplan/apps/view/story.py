@@ -1,0 +1,284 @@
+"""From the messages of a run (`core.logs.run_log`) to moments that can be drawn.
+
+A live page hands each message to `Story.take` and asks for `Story.moment` whenever it draws. A replay takes `moments`:
+one for each tick of a log.
+
+The errors of earlier plans of a run show how far its plan may be off: rms along the ring, by age of the plan.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.apps.view.moment import (
+    COLUMNS,
+    BallShown,
+    EventShown,
+    Moment,
+    NodeShown,
+    OpeningShown,
+    PlanShown,
+    TaskShown,
+    TreeShown,
+)
+from mazeplan.apps.view.run_statistics import (
+    FollowedPlan,
+    OpeningTries,
+    PlanErrors,
+    RecentRows,
+    number,
+)
+from mazeplan.core.events import (
+    DoubtRaised,
+    FailureReported,
+    GoalChanged,
+    OpeningChosen,
+    OpeningClosed,
+    OpeningPassed,
+    OpeningReopened,
+    RecoveryChosen,
+    RingEntered,
+    RunEvent,
+    StopRequested,
+    TimedEvent,
+)
+from mazeplan.core.logs.run_log_reader import PLAN_STATES
+from mazeplan.core.maths.angles import difference, nearest
+from mazeplan.core.records import Failure, FailureKind
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import check_text
+
+SHOWN_S = 10.0  # s of rows in a moment
+EVENTS = 8  # that a moment keeps
+
+
+class Story:
+    """What a page knows of a run. A header begins another run."""
+
+    def __init__(self) -> None:
+        self._runs = 0
+        self._begin({})
+
+    def _begin(self, header: dict[str, Any]) -> None:
+        self._header, self.maze = header, maze_of(header)
+        self._ticks, self._t, self._tick = 0, 0.0, dict[str, Any]()
+        replay: Any = header.get("replay")
+        replay = replay if isinstance(replay, dict) else {}
+        rate = number(replay.get("rate_hz"))
+        self._rows = RecentRows(round(SHOWN_S * (rate if rate > 0.0 else 30.0)))
+        self._goal = header.get("goal_ring")
+        self._closed = {o.name for o in self.maze.openings if o.closed} if self.maze else set[str]()
+        self._closed |= set(replay.get("closed", ()))
+        self._tries, self._errors, self._tree = OpeningTries(), PlanErrors(), TreeShown()
+        self._failure: Failure | None = None
+        self._events: deque[EventShown] = deque(maxlen=EVENTS)
+        self._result: dict[str, Any] | None = None
+        self._new_plans: list[FollowedPlan] = []  # since the last tick
+        self._followed: FollowedPlan | None = None
+
+    def take(self, topic: str, document: dict[str, Any]) -> None:
+        """One message; unknown topics are ignored."""
+        if topic == "/header":
+            self._runs += 1
+            self._begin(document)
+        elif topic == "/tick":
+            self._take_tick(document)
+        elif topic == "/plan":
+            self._take_plan(document)
+        elif topic == "/tree":
+            self._tree = TreeShown(self._tree.number + 1, _nodes(document))
+        elif topic == "/status":
+            statuses = str(document.get("nodes", ""))
+            self._tree = replace(self._tree, statuses=statuses, active=_active(self._tree.nodes, statuses))
+        elif topic == "/openings":
+            self._tries = OpeningTries.of(document)
+        elif topic == "/event":
+            self._take_event(document)
+        elif topic == "/result":
+            self._result = document
+
+    # -- messages ---------------------------------------------------------------------------------------------------
+
+    def _take_tick(self, tick: dict[str, Any]) -> None:
+        self._tick, self._t = tick, number(tick.get("t"))
+        self._ticks += 1
+        x, y = _place(tick)
+        theta, last, now = math.atan2(y, x), self._rows.last("theta"), number(tick.get("estimate_t"))
+        theta = theta if math.isnan(last) or math.isnan(theta) else nearest(theta, last)
+        planned = number(tick.get("planned_theta"))
+        self._follow(planned, now)
+        planned = planned if math.isnan(theta) or math.isnan(planned) else nearest(planned, theta)
+        known = {"x": x, "y": y, "theta": theta, "planned_theta": planned}
+        self._rows.add([known.get(name, number(tick.get(name))) for name in COLUMNS])
+        if self._followed is not None:
+            self._errors.keep(self._followed)
+        self._errors.compare(now, theta, tick.get("ring"), tick.get("opening"))
+
+    def _take_plan(self, plan: dict[str, Any]) -> None:
+        theta = np.array(plan.get(PLAN_STATES[0], ()), dtype=float)
+        t0, dt = number(plan.get("t0")), number(plan.get("dt"))
+        if len(theta) > 1 and np.isfinite(theta).all() and math.isfinite(t0) and dt > 0.0:
+            self._new_plans.append(FollowedPlan(t0, dt, theta))
+
+    def _follow(self, planned: float, now: float) -> None:
+        """Find the plan that is followed: the last one, or one of this tick, one for each opening in question.
+
+        The tick has the planned angle of the moment, and that of the plan's end."""
+        known, self._new_plans = [p for p in (self._followed, *self._new_plans) if p is not None], []
+        if math.isnan(planned):
+            self._followed = None
+            return
+        goal, ring = number(self._tick.get("goal_theta")), self._tick.get("ring")
+
+        def off(plan: FollowedPlan) -> tuple[float, float]:
+            end = 0.0 if math.isnan(goal) else abs(difference(float(plan.theta[-1]), goal))
+            return round(abs(difference(plan.at(now), planned)), 5), end
+
+        followed = min(reversed(known), key=off, default=None)
+        if followed is not None and not followed.radius:
+            radius = 0.0
+            if self.maze is not None and isinstance(ring, int) and 1 <= ring <= len(self.maze.rings):
+                radius = self.maze.track_radius(ring)
+            followed = replace(followed, ring=ring, radius=radius, opening=self._tick.get("opening"))
+        self._followed = followed
+
+    def _take_event(self, event: dict[str, Any]) -> None:
+        timed = TimedEvent.from_document(event)
+        match timed.event:
+            case GoalChanged(ring, closed):
+                self._goal = ring
+                self._closed |= set(closed)
+            case OpeningClosed(opening):
+                self._closed.add(opening)
+            case OpeningReopened(opening):
+                self._closed.discard(opening)
+            case FailureReported() as failure:
+                self._failure = _failure(timed.t, failure)
+            case RecoveryChosen(recovery) if self._failure is not None:
+                self._failure = replace(self._failure, recovery=recovery)
+        text = _words(timed.event)
+        if text:
+            self._events.append(EventShown(timed.t, text))
+
+    # -- what is drawn ----------------------------------------------------------------------------------------------
+
+    def moment(self) -> Moment:
+        """The run as it is now."""
+        tick, going_on = self._tick, self._result is None
+        (x, y), tilt = _place(tick), (number(tick.get("beta")), number(tick.get("gamma")))
+        ring, opening = tick.get("ring"), tick.get("opening") if going_on else None
+        if ring is None and self.maze is not None and math.isfinite(x):  # a run without a tree
+            ring = self.maze.ring_at(math.hypot(x, y))
+        seen = tick.get("x") is not None and tick.get("y") is not None
+        return Moment(
+            run=self._runs,
+            tick=self._ticks,
+            t=self._t,
+            header=self._header,
+            task=TaskShown(ring, self._goal, opening, str(tick.get("leaf", "")), str(tick.get("doubts", ""))),
+            ball=BallShown(x, y, seen) if math.isfinite(x) else None,
+            tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
+            rows=self._rows.newest(),
+            plan=self._plan() if going_on else None,
+            openings=tuple(
+                OpeningShown(o.name, o.name in self._closed, o.name == opening, *self._tries.now(o.name, self._t))
+                for o in (self.maze.openings if self.maze else ())
+            ),
+            tree=self._tree,
+            failure=self._failure,
+            events=tuple(self._events),
+            result=self._result,
+        )
+
+    def _plan(self) -> PlanShown | None:
+        plan = self._followed
+        if plan is None or plan.radius <= 0.0:
+            return None
+        places = plan.radius * np.column_stack([np.cos(plan.theta), np.sin(plan.theta)])
+        return PlanShown(plan.t0, plan.dt, plan.ring, plan.theta, places, self._errors.after(len(plan.theta)))
+
+
+def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:
+    """One moment for each tick of a run, with all messages before the next tick; the last has the result."""
+    story, found, waiting = Story(), [], False
+    for topic, document in messages:
+        if topic in ("/tick", "/event", "/plan", "/tree") and waiting:
+            found.append(story.moment())
+            waiting = False
+        story.take(topic, document)
+        waiting = waiting or topic == "/tick"
+    if waiting:
+        found.append(story.moment())
+    elif found:
+        found[-1] = story.moment()
+    return found
+
+
+def maze_of(header: dict[str, Any]) -> Maze | None:
+    """The maze in a run's header; None for a map with errors."""
+    return check_text(str(header.get("map", "")), file="log").maze
+
+
+def _place(tick: dict[str, Any]) -> tuple[float, float]:
+    """Place of the ball: the estimate, else the measurement, else NaN."""
+    for names in (("estimate_x", "estimate_y"), ("x", "y")):
+        x, y = (number(tick.get(name)) for name in names)
+        if not (math.isnan(x) or math.isnan(y)):
+            return x, y
+    return math.nan, math.nan
+
+
+def _nodes(document: dict[str, Any]) -> tuple[NodeShown, ...]:
+    nodes: list[NodeShown] = []
+    columns = (document.get(key, ()) for key in ("paths", "kinds", "names", "parents"))
+    for path, kind, name, parent in zip(*columns, strict=False):
+        depth = nodes[parent].depth + 1 if 0 <= parent < len(nodes) else 0
+        nodes.append(NodeShown(path, kind, name, parent, depth))
+    return tuple(nodes)
+
+
+def _active(nodes: tuple[NodeShown, ...], statuses: str) -> tuple[int, ...]:
+    """Numbers of the nodes that run, as do all above them."""
+    running: list[int] = []
+    for i, (node, letter) in enumerate(zip(nodes, statuses, strict=False)):
+        if letter == "R" and (node.parent < 0 or node.parent in running):
+            running.append(i)
+    return tuple(running)
+
+
+def _failure(t: float, event: FailureReported) -> Failure | None:
+    if event.kind not in set(FailureKind):
+        return None
+    return Failure(FailureKind(event.kind), event.where, t, event.detail)
+
+
+def _words(event: RunEvent) -> str:
+    """An event in words; empty for one that the page does not show."""
+    match event:
+        case RingEntered(ring):
+            return f"in ring {ring}"
+        case OpeningPassed(opening):
+            return f"through {opening}"
+        case OpeningChosen(opening):
+            return f"towards {opening}"
+        case FailureReported(kind, _, detail):
+            return f"{kind}: {detail}"
+        case RecoveryChosen(recovery):
+            return f"recovery: {recovery}"
+        case GoalChanged(ring):
+            return f"new goal: ring {ring}"
+        case OpeningClosed(opening):
+            return f"{opening} closed"
+        case OpeningReopened(opening):
+            return f"{opening} open again"
+        case StopRequested():
+            return "stopped from outside"
+        case DoubtRaised(what):
+            return f"not believed: {what}"
+    return ""

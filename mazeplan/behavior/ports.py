@@ -1,0 +1,146 @@
+"""Ports: the typed inputs and outputs of a node, given in a tree as a literal or as a {key} of the blackboard."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+
+class _Required:
+    def __repr__(self) -> str:
+        return "REQUIRED"
+
+
+REQUIRED = _Required()
+
+
+def _boolean(text: str) -> bool:
+    if text.lower() in ("true", "1"):
+        return True
+    if text.lower() in ("false", "0"):
+        return False
+    raise ValueError(text)
+
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(";") if word.strip()]
+
+
+def _number(kind: type) -> Any:
+    def convert(text: str) -> Any:
+        if "_" in text:  # Python's own notation, which no other reader of the format knows
+            raise ValueError(text)
+        return kind(text)
+
+    return convert
+
+
+CONVERSIONS: dict[type, Any] = {int: _number(int), float: _number(float), str: str, bool: _boolean, list: _words}
+INSTANCES: dict[type, Any] = {int: Integral, float: Real, bool: bool, list: list | tuple}  # str: any object at all
+
+
+OF_THE_MAP = ("openings", "rings")
+
+
+@dataclass(frozen=True)
+class Port:
+    """A typed input or output of a node. direction: in, out, or inout; an output takes a {key} only. least, most: the
+    smallest and the largest number allowed; no number may be infinite. choices: the values allowed, of a list those of
+    its words, of which it needs one at least; "openings" or "rings": those of the run's map. A port of type str without
+    choices also carries objects, such as a plan, by {key}."""
+
+    type: type
+    default: Any = REQUIRED
+    doc: str = ""
+    direction: str = "in"
+    least: float | None = None
+    most: float | None = None
+    choices: tuple[Any, ...] | str | None = None
+
+    @property
+    def expected(self) -> str:
+        """What is allowed on any map, for an error."""
+        return self.expects()
+
+    def expects(self, context: Any = None) -> str:
+        """What is allowed in a run with this context, for an error."""
+        allowed = self.allowed(context)
+        if allowed is not None:
+            several = "one or more, separated by ;, of " if self.type is list else "one of "
+            return several + (", ".join(map(str, allowed)) or f"the map's {self.choices}, of which it has none")
+        bounds = ((">=", self.least), ("<=", self.most))
+        said = " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
+        return " ".join(filter(None, (self.type.__name__, said))) + (", finite" if self.type is float else "")
+
+    def allowed(self, context: Any = None) -> tuple[Any, ...] | None:
+        """The values to choose from; None: any, or nobody knows without a map."""
+        if not isinstance(self.choices, str):
+            return self.choices
+        maze = getattr(context, "maze", None)
+        if maze is None:
+            return None
+        return (
+            tuple(o.name for o in maze.openings) if self.choices == "openings" else tuple(r.number for r in maze.rings)
+        )
+
+    def parse(self, text: str, context: Any = None) -> Any:
+        """A literal from a file. Raises ValueError."""
+        return self._bounded(CONVERSIONS[self.type](text), context)
+
+    def accept(self, value: Any, context: Any = None) -> Any:
+        """A value from the blackboard; text becomes what the port takes, as a literal would. Raises ValueError."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if type(value) is self.type or (self.type is str and not number):
+            return self._bounded(value, context)
+        if isinstance(value, str):
+            return self.parse(value, context)
+        if number:  # of a script, or of a literal of a SubTree
+            return self._bounded(self._converted(value), context)
+        if not isinstance(value, INSTANCES[self.type]) or (isinstance(value, bool) and self.type is not bool):
+            raise ValueError(value)
+        return self._bounded(value, context)
+
+    def _converted(self, value: float) -> Any:
+        """A number as the port's type. Raises ValueError where something of it would be lost."""
+        if self.type in (str, list):
+            return CONVERSIONS[self.type](str(value))
+        if self.type is not float and value != self.type(value):
+            raise ValueError(value)
+        return self.type(value)
+
+    def takes(self, default: Any) -> bool:
+        """Whether `get` may return this where nothing is given: it is of the type itself, as no text is read."""
+        if self.type is not str and not isinstance(default, INSTANCES[self.type]):
+            return False
+        try:
+            self.accept(default)
+        except ValueError:
+            return False
+        return True
+
+    def _bounded(self, value: Any, context: Any) -> Any:
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(value)
+        if (self.least is not None and value < self.least) or (self.most is not None and value > self.most):
+            raise ValueError(value)
+        if self.choices is not None:
+            allowed = self.allowed(context)
+            words: Any = value if self.type is list else (value,)
+            if allowed is not None and not (words and all(word in allowed for word in words)):
+                raise ValueError(value)
+        return value
+
+
+@dataclass(frozen=True)
+class Key:
+    """A reference {name} to the blackboard."""
+
+    name: str
+
+
+def shown(value: Any, most: int = 60) -> str:
+    """A value for an error: its repr, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -1,0 +1,98 @@
+"""Stopwatches that end a planner's search at its deadline.
+
+`Live` reads the wall clock and records where it ended each search. `Recorded` ends the searches of a replayed run at
+the same iterations, so that the replay is exact.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+WHOLE = "-"  # a search that ended before its deadline
+MOST = 1000  # searches kept; far more than one tick makes
+
+
+class Stopwatch(Protocol):
+    """Measures one search after the other."""
+
+    def begin(self, deadline_ms: float) -> None:
+        """Start a search with this deadline."""
+
+    def over(self, done: int) -> bool:
+        """Whether to end the search after `done` iterations. The first iteration is always made."""
+        ...
+
+    def end(self) -> float:
+        """End the search; its duration, ms."""
+        ...
+
+    def taken(self) -> str | None:
+        """Where deadlines ended the searches since the last call; None if none did."""
+        ...
+
+
+class Live:
+    """Wall clock. Estimates the next iteration by the longest one so far. clock: s."""
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock = clock
+        self._cuts: deque[str] = deque(maxlen=MOST)
+        self._began = self._end = self._last = self._longest = 0.0
+
+    def begin(self, deadline_ms: float) -> None:
+        """See Stopwatch."""
+        self._began, self._longest = self._clock(), 0.0
+        self._end = self._began + 1e-3 * deadline_ms
+        self._cuts.append(WHOLE)
+
+    def over(self, done: int) -> bool:
+        """See Stopwatch."""
+        last, self._last = self._last, self._clock()
+        if done == 0:
+            return False
+        self._longest = max(self._longest, self._last - last)
+        if self._last + self._longest <= self._end:
+            return False
+        self._cuts[-1] = str(done)
+        return True
+
+    def end(self) -> float:
+        """See Stopwatch."""
+        return 1e3 * (self._clock() - self._began)
+
+    def taken(self) -> str | None:
+        """For each search since the last call the iterations until its deadline, or `-`; None if none was ended."""
+        cuts = list(self._cuts)
+        self._cuts.clear()
+        return " ".join(cuts) if any(cut != WHOLE for cut in cuts) else None
+
+
+class Recorded:
+    """Ends searches where `Live` ended them; call `load` before each tick."""
+
+    def __init__(self) -> None:
+        self._cuts: deque[int | None] = deque()
+        self._cut: int | None = None
+
+    def load(self, taken: str | None) -> None:
+        """Set what `Live.taken` gave for the next tick. Raises ValueError for other text."""
+        self._cuts = deque(None if cut == WHOLE else int(cut) for cut in (taken or "").split())
+
+    def begin(self, deadline_ms: float) -> None:
+        """See Stopwatch."""
+        self._cut = self._cuts.popleft() if self._cuts else None
+
+    def over(self, done: int) -> bool:
+        """See Stopwatch."""
+        return done == self._cut
+
+    def end(self) -> float:
+        """Always 0."""
+        return 0.0
+
+    def taken(self) -> str | None:
+        """Always None."""
+        return None

@@ -1,0 +1,279 @@
+"""State estimator: ball and plate at the moment when the next command acts.
+
+The camera's delay is `RigModel.camera_delay`; a command acts after `dead_time`. At each sample
+
+1. the plate's axes are filtered to now (`plate.AxisFilter`) and their tilt is kept;
+2. the planar model (walls and openings included) predicts the ball from the last measured moment to the new one under
+   the filtered tilt; a Kalman filter per axis of the plate frame corrects it (state: position and velocity; noise:
+   white acceleration);
+3. the planar model predicts on to now under the known tilt, and to the moment when the next command acts under the
+   queued commands. This state is returned: it has no lag.
+
+The filter leaves out outliers: samples far outside the spread of the innovation. If several outliers in a row agree, it
+restarts there. `plate.TiltCheck` does the same for tilts. `doubts` names what was left out of the last sample. Without
+samples the prediction goes on; after `lost_after` s the state is `lost`. The ring changes with hysteresis, when the
+predicted ball is past the middle of the wall by a margin.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mazeplan.control.estimation.plate import AxisFilter, PlateNoise, TiltCheck
+from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.records import LEVEL, Array, Command, Observation, State
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.planar import PlanarModel, contact, predict, predict_given_tilt, ring_index
+
+APART = math.radians(1.5)  # rad; larger differences from the tilt by the commands alone ...
+APART_SAMPLES = 5  # ... in so many samples in a row mean that the plate does not follow
+HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
+
+
+@dataclass(frozen=True)
+class EstimatorOptions:
+    """Settings of the estimator.
+
+    camera_sigma: m, 1 sigma of one sample; acceleration_sigma: m/s^2 that the planar model does not explain;
+    outlier_sigmas: innovation beyond which a sample is an outlier; outliers_to_restart: so many agreeing outliers in a
+    row restart the filter; lost_after: s without a sample; ring_margin: m past the middle of a wall before the ring
+    changes; plate: noise of the tilt filter.
+    """
+
+    camera_sigma: float = 0.5e-3
+    acceleration_sigma: float = 0.5
+    outlier_sigmas: float = 8.0
+    outliers_to_restart: int = 3
+    lost_after: float = 0.5
+    ring_margin: float = 1.0e-3
+    plate: PlateNoise = field(default_factory=PlateNoise)
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("camera_sigma", "acceleration_sigma", "outlier_sigmas"))
+
+
+class Estimator:
+    """Filter and predictor for one run. `update` takes each observation, `sent` each command."""
+
+    def __init__(
+        self, maze: Maze, model: RigModel, options: EstimatorOptions | None = None, rate_hz: float = 30.0
+    ) -> None:
+        self._maze, self._model, self._options = maze, model, options or EstimatorOptions()
+        self._planar = PlanarModel.build(maze, model)
+        self._dt = 1.0 / rate_hz
+        noise = self._options.plate
+        self._stage = stage = model.true_stage
+        self._axes = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))
+        self._checks = (TiltCheck(), TiltCheck())
+        self._obedient = (AxisFilter(stage.beta, noise), AxisFilter(stage.gamma, noise))  # by the commands alone
+        self._apart = 0
+        self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
+        self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
+        self._z: Array | None = None  # (8,) ball at the last measured moment
+        self._covariance = np.zeros((2, 2))  # of (position, velocity), the same for both axes
+        self._measured_at = 0.0  # moment of self._z
+        self._last_seen = 0.0
+        self._outliers: list[Array] = []
+        self._ring: int | None = None
+        self._measured_ring: int | None = None
+        self._acting_z: Array | None = None  # (8,) the state returned last
+        self._acts_at = 0.0
+        self.innovation = 0.0  # m, distance of the last sample from its prediction
+        self.filtered: State | None = None  # at the measured moment
+        self.doubts: set[str] = set()  # of the last sample: words of `records.Doubt`
+
+    @property
+    def dead_time(self) -> float:
+        """Seconds between sending a command and its first effect on the plate."""
+        return max(self._model.stage.beta.dead_time, self._model.stage.gamma.dead_time)
+
+    def warm_up(self) -> None:
+        """Compile everything before the rig moves."""
+        twin = self._twin()
+        radius = max(self._maze.track_radius(1), 1e-3)
+        for k in range(3):
+            twin.update(Observation(k * self._dt, radius, 0.0, 0.0, 0.0))
+            twin.sent(LEVEL, k * self._dt)
+        twin.ahead(self._dt)  # the only use of `predict` where commands act at once
+
+    def _twin(self) -> Estimator:
+        """A new estimator with the same settings."""
+        return Estimator(self._maze, self._model, self._options, 1.0 / self._dt)
+
+    def sent(self, command: Command, t: float) -> None:
+        """Note a command given to the rig at time t."""
+        self._commands.append((t + self.dead_time, command.u_beta, command.u_gamma))
+        while len(self._commands) > 2 and self._commands[1][0] < t - HISTORY_S:
+            self._commands.popleft()
+
+    def update(self, observation: Observation) -> State:
+        """Take in one sample; the state at the moment when a command sent now will act."""
+        t = observation.t
+        self.doubts = set()
+        self._filter_plate(observation)
+        moment = t - self._model.camera_delay
+        if observation.x is not None and observation.y is not None:
+            self._take_sample(moment, np.array(self._model.camera.true(observation.x, observation.y)), t)
+        elif self._z is not None:
+            self._carry_to(moment)
+        return self._state(t, observation.seen)
+
+    def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
+        """The state returned by `update`, predicted `seconds` on with the last command held.
+
+        beside: offset of the start, x and y in m."""
+        if self._acting_z is None or self._ring is None:
+            raise RuntimeError("no observation yet")
+        z, t = self._acting_z.copy(), self._acts_at
+        z[:2] += beside
+        _, u_beta, u_gamma = self._commands[-1]
+        predict(z, t, t + seconds, np.array([t]), np.array([[u_beta, u_gamma]]), *self._planar.arrays())
+        return _as_state(t + seconds, z, self._hysteresis(self._ring, math.hypot(z[0], z[1])), True, False)
+
+    # -- plate ----------------------------------------------------------------------------------------------------
+
+    def _filter_plate(self, observation: Observation) -> None:
+        t = observation.t
+        if self._tilts:
+            since = self._tilts[-1][0]
+            for start, end, u in self._acting(since, t):
+                reached = self._stage.mixed(*u)
+                for axes in (self._axes, self._obedient):
+                    for axis, value in zip(axes, reached, strict=True):
+                        axis.predict(value, end - start)
+        tilts = self._model.tilt_sensor.true(observation.beta, observation.gamma)
+        for axis, check, angle in zip(self._axes, self._checks, tilts, strict=True):
+            if check.accepts(angle, float(axis.mean[0])):
+                axis.update(angle)
+            else:
+                self.doubts.add("tilt")
+        apart = max(abs(a.mean[0] - o.mean[0]) for a, o in zip(self._axes, self._obedient, strict=True))
+        self._apart = self._apart + 1 if apart > APART else 0
+        if self._apart >= APART_SAMPLES:
+            self.doubts.add("plate")
+        self._tilts.append((t, float(self._axes[0].mean[0]), float(self._axes[1].mean[0])))
+        while self._tilts[0][0] < t - HISTORY_S:
+            self._tilts.popleft()
+
+    def _acting(self, start: float, end: float) -> list[tuple[float, float, tuple[float, float]]]:
+        """Pieces (from, to, u) of the time between start and end, each with the command that acted."""
+        pieces = []
+        commands = list(self._commands)
+        for i, (since, ub, ug) in enumerate(commands):
+            until = commands[i + 1][0] if i + 1 < len(commands) else math.inf
+            a, b = max(since, start), min(until, end)
+            if b > a:
+                pieces.append((a, b, (ub, ug)))
+        return pieces
+
+    # -- ball -----------------------------------------------------------------------------------------------------
+
+    def _tilt_history(self) -> tuple[Array, Array]:
+        history = np.array(self._tilts)
+        return np.ascontiguousarray(history[:, 0]), np.ascontiguousarray(history[:, 1:])
+
+    def _advance(self, z: Array, start: float, end: float) -> None:
+        times, tilts = self._tilt_history()
+        p = self._planar
+        predict_given_tilt(z, start, end, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
+
+    def _carry_to(self, moment: float) -> None:
+        assert self._z is not None
+        dt = moment - self._measured_at
+        if dt <= 0.0:
+            return
+        self._advance(self._z, self._measured_at, moment)
+        transition = np.array([[1.0, dt], [0.0, 1.0]])
+        q = self._options.acceleration_sigma**2
+        spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
+        self._covariance = transition @ self._covariance @ transition.T + spread
+        self._measured_at = moment
+
+    def _start_at(self, moment: float, position: Array) -> None:
+        sigma = self._options.camera_sigma
+        self._z = np.zeros(8)
+        self._z[:2] = position
+        self._covariance = np.diag([sigma**2, 0.1**2])  # a ball that is placed, or has just bounced: within 0.1 m/s
+        self._measured_at = moment
+        self._outliers.clear()
+
+    def _take_sample(self, moment: float, position: Array, t: float) -> None:
+        if self._z is None:
+            self._start_at(moment, position)
+            self._last_seen = t
+            return
+        self._carry_to(moment)
+        z, options = self._z, self._options
+        innovation = position - z[:2]
+        self.innovation = float(np.hypot(*innovation))
+        if self.innovation > options.outlier_sigmas * math.sqrt(self._variance()):
+            self.doubts.add("ball")
+            self._outliers.append(position)
+            recent = self._outliers[-options.outliers_to_restart :]
+            agree = all(np.hypot(*(a - b)) < 0.02 for a, b in itertools.pairwise(recent))
+            if len(recent) == options.outliers_to_restart and agree:
+                self._start_at(moment, position)
+                self._last_seen = t
+            return
+        self._outliers.clear()
+        self._last_seen = t
+        self._correct(innovation)
+
+    def _variance(self) -> float:
+        """Of an innovation, m^2, along either axis."""
+        return float(self._covariance[0, 0]) + self._options.camera_sigma**2
+
+    def _correct(self, innovation: Array) -> None:
+        """Correct with a sample that is no outlier."""
+        assert self._z is not None
+        z, gain = self._z, self._covariance[:, 0] / self._variance()
+        z[:2] += gain[0] * innovation
+        z[2:4] += gain[1] * innovation
+        self._covariance = self._covariance - np.outer(gain, self._covariance[0])
+        p = self._planar
+        contact(z, p.scalars[0], p.rings, p.walls, p.gaps, 0.0)
+
+    # -- result ---------------------------------------------------------------------------------------------------
+
+    def _state(self, t: float, seen: bool) -> State:
+        beta, gamma = self._axes
+        acts = t + self.dead_time
+        z = np.zeros(8) if self._z is None else self._z.copy()
+        measured = z.copy()
+        if self._z is not None:
+            self._advance(z, self._measured_at, t)
+        z[4:6], z[6:8] = beta.mean, gamma.mean
+        if acts > t:
+            queue = np.array([c for c in self._commands if math.isfinite(c[0])] or [(t, 0.0, 0.0)])
+            times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
+            predict(z, t, acts, times, commands, *self._planar.arrays())
+        self._acting_z, self._acts_at = z, acts
+        lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
+        self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
+        self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
+        believed = seen and self._last_seen == t  # an outlier is no measurement of where the ball is
+        self.filtered = _as_state(self._measured_at, measured, self._measured_ring, believed, lost)
+        return _as_state(acts, z, self._ring, seen, lost)
+
+    def _hysteresis(self, current: int | None, r: float) -> int:
+        rings = self._planar.rings
+        if current is None:
+            return int(ring_index(r, rings)) + 1
+        margin = self._options.ring_margin
+        index = current - 1
+        while index + 1 < len(rings) and r < 0.5 * (rings[index, 0] + rings[index + 1, 1]) - margin:
+            index += 1
+        while index > 0 and r > 0.5 * (rings[index - 1, 0] + rings[index, 1]) + margin:
+            index -= 1
+        return index + 1
+
+
+def _as_state(t: float, z: Array, ring: int, seen: bool, lost: bool) -> State:
+    x, y, vx, vy, beta, beta_dot, gamma, gamma_dot = (float(v) for v in z)
+    return State(t, x, y, vx, vy, beta, beta_dot, gamma, gamma_dot, ring, seen, lost)

@@ -1,0 +1,54 @@
+"""Initial motion of the plate in each stretch of a record.
+
+A simulated stage starts at rest, the real one in motion. Both obey the same linear equation, so they differ by a free
+motion, angle'' = -wn^2 angle - 2 zeta wn angle'. Least squares on the first tilt samples gives its start (angle, rate).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from mazeplan.core.records import Array
+from mazeplan.physics.dynamics.plate import PlateMotion
+from mazeplan.physics.dynamics.ring_parameters import stage_transition
+from mazeplan.physics.rig.stage import StageAxis
+
+LOOKED_AT = 0.4  # s of samples for the fit
+SETTLED = 1.5  # s until the free motion has died away
+
+
+def with_true_starts(
+    plate: PlateMotion, tilts: Array, first: np.ndarray, dt: float, axes: Sequence[StageAxis]
+) -> PlateMotion:
+    """The simulated motion plus the free motion of each stretch.
+
+    tilts (N, 2): measured beta, gamma, rad; first (N,): whether a stretch begins; dt: s; axes: of beta, gamma. The grid
+    of `plate` begins with the first row."""
+    per, motion = round(dt / plate.step), plate.motion.copy()
+    rows, fine = max(round(LOOKED_AT / dt), 3), round(SETTLED / plate.step)
+    for a, b in pairwise([*np.flatnonzero(first).tolist(), len(tilts)]):
+        for i, axis in enumerate(axes):
+            free = _free(axis, plate.step, min(fine, (b - a) * per))
+            n = min(rows, b - a)
+            gap = tilts[a : a + n, i] - plate.motion[a * per : (a + n) * per : per, 3 * i]
+            looked = free[: n * per : per, 0]
+            good = np.isfinite(gap)
+            if good.sum() < 3:
+                continue
+            start = np.linalg.lstsq(looked[good], gap[good], rcond=1e-6)[0]
+            motion[a * per : a * per + len(free), 3 * i : 3 * i + 3] += free @ start
+    return PlateMotion(plate.start, plate.step, motion)
+
+
+def _free(axis: StageAxis, step: float, count: int) -> Array:
+    """Free motion (count, 3, 2) of an axis: angle, rate, acceleration, for a start at angle 1 and for one at rate 1."""
+    wn, zeta = axis.natural_frequency, axis.damping
+    M, now = stage_transition(wn, zeta, step), np.eye(2)
+    out = np.empty((count, 3, 2))
+    for i in range(count):
+        out[i, :2], out[i, 2] = now, -wn * wn * now[0] - 2.0 * zeta * wn * now[1]
+        now = M @ now
+    return out

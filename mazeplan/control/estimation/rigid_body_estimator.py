@@ -1,0 +1,126 @@
+"""The estimator of a ball that is a rigid body: it knows spin, place in the channel and walls.
+
+It is an `Estimator` in which the ball moves by `physics.rigid_body` between pictures and up to now, with the filter of
+`rigid_body_filter`. Plate, outliers, lost pictures and the way to the next command are those of `Estimator`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from mazeplan.control.estimation.estimator import HISTORY_S, Estimator, EstimatorOptions
+from mazeplan.control.estimation.rigid_body_filter import (
+    BodyModel,
+    CameraView,
+    begin,
+    correct,
+    lens_of,
+    predict_body,
+    wandered,
+)
+from mazeplan.core.records import Array, Observation
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.plate import ROW, history_rows
+from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, body_core
+from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.dynamics.walls import pack_walls
+
+SUBSTEP = 1.0 / 150.0  # s, at most
+UNSURE = 3e-4  # m^2/s^3; of white acceleration, for what is not known of the tilt in a run: sensor and commands alone
+LONGEST = 0.5  # s that the ball is followed without a picture; beyond, it stays where it was
+
+
+@njit(cache=True, error_model="numpy")
+def _carry(ball, walls, effects, lens, rows, h, mean, P, room):
+    """Carry mean (5,) and P (5, 5) over all rows, with the noise of the way; room (15, 5)."""
+    core = body_core(ball, walls, effects)
+    hit = predict_body(core, rows, 0, len(rows), h, mean, P, room[10:], room[:10])
+    wandered(P, lens, h * len(rows), hit)
+
+
+@njit(cache=True, error_model="numpy")
+def _taken(lens, mean, P, gain, a, b):
+    """Update mean and P by an innovation; gain (5, 2): room."""
+    correct(mean, P, gain, 1.0, a, b, P[0, 0] + lens.variance, P[1, 1] + lens.variance, P[0, 1])
+
+
+class BodyEstimator(Estimator):
+    """Filter and predictor for one run, as `Estimator`. body: the ball, and the delay of the camera; the model has the
+    camera's other numbers."""
+
+    def __init__(
+        self, maze: Maze, model: RigModel, body: BodyModel, options: EstimatorOptions | None = None,
+        rate_hz: float = 30.0,
+    ) -> None:  # fmt: skip
+        super().__init__(maze, replace(model, camera_delay=body.view.delay), options, rate_hz)
+        self._body, self._walls = body, pack_walls(maze)
+        self._ball, self._effects = Ball(*map(float, body.ball)), effects_of(body.terms)
+        wander = body.wander._replace(plane=max(body.wander.plane, UNSURE))
+        self._lens = lens_of(CameraView(noise=body.view.noise), wander)
+        self._mean, self._P = np.zeros(STATE), np.zeros((STATE, STATE))
+        self._room, self._gain = np.zeros((3 * STATE, STATE)), np.empty((STATE, 2))
+        self._motions: deque[tuple[float, ...]] = deque()  # t, and the plate's motion (6) then
+
+    def _twin(self) -> Estimator:
+        return BodyEstimator(self._maze, self._model, self._body, self._options, 1.0 / self._dt)
+
+    def _filter_plate(self, observation: Observation) -> None:
+        super()._filter_plate(observation)
+        row = [observation.t]
+        targets = self._stage.mixed(*self._commands[-1][1:]) if len(self._commands) else (0.0, 0.0)
+        for axis, u in zip(self._axes, targets, strict=True):
+            stage, (angle, rate) = axis.axis, axis.mean
+            rest = stage.gain * u + stage.offset
+            wn = stage.natural_frequency
+            row += [angle, rate, wn * wn * (rest - angle) - 2.0 * stage.damping * wn * rate]
+        self._motions.append(tuple(row))
+        while self._motions[0][0] < observation.t - HISTORY_S:
+            self._motions.popleft()
+
+    def _rows(self, start: float, end: float) -> tuple[Array, float]:
+        """Rows of `physics.plate` from start to end, and the sub-step."""
+        count = max(1, math.ceil((end - start) / SUBSTEP - 1e-6))
+        h = (end - start) / count
+        history = np.array([self._motions[0], *self._motions] if len(self._motions) == 1 else self._motions)
+        if len(self._motions) == 1:
+            history[0, 0] -= 1.0
+        rows = np.empty((count, ROW))
+        times = np.ascontiguousarray(history[:, 0])
+        history_rows(times, np.ascontiguousarray(history[:, 1:]), self._body.tilting, start, h, rows)
+        return rows, h
+
+    def _advance(self, z: Array, start: float, end: float) -> None:
+        if end <= start + 1e-9:
+            return
+        rows, h = self._rows(start, min(end, start + LONGEST))
+        out = np.empty((len(rows), STATE))
+        state = np.array([*z[:4], self._mean[4]])
+        advance(self._ball, self._walls, self._effects, rows, h, state, out)
+        z[:4] = out[-1, :4]
+
+    def _carry_to(self, moment: float) -> None:
+        assert self._z is not None
+        if moment <= self._measured_at + 1e-9:
+            return
+        rows, h = self._rows(self._measured_at, min(moment, self._measured_at + LONGEST))
+        _carry(self._ball, self._walls, self._effects, self._lens, rows, h, self._mean, self._P, self._room)
+        self._measured_at = moment
+        self._z[:4] = self._mean[:4]
+
+    def _start_at(self, moment: float, position: Array) -> None:
+        super()._start_at(moment, position)
+        begin(self._mean, self._P, self._lens, float(position[0]), float(position[1]))
+
+    def _variance(self) -> float:
+        return float(max(self._P[0, 0], self._P[1, 1])) + self._lens.variance
+
+    def _correct(self, innovation: Array) -> None:
+        assert self._z is not None
+        _taken(self._lens, self._mean, self._P, self._gain, float(innovation[0]), float(innovation[1]))
+        self._z[:4] = self._mean[:4]

@@ -1,0 +1,344 @@
+"""Cubature Kalman filter of a ball that is a rigid body: (x, y, vx, vy, w) of `physics.rigid_body`, picture by picture.
+
+    points     mean +- sqrt(5) times the columns of the Cholesky factor of P: ten, all of the same weight
+    motion     each point through `physics.rigid_body.step` at the moments that the camera shows: t - delay
+    picture    y = scale Rot(angle) (x, y) + offset + noise; linear, so the update is exact
+    noise      white accelerations in x, y and w; a contact with a wall adds an error of the velocities, a share of the
+               change that it made
+
+(the third-degree cubature rule; Arasaratnam and Haykin, IEEE Trans. Automatic Control 54, 2009). Without a picture the
+prediction goes on for up to `BRIDGED` s. A picture that is far off moves nothing and counts as one at the limit.
+Several of them in a row start the filter again.
+
+    -2 log L = sum over pictures of nu' S^-1 nu + log det S
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mazeplan.core.maths.compiled import pointer_to
+from mazeplan.core.records import Array, IntArray
+from mazeplan.physics.dynamics.plate import ROW, TIME_AT, PlateMotion, Tilting, plate_rows
+from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, body_core, step
+from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.dynamics.walls import Walls
+from mazeplan.physics.effect import Term
+
+SUBSTEPS = 5  # a picture: 1/150 s; with ten or twenty the likelihood is the same but for its roughness
+POINTS = 2 * STATE
+BRIDGED = 0.5  # s without a picture after which the filter starts again
+SETTLING = 8  # pictures after a start that do not count
+EARLY = 24  # pictures of a stretch that do not count: more than those whose moment lies before it
+FAR = 36.0  # of nu' S^-1 nu; a picture beyond is not believed
+TWICE = 3  # pictures in a row that are not believed: the filter starts again
+START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
+STRAIGHTENED = 4  # rounds of the fixed point that takes off the lens
+LEAST = 1e-18  # of a variance, so that a Cholesky factor exists
+
+
+class CameraView(NamedTuple):
+    """The camera: offset_x, offset_y: m; angle: rad; scale; delay: s; noise: m, one sigma; bend: of the lens, 1/m^2.
+
+    seen = offset + d (1 + bend |d|^2), d = scale Rot(angle) (x, y)."""
+
+    offset_x: float = 0.0
+    offset_y: float = 0.0
+    angle: float = 0.0
+    scale: float = 1.0
+    delay: float = 0.06
+    noise: float = 1e-3
+    bend: float = 0.0
+
+
+class Wander(NamedTuple):
+    """Unexplained motion. plane, spin: intensity of white accelerations in the plane and of the spin, m^2/s^3; strike:
+    standard deviation of the velocity behind a contact, over the speed that the wall took away."""
+
+    plane: float = 1e-4
+    spin: float = 1e-8
+    strike: float = 0.05
+
+
+@dataclass(frozen=True)
+class BallPictures:
+    """The ball in the pictures of a record. y (N, 2): m, NaN if lost; first (N,): a stretch begins; t (N,), dt: s, by
+    counting pictures; clock (N,): true time, s, for effects that change with time, None if it equals t."""
+
+    t: Array
+    dt: float
+    y: Array
+    first: np.ndarray
+    clock: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+class BodyModel(NamedTuple):
+    """The model of the filter. terms: further effects on the ball (`physics.rigid_body_effects`)."""
+
+    ball: Ball = Ball()
+    tilting: Tilting = Tilting()
+    view: CameraView = CameraView()
+    wander: Wander = Wander()
+    terms: tuple[Term, ...] = ()
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """nu (N, 2): innovations in m, in the plate's axes, NaN where nothing counts; S (N, 3): their variances and the
+    covariance between (xx, yy, xy); state (N, 5), cov (N, 5, 5): behind each picture; starts: how often the filter
+    started; left_out: pictures that it did not believe; minus2: -2 log L."""
+
+    nu: Array
+    S: Array
+    state: Array
+    cov: Array
+    starts: int
+    left_out: int
+    minus2: float
+
+    def whitened(self) -> Array:
+        """Innovations (K, 2) of those that count, each pair turned into two independent numbers of variance 1."""
+        keep = np.isfinite(self.nu[:, 0])
+        (a, b), (xx, yy, xy) = self.nu[keep].T, self.S[keep].T
+        first = a / np.sqrt(xx)
+        return np.column_stack([first, (b - xy / xx * a) / np.sqrt(yy - xy * xy / xx)])
+
+
+class Lens(NamedTuple):
+    """`CameraView` and `Wander` for compiled code."""
+
+    offset_x: float
+    offset_y: float
+    cos: float
+    sin: float
+    scale: float
+    variance: float
+    bend: float
+    plane: float
+    spin: float
+    strike: float
+
+
+def lens_of(view: CameraView, wander: Wander) -> Lens:
+    """The numbers of camera and unexplained motion for compiled code."""
+    cos, sin = math.cos(view.angle), math.sin(view.angle)
+    variance, bend = view.noise**2, float(view.bend)
+    return Lens(view.offset_x, view.offset_y, cos, sin, view.scale, variance, bend, *map(float, wander))
+
+
+@njit(cache=True, error_model="numpy")
+def _cholesky(P, L):
+    """Lower factor L (5, 5) of P (5, 5)."""
+    for i in range(STATE):
+        for j in range(i + 1):
+            total = P[i, j]
+            for n in range(j):
+                total -= L[i, n] * L[j, n]
+            L[i, j] = math.sqrt(max(total, LEAST)) if i == j else total / L[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def predict_body(core, rows, first, count, h, mean, P, L, points):
+    """Carry mean (5,) and P (5, 5) through `count` sub-steps whose rows begin at row `first`; points (10, 5), L: room
+    to work in. How much walls changed the speed, m/s, on average over the points."""
+    _cholesky(P, L)
+    spread, width, hits = math.sqrt(float(STATE)), rows.shape[1], 0.0
+    for n in range(POINTS):
+        sign, column = (spread, n) if n < STATE else (-spread, n - STATE)
+        for i in range(STATE):
+            points[n, i] = mean[i] + sign * L[i, column]
+    for j in range(first, first + count):  # points one after the other: the processor works on several of them at once
+        for n in range(POINTS):
+            x, y, vx, vy, w, hit = step(
+                core, pointer_to(rows, j * width), h, points[n, 0], points[n, 1], points[n, 2], points[n, 3],
+                points[n, 4],
+            )  # fmt: skip
+            points[n, 0], points[n, 1], points[n, 2], points[n, 3], points[n, 4] = x, y, vx, vy, w
+            hits += hit
+    for i in range(STATE):
+        total = 0.0
+        for n in range(POINTS):
+            total += points[n, i]
+        mean[i] = total / POINTS
+    for i in range(STATE):
+        for j in range(i + 1):
+            total = 0.0
+            for n in range(POINTS):
+                total += (points[n, i] - mean[i]) * (points[n, j] - mean[j])
+            P[i, j] = P[j, i] = total / POINTS
+    return hits / POINTS
+
+
+@njit(cache=True, error_model="numpy")
+def wandered(P, lens, dt, hit):
+    """White accelerations over dt s, and the noise of contacts that took `hit` m/s away, added to P (5, 5)."""
+    for i in range(2):
+        P[i, i] += lens.plane * dt * dt * dt / 3.0
+        P[i, i + 2] += lens.plane * dt * dt / 2.0
+        P[i + 2, i] += lens.plane * dt * dt / 2.0
+        P[i + 2, i + 2] += lens.plane * dt
+    P[4, 4] += lens.spin * dt
+    rough = lens.strike * lens.strike * hit * hit
+    P[2, 2] += rough
+    P[3, 3] += rough
+    P[4, 4] += rough
+
+
+@njit(cache=True, error_model="numpy")
+def correct(mean, P, gain, scale, a, b, xx, yy, xy):
+    """Update mean (5,) and P (5, 5) by innovations (a, b) with variances (xx, yy) and covariance xy; gain (5, 2): room
+    to work in."""
+    det = xx * yy - xy * xy
+    for i in range(STATE):
+        c, d = scale * P[i, 0], scale * P[i, 1]
+        gain[i, 0], gain[i, 1] = (c * yy - d * xy) / det, (d * xx - c * xy) / det
+    for i in range(STATE):
+        mean[i] += gain[i, 0] * a + gain[i, 1] * b
+    for i in range(STATE):  # P - K S K'
+        u = gain[i, 0] * xx + gain[i, 1] * xy
+        v = gain[i, 0] * xy + gain[i, 1] * yy
+        for j in range(i + 1):
+            P[i, j] -= u * gain[j, 0] + v * gain[j, 1]
+    for i in range(STATE):
+        for j in range(i):
+            P[j, i] = P[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def begin(mean, P, lens, a, b):
+    """Start at the place (a, b), in the plate's axes times the scale."""
+    mean[:], P[:] = 0.0, 0.0
+    mean[0], mean[1] = a / lens.scale, b / lens.scale
+    P[0, 0] = P[1, 1] = lens.variance / (lens.scale * lens.scale)
+    P[2, 2] = P[3, 3] = START_SPEED * START_SPEED
+    P[4, 4] = START_SPIN * START_SPIN
+
+
+@njit(cache=True, error_model="numpy")
+def _straightened(lens, u, v):
+    """The picture's place from the camera's middle as without the bend of the lens, and by how much the lens widens
+    things there (the mean of along and across)."""
+    if lens.bend == 0.0:
+        return u, v, 1.0
+    a, b = u, v
+    for _ in range(STRAIGHTENED):
+        over = 1.0 + lens.bend * (a * a + b * b)
+        a, b = u / over, v / over
+    return a, b, 1.0 + 2.0 * lens.bend * (a * a + b * b)
+
+
+@njit(cache=True, error_model="numpy")
+def _run(ball, walls, effects, lens, y, first, rows, dt, per, late, nu, S, state, cov):
+    """Filter pictures y (N, 2); results as in `Filtered` into nu, S, state, cov; (starts, pictures left out, -2 log
+    L)."""
+    core = body_core(ball, walls, effects)
+    mean, P, L = np.zeros(STATE), np.zeros((STATE, STATE)), np.zeros((STATE, STATE))
+    points, gain = np.empty((POINTS, STATE)), np.empty((STATE, 2))
+    h, gap = dt / per, int(BRIDGED / dt + 0.5)
+    starts = left_out = 0
+    unseen, age, doubted, since, minus2, running = 0, 0, 0, 0, 0.0, False
+    for k in range(len(y)):
+        nu[k, 0] = nu[k, 1] = math.nan
+        S[k, 0] = S[k, 1] = 1.0
+        S[k, 2] = 0.0
+        running = running and not first[k]
+        since = 0 if first[k] else since + 1
+        if running:
+            hit = predict_body(core, rows, (k - 1) * per, per, h, mean, P, L, points)
+            wandered(P, lens, dt, hit)
+        unseen += 1
+        if since >= late and math.isfinite(y[k, 0]) and math.isfinite(y[k, 1]):
+            u, v, near = _straightened(lens, y[k, 0] - lens.offset_x, y[k, 1] - lens.offset_y)
+            a, b = lens.cos * u + lens.sin * v, lens.cos * v - lens.sin * u
+            if not running or unseen > gap or doubted >= TWICE:
+                begin(mean, P, lens, a, b)
+                starts += 1
+                unseen, age, doubted, running = 0, 0, 0, True
+            else:
+                scale = near * lens.scale
+                a, b = near * a - scale * mean[0], near * b - scale * mean[1]
+                square = scale * scale
+                xx, yy, xy = square * P[0, 0] + lens.variance, square * P[1, 1] + lens.variance, square * P[0, 1]
+                det = xx * yy - xy * xy
+                size = (a * a * yy - 2.0 * a * b * xy + b * b * xx) / det
+                age += 1
+                counts = age > SETTLING and since >= EARLY
+                if counts:
+                    minus2 += math.log(det) + min(size, FAR)
+                if size > FAR and age > SETTLING:
+                    doubted += 1
+                    left_out += 1
+                else:
+                    unseen, doubted = 0, 0
+                    correct(mean, P, gain, scale, a, b, xx, yy, xy)
+                    if counts:
+                        nu[k, 0], nu[k, 1], S[k, 0], S[k, 1], S[k, 2] = a, b, xx, yy, xy
+        state[k], cov[k] = mean, P
+    return starts, left_out, minus2
+
+
+class BodyFilter:
+    """Pictures, the plate's motion and walls, ready to be filtered under any `BodyModel`."""
+
+    def __init__(self, pictures: BallPictures, plate: PlateMotion, walls: Walls, substeps: int = SUBSTEPS) -> None:
+        self.pictures, self.plate, self.walls, self.substeps = pictures, plate, walls, substeps
+        n = len(pictures)
+        self._rows, self._key = np.empty((n * substeps, ROW)), None
+        self._y, self._first = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.first)
+        self._t = np.ascontiguousarray(pictures.t)
+
+    def part(self, rows: np.ndarray) -> BodyFilter:
+        """The filter of some pictures (N,) alone; where one before is left out, a stretch begins."""
+        p = self.pictures
+        begun = np.concatenate([[True], np.diff(np.flatnonzero(rows)) > 1])
+        clock = None if p.clock is None else p.clock[rows]
+        seen = replace(p, t=p.t[rows], y=p.y[rows], first=p.first[rows] | begun, clock=clock)
+        return BodyFilter(seen, self.plate, self.walls, self.substeps)
+
+    def rows(self, tilting: Tilting, delay: float) -> Array:
+        """Rows (N substeps, ROW) of `physics.plate` between the pictures, as the camera shows them `delay` s later."""
+        key = (tilting, delay)
+        if key != self._key:
+            h = self.pictures.dt / self.substeps
+            plate_rows(self.plate, tilting, self._t - delay, h, self.substeps, self._rows)
+            if self.pictures.clock is not None:
+                self._rows[:, TIME_AT] += np.repeat(self.pictures.clock - self._t, self.substeps)
+            self._key = key
+        return self._rows
+
+    def run(self, model: BodyModel) -> Filtered:
+        """Filter all pictures. Raises ValueError for a term that cannot act on a body."""
+        n, view = len(self.pictures), model.view
+        nu, S, state, cov = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, STATE)), np.empty((n, STATE, STATE))
+        lens = lens_of(view, model.wander)
+        rows = self.rows(model.tilting, view.delay)
+        late = math.ceil(view.delay / self.pictures.dt - 1e-9)  # pictures from before their stretch began
+        numbers = Ball(*map(float, model.ball))
+        found = _run(
+            numbers, self.walls, effects_of(model.terms), lens, self._y, self._first, rows, self.pictures.dt,
+            self.substeps, late, nu, S, state, cov,
+        )  # fmt: skip
+        return Filtered(nu, S, state, cov, *found)
+
+    def rolled_out(self, model: BodyModel, states: Array, starts: IntArray, steps: int) -> Array:
+        """Where the camera would see the ball, (W, steps + 1, 2) in m: from the states (N, 5) of some pictures
+        `starts` (W,) on, by the model alone, along the plate's motion."""
+        rows, per, view = self.rows(model.tilting, model.view.delay), self.substeps, model.view
+        ball, effects, out = Ball(*map(float, model.ball)), effects_of(model.terms), np.empty((steps * per, STATE))
+        places = np.empty((len(starts), steps + 1, 2))
+        for places_, start in zip(places, starts, strict=True):
+            part = rows[start * per : (start + steps) * per]
+            advance(ball, self.walls, effects, part, self.pictures.dt / per, states[start], out)
+            places_[0], places_[1:] = states[start, :2], out[per - 1 :: per, :2]
+        turn = np.array([[math.cos(view.angle), -math.sin(view.angle)], [math.sin(view.angle), math.cos(view.angle)]])
+        seen = view.scale * places @ turn.T
+        bent = 1.0 + view.bend * np.sum(seen * seen, axis=-1, keepdims=True)
+        return seen * bent + np.array([view.offset_x, view.offset_y])

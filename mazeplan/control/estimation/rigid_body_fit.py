@@ -1,0 +1,196 @@
+"""Maximum likelihood of the numbers of a rigid ball, by the innovations of a whole record, all rings at once.
+
+The filter (`rigid_body_filter`) gives innovations nu_k with covariances S_k under parameters p; -2 log L is the sum of
+nu' S^-1 nu + log det S. Fisher scoring, damped as by Levenberg and Marquardt (an index: the derivative by a parameter):
+
+    F_ij = sum_k nu_i' S^-1 nu_j + tr(S^-1 S_i S^-1 S_j) / 2,     (F + damping diag F) dp = -sum_k g_k
+    cov  = F^-1 (sum over blocks of s s') F^-1,                   s = sum of g_k over a block of BLOCK_S
+
+with g_k half of the gradient of picture k. The same steps find noise and physics. Standard errors hold for residuals
+that are not quite white (the sandwich; White, Econometrica 50, 1982).
+
+-2 log L is rough: it jumps by about 10 between near points, since a ball that just misses an edge goes another way than
+one that just hits it. Derivatives are central differences over about one standard error, which smooth that. A gain
+below 10 means nothing, and values from different starts differ by more than their standard error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered
+from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
+from mazeplan.core.records import Array
+
+STEPS, ENOUGH = 20, 1.0  # scoring steps; of -2 log L, that a further one must bring
+DAMPING = (1e-4, 1e6)
+BLOCK_S = 10.0  # s; blocks as long as this are independent of one another
+FLOOR = 1e-12  # of a variance in the information, so that a parameter that changes nothing does no harm
+
+
+ORDINARY = (
+    "rolling", "spin", "wall", "restitution", "hold", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "delay",
+    "noise", "plane", "strike",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BodyFit:
+    """The result of a fit.
+
+    model: with the likeliest values; stderr: of the free ones, in their units; free: their names; cov (J, J): in the
+    coordinates of the search; minus2: -2 log L; filtered: by that model; passes: of the filter."""
+
+    model: BodyModel
+    stderr: dict[str, float]
+    free: tuple[str, ...]
+    cov: Array
+    minus2: float
+    filtered: Filtered
+    passes: int
+
+    def value(self, name: str) -> float:
+        """A parameter by its name, in its unit."""
+        return value_of(self.model, name)
+
+
+def autocorrelation(filtered: Filtered, lags: int = 3) -> Array:
+    """Of the whitened innovations at lags 1 to `lags`, (lags,); those of pictures next to one another only."""
+    e = np.full(filtered.nu.shape, np.nan)
+    e[np.isfinite(filtered.nu[:, 0])] = filtered.whitened()
+    power = float(np.nanmean(e * e))
+    return np.array([float(np.nanmean(e[lag:] * e[:-lag])) / power for lag in range(1, lags + 1)])
+
+
+class Gradient(NamedTuple):
+    """each (N, J): half of the gradient of -2 log L, picture by picture; information (J, J): Fisher's."""
+
+    each: Array
+    information: Array
+
+    def between_blocks(self, rows: int) -> Array:
+        """How much the gradient varies from one block of so many pictures to the next, added up, (J, J)."""
+        sums = np.add.reduceat(self.each, np.arange(0, len(self.each), rows), axis=0)
+        return sums.T @ sums
+
+
+class _Search:
+    """The filter in the coordinates x (J,) of the search: values, or their logarithms."""
+
+    def __init__(self, body: BodyFilter, model: BodyModel, free: Sequence[str]) -> None:
+        self.body, self.model, self.free = body, model, tuple(free)
+        self.kinds, self.passes = [number_of(model, name) for name in free], 0
+        self.low, self.high = (
+            np.array([math.log(getattr(k, end)) if k.log else getattr(k, end) for k in self.kinds])
+            for end in ("low", "high")
+        )
+        self.step = np.array([k.step for k in self.kinds])
+
+    def point(self) -> Array:
+        values = (value_of(self.model, name) for name in self.free)
+        x = [math.log(v) if k.log else v for v, k in zip(values, self.kinds, strict=True)]
+        return np.clip(np.array(x), self.low, self.high)
+
+    def model_at(self, x: Array) -> BodyModel:
+        values = (math.exp(v) if k.log else float(v) for v, k in zip(x, self.kinds, strict=True))
+        return with_values(self.model, dict(zip(self.free, values, strict=True)))
+
+    def run(self, x: Array) -> Filtered:
+        self.passes += 1
+        return self.body.run(self.model_at(x))
+
+    def scores(self, x: Array, here: Filtered) -> Gradient:
+        """Scores at x, where the filter gives `here`."""
+        keep, moved = np.isfinite(here.nu[:, 0]), []
+        for j, step in enumerate(self.step):
+            up, down = (np.clip(x[j] + sign * step, self.low[j], self.high[j]) for sign in (1.0, -1.0))
+            ends = [self.run(np.where(np.arange(len(x)) == j, at, x)) for at in (up, down)]
+            both = np.isfinite(ends[0].nu[:, :1]) & np.isfinite(ends[1].nu[:, :1])
+            slopes = ((ends[0].nu - ends[1].nu) / (up - down), (ends[0].S - ends[1].S) / (up - down))
+            moved.append([np.where(both, slope, 0.0)[keep] for slope in slopes])
+        (a, b), (xx, yy, xy) = here.nu[keep].T, here.S[keep].T
+        det = xx * yy - xy * xy
+        u, v = (yy * a - xy * b) / det, (xx * b - xy * a) / det  # S^-1 nu
+        inverse = np.stack([yy, xx, -xy]) / det
+        count = len(self.free)
+        each, information = np.zeros((len(keep), count)), np.zeros((count, count))
+        white = [_over(inverse, dS) for _, dS in moved]
+        for i, (dn, dS) in enumerate(moved):
+            quadratic = dS[:, 0] * u * u + dS[:, 1] * v * v + 2.0 * dS[:, 2] * u * v
+            each[keep, i] = dn[:, 0] * u + dn[:, 1] * v + 0.5 * (white[i][0] + white[i][3] - quadratic)
+            for j in range(i + 1):
+                other, (c, d, e, f), (p, q, r, s) = moved[j][0], white[i], white[j]
+                means = dn[:, 0] * (inverse[0] * other[:, 0] + inverse[2] * other[:, 1])
+                means += dn[:, 1] * (inverse[2] * other[:, 0] + inverse[1] * other[:, 1])
+                spreads = 0.5 * (c * p + d * r + e * q + f * s)
+                information[i, j] = information[j, i] = np.sum(means + spreads)
+        return Gradient(each, information)
+
+
+def _over(inverse: Array, dS: Array) -> tuple[Array, Array, Array, Array]:
+    """S^-1 dS as (11, 12, 21, 22), each (K,); inverse (3, K): xx, yy, xy of S^-1; dS (K, 3)."""
+    (ixx, iyy, ixy), (xx, yy, xy) = inverse, dS.T
+    return ixx * xx + ixy * xy, ixx * xy + ixy * yy, ixy * xx + iyy * xy, ixy * xy + iyy * yy
+
+
+def score_search(body: BodyFilter, model: BodyModel, free: Sequence[str]) -> Gradient:
+    """The gradient by some parameters, in the coordinates of a search. Raises KeyError for an unknown name."""
+    search = _Search(body, model, free)
+    x = search.point()
+    return search.scores(x, search.run(x))
+
+
+def fit_body(
+    body: BodyFilter, model: BodyModel, free: Sequence[str] = ORDINARY, steps: int = STEPS, enough: float = ENOUGH
+) -> BodyFit:
+    """The likeliest values of the `free` parameters.
+
+    model: where the fit begins; steps: at most; enough: of -2 log L, that a further step must bring. Raises KeyError
+    for an unknown name."""
+    search = _Search(body, model, free)
+    x, damping = search.point(), 1e-2
+    best = search.run(x)
+    scores = search.scores(x, best)
+    for _ in range(steps):
+        gained = 0.0
+        while damping <= DAMPING[1]:
+            new = _stepped(search, x, scores, damping)
+            there = search.run(new)
+            if there.minus2 < best.minus2:
+                gained, x, best = best.minus2 - there.minus2, new, there
+                damping = max(damping / 10.0, DAMPING[0])
+                break
+            damping *= 10.0
+        damping = min(damping, 1.0)
+        if gained < enough:
+            break
+        scores = search.scores(x, best)
+    plain = _inverse(scores.information)
+    cov = plain @ scores.between_blocks(round(BLOCK_S / body.pictures.dt)) @ plain
+    found = search.model_at(x)
+    sigma = np.sqrt(np.diag(cov))
+    scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]
+    stderr = {name: float(s * k) for name, s, k in zip(free, sigma, scale, strict=True)}
+    return BodyFit(found, stderr, tuple(free), cov, best.minus2, best, search.passes)
+
+
+def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Array:
+    """The next point, inside the bounds. A parameter that is pulled against its bound stays there."""
+    scale = np.sqrt(np.maximum(np.diag(scores.information), FLOOR))
+    A, g = scores.information / np.outer(scale, scale), scores.each.sum(axis=0) / scale
+    held = ((x <= search.low) & (g > 0.0)) | ((x >= search.high) & (g < 0.0))
+    A[held], A[:, held], g[held] = 0.0, 0.0, 0.0
+    move = np.linalg.solve(A + damping * np.eye(len(x)), g) / scale
+    return np.clip(x - move, search.low, search.high)
+
+
+def _inverse(information: Array) -> Array:
+    """The covariance: the inverse of the information, infinite where it says nothing."""
+    scale = np.sqrt(np.maximum(np.diag(information), FLOOR))
+    sizes, axes = np.linalg.eigh(information / np.outer(scale, scale))
+    return (axes / np.maximum(sizes, 1e-12)) @ axes.T / np.outer(scale, scale)

@@ -1,0 +1,118 @@
+"""The numbers of a `BodyModel` by name (`learning.rigid_body_entries`), parameters of its terms as EFFECT.PARAMETER."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, REACH, Body, Number, brought, stamp
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.effect import BALL
+from mazeplan.physics.registry import PACKAGED
+from mazeplan.physics.rig.entries import part_stderr, part_values
+
+LEFT_OVER = ("cross_beta", "cross_gamma")  # of the coupling, that the stage as fitted does not have already
+FRICTION = ("rolling", "viscous", "quadratic")  # of a bead they are as they come to the motion, f times as large
+
+
+def number_of(model: BodyModel, name: str) -> Number:
+    """Unit, bounds and words of a number. Raises KeyError for an unknown name."""
+    if name in PARAMETERS:
+        return PARAMETERS[name]
+    i, key = _term(model, name)
+    p = model.terms[i].effect.parameters[key]
+    return Number("terms", name, p.unit, p.low, p.high, p.smallest or p.step, False, p.words or name, name)
+
+
+def _term(model: BodyModel, name: str) -> tuple[int, str]:
+    """Which term, and which of its parameters."""
+    effect, _, key = name.partition(".")
+    for i, term in enumerate(model.terms):
+        if term.name == effect and key in term.effect.parameters:
+            return i, key
+    raise KeyError(name)
+
+
+def value_of(model: BodyModel, name: str) -> float:
+    """A number of a model by its name, in its unit."""
+    if name not in PARAMETERS:
+        i, key = _term(model, name)
+        return model.terms[i].values()[key]
+    where = PARAMETERS[name]
+    return float(getattr(getattr(model, where.part), where.field))
+
+
+def with_values(model: BodyModel, values: Mapping[str, float]) -> BodyModel:
+    """The model with other values of some numbers, in their units."""
+    for name, value in values.items():
+        if name in PARAMETERS:
+            where = PARAMETERS[name]
+            part = getattr(model, where.part)._replace(**{where.field: value})
+            model = model._replace(**{where.part: part})
+            continue
+        i, key = _term(model, name)
+        term, terms = model.terms[i], list(model.terms)
+        terms[i] = replace(term, numbers=tuple((term.values() | {key: value}).values()))
+        model = model._replace(terms=tuple(terms))
+    return model
+
+
+def said_by(rig: RigModel, maze: Maze, name: str) -> tuple[float, ...]:
+    """Values of a number in a model of beads, in the unit of the rigid ball: one for each ring with the effect, one for
+    a number of the rig, none if the model does not have it."""
+    where = PARAMETERS[name]
+    effect, _, key = where.effect.partition(".")
+    if not effect or name in LEFT_OVER:
+        return ()
+    power = where.origin[1]
+    if PACKAGED[effect].acts not in BALL:
+        return (brought(part_values(rig, PACKAGED[effect])[key], where.how, power, REACH),)
+    found = []
+    for ring in sorted(rig.balls):
+        ball, radius = rig.balls[ring], maze.track_radius(ring)
+        value = ball.parameter(effect, key, math.nan)
+        if not math.isfinite(value) or radius <= 0.0:
+            continue
+        share = ball.parameter("rolling_inertia", "factor", 1.0) if name in FRICTION else 1.0
+        found.append(brought(value, where.how, power, radius) / share)
+    return tuple(found[:1] if PACKAGED[effect].common else found)
+
+
+def stderr_by(rig: RigModel, maze: Maze) -> dict[str, float]:
+    """Standard errors of the numbers in a model of beads, by name: the largest over the rings."""
+    out = {}
+    for name, number in PARAMETERS.items():
+        effect, _, key = number.effect.partition(".")
+        if not effect or name in LEFT_OVER:
+            continue
+        if PACKAGED[effect].acts not in BALL:
+            errors = [part_stderr(rig, PACKAGED[effect]).get(key, math.nan)]
+        else:
+            power = number.origin[1]
+            errors = [
+                ball.stderr.get(effect, {}).get(key, math.nan) / (maze.track_radius(ring) or REACH) ** power
+                for ring, ball in rig.balls.items()
+            ]
+        known = [error for error in errors if math.isfinite(error)]
+        if known:
+            out[name] = max(known)
+    return out
+
+
+def body_of(rig: RigModel) -> BodyModel | None:
+    """The rigid ball of a rig's model, if it was found with the rings of the model."""
+    if rig.body is None or rig.body.of != stamp(rig.balls):
+        return None
+    values = dict(rig.body.values)
+    values["delay"] = max(rig.camera_delay + values.get("delay", 0.0), 0.0)
+    return with_values(BodyModel(), values)
+
+
+def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> RigModel:
+    """The rig's model with this rigid ball."""
+    values = {name: value_of(model, name) for name in KEPT}
+    values["delay"] -= rig.camera_delay
+    return replace(rig, body=Body(values, stamp(rig.balls), {k: s for k, s in stderr.items() if k in KEPT}))

@@ -1,0 +1,166 @@
+"""Faster passage of an opening: simulate each command of a grid on the planar model and send the best one.
+
+The law of `opening` brakes the ball in front of the opening before the ball falls in. A faster ball can let the far
+edge stop it and lose no time. The planar model knows edges and servo, so it can predict the outcome. In each tick every
+command u of a grid is held for n ticks; then the law takes over, until the ball is in the middle of the wall:
+
+    t(u, n) = mean time to the middle of the wall, over starts around the ball;    t(law): the same without u
+
+The best u goes out if t(u, n) < t(law) - margin, else the command of the law. This is one step of policy iteration
+(roll-out; Bertsekas, Dynamic Programming and Optimal Control, vol. 1, section 6.4): on the model it is never worse than
+the law. The starts differ by the uncertainty of the ball's position and speed across the opening, so that the choice
+does not depend on an exact ball.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from mazeplan.control.opening import OpeningOptions
+from mazeplan.control.tilt import Plate, room
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.records import Array, Command, State
+from mazeplan.maze.geometry import Maze, Opening
+from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
+
+TICK = 1.0 / 30.0  # s; how long one command of the law holds
+SUBSTEPS = round(TICK / SUBSTEP)
+LEFT = 0.1  # m/s; assumed speed behind the horizon
+HELD = (1, 2, 4)  # ticks that a command is held
+
+
+@dataclass(frozen=True)
+class RolloutOptions:
+    """Settings of the roll-outs. Raises SettingsError.
+
+    grid: commands per axis, between the limits; margin_s: a command must beat the law by this; doubt_mm, doubt_m_s:
+    offsets of the other starts across the opening; horizon_s: of one roll-out; late_s: with a larger delay, s, of the
+    measurements no roll-outs are made, as the ball's position is too uncertain."""
+
+    grid: int = 5
+    margin_s: float = 0.02
+    doubt_mm: float = 0.8
+    doubt_m_s: float = 0.016
+    horizon_s: float = 0.5
+    late_s: float = 0.08
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("grid", "horizon_s"))
+
+    def starts(self) -> Array:
+        """Offsets (5, 2) of the starts across the opening, m and m/s: none, to either side, faster and slower."""
+        place, speed = 1e-3 * self.doubt_mm, self.doubt_m_s
+        return np.array([[0.0, 0.0], [place, 0.0], [-place, 0.0], [0.0, speed], [0.0, -speed]])
+
+
+class OpeningRollout:
+    """Roll-outs through the openings of one maze on one model; commands of at most `plate.limit`, rad."""
+
+    def __init__(
+        self, maze: Maze, planar: PlanarModel, plate: Plate, gate: OpeningOptions, options: RolloutOptions
+    ) -> None:
+        self._maze, self._planar, self._limit = maze, planar.arrays(), plate.limit
+        self._options = options
+        axis = np.linspace(-plate.limit, plate.limit, options.grid)
+        self._tried = np.array([[a, b] for a in axis for b in axis])
+        push = GRAVITY * math.radians(gate.push_deg)
+        self._law = np.array([gate.kp, gate.kd, gate.lead_s, push, plate.limit, plate.offset_beta, plate.offset_gamma])
+
+    def better(self, state: State, opening: Opening, towards: int) -> Command | None:
+        """The command that brings the ball into ring `towards` sooner than the law by the margin, or None.
+
+        state: when the command acts."""
+        o = self._options
+        z = np.array([state.x, state.y, state.vx, state.vy, state.beta, state.beta_dot, state.gamma, state.gamma_dot])
+        sign = -1.0 if towards == opening.inner else 1.0
+        wall = next(w for w in self._maze.walls if opening in w.openings)
+        middle = 0.5 * (wall.inner_radius + wall.outer_radius)
+        gap = np.array([math.cos(opening.angle), math.sin(opening.angle), sign, middle])
+        which = _best(z, gap, self._law, self._tried, o.starts(), o.margin_s, o.horizon_s, *self._planar)
+        return None if which < 0 else Command(float(self._tried[which, 0]), float(self._tried[which, 1]))
+
+    def warm_up(self) -> None:
+        """Compile or load everything before the rig moves."""
+        opening = self._maze.openings[0]
+        r = self._maze.track_radius(opening.outer)
+        x, y = r * math.cos(opening.angle), r * math.sin(opening.angle)
+        state = State(0.0, x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, opening.outer)
+        self.better(state, opening, opening.inner)
+
+
+@njit(cache=True, error_model="numpy")
+def law_command(z, gap, law, out):
+    """`opening.opening_command` for a state z (8,), into out (2,). The look-ahead holds the present tilt."""
+    c, s, sign = gap[0], gap[1], gap[2]
+    kp, kd, lead, push, limit, beta0, gamma0 = law[0], law[1], law[2], law[3], law[4], law[5], law[6]
+    across, speed = -s * z[0] + c * z[1], -s * z[2] + c * z[3]
+    pull = 0.5 * GRAVITY * (-s * math.sin(z[4] + beta0) - c * math.sin(z[6] + gamma0))  # about 5/7, less along walls
+    across += lead * speed + 0.5 * lead * lead * pull
+    speed += lead * pull
+    hold = -(kp * across + kd * speed)
+    base_beta = min(max(-s * hold / GRAVITY - beta0, -limit), limit)
+    base_gamma = min(max(-c * hold / GRAVITY - gamma0, -limit), limit)
+    full_beta = (-s * hold + sign * push * c) / GRAVITY - beta0
+    full_gamma = -(c * hold + sign * push * s) / GRAVITY - gamma0
+    share = min(room(base_beta, full_beta, limit), room(base_gamma, full_gamma, limit))
+    out[0] = min(max(base_beta + share * (full_beta - base_beta), -limit), limit)
+    out[1] = min(max(base_gamma + share * (full_gamma - base_gamma), -limit), limit)
+
+
+@njit(cache=True, error_model="numpy")
+def passing_time(z, u, held, gap, law, horizon, scalars, stage, rings, walls, gaps):
+    """Time, s, until the ball of z (8,), changed in place, reaches the radius gap[3].
+
+    The command u (2,) is held for `held` ticks, then the law follows. Behind the horizon: remaining distance over
+    LEFT."""
+    command = u.copy()
+    touching = True
+    r = math.hypot(z[0], z[1])
+    for k in range(round(horizon / TICK)):
+        if k >= held:
+            law_command(z, gap, law, command)
+        for i in range(SUBSTEPS):
+            before = r
+            stage_step(z, command[0], command[1], stage, SUBSTEP)
+            touching = ball_step(z, SUBSTEP, scalars, rings, walls, gaps, touching)
+            r = math.hypot(z[0], z[1])
+            if gap[2] * (r - gap[3]) >= 0.0:
+                part = (gap[3] - before) / (r - before) if gap[2] * (before - gap[3]) < 0.0 else 0.0
+                return k * TICK + (i + part) * SUBSTEP
+    return horizon + abs(r - gap[3]) / LEFT
+
+
+@njit(cache=True, error_model="numpy")
+def _total(z, u, held, gap, law, starts, most, horizon, scalars, stage, rings, walls, gaps):
+    """Sum of the passing times over the starts; stops early at `most`."""
+    total = 0.0
+    start = np.empty(8)
+    for q in range(starts.shape[0]):
+        start[:] = z
+        start[0] -= gap[1] * starts[q, 0]
+        start[1] += gap[0] * starts[q, 0]
+        start[2] -= gap[1] * starts[q, 1]
+        start[3] += gap[0] * starts[q, 1]
+        total += passing_time(start, u, held, gap, law, horizon, scalars, stage, rings, walls, gaps)
+        if total >= most:
+            break
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _best(z, gap, law, tried, starts, margin, horizon, scalars, stage, rings, walls, gaps):
+    """Index of the best command; -1: the law."""
+    world = scalars, stage, rings, walls, gaps
+    low = _total(z, np.zeros(2), 0, gap, law, starts, math.inf, horizon, *world) - margin * starts.shape[0]
+    which = -1
+    for j in range(tried.shape[0]):
+        for held in HELD:
+            total = _total(z, tried[j], held, gap, law, starts, low, horizon, *world)
+            if total < low:
+                low, which = total, j
+    return which

@@ -1,0 +1,25 @@
+"""The display of a run: shows it to a person while it goes on."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Display(Protocol):
+    """Shows a run to a person; the methods here show nothing."""
+
+    def ring_entered(self, ring: int, t: float) -> None:
+        """The ball is in another ring."""
+
+    def passed(self, ring: int, opening: str, t: float) -> None:
+        """The ball left `ring` through an opening."""
+
+    def event(self, t: float, text: str) -> None:
+        """An event that is worth a line."""
+
+    def tick(self, t: float, ring: int, text: str) -> None:
+        """A tick is over."""
+
+
+class NullDisplay(Display):
+    """Shows nothing."""

@@ -1,0 +1,239 @@
+"""What happens in a run: one record for each kind of event.
+
+The run log (topic /event) and the live page hold an event as {"t": 1.5, "kind": "passed", "detail": {...}}.
+`TimedEvent.document` writes that form, `TimedEvent.from_document` reads it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cache
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from mazeplan.core.records import FailureKind, Start
+
+
+@dataclass(frozen=True, slots=True)
+class RingEntered:
+    """The ball is in another ring, or was seen for the first time."""
+
+    ring: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedElsewhere:
+    """The ball was first seen in `ring`, although the run asked for another one."""
+
+    ring: int
+    asked: int
+
+
+@dataclass(frozen=True, slots=True)
+class RoutePlanned:
+    """Names of the openings on the way to the goal, and the expected time, s."""
+
+    openings: tuple[str, ...]
+    expected_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningChosen:
+    """The opening to which the ball is steered now, and the expected time, s."""
+
+    opening: str
+    expected_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningPassed:
+    """The ball went through an opening into `ring`."""
+
+    opening: str
+    ring: int
+
+
+@dataclass(frozen=True, slots=True)
+class LawChanged:
+    """The law that steers along a ring from now on: mpc, gains, pd or plan_pd."""
+
+    law: str
+
+
+@dataclass(frozen=True, slots=True)
+class FailureReported:
+    """A failure: its kind, the leaf or place, and a sentence."""
+
+    kind: str
+    where: str = ""
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryChosen:
+    """The recovery for the last failure."""
+
+    recovery: str
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtRaised:
+    """A measurement was not used; `records.Doubt` lists the values of `what`."""
+
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class GoalChanged:
+    """Go to another ring from now on, and also close these openings."""
+
+    ring: int
+    closed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningClosed:
+    """Do not use an opening any more."""
+
+    opening: str
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningReopened:
+    """Use an opening again."""
+
+    opening: str
+
+
+@dataclass(frozen=True, slots=True)
+class StopRequested:
+    """Level the plate and end the run."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExcitationStarted:
+    """A collection excites the ball, which should stay in `ring`."""
+
+    ring: int
+
+
+@dataclass(frozen=True, slots=True)
+class DriveStarted:
+    """A collection drives the ball to `ring` without the openings `closed`."""
+
+    ring: int
+    closed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFailed:
+    """A collection gave up the drive to `ring`; kind: of the failure."""
+
+    ring: int
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class OtherEvent:
+    """An event that this program does not define: from a leaf of the user, or from another version."""
+
+    name: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+Request = GoalChanged | OpeningClosed | OpeningReopened | StopRequested  # from outside the run
+RunEvent = (
+    Start
+    | RingEntered
+    | PlacedElsewhere
+    | RoutePlanned
+    | OpeningChosen
+    | OpeningPassed
+    | LawChanged
+    | FailureReported
+    | RecoveryChosen
+    | DoubtRaised
+    | Request
+    | ExcitationStarted
+    | DriveStarted
+    | DriveFailed
+    | OtherEvent
+)
+
+KINDS: dict[str, type[RunEvent]] = {
+    "start": Start,
+    "ring": RingEntered,
+    "placed_elsewhere": PlacedElsewhere,
+    "route": RoutePlanned,
+    "opening": OpeningChosen,
+    "passed": OpeningPassed,
+    "law": LawChanged,
+    "failure": FailureReported,
+    "recovery": RecoveryChosen,
+    "doubt": DoubtRaised,
+    "goal": GoalChanged,
+    "closed": OpeningClosed,
+    "opened": OpeningReopened,
+    "stopped": StopRequested,
+    "excite": ExcitationStarted,
+    "drive": DriveStarted,
+    "drive_failed": DriveFailed,
+}
+_NAMES = {kind: name for name, kind in KINDS.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class TimedEvent:
+    """An event at rig time t, s."""
+
+    t: float
+    event: RunEvent
+
+    @property
+    def kind(self) -> str:
+        """The name in the run log."""
+        return self.event.name if isinstance(self.event, OtherEvent) else _NAMES[type(self.event)]
+
+    @property
+    def detail(self) -> dict[str, Any]:
+        """The values in the run log."""
+        if isinstance(self.event, OtherEvent):
+            return dict(self.event.values)
+        values = {f.name: getattr(self.event, f.name) for f in fields(self.event)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The form in the run log."""
+        return {"t": self.t, "kind": self.kind, "detail": self.detail}
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> TimedEvent:
+        """Read `document`. An unknown kind, or values that do not fit the kind, give an OtherEvent.
+
+        Raises KeyError, TypeError or ValueError for a document that holds no event."""
+        kind, detail = document["kind"], document["detail"]
+        if not isinstance(kind, str) or not isinstance(detail, dict):
+            raise TypeError("an event without kind or detail")
+        return cls(float(document["t"]), _event(kind, detail))
+
+    @property
+    def rig_failed(self) -> bool:
+        """Whether the event reports that the rig failed."""
+        return isinstance(self.event, FailureReported) and self.event.kind == FailureKind.RIG_FAILED
+
+
+def _event(kind: str, detail: Mapping[str, Any]) -> RunEvent:
+    if kind in KINDS:
+        try:
+            return _reader(KINDS[kind]).validate_python(detail)
+        except ValidationError:
+            pass
+    return OtherEvent(kind, detail)
+
+
+@cache
+def _reader(kind: type[RunEvent]) -> TypeAdapter[RunEvent]:
+    return TypeAdapter(kind)

@@ -1,0 +1,1 @@
+"""Measurements: run logs and tables."""

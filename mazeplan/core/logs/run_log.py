@@ -1,0 +1,264 @@
+"""Run logs: MCAP files, written message by message, so that a killed process loses at most the last tick.
+
+Topics (JSON with a JSON schema each, so that general MCAP viewers read them); the log time is the rig's, in ns:
+
+    /header  once: program, rig, map (its text), behaviour, start, goal, seed ..., and all that `log replay` needs
+    /tick    each control tick: what was observed, estimated and commanded, by which leaf; cut_off: after how many
+             iterations the planner's deadline ended each search of the tick (`control.stopwatch`)
+    /plan    each plan: states and controls by component, cost, why the solver stopped
+    /tree    at each tree's beginning: path, kind (class), name of every node, parents first; parent: number of the
+             node above, -1 of the root; conditions: numbers of those that only ask, where no is no failure
+    /status  each tick after which they are others: how every node's last tick ended, a letter each (`STATUSES`)
+    /openings successes and failures at openings as they count at t, each time one was tried; they fade (`maze.memory`)
+    /event   ring changes, openings chosen and passed, failures, recoveries
+    /result  once at the end
+
+and as an attachment the model of the run, where it is neither a packaged one nor nominal physics (models.packedmodel).
+
+The file is not chunked and is handed to the operating system after each message: a chunk that was not finished would
+be lost with everything in it. A value that is not known is left out rather than null, and arrays have one dimension:
+viewers that plot refuse schemas with unions of types and nested arrays. `read_log` in run_log_reader.py reads it back.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from mazeplan.core.errors import LogError
+from mazeplan.core.events import RunEvent, TimedEvent
+from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
+from mazeplan.core.records import Command, Observation, Plan, State, TreeOutline
+
+__all__ = ["RunLog", "RunLogWriter", "read_log"]
+
+NUMBER, INTEGER, TEXT, FLAG = ({"type": name} for name in ("number", "integer", "string", "boolean"))
+NUMBERS, TEXTS, INTEGERS = ({"type": "array", "items": kind} for kind in (NUMBER, TEXT, INTEGER))
+STATUSES = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F", "SKIPPED": "K"}
+Sink = Callable[[str, float, dict[str, Any]], None]  # topic, rig time in s, document
+
+
+def _object(**fields: Any) -> dict[str, Any]:
+    return {"type": "object", "properties": fields}
+
+
+def _objects(**fields: Any) -> dict[str, Any]:
+    return {"type": "array", "items": _object(**fields)}
+
+
+ESTIMATE = ("t", "x", "y", "vx", "vy", "beta", "beta_dot", "gamma", "gamma_dot")
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "/header": _object(
+        **dict.fromkeys(("program", "version", "rig", "map", "map_name", "model", "behavior", "platform"), TEXT),
+        **dict.fromkeys(("format", "seed", "start_ring", "goal_ring"), INTEGER),
+        start_theta=NUMBER,
+        replay=_object(format=INTEGER, rate_hz=NUMBER, settings=TEXT),
+    ),
+    "/tick": _object(
+        **dict.fromkeys(("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma"), NUMBER),
+        **{f"estimate_{name}": NUMBER for name in ESTIMATE},
+        **dict.fromkeys(("planned_theta", "goal_theta", "planner_ms", "tick_ms"), NUMBER),
+        **dict.fromkeys(("ring", "segment"), INTEGER),
+        **dict.fromkeys(("status", "leaf", "opening", "cut_off", "doubts"), TEXT),
+    ),
+    "/plan": _object(
+        **dict.fromkeys(("t0", "dt", "cost", "ms"), NUMBER),
+        reason=TEXT,
+        iterations=INTEGER,
+        **dict.fromkeys((*PLAN_STATES, *PLAN_CONTROLS), NUMBERS),
+    ),
+    "/tree": _object(
+        t=NUMBER,
+        **dict.fromkeys(("paths", "kinds", "names"), TEXTS),
+        **dict.fromkeys(("parents", "conditions"), INTEGERS),
+    ),
+    "/status": _object(t=NUMBER, nodes=TEXT),
+    "/openings": _object(**dict.fromkeys(("t", "fading_s"), NUMBER), names=TEXTS, successes=NUMBERS, failures=NUMBERS),
+    "/event": _object(
+        t=NUMBER,
+        kind=TEXT,
+        detail=_object(**dict.fromkeys(("kind", "where", "detail", "recovery", "opening"), TEXT), ring=INTEGER),
+    ),
+    "/result": _object(
+        success=FLAG,
+        reason=TEXT,
+        time_s=NUMBER,
+        replans=INTEGER,
+        rings=_objects(ring=INTEGER, time_s=NUMBER, opening=TEXT),
+        failures=_objects(t=NUMBER, kind=TEXT, recovery=TEXT, where=TEXT, detail=TEXT, x=NUMBER, y=NUMBER),
+        start=_object(ring=INTEGER, theta=NUMBER),
+    ),
+}
+
+
+def _plain(value: Any) -> Any:
+    """The same for JSON: NaN and infinities as null, NumPy values as Python's."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
+
+
+def encode(document: dict[str, Any]) -> bytes:
+    """A message as the log holds it (JSON), without values that JSON cannot hold."""
+    try:
+        text = json.dumps(document, separators=(",", ":"), allow_nan=False)
+    except (TypeError, ValueError):  # rare, so that the usual tick does not pay for it
+        known = {key: value for key, value in _plain(document).items() if value is not None}
+        text = json.dumps(known, separators=(",", ":"))
+    return text.encode()
+
+
+class RunMessages:
+    """Turns what happens in a run into messages, and hands each to all sinks: topic, rig time in s, document.
+
+    path: the name of the log for the result, None without a log."""
+
+    def __init__(self, *sinks: Sink, path: str | None = None) -> None:
+        self.path, self._sinks = path, sinks
+        self._t = 0.0  # rig time of the last tick, s
+
+    def write(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        """Hand one message to all sinks."""
+        for sink in self._sinks:
+            sink(topic, t, document)
+
+    def sample(self, observation: Observation, command: Command, **more: Any) -> None:
+        """One tick without an estimate, as `collect` writes it; `more` that is None is left out."""
+        self._t = observation.t
+        document = {**asdict(observation), **asdict(command), **more}
+        self.write("/tick", observation.t, {name: value for name, value in document.items() if value is not None})
+
+    def tick(self, observation: Observation, command: Command, state: State, **more: Any) -> None:
+        """One control tick: observed, commanded, estimated.
+
+        `more`: status, leaf, opening, planned_theta, goal_theta, planner_ms, tick_ms, cut_off; None is left out.
+        """
+        estimate = {f"estimate_{name}": getattr(state, name) for name in ESTIMATE}
+        self.sample(observation, command, ring=state.ring, **estimate, **more)
+
+    def plan(self, plan: Plan) -> None:
+        """One plan (its gains are left out: they follow from the rest); no trajectory when it is not finite."""
+        document = {name: getattr(plan, name) for name in ("t0", "dt", "cost", "reason", "iterations", "ms")}
+        if np.isfinite(plan.states).all() and np.isfinite(plan.controls).all():
+            # 1 urad is far below what any sensor of the rig resolves, and halves the file
+            document |= zip(PLAN_STATES, np.round(plan.states, 6).T.tolist(), strict=True)
+            document |= zip(PLAN_CONTROLS, np.round(plan.controls, 6).T.tolist(), strict=True)
+        self.write("/plan", plan.t0, document)
+
+    def tree(self, t: float, outline: TreeOutline) -> None:
+        """A tree that begins."""
+        known = {name: value for name, value in asdict(outline).items() if value is not None}
+        self.write("/tree", t, {"t": t, **known})
+
+    def statuses(self, t: float, nodes: str) -> None:
+        """How the last tick of each node of the tree ended, letters of `STATUSES`."""
+        self.write("/status", t, {"t": t, "nodes": nodes})
+
+    def openings(self, t: float, counts: Mapping[str, tuple[float, float]], fading_s: float) -> None:
+        """Successes and failures at openings as they count now; fading_s: time in which they fall to 1/e."""
+        names, successes, failures = list(counts), [c[0] for c in counts.values()], [c[1] for c in counts.values()]
+        document = {"t": t, "fading_s": fading_s, "names": names, "successes": successes, "failures": failures}
+        self.write("/openings", t, document)
+
+    def event(self, t: float, event: RunEvent) -> None:
+        """An event at rig time t."""
+        self.write("/event", t, TimedEvent(t, event).document)
+
+    def result(self, document: dict[str, Any]) -> None:
+        """The outcome of the run."""
+        self.write("/result", self._t, document)
+
+
+class RunLogWriter(RunMessages):
+    """Writes one run; a context manager.
+
+    header: facts about the run; the writer adds program, format and platform. Every method raises LogError when the
+    file cannot be written, but only once; the run may go on, later messages are not written.
+    """
+
+    def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
+        super().__init__(path=str(path))
+        self._closed, self._sequence = False, 0
+        self._whole = True  # False while a message is on its way, and for good when it did not arrive
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            self._stream = Path(path).open("wb")  # noqa: SIM115  (closed in `close`)
+            self._flush = self._stream.flush
+        except (OSError, ValueError) as problem:
+            raise self._failed(problem) from None
+        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False, enable_data_crcs=True)
+        self._writer.start(profile="", library=PROGRAM)
+        self._channels: dict[str, int] = {}
+        for topic, schema in SCHEMAS.items():
+            schema_id = self._writer.register_schema(f"{PROGRAM}.{topic[1:]}", "jsonschema", encode(schema))
+            self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
+        own = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform()}
+        try:
+            self.write("/header", 0.0, {**header, **own})
+        except LogError:
+            self.close()
+            raise
+
+    def _failed(self, problem: Exception) -> LogError:
+        return LogError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=self.path)
+
+    def write(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        """Write one message."""
+        ns = round(t * 1e9) if math.isfinite(t) and t > 0.0 else 0
+        self._sequence += 1
+        self._add(self._writer.add_message, self._channels[topic], ns, encode(document), ns, self._sequence)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Put a file into the log. Raises LogError as the others."""
+        self._add(self._writer.add_attachment, 0, 0, name, media_type, data)
+
+    def _add(self, add: Callable[..., None], *record: Any) -> None:
+        if self._closed or not self._whole:
+            return
+        # Ctrl-C may strike anywhere in here; half a message must not be followed by another one
+        self._whole = False
+        try:
+            add(*record)
+            self._flush()
+        except OSError as problem:
+            raise self._failed(problem) from None
+        self._whole = True
+
+    def close(self) -> None:
+        """Finish the file; may be called twice. If a message did not arrive, the file stays as one that was cut."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            if self._whole:
+                self._writer.finish()
+            self._stream.close()
+        except OSError as problem:
+            with suppress(OSError):
+                self._stream.close()
+            if self._whole:  # else an error was raised already
+                raise self._failed(problem) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

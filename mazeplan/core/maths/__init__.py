@@ -1,0 +1,1 @@
+"""Pure functions: angles, compiled helpers, fingerprints."""

@@ -1,0 +1,313 @@
+"""The records that travel between the rooms, and the one table of symbols of the project.
+
+symbol        unit      meaning
+------------  --------  --------------------------------------------------------------------------------
+t             s         the rig's own clock; 0 at `Rig.reset`
+x, y          m         ball centre in the plate frame
+r             m         sqrt(x^2 + y^2)
+theta         rad       atan2(y, x)
+theta_dot     rad/s     its rate
+beta          rad       pitch about the y axis; positive lowers the +x side
+gamma         rad       roll about the x axis; positive lifts the +y side
+u_beta/gamma  rad       commanded tilt, held until the next command
+ring          -         1 is the outermost; the last one is the disc in the centre
+
+Planner state s = (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), shape (6,); control u = (u_beta, u_gamma),
+shape (2,). One step is 1/30 s. Records are frozen: a step makes a new one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What a rig measured at one sample. x = y = None when the ball is not seen."""
+
+    t: float
+    x: float | None
+    y: float | None
+    beta: float
+    gamma: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether the camera found the ball in this sample."""
+        return self.x is not None and self.y is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Commanded tilt in rad, held by the rig until the next command."""
+
+    u_beta: float
+    u_gamma: float
+
+
+LEVEL = Command(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """What was measured of a rig's delays. camera_s: by how much the ball's position of a sample is older than its
+    tilt; command_s: from a sample to the first movement of the plate by the command that answers it."""
+
+    camera_s: float
+    command_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """An estimate of ball and plate at time t (the moment at which the next command acts, unless said otherwise).
+
+    ring is confirmed with hysteresis; lost means that the ball has not been seen for longer than allowed.
+    """
+
+    t: float
+    x: float
+    y: float
+    vx: float
+    vy: float
+    beta: float
+    beta_dot: float
+    gamma: float
+    gamma_dot: float
+    ring: int
+    seen: bool = True
+    lost: bool = False
+
+    @property
+    def r(self) -> float:
+        """Distance of the ball from the centre, m."""
+        return math.hypot(self.x, self.y)
+
+    @property
+    def theta(self) -> float:
+        """Angle of the ball in (-pi, pi], rad."""
+        return math.atan2(self.y, self.x)
+
+    @property
+    def speed(self) -> float:
+        """Speed of the ball in the plate, m/s."""
+        return math.hypot(self.vx, self.vy)
+
+    @property
+    def r_dot(self) -> float:
+        """Radial speed, m/s; 0 at the centre."""
+        r = self.r
+        return 0.0 if r < 1e-9 else (self.x * self.vx + self.y * self.vy) / r
+
+    @property
+    def theta_dot(self) -> float:
+        """Angular speed about the centre, rad/s; 0 at the centre."""
+        r2 = self.x * self.x + self.y * self.y
+        return 0.0 if r2 < 1e-12 else (self.x * self.vy - self.y * self.vx) / r2
+
+    def planner_vector(self) -> Array:
+        """(theta, theta_dot, beta, beta_dot, gamma, gamma_dot), shape (6,)."""
+        return np.array([self.theta, self.theta_dot, self.beta, self.beta_dot, self.gamma, self.gamma_dot])
+
+
+class StopReason(StrEnum):
+    """Why the planner stopped."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "max_iterations"
+    DEADLINE = "deadline"
+    NO_DESCENT = "no_descent"
+    NOT_FINITE = "not_finite"
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """What a plan says of its own quality. gradient: largest derivative of the cost by a control inside its limits, per
+    rad, 0 at an optimum; wrong_sign: the same by a control held at a limit that ought to leave it, 0 at an optimum;
+    expected, got: fall of the cost in the last step that was taken."""
+
+    gradient: float
+    wrong_sign: float
+    expected: float
+    got: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned trajectory with its feedback.
+
+    states:   (T+1, 6) planner states; theta is continuous (may leave (-pi, pi])
+    controls: (T, 2) commanded tilt, inside the limits
+    gains:    (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
+    cost:     total cost reached; reason: why the solver stopped; iterations: how many it took; ms: how long
+    t0, dt:   rig time of states[0] and step, s
+    certificate: how near to an optimum it is; None where the solver met no finite cost
+    """
+
+    states: Array
+    controls: Array
+    gains: Array
+    cost: float
+    reason: StopReason
+    iterations: int
+    ms: float
+    t0: float = 0.0
+    dt: float = 1.0 / 30.0
+    certificate: Certificate | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the plan may be followed: finite, even if the solver ran out of time or iterations."""
+        return self.reason is not StopReason.NOT_FINITE
+
+
+@dataclass(frozen=True, slots=True)
+class TreeOutline:
+    """The nodes of a behaviour tree, parents first.
+
+    paths, kinds (class names), names: of each node; parents: number of the node above, -1 of the root; conditions:
+    numbers of the nodes that only ask, whose failure is the answer no; None in logs of older versions."""
+
+    paths: tuple[str, ...]
+    kinds: tuple[str, ...]
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    conditions: tuple[int, ...] | None = None
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> TreeOutline:
+        """Read a message /tree of a run log. Raises KeyError, TypeError or ValueError for a damaged one."""
+        found = cls(*(tuple(document[name]) for name in ("paths", "kinds", "names", "parents")))
+        conditions = document.get("conditions")
+        if len({len(column) for column in (found.paths, found.kinds, found.names, found.parents)}) != 1:
+            raise ValueError("a tree with columns of different lengths")
+        if conditions is None:
+            return found
+        if not all(isinstance(i, int) and 0 <= i < len(found.paths) for i in conditions):
+            raise ValueError("a condition that is no node")
+        return replace(found, conditions=tuple(conditions))
+
+
+class FailureKind(StrEnum):
+    """What can go wrong in a run, by name; recoveries are chosen by it."""
+
+    STUCK = "stuck"
+    MISSED_OPENING = "missed_opening"
+    FELL_BACK = "fell_back"
+    WRONG_RING = "wrong_ring"
+    BALL_LOST = "ball_lost"
+    PLAN_FAILED = "plan_failed"
+    NO_ROUTE = "no_route"
+    OPENING_CLOSED = "opening_closed"
+    ROUTE_CHANGED = "route_changed"
+    OUT_OF_TIME = "out_of_time"
+    ELSEWHERE = "elsewhere"
+    LEAF_FAILED = "leaf_failed"
+    RIG_FAILED = "rig_failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """One thing that went wrong: kind, where (leaf or place), rig time in s, a sentence for people; x, y: where the
+    ball was, m, None where nobody knew."""
+
+    kind: FailureKind
+    where: str
+    t: float
+    detail: str = ""
+    recovery: str | None = None
+    x: float | None = None
+    y: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """From rig time t, s, on for a while something measured was not believed, or not what it should be.
+
+    what: clock, the time does not go on; gap, it leaps ahead; rate, samples do not come at the rig's rate_hz; position,
+    of the ball is no number; far, it is metres away; ball, is far from where it could be; tilt, is no number or leaps;
+    plate, does not follow the commands."""
+
+    what: str
+    t: float
+
+
+@dataclass(frozen=True, slots=True)
+class RingPassage:
+    """One ring of a run: how long the ball was in it (s) and the opening it left by (None in the last ring)."""
+
+    ring: int
+    time_s: float
+    opening: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class GoalGiven:
+    """A goal of a run: ring, and rig time from which on it was the goal, s."""
+
+    ring: int
+    t: float
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where the ball was placed: ring, and angle in rad."""
+
+    ring: int
+    theta: float
+
+
+@dataclass(frozen=True)
+class NavigationResult:
+    """The outcome of one navigation, as `navigate --json` prints it.
+
+    success: the tree succeeded with the ball in the newest of `goals`; reason is "arrived", a failure kind, "stopped"
+    from outside, "skipped", "interrupted", or "crashed" where the program itself raised what it should not.
+    planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed. start: None where the
+    rig did not come so far.
+    """
+
+    success: bool
+    reason: str
+    time_s: float
+    seed: int
+    rig: str
+    rings: tuple[RingPassage, ...]
+    failures: tuple[Failure, ...]
+    replans: int
+    planner_ms: dict[str, float]
+    log: str | None
+    tick_ms: dict[str, float] = field(default_factory=dict)
+    goals: tuple[GoalGiven, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    start: Start | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on, and
+        `detail`, are ours)."""
+        return _result_adapter().dump_python(self, mode="json")
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> NavigationResult:
+        """Read `to_json`, to the last bit. Raises ValueError for any other document."""
+        return _result_adapter().validate_python(document)
+
+
+@cache
+def _result_adapter() -> TypeAdapter[NavigationResult]:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(NavigationResult)

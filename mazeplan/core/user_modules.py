@@ -1,0 +1,62 @@
+"""Python modules that users bring: found as `python -m` would find them, in the folder where one works, too, and
+beside a file that names one."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+
+from mazeplan.core.errors import InputError
+
+_beside: set[Path] = set()
+
+
+def desks() -> tuple[Path, ...]:
+    """Folders in which users' own modules may be: where one works, and those of files that named one."""
+    return (Path.cwd().resolve(), *sorted(_beside))
+
+
+def user_module(name: str, option: str, folder: Path | None = None) -> ModuleType:
+    """Import a module; one that lies in `folder`, that of the file that names it, comes first. Raises InputError, which
+    begins with the option and names the place, if that fails."""
+    if not all(part.isidentifier() for part in name.split(".")):
+        raise InputError(f"{option}: got {name!r}, expected the name of a Python module, such as my_module")
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    place = None if folder is None else folder.resolve()
+    if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else: installed
+        _beside.add(place)
+        sys.path.insert(0, str(place))
+        importlib.invalidate_caches()
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as problem:
+        if problem.name is not None and (problem.name == name or name.startswith(f"{problem.name}.")):
+            none = f"there is none of that name in {here} or installed"
+            raise InputError(f"{option}: module {name!r} cannot be imported: {none}") from None
+        raise _broken(name, option, problem) from None
+    except (Exception, SystemExit) as problem:  # whatever a user's code does at import
+        raise _broken(name, option, problem) from None
+
+
+def _holds(folder: Path, module: str) -> bool:
+    return (folder / f"{module}.py").is_file() or (folder / module / "__init__.py").is_file()
+
+
+def _broken(name: str, option: str, problem: BaseException) -> InputError:
+    return InputError(f"{option}: module {name!r} cannot be imported: {reason(problem)}")
+
+
+def reason(problem: BaseException) -> str:
+    """One line with the place in the user's own code: the innermost one, unless a syntax error names it itself."""
+    frames = [frame for frame in traceback.extract_tb(problem.__traceback__) if "importlib" not in frame.filename]
+    where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
+    if isinstance(problem, SyntaxError) and problem.filename:
+        where = f"{problem.filename}:{problem.lineno}: "
+        problem = SyntaxError(problem.msg)
+    return where + " ".join(f"{type(problem).__name__}: {problem}".split())

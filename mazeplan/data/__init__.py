@@ -1,1 +1,0 @@
-"""Measurements: run logs, tables, smoothing, excitation."""

@@ -1,0 +1,192 @@
+"""The search for missing effects: forward selection with full refits, then a test of each effect without it.
+
+A candidate counts if it lowers -2 log L by more than ACCEPT beyond k log N, if it is larger than its smallest size, and
+if it is larger than SURE standard errors. Significance alone finds artefacts of milliseconds. An effect that is worth
+less than KEEP beside the later ones is dropped. Terms without a name take part: one that explains far more than the
+best named effect is reported as unknown. Placebos take part, too, and must lose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood, fit, fit_without, start_of
+from mazeplan.diagnosis.coordinate.screening import ACCEPT, CandidateTrial, price, promising, swinging, try_one
+from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.physics.effect import Effect
+
+KEEP = 10.0  # of -2 log L
+ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within this cannot be told apart
+NEAR = 0.1  # share of the best one's gain; candidates that come so near are compared with the stage fitted along
+AHEAD = 1.15  # times the gain of the best named candidate, from which a term without a name is looked at
+MOST = 5  # effects
+SEEN = 0.7  # share of the record that search and fits see
+SHARE = 0.05  # share of the gain of named effects that a term without a name must bring: they are not exact either
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The result of a search.
+
+    base, final: fits without and with the effects that were found
+    ranked: trials of the first round, the best first
+    alike: groups of names that the record cannot tell apart
+    unknown: the accepted term without a name
+    worth: what each effect gains of -2 log L, by name
+    plainer: the fit before some effects got more parameters (`windows.refined`)"""
+
+    base: Fit
+    final: Fit
+    ranked: tuple[CandidateTrial, ...]
+    alike: tuple[tuple[str, ...], ...]
+    unknown: CandidateTrial | None
+    worth: dict[str, float]
+    plainer: Fit | None = None
+
+
+def search(
+    likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None], *, free: Sequence[Effect] = (),
+    along: Sequence[Effect] = (), most: int = MOST, start: Values | None = None,
+) -> Finding:  # fmt: skip
+    """What the declared model lacks.
+
+    tell: reports progress; free: effects that exist and are fitted in every fit; along: what the tilt sensor leaves
+    open of the stage, fitted for decisions; most: number of effects to add; start: values of `free`, if known."""
+    return _Search(likelihood, library, tell, free, along).run(most, start or {})
+
+
+class _Search:
+    """One search. Rounds hold the stage, which saves most of the time. The stage is fitted along before a candidate is
+    accepted, since the ball feels errors of the stage that the tilt sensor does not see."""
+
+    def __init__(
+        self, likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None],
+        free: Sequence[Effect], along: Sequence[Effect],
+    ) -> None:  # fmt: skip
+        self._likelihood, self._library, self._tell = likelihood, list(library), tell
+        self._free, self._along = list(free), list(along)
+        self._declared = likelihood.system.declared
+        self._loose: dict[int, tuple[Fit, Fit]] = {}  # by the id of a fit: the fit itself, and with the stage along
+
+    def run(self, most: int, known: Values) -> Finding:
+        """Add effects until none is believed, `most` at most."""
+        start = {c.name: start_of(c) for c in self._free} | known
+        current = base = fit(self._likelihood, self._free, start)
+        ranked: tuple[CandidateTrial, ...] = ()
+        alike: list[tuple[str, ...]] = []
+        unknown: CandidateTrial | None = None
+        while len(current.candidates) < most + len(self._free):
+            trials = self._trials(current)
+            ranked = ranked or tuple(trials)
+            named, unknown, group = self._choice(current, trials, base.minus2 - current.minus2)
+            if unknown is not None:
+                current = unknown.fit
+                break
+            if named is None:
+                break
+            if len(group) > 1:
+                alike.append(group)
+            current = self._taken(named)
+            self._tell(f"{named.candidate.name}: -2 log L falls by {named.raw:.0f}")
+        current, worth = self._drop(self._exchange(current))
+        return Finding(base, self._with_stage(current), ranked, tuple(alike), unknown, worth)
+
+    def _taken(self, trial: CandidateTrial) -> Fit:
+        """The fit with an accepted candidate, which leaves the library."""
+        self._library = [c for c in self._library if c is not trial.candidate]
+        return trial.fit
+
+    def _open(self, current: Fit) -> list[Effect]:
+        """Candidates that no accepted effect excludes."""
+        there = {c.name for c in current.candidates}
+        return [c for c in self._library if not there.intersection(c.rivals)]
+
+    def _trials(self, current: Fit) -> list[CandidateTrial]:
+        """Each promising candidate beside the accepted ones, the best first."""
+        self._tell("screening")
+        trials = []
+        ready = list(promising(self._likelihood, current, self._open(current)))
+        for number, (c, start) in enumerate(ready, start=1):
+            self._tell(f"trying {c.name}, {number} of {len(ready)}")
+            trials.append(try_one(self._likelihood, current, c, start))
+        if self._likelihood.noisy:  # otherwise neighbours are alike, and so they have a spectrum of their own
+            trials.append(swinging(self._likelihood, current))
+        return sorted(trials, key=lambda t: -t.gain)
+
+    def _choice(
+        self, current: Fit, trials: Sequence[CandidateTrial], explained: float
+    ) -> tuple[CandidateTrial | None, CandidateTrial | None, tuple[str, ...]]:
+        """The named candidate to accept, the one without a name, and the names that explain as well as the first."""
+        chance = max((t.gain for t in trials if t.candidate.placebo), default=-math.inf)
+        sure = [t for t in trials if t.sure(self._declared) and t.gain > chance + ACCEPT and not t.candidate.placebo]
+        best = max((t.raw for t in sure if t.candidate.named), default=0.0)
+        close = [t for t in sure if t.candidate.named and t.raw > best - max(ALIKE, NEAR * best)]
+        named = [t for t in (self._confirmed(current, t) for t in close) if t.sure(self._declared)]
+        named.sort(key=lambda t: -t.gain)
+        first = named[0] if named else None
+        nameless = next((t for t in sure if not t.candidate.named), None)
+        patient = not self._likelihood.noisy and first is not None  # many effects are at work: first all with a name
+        if nameless is not None and not patient and (first is None or self._ahead(nameless, first)):
+            loose = self._confirmed(current, nameless)
+            if loose.sure(self._declared) and loose.gain > SHARE * explained:
+                return None, nameless, ()
+        if first is None:
+            return None, None, ()
+        alike = (t.candidate.name for t in named if t.raw > first.raw - ALIKE)
+        return first, None, tuple(name for name in alike if name not in first.candidate.rivals)
+
+    def _ahead(self, nameless: CandidateTrial, first: CandidateTrial) -> bool:
+        """Whether a term without a name explains more than the best named candidate together with any second one: if
+        two effects are missing, such a term may take a share of both."""
+        if nameless.gain <= AHEAD * first.gain + ACCEPT:
+            return False
+        others = [c for c in self._library if c.named and c is not first.candidate]
+        trials = (try_one(self._likelihood, first.fit, c, s) for c, s in promising(self._likelihood, first.fit, others))
+        second = max((t.gain for t in trials if t.sure(self._declared)), default=0.0)
+        return nameless.gain > first.gain + second - ACCEPT
+
+    def _confirmed(self, current: Fit, trial: CandidateTrial) -> CandidateTrial:
+        """The trial with gain and standard errors of fits with the stage; its values stay."""
+        if not self._along:
+            return trial
+        loose = self._with_stage(trial.fit)
+        raw = self._with_stage(current).minus2 - loose.minus2
+        held = replace(trial.fit, stderr={**trial.fit.stderr, **loose.stderr})
+        return replace(trial, fit=held, raw=raw, gain=raw - (trial.raw - trial.gain))
+
+    def _with_stage(self, found: Fit) -> Fit:
+        """The fit with the stage fitted along."""
+        if not self._along:
+            return found
+        if id(found) not in self._loose:
+            start = {c.name: dict.fromkeys(c.parameters, 0.0) for c in self._along} | found.values
+            self._loose[id(found)] = found, fit(self._likelihood, [*self._along, *found.candidates], start, found.q)
+        return self._loose[id(found)][1]
+
+    def _exchange(self, current: Fit) -> Fit:
+        """Exchange effects: the first one also took a share of later ones, so another may now explain more."""
+        mine = [c for c in current.candidates if c not in self._free and c.named]
+        for c in mine if len(mine) > 1 else []:
+            without = fit_without(self._likelihood, current, c)
+            self._tell(f"exchanging {c.name}")
+            others = promising(self._likelihood, without, [x for x in self._open(without) if x.named])
+            trials = [try_one(self._likelihood, without, x, start) for x, start in others]
+            best = max((t for t in trials if t.sure(self._declared)), key=lambda t: t.gain, default=None)
+            if best is not None and best.gain > without.minus2 - current.minus2 - price(self._likelihood, c):
+                current = self._taken(best)
+        return current
+
+    def _drop(self, current: Fit) -> tuple[Fit, dict[str, float]]:
+        """The fit without effects that are worth too little beside the others, and what each of those is worth."""
+        while True:
+            fits = {
+                c.name: fit_without(self._likelihood, current, c) for c in current.candidates if c not in self._free
+            }
+            gains = {name: without.minus2 - current.minus2 for name, without in fits.items()}
+            worth = {c.name: gains[c.name] - price(self._likelihood, c) for c in current.candidates if c.name in gains}
+            weakest = min(worth, key=lambda name: worth[name], default=None)
+            if weakest is None or worth[weakest] >= KEEP:
+                return current, worth
+            current = fits[weakest]

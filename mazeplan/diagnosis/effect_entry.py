@@ -1,0 +1,43 @@
+"""An effect that a diagnosis found, as its JSON document has it. All diagnoses build their entries here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mazeplan.physics.effect import Effect
+from mazeplan.physics.registry import EFFECTS
+
+Entry = dict[str, Any]  # {"name", "parameters": {parameter: {"value", "stderr", "unit"}}, ...}
+
+
+def effect_entry(
+    effect: Effect,
+    values: Mapping[str, float],
+    stderr: Mapping[str, float | None],
+    known_before: Mapping[str, float] | None = None,
+    **more: Any,
+) -> Entry:
+    """The entry of an effect with these values and standard errors.
+
+    known_before: the values in the model, left out if None; more: further keys of the document."""
+    units = {name: p.unit for name, p in effect.parameters.items()}
+    parameters = {name: {"value": value, "stderr": stderr[name], "unit": units[name]} for name, value in values.items()}
+    before = {} if known_before is None else {"known_before": dict(known_before)}
+    return {"name": effect.name, "parameters": parameters, **before, **more}
+
+
+def values_of(entry: Entry) -> dict[str, float]:
+    """The values of an entry, by parameter."""
+    return {name: number["value"] for name, number in entry["parameters"].items()}
+
+
+def why_not_planned(name: str) -> str:
+    """Why a planner cannot use an effect; empty if it can."""
+    return EFFECTS[name].why_not if name in EFFECTS else ""
+
+
+def with_plan(entry: Entry) -> Entry:
+    """The entry, and whether a planner can use the effect."""
+    why = why_not_planned(entry["name"])
+    return {**entry, "planned": not why, **({"why_not": why} if why else {})}

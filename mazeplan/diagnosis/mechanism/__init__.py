@@ -1,0 +1,1 @@
+"""The diagnosis of anything else with one degree of freedom."""

@@ -1,0 +1,1 @@
+"""The diagnosis of a whole rig: all rings at once, against a reference."""

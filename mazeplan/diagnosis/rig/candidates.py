@@ -1,0 +1,118 @@
+"""What may differ about a rig: effects of the registry as numbers of a rigid ball, and terms without a name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_parameters import value_of
+from mazeplan.physics.effect import Effect
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One thing that may differ.
+
+    effect: name in the registry, "" if it has none
+    free: numbers that it changes; first: those to fit before the others; along: numbers that change with it and are no
+        finding of their own (another ball meets walls in another way)
+    words, depends_on, look: description and advice, if it has no name in the registry
+    far: steps of the first number from which fits begin, too: a large change leaves the parabola at the reference
+    simpler: effects to try before it is believed; after: an effect without which it is not looked for
+    instead: effects of which it is the true cause"""
+
+    effect: str
+    free: tuple[str, ...]
+    first: tuple[str, ...] = ()
+    words: str = ""
+    depends_on: tuple[str, ...] = ()
+    far: tuple[float, ...] = ()
+    along: tuple[str, ...] = ()
+    simpler: tuple[str, ...] = ()
+    after: str = ""
+    instead: tuple[str, ...] = ()
+    look: str = ""
+
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Numbers that are fitted with it."""
+        return (*self.free, *self.along)
+
+    def description(self, model: BodyModel) -> str:
+        """Its words, with the frequency if it swings."""
+        names = ("table_swing.frequency",) if self.after == "table_rocking" else self.free
+        at = [value_of(model, name) for name in names if name.endswith(".frequency")]
+        return f"{self.words}, every {1.0 / at[0]:.2f} s ({at[0]:.3f} Hz)" if at else self.words
+
+
+def of_effect(effect: Effect) -> Candidate:
+    """The candidate of a user's effect: all parameters, its sizes first."""
+    every = tuple(f"{effect.name}.{key}" for key, p in effect.parameters.items() if not p.fixed)
+    sizes = tuple(name for name in every if name.partition(".")[2] not in effect.places)
+    return Candidate(effect.name, every, sizes if sizes != every else ())
+
+
+CONTACT = "contact"  # what such a candidate depends on is no finding beside one with a name
+LEANS = ("tilt_offset",)
+FRICTIONS = ("dry_friction", "viscous_friction", "quadratic_drag")
+CANDIDATES = (
+    Candidate("dry_friction", ("rolling",), far=(-0.02, 0.03, 0.1)),
+    Candidate("viscous_friction", ("viscous",), far=(0.1, 0.3)),
+    Candidate("quadratic_drag", ("quadratic",), far=(1.0, 3.0)),
+    Candidate("rolling_inertia", ("inertia",), far=(-0.15, 0.15, 0.27), along=("restitution", "hold", "spin")),
+    Candidate("wall_friction", ("wall",), far=(-0.2, -0.1, 0.2)),
+    Candidate("tilt_offset", ("tilt_beta", "tilt_gamma")),
+    Candidate("tilt_gain", ("gain_beta", "gain_gamma")),
+    Candidate("camera_offset", ("offset_x", "offset_y")),
+    Candidate("axis_misalignment", ("angle",), far=(-0.05, 0.05)),
+    Candidate("camera_scale", ("scale",)),
+    Candidate("sensor_delay", ("delay",), far=(-0.06, -0.03, 0.03, 0.06)),
+    Candidate("lens_distortion", ("bend",), far=(-5.0, -2.0, 2.0, 5.0)),
+    Candidate("constant_torque", ("ring_push.force", "ring_push.turn"), simpler=LEANS),
+    Candidate("friction_drift", ("drag_drift.rate", "drag_drift.start"), ("drag_drift.rate",), simpler=FRICTIONS),
+    Candidate("surface_profile", ("floor_warp.a", "floor_warp.b", "floor_warp.c"), simpler=LEANS),
+    Candidate(
+        "surface_bump", ("floor_bump.depth", "floor_bump.x", "floor_bump.y", "floor_bump.width"), ("floor_bump.depth",),
+        simpler=LEANS,
+    ),
+    Candidate(
+        "local_friction", ("floor_dirt.coefficient", "floor_dirt.centre", "floor_dirt.half"),
+        ("floor_dirt.coefficient",), simpler=FRICTIONS,
+    ),
+    Candidate("gate_loss", ("floor_kerb.size", "floor_kerb.centre"), ("floor_kerb.size",)),
+    Candidate("surface_ripple", ("floor_ripple.c", "floor_ripple.s"), simpler=LEANS),
+    Candidate(
+        "table_rocking",
+        ("table_swing.bs", "table_swing.bc", "table_swing.gs", "table_swing.gc", "table_swing.frequency"),
+        ("table_swing.bs", "table_swing.bc", "table_swing.gs", "table_swing.gc"),
+    ),
+    Candidate(
+        "", ("table_beat.bs", "table_beat.bc", "table_beat.gs", "table_beat.gc"), (),
+        "something pushes again and again", ("time",), after="table_rocking",
+        instead=("table_rocking", "tilt_offset", "constant_force"), look="Look for what bumps the table that often",
+    ),
+    Candidate(
+        "", ("swing_along.s", "swing_along.c", "swing_along.frequency"), ("swing_along.s", "swing_along.c"),
+        "a force along the rings swings", ("time",), look="Look for what drives the ball around that often, like a fan",
+    ),
+    Candidate(
+        "", ("lean_drift.beta", "lean_drift.gamma"), (), "the table leans more and more", ("time",),
+        look="Look at the feet of the table, and whether the tilt sensor drifts",
+    ),
+    Candidate(
+        "", ("moving_friction.coefficient",), (), "the ball is held back while the plate moves", ("tilt rate",),
+        simpler=FRICTIONS, look="Look for what holds the ball back while the plate moves, like static charge",
+    ),
+    Candidate(
+        "", ("restitution", "hold"), (), "walls throw the ball back differently", (CONTACT,),
+        look="Look whether the walls are clean and fixed",
+    ),
+    Candidate(
+        "", ("spin",), (), "the ball spins against another friction", (CONTACT,),
+        look="Look whether ball and floor are clean",
+    ),
+    Candidate(
+        "", ("cross_beta", "cross_gamma"), (), "the plate tilts about other axes than it is measured in", ("tilt",),
+        look="Check that the tilt sensor sits straight on the plate",
+    ),
+)  # fmt: skip

@@ -1,0 +1,166 @@
+"""The record of a whole rig, filtered with a ball that is a rigid body: all rings at once.
+
+The model of a ring is a bead on a circle. A ball has play in its channel, spins against walls, and loses speed at
+edges. A bead shows those as wrong friction or inertia. The filter follows the ball (`physics.rigid_body`) under the
+plate's motion by the commands, and the fit finds its numbers. If the physics is right, only the camera's noise is left:
+innovations without memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mazeplan.control.estimation.plate_start import with_true_starts
+from mazeplan.control.estimation.rigid_body_filter import BallPictures, BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import ORDINARY, BodyFit, autocorrelation, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import number_of, said_by, with_values
+from mazeplan.core.errors import TableError
+from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.record import RingRecord, record_of
+from mazeplan.diagnosis.stage.plate_motion import Stage, commanded, fit_stage, from_sensor
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.plate import PlateMotion
+from mazeplan.physics.dynamics.walls import pack_walls
+from mazeplan.physics.effect import Term
+from mazeplan.physics.rig.stage import StageModel
+
+FEWEST = 900  # pictures
+NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
+PART, LEAST_PLAY = 15, 1.5e-3  # pictures; m
+GUESSED = (  # right in a bead's model; its inertia and other friction stand in for walls, too
+    "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "bend", "delay",
+    "gain_beta", "gain_gamma",
+)  # fmt: skip
+WHITE = 0.06  # autocorrelation of innovations up to which only noise is left
+
+
+@dataclass(frozen=True)
+class RigRecord:
+    """A record with the numbers of the ball that fit it.
+
+    fit: numbers with standard errors; body: the filter; stage: as fitted, None without commands; memory (3,):
+    autocorrelations of whitened innovations at lags 1 to 3; pictures: number of those that count; known: the model of
+    beads with which the fit began."""
+
+    fit: BodyFit
+    body: BodyFilter
+    stage: Stage | None
+    memory: np.ndarray
+    pictures: int
+    maze: Maze
+    known: RigModel | None = None
+
+    @property
+    def white(self) -> bool:
+        """Whether the innovations are noise alone."""
+        return bool(np.max(np.abs(self.memory)) <= WHITE)
+
+    def document(self) -> dict[str, Any]:
+        """The document of `diagnose --body --json`."""
+        return {
+            "pictures": self.pictures, "white": self.white,
+            "autocorrelation": [round(float(a), 4) for a in self.memory],
+            "minus2_log_likelihood": round(self.fit.minus2, 2), "left_out": self.fit.filtered.left_out,
+            "starts": self.fit.filtered.starts, "parameters": {name: self._number(name) for name in self.fit.free},
+        }  # fmt: skip
+
+    def _number(self, name: str) -> dict[str, Any]:
+        """A number of the document, with the least and the most over the rings in the model of beads."""
+        number = number_of(self.fit.model, name)
+        known = () if self.known is None or number.part == "terms" else said_by(self.known, self.maze, name)
+        return {
+            "value": self.fit.value(name), "stderr": self.fit.stderr[name], "unit": number.unit,
+            "words": number.words, "effect": number.effect or None,
+            "model": [min(known), max(known)] if known else None,
+        }  # fmt: skip
+
+
+def whole_rig(tables: Sequence[Table]) -> bool:
+    """Whether records show a whole rig: long enough, with commands, and with a ball that has play in its channel.
+
+    A ball without play is a bead on a circle, which the equation of a ring describes."""
+    if not all(name in table for table in tables for name in NEEDED):
+        return False
+    seen = sum(int(np.isfinite(table["x"]).sum()) for table in tables)
+    return seen >= FEWEST and max(_play(table) for table in tables) > LEAST_PLAY
+
+
+def _play(table: Table) -> float:
+    """Variation of the ball's distance from its circle beyond noise, m, over stretches of PART pictures, in which the
+    camera's place hardly shows."""
+    r = np.hypot(table["x"], table["y"])
+    parts = r[: len(r) // PART * PART].reshape(-1, PART)
+    parts = parts[np.isfinite(parts).all(axis=1)]
+    if not len(parts):
+        return math.inf
+    noise = np.mean(np.diff(parts, 2, axis=1) ** 2) / 6.0  # of white noise, the second difference has six times that
+    return math.sqrt(max(float(np.quantile(parts.var(axis=1, ddof=1), 0.9) - noise), 0.0))
+
+
+def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
+    """The filter for a record with x and y, and the stage that fits it, None without commands. Raises TableError."""
+    file = table.source.get("file")
+    if "x" not in table or "y" not in table:
+        raise TableError("got a table without x and y, expected where the camera saw the ball", file=file)
+    record = record_of(table)
+    seen = int(np.isfinite(np.column_stack([table["x"], table["y"]])).all(axis=1).sum())
+    if seen < FEWEST:
+        raise TableError(f"got {seen} pictures of the ball, expected {FEWEST} at least", file=file)
+    stage = fit_stage(record, np.ones(len(record), dtype=bool))
+    moves = None if stage is None or stage.hurried else StageModel(*stage.axes)
+    return filter_of(table, record, maze, moves), stage
+
+
+def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | None) -> BodyFilter:
+    """The filter of a record. stage: by which the plate moves; None: by the tilt sensor."""
+    by_commands = None if stage is None else commanded(record, stage)
+    tilt = by_commands or from_sensor(record)
+    plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
+    if stage is not None and by_commands is not None:
+        tilts = np.column_stack([record.beta, record.gamma])
+        plate = with_true_starts(plate, tilts, record.first, record.dt, (stage.beta, stage.gamma))
+    y = np.column_stack([table["x"], table["y"]])
+    clock = table["t"] - table["t"][0]
+    ordered = bool(np.all(np.diff(clock) > 0.0))  # the time between several logs is unknown
+    pictures = BallPictures(record.t, record.dt, y, record.first, clock if ordered else None)
+    return BodyFilter(pictures, plate, pack_walls(maze))
+
+
+def left_over(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
+    """What a fit does not explain: the largest autocorrelation of its innovations, and their root mean square in
+    multiples of what it would be without unexplained forces."""
+    model, seen = fit.model, fit.filtered
+    quiet = body.run(model._replace(wander=model.wander._replace(plane=1e-6, strike=1e-3)))
+    keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
+    remaining = math.sqrt(float(np.mean(seen.nu[keep] ** 2) / np.mean(quiet.S[keep, :2])))
+    return float(np.max(np.abs(autocorrelation(seen)))), remaining
+
+
+def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
+    """The ball of a model of beads; a usual ball without a model."""
+    if model is None:
+        return BodyModel()
+    said = {name: values[0] for name in GUESSED if (values := said_by(model, maze, name))}
+    said["rolling"] = min(max(said.get("rolling", 0.0), 0.01), 1.0)
+    said["delay"] = max(said["delay"], 0.0) or BodyModel().view.delay
+    return with_values(BodyModel(), said)
+
+
+def rig_record(
+    table: Table, maze: Maze, model: RigModel | None = None, *,
+    free: Sequence[str] = ORDINARY, terms: Sequence[Term] = (),
+) -> RigRecord:  # fmt: skip
+    """The ball of a record.
+
+    model: where the fit begins; free: names of the numbers to fit (`PARAMETERS`, and EFFECT.PARAMETER of terms); terms:
+    further effects on the ball. Raises TableError for a record that is too short or has no positions."""
+    body, stage = body_filter(table, maze)
+    fit = fit_body(body, first_guess(model, maze)._replace(terms=tuple(terms)), free)
+    count = int(np.isfinite(fit.filtered.nu[:, 0]).sum())
+    return RigRecord(fit, body, stage, autocorrelation(fit.filtered), count, maze, model)

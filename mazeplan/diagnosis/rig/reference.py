@@ -1,0 +1,124 @@
+"""The reference of a rig: numbers of ball, table, camera and stage when its model was right.
+
+They come from records of that time, or from the file that `learn` writes beside a model. A model alone knows less:
+camera, table, and about how much friction there is. Walls and spin are then fitted to the record, and not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import ORDINARY, BodyFit, fit_body
+from mazeplan.control.estimation.rigid_body_parameters import body_of, said_by, stderr_by, with_values
+from mazeplan.core.logs.table import Table, join
+from mazeplan.diagnosis.rig.record import body_filter, first_guess, left_over
+from mazeplan.diagnosis.rig.scores import errors_by_ring, roll_out_errors, starts_of
+from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, Reference, alternate
+from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.rig.stage import StageModel
+
+GAINS = ("gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
+FITTED = (  # of a reference
+    *ORDINARY, *GAINS, "inertia", "viscous", "angle", "scale",
+)  # fmt: skip
+MOST = 18000  # pictures, ten minutes of them
+UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # to a model of beads
+SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball, and how sure that is
+FRICTION = (0.4, 1.4)  # times what a model of beads says: between these, friction is as it was
+
+
+@dataclass(frozen=True)
+class RigReference:
+    """A rig when its model was right.
+
+    body: the ball; stage: of the model; memory, remaining: of the innovations (`record.left_over`), 0 if unknown;
+    source: in words; friction: lowest and highest rolling friction of a model of beads, m/s^2, None if the record knows
+    better; errors: of roll-outs by ring, rad (`scores.errors_by_ring`)."""
+
+    body: Reference
+    stage: Known
+    memory: float = 0.0
+    remaining: float = 0.0
+    source: str = "the reference"
+    friction: tuple[float, float] | None = None
+    errors: dict[int, float] = field(default_factory=dict)
+
+
+def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) -> RigReference:
+    """The reference by records in which the model was right. Raises TableError."""
+    body, stage = body_filter(tables[0] if len(tables) == 1 else join(tables), maze)
+    fit = _fitted(body, first_guess(model, maze))
+    known = Known({}, {})
+    if stage is not None:
+        known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
+    starts = starts_of(body, fit.filtered, maze)
+    errors = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
+    return RigReference(Reference(fit.model, fit.stderr), known, *left_over(body, fit), errors=errors)
+
+
+def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
+    """The likeliest numbers of a reference, with a solid ball unless the record contradicts.
+
+    Another inertia, another scale of the tilt and other walls make nearly the same motion: a free inertia drags the
+    others along."""
+    rest = tuple(name for name in FITTED if name != "inertia")
+    near = fit_body(alternate(body), with_values(guess, {"inertia": SOLID}), rest, enough=ENOUGH)
+    solid = fit_body(body, near.model, rest, enough=ENOUGH)
+    free = fit_body(body, solid.model, FITTED, enough=ENOUGH)
+    if solid.minus2 - free.minus2 > NEEDED:
+        return free
+    return replace(solid, stderr={**solid.stderr, "inertia": free.stderr["inertia"]})
+
+
+def shortened(table: Table) -> Table:
+    """The first stretches of a record, about MOST pictures: more would only take time."""
+    if len(table) <= MOST:
+        return table
+    numbers, counts = np.unique(table.segment, return_counts=True)
+    kept = numbers[: max(int(np.searchsorted(np.cumsum(counts), MOST, side="right")), 1)]
+    # a segment is long if the ball is never placed again, as in a drive through all rings
+    rows = np.isin(table.segment, kept) if len(numbers) > 1 else np.arange(len(table)) < MOST
+    return Table({name: column[rows] for name, column in table.columns.items()}, table.source)
+
+
+def reference_by_model(model: RigModel, maze: Maze) -> RigReference:
+    """The reference by a model without records."""
+    known, guess = Known.of_model(model), first_guess(model, maze)
+    own = body_of(model)
+    if own is not None and model.body is not None:
+        values = {name: getattr(own.view, name) for name in ("offset_x", "offset_y", "angle", "scale", "bend")}
+        camera = {name: getattr(guess.view, name) for name in values}
+        body = with_values(own, camera)
+        stderr = {**stderr_by(model, maze), **model.body.stderr}
+        return RigReference(Reference(body, stderr), known, source="the model")
+    said = said_by(model, maze, "rolling")
+    low, high = (factor * end for factor, end in zip(FRICTION, (min(said), max(said)), strict=True)) if said else (0, 1)
+    body = with_values(guess, {"inertia": _inertia(model)})
+    stderr = {**stderr_by(model, maze), "inertia": ROUND}
+    reference = Reference(body, stderr, ("rolling", *UNKNOWN))
+    return RigReference(reference, known, source="the model", friction=(low, high))
+
+
+def textbook() -> RigReference:
+    """A solid ball that rolls without loss on a level table, seen without delay by a camera in the middle."""
+    ideal = {"rolling": 0.0, "wall": 0.0, "spin": 0.0, "restitution": 0.0, "delay": 0.0}
+    names = (*UNKNOWN, *(name for name in FITTED if name not in (*UNKNOWN, *NOISE, "inertia", *GAINS)))
+    body = with_values(BodyModel(), ideal)
+    reference = Reference(body, {"inertia": ROUND}, names, start=BodyModel())
+    return RigReference(reference, Known({}, {}), source="a textbook ball")
+
+
+def _inertia(model: RigModel) -> float:
+    """Inertia over m R^2 by the model's factors: a solid ball, if some contact with floor and walls explains them."""
+    factors = [ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values()]
+    factors = [factor for factor in factors if 0.0 < factor < 1.0]
+    if not factors:
+        return SOLID
+    low, high = (1.0 / max(factors) - 1.0) / 2.0, 1.0 / min(factors) - 1.0
+    return min(max(SOLID, low), high)

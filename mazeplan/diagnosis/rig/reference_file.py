@@ -1,0 +1,137 @@
+"""`reference.yaml` beside a model: the reference of the rig when that model was learned, for `diagnose` and `improve`.
+
+format: 1
+of: stamp of the model's rings; a model with edited rings has no reference any more
+body: {rolling: {value, stderr, unit}, ...}
+terms: {floor_bump: {x: .., y: .., depth: .., width: ..}, ...}
+memory, remaining: of the innovations
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mazeplan.control.estimation.rigid_body_filter import BodyModel
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.core.errors import ModelError
+from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
+from mazeplan.diagnosis.rig.search import Reference
+from mazeplan.diagnosis.stage.comparison import Known
+from mazeplan.learning.modelfile import PACKAGED, RigModel, model_names
+from mazeplan.learning.rigid_body_entries import PARAMETERS, stamp
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.rigid_body_effects import idle
+from mazeplan.physics.effect import Effect, Term
+from mazeplan.physics.effects import local_forces as planeterms
+from mazeplan.physics.registry import PACKAGED as EFFECTS
+
+NAME = "reference.yaml"
+TERMS: dict[str, Effect] = {e.name: e for e in vars(planeterms).values() if isinstance(e, Effect)}
+
+
+def reference_path(source: str | Path) -> Path:
+    """Path of the reference of a model: a folder, its model.yaml, or the name of a packaged model."""
+    path = Path(source)
+    if not path.exists() and str(source) in model_names():
+        path = PACKAGED / str(source)
+    return (path.parent if path.suffix == ".yaml" else path) / NAME
+
+
+def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Path:
+    """Write the reference beside its model, and return its path. Raises ModelError."""
+    body, path = was.body.model, Path(folder) / NAME
+    document = {
+        "format": 1, "of": stamp(model.balls),
+        "body": {name: _entry(value_of(body, name), was.body.stderr.get(name), number.unit)
+                 for name, number in PARAMETERS.items() if math.isfinite(value_of(body, name))},
+        "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not idle(t)},
+        "memory": round(was.memory, 4), "remaining": round(was.remaining, 4),
+        "errors": {ring: {"value": round(error, 4), "unit": "rad"} for ring, error in was.errors.items()},
+    }  # fmt: skip
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
+    except OSError as problem:
+        raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
+    return path
+
+
+def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+    node: dict[str, Any] = {"value": float(f"{value:.6g}")}
+    if stderr is not None and math.isfinite(stderr):
+        node["stderr"] = float(f"{stderr:.2g}")
+    return {**node, "unit": unit}
+
+
+def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
+    """The reference of a model, None if it has none for its rings. Raises ModelError with file and key."""
+    path = reference_path(source)
+    if not path.is_file():
+        return None
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as problem:
+        raise ModelError(f"cannot be read: {str(problem).splitlines()[0]}", file=path) from None
+    if not isinstance(document, Mapping) or document.get("format") != 1:
+        raise ModelError("expected a mapping with format: 1", file=path)
+    if document.get("of") != stamp(model.balls):
+        return None
+    values, stderr = {}, {}
+    for name, node in _section(document, "body", path).items():
+        if name not in PARAMETERS:
+            raise ModelError(f"got {name}, expected one of {', '.join(PARAMETERS)}", file=path, key="body")
+        number = PARAMETERS[name]
+        values[name] = _number(node, "value", path, f"body.{name}", number.low, number.high)
+        if "stderr" in node:
+            stderr[name] = _number(node, "stderr", path, f"body.{name}", 0.0, math.inf)
+    body = with_values(BodyModel(), values)._replace(terms=_terms(_section(document, "terms", path), path))
+    memory, remaining = (_number(document, key, path, key, 0.0, math.inf) for key in ("memory", "remaining"))
+    known = Known.of_model(model)
+    node = _section(document, "errors", path)
+    errors = {int(ring): _number(node[ring], "value", path, f"errors.{ring}", 0.0, math.inf)
+              for ring in node if str(ring).isdigit()}  # fmt: skip
+    source = "the rig as its model knows it"
+    return RigReference(Reference(body, stderr), known, memory, remaining, source, errors=errors)
+
+
+def known_reference(source: str | Path | None, model: RigModel | None, maze: Maze) -> RigReference:
+    """The reference without logs: the file of the model's folder, or else the model alone, or else a textbook ball.
+
+    Raises ModelError."""
+    if model is None:
+        return textbook()
+    kept = None if source is None else load_reference(source, model)
+    return kept or reference_by_model(model, maze)
+
+
+def _terms(section: Mapping[str, Any], path: Path) -> tuple[Term, ...]:
+    """Terms of the file."""
+    out = []
+    for name, node in section.items():
+        effect = TERMS.get(name) or EFFECTS.get(name)
+        if effect is None:
+            raise ModelError(f"got {name}, expected one of {', '.join(TERMS)}", file=path, key="terms")
+        try:
+            out.append(effect(**{key: float(value) for key, value in node.items()}))
+        except (TypeError, ValueError, AttributeError) as problem:
+            raise ModelError(str(problem), file=path, key=f"terms.{name}") from None
+    return tuple(out)
+
+
+def _section(document: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
+    section = document.get(key, {})
+    if not isinstance(section, Mapping):
+        raise ModelError(f"got {section!r}, expected a mapping", file=path, key=key)
+    return section
+
+
+def _number(node: Any, key: str, path: Path, where: str, low: float, high: float) -> float:
+    value = node.get(key) if isinstance(node, Mapping) else None
+    if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
+        raise ModelError(f"{key}: got {value!r}, expected a number from {low:g} to {high:g}", file=path, key=where)
+    return float(value)

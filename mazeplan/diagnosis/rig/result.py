@@ -1,0 +1,257 @@
+"""The verdict on a whole rig, as a document and in words: what differs, how sure that is, and what to do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter
+from mazeplan.diagnosis.effect_entry import Entry
+from mazeplan.diagnosis.rig.reference import RigReference
+from mazeplan.diagnosis.rig.scores import HeldOut
+from mazeplan.diagnosis.rig.search import Searched
+from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.learning.rollout import STEPS as AHEAD
+from mazeplan.physics.registry import EFFECTS
+
+HELD_OUT = 0.5  # each half of a record is predicted from the other
+REMAINS, TWICE = 1.5, 2.0  # times the noise, from which what remains is compared, and from which it is too much
+CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors
+DEG = 180.0 / math.pi
+SHOWN = {"rad": (DEG, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
+SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
+PLACES = ("centre", "start", "end", "angle")  # rad, of an effect on a ring
+REPAIRS = {
+    "tilt_offset": "Level the table", "axis_misalignment": "Turn the camera back", "camera_offset": "Centre the camera",
+    "sensor_delay": "Look for what delays the camera's pictures", "servo_gain": "Check the linkage of the servo",
+    "servo_lag": "Check the servo's supply and load", "backlash": "Tighten the linkage",
+    "deadband": "Check the servo", "command_delay": "Look for what delays the commands",
+    "tilt_gain": "Calibrate the tilt sensor", "dry_friction": "Clean the ball and the floor",
+    "viscous_friction": "Clean the ball and the floor", "wall_friction": "Clean the walls",
+    "quadratic_drag": "Look for what brakes a fast ball", "local_friction": "Clean the floor",
+    "friction_drift": "Look for what warms up or gets dirty", "constant_torque": "Look for a draught that goes round",
+    "surface_bump": "Look for a magnet or a dent", "surface_profile": "Check that the floor is flat",
+    "table_rocking": "Stop the table from rocking", "camera_scale": "Calibrate the camera",
+    "lens_distortion": "Calibrate the camera", "axis_coupling": "Align the axes of the plate",
+    "rolling_inertia": "Check that it is the same ball", "gate_loss": "Look for an edge or a burr",
+    "surface_ripple": "Check that the floor is flat",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Something without a name: description, what it depends on, and advice where to look."""
+
+    description: str
+    depends_on: tuple[str, ...] = ()
+    look: tuple[str, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """As in the JSON document."""
+        out: dict[str, Any] = {"depends_on": list(self.depends_on), "description": self.description}
+        return out | ({"look": list(self.look)} if self.look else {})
+
+
+@dataclass(frozen=True)
+class RigVerdict:
+    """What differs from the reference.
+
+    effects: entries of the document; alike: names that the record cannot tell apart; held: predictions of the held-out
+    halves; memory, remaining: of the innovations (`record.left_over`); searched, body, stage, was: what the verdict
+    follows from; test: predictions of a further record."""
+
+    effects: tuple[Entry, ...]
+    alike: tuple[tuple[str, ...], ...]
+    unknown: Unknown | None
+    held: HeldOut
+    memory: float
+    remaining: float
+    searched: Searched
+    body: BodyFilter
+    stage: Stage | None
+    was: RigReference
+    notes: tuple[str, ...] = ()
+    test: HeldOut | None = None
+
+    @property
+    def verdict(self) -> str:
+        """nothing_missing, effect_found, ambiguous or unknown_effect."""
+        if self.unknown is not None:
+            return "unknown_effect"
+        if not self.effects:
+            return "nothing_missing"
+        return "ambiguous" if self.alike else "effect_found"
+
+    @property
+    def before(self) -> dict[str, float]:
+        """Errors of roll-outs on held-out halves, without what was found."""
+        return self.held.errors("before")
+
+    @property
+    def after(self) -> dict[str, float]:
+        """The same errors with what was found."""
+        return self.held.errors("after") if self.effects or self.unknown is not None else self.before
+
+    def sentences(self) -> list[str]:
+        """What was found, and what to do."""
+        return [sentence(self), *advice(self)]
+
+    def document(self) -> dict[str, Any]:
+        """As `diagnose --json`. Every effect has the errors of all effects together, 40 samples ahead."""
+        before, after = self.before, self.after
+        errors = {"before": before[f"rollout{AHEAD}"], "after": after[f"rollout{AHEAD}"]}
+        numbers = sorted({int(ring) for effect in self.effects for ring in effect["rings"]})
+        test = {}
+        if self.test is not None:
+            test = {"test": {which: {"nrmse": None, **self.test.errors(which)} for which in ("before", "after")}}
+        return {
+            "verdict": self.verdict, "sentence": sentence(self),
+            "effects": [effect | errors for effect in self.effects],
+            "ambiguous_with": [list(g) for g in self.alike],
+            "unknown": None if self.unknown is None else self.unknown.document(),
+            "before": {"nrmse": None, **before}, "after": {"nrmse": None, **after}, "noise_floor": None,
+            "held_out": HELD_OUT, "remaining": round(self.remaining, 3), "advice": advice(self),
+            "reference": self.was.source, "notes": list(self.notes), **test,
+            "rings": {str(ring): self._in_ring(str(ring)) for ring in numbers},
+        }  # fmt: skip
+
+    def _in_ring(self, ring: str) -> dict[str, Any]:
+        """The verdict of all rings, with the sizes of this one."""
+        here = []
+        for effect in self.effects:
+            if ring in effect["rings"]:
+                there, parameters = effect["rings"][ring]["after"], effect["parameters"]
+                numbers = {key: {**parameters[key], "value": value} for key, value in there.items()}
+                here.append({"name": effect["name"], "parameters": numbers})
+        return {"verdict": self.verdict, "effects": here}
+
+
+def sentence(done: RigVerdict) -> str:
+    """What differs, how much, how sure that is, and what it does to the prediction."""
+    before, after = (errors["rollout40"] for errors in (done.before, done.after))
+    left = f"What remains is {done.remaining:.1f} times the noise of the camera"
+    if done.was.remaining > REMAINS and done.remaining > REMAINS:
+        left += f"; it was {done.was.remaining:.1f} times when the model was right"
+    if done.verdict == "nothing_missing":
+        return f"Nothing is missing: the rig agrees with {done.was.source}. {left}."
+    parts = [_change(effect) for effect in done.effects]
+    if done.unknown is not None:
+        parts.append(f"something without a name ({done.unknown.description})")
+    doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
+    error = ""
+    if after != before:
+        ahead = 40 * done.body.pictures.dt
+        error = (
+            f" {ahead:.1f} s ahead, the error of the predicted angle goes from {DEG * before:.1f} to "
+            f"{DEG * after:.1f} degrees on held-out parts."
+        )
+    return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
+
+
+def _surely(done: RigVerdict) -> str:
+    """How sure the finding is, in words and a number; empty if unknown."""
+    if math.isfinite(done.held.likelier):
+        size, why = done.held.likelier, "predicts held-out parts better by {} standard errors"
+    else:
+        sizes = [ratio for effect in done.effects if (ratio := _ratio(effect))]
+        size, why = min(sizes, default=0.0), "is a change of {} standard errors"
+    if size < BARELY:
+        return ""
+    word = "certain" if size > CERTAIN else "sure" if size > SURE else "likely"
+    return f" The finding is {word}: it {why.format(f'{size:.0f}' if size < 1000.0 else 'over 1000')}."
+
+
+def _ratio(effect: Entry) -> float:
+    """The largest change of an effect's numbers over its standard error."""
+    before = effect["known_before"]
+    ratios = [
+        abs(p["value"] - before.get(key, 0.0)) / p["stderr"] for key, p in effect["parameters"].items() if p["stderr"]
+    ]
+    return max((r for r in ratios if math.isfinite(r)), default=0.0)
+
+
+def _change(effect: Entry) -> str:
+    """An effect with its sizes before and now, and its place now."""
+    before, parts, places = effect["known_before"], [], _places(effect)
+    for key, number in effect["parameters"].items():
+        old, error = before.get(key, 0.0) or 0.0, number["stderr"]
+        if abs(number["value"] - old) <= 3.0 * error and len(effect["parameters"]) > 1:
+            continue
+        factor, unit = SHOWN.get(number["unit"], (1.0, SQUARES.get(number["unit"], number["unit"])))
+        if key in places:
+            parts.append(f"{_called(effect['name'], key)} {factor * number['value']:.3g} {unit}".rstrip())
+            continue
+        digits = _digits(factor * error, factor * number["value"])
+        was = f"{factor * old:.{digits}f}" if old else "0"
+        change = f"from {was} to {factor * number['value']:.{digits}f} ± {factor * error:.{digits}f} {unit}".rstrip()
+        parts.append(f"{_called(effect['name'], key)} {change}")
+    return f"{_plain(effect['name'])} ({', '.join(parts)})" if parts else _plain(effect["name"])
+
+
+def _places(effect: Entry) -> tuple[str, ...]:
+    """Parameters of an effect that say where it is."""
+    return tuple(EFFECTS[effect["name"]].places) if effect["name"] in EFFECTS else ()
+
+
+def _digits(error: float, value: float) -> int:
+    """Decimal places that are meaningful with a standard error; three figures of a value without one."""
+    size = error if math.isfinite(error) and error > 0.0 else abs(value) / 10.0
+    return min(max(0, 1 - math.floor(math.log10(size))), 9) if size > 0.0 else 2
+
+
+def _called(effect: str, key: str) -> str:
+    """Words for a parameter of an effect."""
+    known = EFFECTS[effect].parameters.get(key) if effect in EFFECTS else None
+    return known.words if known is not None and known.words else _plain(key)
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _place(effect: Entry) -> str:
+    """Where to look, if the effect has a place."""
+    places = _places(effect)
+    at = {key: DEG * p["value"] for key, p in effect["parameters"].items() if key in PLACES and key in places}
+    if not at:
+        return ""
+    ring = next(iter(effect["rings"]), "")
+    angles = " to ".join(f"{(angle + 180.0) % 360.0 - 180.0:.0f}" for angle in at.values())
+    return f" at {angles} degrees" + (f" in ring {ring}" if ring else "")
+
+
+def _repair(effect: Entry) -> str:
+    """What to repair."""
+    if effect["name"] == "surface_bump" and effect["parameters"]["height"]["value"] > 0.0:
+        return "Look for a hill or for dirt under the ball"
+    return REPAIRS[effect["name"]]
+
+
+def advice(done: RigVerdict, model: str | None = None) -> list[str]:
+    """What to do next, with commands behind a colon. model: the folder of the new model, if it was written."""
+    repairs = [(e, f"{_repair(e)}{_place(e)}.") for e in done.effects if e["name"] in REPAIRS]
+    out = list(dict.fromkeys(repair for e, repair in repairs if e.get("planned", True)))
+    out += [f"{line} No plan can allow for it: {e['why_not']}." for e, line in repairs if not e.get("planned", True)]
+    if any(e.get("planned", True) for e in done.effects):
+        way = (f"plan with the new model: mazeplan navigate --rig RIG --model {model}" if model
+               else "write a new model: add --model MODEL -o FOLDER to this command")  # fmt: skip
+        out.append(f"Or leave the rig as it is, and {way}.")
+    if any(e["name"] == "tilt_offset" for e in done.effects):
+        out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
+    if done.alike:
+        out.append(
+            "Record longer, in all rings, to tell the causes apart: mazeplan collect --rings --seconds 900 -o LOG."
+        )
+    if done.unknown is not None:
+        look = done.unknown.look or ("One cause has no name yet",)
+        out += [line if line.endswith("?") else f"{line}." for line in look]
+        out.append("If that is how the rig has to be, learn the model again: mazeplan learn LOG -o FOLDER.")
+    elif done.verdict == "nothing_missing" and done.remaining > TWICE:
+        out.append(
+            "More remains than noise explains, as when the model was right. Learn the model again with terms "
+            "and a Gaussian process: mazeplan learn LOG --kind sp -o FOLDER."
+        )
+    elif done.verdict == "nothing_missing":
+        out.append("Nothing needs to be done. Go on with the same model.")
+    return out

@@ -1,0 +1,136 @@
+"""Predictions of held-out pictures by a rigid ball: each half of a record by the numbers of the other half."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered
+from mazeplan.control.estimation.rigid_body_fit import BLOCK_S, fit_body
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array, IntArray
+from mazeplan.diagnosis.rig.search import ENOUGH, NOISE, STEPS, Searched
+from mazeplan.learning.rollout import STEPS as AHEAD
+from mazeplan.maze.geometry import Maze
+
+EVERY = 7  # pictures between the starts of roll-outs
+FEWEST = 40  # roll-outs in a ring, to say how large their errors are
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Predictions of held-out pictures.
+
+    starts (W,): pictures from which roll-outs start; before, after (AHEAD, W): errors of the angle, rad, 1 to AHEAD
+    samples ahead, without and with what was found; gain (B,): of -2 log L, by blocks of BLOCK_S; plain (AHEAD, W):
+    errors with the new stage alone; by_ring: mean of the last errors with what was found, rad."""
+
+    starts: IntArray
+    before: Array
+    after: Array
+    gain: Array
+    plain: Array
+    by_ring: dict[int, float] = field(default_factory=dict)
+
+    @property
+    def nearer(self) -> bool:
+        """Whether roll-outs are nearer with the effects of ball, table and camera than without."""
+        return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.plain[-1]))
+
+    @property
+    def better(self) -> bool:
+        """Whether roll-outs are nearer with all effects, the stage's too, than without."""
+        return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.before[-1]))
+
+    @property
+    def likelier(self) -> float:
+        """Standard errors by which blocks are likelier with what was found; inf if nothing was."""
+        if not np.any(self.gain):
+            return math.inf
+        spread = max(float(self.gain.std(ddof=1)) / math.sqrt(len(self.gain)), 1e-12)
+        return float(self.gain.mean()) / spread
+
+    def errors(self, which: str) -> dict[str, float]:
+        """Mean absolute errors as in the JSON; which: before or after."""
+        errors = getattr(self, which)
+        return {f"rollout{ahead}": _mean(errors[ahead - 1]) for ahead in (AHEAD // 2, AHEAD)}
+
+
+def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Searched, maze: Maze) -> HeldOut:
+    """Predictions of a record without and with what was found. old: the filter with the plate moved by the old model's
+    stage; was: the old model."""
+    n, plain = len(body.pictures), searched.first.filtered
+    starts = starts_of(body, plain, maze)
+    before = roll_out_errors(old, was._replace(wander=searched.first.model.wander), starts)
+    gain, blocks = np.zeros(n), np.arange(0, n, round(BLOCK_S / body.pictures.dt))
+    alone = roll_out_errors(body, searched.first.model, starts)
+    if not searched.found:
+        rings = errors_by_ring(body, plain, starts, alone, maze)
+        return HeldOut(starts, before, alone, np.zeros(len(blocks)), alone, rings)
+    after, second = np.empty_like(before), np.arange(n) >= n // 2
+    for rows in (second, ~second):
+        model = _by_rows(body, searched, ~rows)
+        gain[rows] = (surprise(plain) - surprise(body.run(model)))[rows]
+        after[:, rows[starts]] = roll_out_errors(body, model, starts[rows[starts]])
+    rings = errors_by_ring(body, plain, starts, after, maze)
+    return HeldOut(starts, before, after, np.add.reduceat(np.nan_to_num(gain), blocks), alone, rings)
+
+
+def _by_rows(body: BodyFilter, searched: Searched, rows: np.ndarray) -> BodyModel:
+    """The model with what was found, fitted to some pictures."""
+    names: Sequence[str] = [*NOISE, *(name for c in searched.found for name in c.fitted)]
+    return fit_body(body.part(rows), searched.fit.model, names, STEPS, ENOUGH).model
+
+
+def on_test(old: BodyFilter, was: BodyModel, new: BodyFilter, found: BodyModel, maze: Maze) -> HeldOut:
+    """Predictions of a further record, all of it held out."""
+    found = found._replace(wander=was.wander)
+    before, after = old.run(was), new.run(found)
+    starts = starts_of(new, after, maze)
+    gain = np.nan_to_num(surprise(before) - surprise(after))
+    blocks = np.arange(0, len(gain), round(BLOCK_S / new.pictures.dt))
+    errors = (roll_out_errors(old, was, starts), roll_out_errors(new, found, starts))
+    return HeldOut(starts, *errors, np.add.reduceat(gain, blocks), errors[0])
+
+
+def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
+    """Pictures from which roll-outs start: outside the disc, with all of the next ones in the same stretch."""
+    n, first = len(body.pictures), body.pictures.first
+    disc = max((ring.outer_radius for ring in maze.rings if ring.is_disc), default=0.0)
+    begun = np.cumsum(first)
+    good = np.isfinite(filtered.nu[: n - AHEAD, 0]) & (begun[: n - AHEAD] == begun[AHEAD:])
+    good &= np.min([np.hypot(*filtered.state[k : n - AHEAD + k, :2].T) for k in (0, AHEAD // 2, AHEAD)], axis=0) > disc
+    return np.flatnonzero(good)[::EVERY]
+
+
+def errors_by_ring(
+    body: BodyFilter, filtered: Filtered, starts: IntArray, errors: Array, maze: Maze
+) -> dict[int, float]:
+    """Mean of the last errors (AHEAD, W), rad, by the ring of the start, for rings with FEWEST starts or more."""
+    r, last = np.hypot(*filtered.state[starts, :2].T), errors[-1]
+    here = {ring.number: (r > ring.inner_radius) & (r < ring.outer_radius) & np.isfinite(last) for ring in maze.rings}
+    return {number: float(last[rows].mean()) for number, rows in here.items() if rows.sum() >= FEWEST}
+
+
+def surprise(filtered: Filtered) -> Array:
+    """nu' S^-1 nu + log det S of each picture, (N,)."""
+    (a, b), (xx, yy, xy) = filtered.nu.T, filtered.S.T
+    det = xx * yy - xy * xy
+    return np.asarray(np.log(det) + (a * a * yy - 2.0 * a * b * xy + b * b * xx) / det)
+
+
+def roll_out_errors(body: BodyFilter, model: BodyModel, starts: IntArray) -> Array:
+    """Absolute errors (AHEAD, W) of the angle, rad, 1 to AHEAD samples behind some pictures (W,), along the plate's
+    motion; NaN where the ball was not seen."""
+    states, y = body.run(model).state, body.pictures.y
+    places = body.rolled_out(model, states, starts, AHEAD)[:, 1:]
+    there = y[starts[:, None] + np.arange(1, AHEAD + 1)]
+    error = difference(np.arctan2(places[..., 1], places[..., 0]), np.arctan2(there[..., 1], there[..., 0]))
+    return np.abs(error).T
+
+
+def _mean(errors: Array) -> float:
+    return round(float(np.nanmean(errors)), 4) if np.isfinite(errors).any() else math.nan

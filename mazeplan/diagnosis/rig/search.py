@@ -1,0 +1,323 @@
+"""The search for numbers of the ball that differ from a reference, in all rings of a record at once.
+
+One candidate after the other is added. A score test says which candidates are worth a fit:
+
+    g' F^-1 g,  g = gradient of -log L by the candidate's numbers, F = their information, both given the numbers found
+
+The best fit has to gain `NEEDED` of -2 log L. That likelihood is rough (`rigid_body_fit`): the best candidate gains up
+to about 50 on healthy records. Its numbers have to move further than `SURE` standard errors of both records, and by
+more than their smallest size. The unexplained noise is free in every fit, so that no effect can stand in for noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel
+from mazeplan.control.estimation.rigid_body_fit import BodyFit, fit_body, score_search
+from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
+from mazeplan.diagnosis.rig.camera import camera_starts
+from mazeplan.diagnosis.rig.candidates import CANDIDATES, CONTACT, Candidate, of_effect
+from mazeplan.diagnosis.rig.places import started_terms
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.rigid_body_effects import idle
+from mazeplan.physics.effect import Effect, Term
+from mazeplan.physics.effects.local_forces import table_swing
+
+NOISE = ("noise", "plane")  # `strike` is held: it would hide walls that are elsewhere
+NEEDED = 150.0  # of -2 log L
+PRICE = 15.0  # of -2 log L, of each number: more than the roughness of the likelihood
+LIKE = 0.85  # share of the best one's gain from which another candidate explains the record as well
+SURE = 3.5  # standard errors of both records, each taken ROUGH times
+ROUGH = 2.0  # how much further values scatter from record to record than standard errors say
+WORTH, MOST_FITTED = 0.12, 3  # share of the best score from which a candidate is fitted, and how many at most
+STEPS, POLISH, ENOUGH, MOST_FOUND = 8, 20, 4.0, 4
+PLANE = 3e-4  # m^2/s^3, with which a search begins
+LEAST_SCORE = 12.0
+PART_S, SHORT, HALF = 15.0, 6000, 0.45  # s; pictures; share of what a whole record gains
+CLEARLY = 3.0  # times what is needed, from which the whole record is not asked again
+FURTHER, LEAPS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5), 3
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The ball as it was when the model was right.
+
+    stderr: of its numbers, if known; open: unknown numbers, which are fitted along; start: where a fit begins, None for
+    the model itself."""
+
+    model: BodyModel
+    stderr: dict[str, float] = field(default_factory=dict)
+    open: tuple[str, ...] = ()
+    start: BodyModel | None = None
+
+
+@dataclass(frozen=True)
+class Searched:
+    """The result of a search.
+
+    found: candidates in their order; gains: of -2 log L; rivals: for each one found, those that gained nearly as much;
+    fit, first: with all of them, and without any."""
+
+    found: tuple[Candidate, ...]
+    gains: tuple[float, ...]
+    rivals: tuple[tuple[Candidate, ...], ...]
+    fit: BodyFit
+    first: BodyFit
+
+
+def smallest(model: BodyModel, name: str) -> float:
+    """Smallest change of a number to report, in its unit."""
+    if "." in name:
+        effect, _, key = name.partition(".")
+        (places,) = (term.effect.places for term in model.terms if term.name == effect)
+        return math.inf if key in places else number_of(model, name).step
+    number = number_of(model, name)
+    return max(
+        number.origin[0].smallest * (0.1 if number.unit == "m/s^2" else 1.0) if number.effect else 0.0, number.step
+    )
+
+
+def moved(model: BodyModel, stderr: dict[str, float], was: Reference, free: Sequence[str]) -> bool:
+    """Whether one of these numbers surely differs from the reference, and by more than its smallest size."""
+    for name in free:
+        before = known_value(was.model, name)
+        sigma = ROUGH * math.hypot(stderr.get(name, 0.0), was.stderr.get(name, 0.0))
+        if abs(value_of(model, name) - before) > max(smallest(model, name), SURE * sigma):
+            return True
+    return False
+
+
+def known_value(model: BodyModel, name: str) -> float:
+    """A number of a model; 0 if it belongs to a term that the model does not have."""
+    try:
+        return value_of(model, name)
+    except KeyError:
+        return 0.0
+
+
+def search_rig(
+    body: BodyFilter, was: Reference, maze: Maze, tell: Callable[[str], None] = lambda text: None,
+    own: Sequence[Effect] = (),
+) -> Searched:  # fmt: skip
+    """What differs from the reference. tell: reports progress; own: effects of a user to look for."""
+    candidates = (*CANDIDATES, *(of_effect(effect) for effect in own))
+    known = (*NOISE, *was.open)
+    places = camera_starts(body, (was.start or was.model).view, maze)
+    first = fit_body(body, _noisy(was.start or was.model), known, POLISH, ENOUGH)
+    part, refused, chosen = alternate(body), set[Candidate](), list[_Chosen]()
+    best, least = (
+        (first, NEEDED) if part is body else (fit_body(part, first.model, known, STEPS, ENOUGH), HALF * NEEDED)
+    )
+    while len(chosen) < MOST_FOUND:
+        tell(f"{len(chosen)} found, next")
+        found = [c.candidate for c in chosen]
+        free = _free(known, found)
+        base = _with_starts(body, best.model, maze, own)
+        new, model = _best(part, base, was, free, _left(candidates, found, refused), places, least)
+        if new is None:
+            break
+        tell(f"{len(chosen) + 1} found, its size")
+        with_it = _polished(part, model, was, (*free, *new.candidate.fitted))
+        new = replace(new, gain=best.minus2 - with_it.minus2)
+        if new.gain < least or not _still(with_it, was, new):
+            refused.add(new.candidate)
+            continue
+        best, chosen = with_it, [*chosen, new]
+        best, chosen = _pruned(part, best, was, known, chosen, chosen[:-1], least)
+    return _on_the_whole(body, part, best, was, known, chosen, first)
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """A found candidate, its gain of -2 log L, and those that gained nearly as much."""
+
+    candidate: Candidate
+    gain: float
+    like: tuple[Candidate, ...]
+
+
+def _left(candidates: Sequence[Candidate], found: Sequence[Candidate], refused: set[Candidate]) -> list[Candidate]:
+    """Candidates to look for next."""
+    taken, names = {name for c in found for name in c.free}, {c.effect for c in found}
+    left = [c for c in candidates if c not in refused and c not in found and not taken & set(c.free)]
+    left = [c for c in left if not (found and CONTACT in c.depends_on)]
+    return [c for c in left if not c.after or c.after in names]
+
+
+def _on_the_whole(
+    body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, known: Sequence[str], chosen: list[_Chosen],
+    first: BodyFit,
+) -> Searched:  # fmt: skip
+    """What a part of the record showed, with sizes by the whole record, as far as the whole confirms it."""
+    if not chosen:
+        return Searched((), (), (), first, first)
+    if part is not body:
+        best = fit_body(body, best.model, _free(known, [c.candidate for c in chosen]), POLISH, ENOUGH)
+        chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
+        if len(chosen) == 1:
+            chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
+        weak = [c for c in chosen if c.gain < CLEARLY * NEEDED or not _still(best, was, c)]
+        best, chosen = _pruned(body, best, was, known, chosen, weak, NEEDED)
+    if not chosen:
+        return Searched((), (), (), first, first)
+    found, gains, rivals = zip(*((c.candidate, c.gain, c.like) for c in chosen), strict=True)
+    return Searched(found, gains, rivals, best, first)
+
+
+def _still(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
+    return moved(fit.model, fit.stderr, was, c.candidate.free)
+
+
+def _pruned(
+    body: BodyFilter, best: BodyFit, was: Reference, known: Sequence[str], chosen: list[_Chosen],
+    doubted: Sequence[_Chosen], least: float,
+) -> tuple[BodyFit, list[_Chosen]]:  # fmt: skip
+    """The fit without doubted findings that gain less than `least` beside the others, and the findings left."""
+    for c in doubted:
+        rest = [other for other in chosen if other is not c]
+        free = _free(known, [other.candidate for other in rest])
+        without = fit_body(body, _without(best.model, was, c.candidate), free, STEPS, ENOUGH)
+        if _still(best, was, c) and without.minus2 - best.minus2 >= least:
+            continue
+        best = fit_body(body, without.model, free, POLISH, ENOUGH)
+        chosen = [*rest[:-1], replace(rest[-1], like=())] if rest else []  # rivals beside a finding that is gone
+    return best, chosen
+
+
+def alternate(body: BodyFilter) -> BodyFilter:
+    """Every other stretch of PART_S of a record, which is enough to choose candidates; all of a short record."""
+    n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
+    return body if n < SHORT else body.part(np.arange(n) // rows % 2 == 0)
+
+
+def _best(
+    part: BodyFilter,
+    base: BodyModel,
+    was: Reference,
+    free: Sequence[str],
+    left: Sequence[Candidate],
+    places: Mapping[str, Mapping[str, float]],
+    least: float,
+) -> tuple[_Chosen | None, BodyModel]:
+    """The candidate that explains a part of the record best, None if none gains `least`; and the model with it."""
+    plain = fit_body(part, base._replace(terms=tuple(t for t in base.terms if not idle(t))), free, STEPS, ENOUGH)
+    base = plain.model._replace(terms=base.terms)
+    begins = {c: _begun(part, base, c, places) for c in left}
+    scores = _scores(part, base, free, left)
+    scores = {c: max(scores[c], plain.minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
+    ranked = sorted((c for c in left if scores[c] > LEAST_SCORE), key=lambda c: -scores[c])
+    tried = [c for c in ranked[:MOST_FITTED] if scores[c] > WORTH * scores[ranked[0]]]
+    simpler = {name for c in tried for name in c.simpler}
+    tried += [c for c in left if c.effect in simpler and c not in tried]
+    fits = {c: _fitted(part, begins[c][1], free, c) for c in tried}
+    gained = {c: plain.minus2 - fit.minus2 for c, fit in fits.items()}
+    sure = [c for c in tried if gained[c] >= least and moved(fits[c].model, fits[c].stderr, was, c.free)]
+    if not sure:
+        return None, base
+    worth = {c: gained[c] - PRICE * len(c.free) for c in sure}
+    close = [c for c in sure if worth[c] > LIKE * max(worth.values())]
+    chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # of those that explain as well, the simplest
+    like = tuple(c for c in close if c is not chosen and len(c.free) == len(chosen.free))
+    return _Chosen(chosen, gained[chosen], like), fits[chosen].model
+
+
+def _free(known: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*known, *(name for c in found for name in c.fitted))))
+
+
+def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
+    """The model with a candidate's numbers as they were."""
+    before = with_values(model, {name: value_of(was.model, name) for name in c.fitted if "." not in name})
+    gone = {name.partition(".")[0] for name in c.free if "." in name}
+    return before._replace(terms=tuple(
+        next((old for old in was.model.terms if old.name == term.name), None) or Term(term.effect, _nought(term))
+        if term.name in gone else term for term in before.terms
+    ))  # fmt: skip
+
+
+def _nought(term: Term) -> tuple[float, ...]:
+    """The numbers of a term at its place, without any size."""
+    pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
+    return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
+
+
+def _begun(
+    body: BodyFilter, base: BodyModel, c: Candidate, places: Mapping[str, Mapping[str, float]]
+) -> tuple[float, BodyModel]:
+    """-2 log L and the model from which the fit of a candidate begins: the base, or a likelier one further off."""
+    tried = [places[c.effect]] if c.effect in places else []
+    if c.far:
+        number, at = number_of(base, c.free[0]), value_of(base, c.free[0])
+        tried += [{c.free[0]: min(max(at + step, number.low), number.high)} for step in c.far]
+    models = [with_values(base, values) for values in tried]
+    scored = [(body.run(model).minus2, i) for i, model in enumerate(models)]
+    least, i = min(scored, default=(math.inf, 0))
+    return (least, models[i]) if models and least < body.run(base).minus2 else (math.inf, base)
+
+
+def _noisy(model: BodyModel) -> BodyModel:
+    """The model with enough unexplained noise for a search: its likelihood is flat with nearly none."""
+    return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, PLANE)))
+
+
+def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[Effect]) -> BodyModel:
+    """The model with its terms, and with all others at their likely places, without size."""
+    have = {term.name: term for term in model.terms if not idle(term)}
+    swings = known_value(model, "table_swing.frequency") if table_swing.name in have else 0.0
+    started = (*started_terms(body, body.run(model), model.view.delay, maze, swings), *(effect() for effect in own))
+    return model._replace(terms=tuple(have.get(term.name, term) for term in started))
+
+
+def _scores(
+    body: BodyFilter, model: BodyModel, free: Sequence[str], left: Sequence[Candidate]
+) -> dict[Candidate, float]:
+    """The gain of -2 log L by each candidate, if that were a parabola."""
+    names = [*free, *(name for c in left for name in (c.first or c.free))]
+    scores = score_search(body, model, names)
+    g, F = scores.each.sum(axis=0), scores.information
+    known = np.arange(len(free))
+    out = {}
+    for c in left:
+        own = np.array([names.index(name) for name in (c.first or c.free)])
+        B = F[np.ix_(own, known)] @ np.linalg.pinv(F[np.ix_(known, known)])
+        slope, curve = g[own] - B @ g[known], F[np.ix_(own, own)] - B @ F[np.ix_(known, own)]
+        out[c] = float(slope @ np.linalg.pinv(curve, rcond=1e-9) @ slope)
+    return out
+
+
+def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
+    """The likeliest numbers. Small steps may see no way on, so numbers further from the reference, or nearer to it, are
+    tried as well."""
+    fit = fit_body(body, model, free, POLISH, ENOUGH)
+    numbers = [name for name in free if name not in NOISE and "." not in name]
+    for _ in range(LEAPS if numbers else 0):
+        there = [_leapt(fit.model, was.model, numbers, factor) for factor in FURTHER]
+        minus2 = [body.run(m).minus2 for m in there]
+        least = int(np.argmin(minus2))
+        if minus2[least] > fit.minus2 - ENOUGH:
+            break
+        fit = fit_body(body, there[least], free, POLISH, ENOUGH)
+    return fit
+
+
+def _leapt(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
+    """The model with numbers `factor` times as far from the reference, within their bounds."""
+    values = {}
+    for name in names:
+        number, old = number_of(model, name), value_of(was, name)
+        values[name] = min(max(old + factor * (value_of(model, name) - old), number.low), number.high)
+    return with_values(model, values)
+
+
+def _fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate) -> BodyFit:
+    """The likeliest numbers of a candidate together with those found before."""
+    used = {name.partition(".")[0] for name in (*free, *c.free) if "." in name}
+    model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
+    if c.first:
+        model = fit_body(body, model, (*free, *c.first), STEPS, ENOUGH).model
+    return fit_body(body, model, (*free, *c.fitted), STEPS, ENOUGH)

@@ -1,0 +1,84 @@
+"""The model of a rig as it is now, from its old model and what differs from the reference.
+
+The model of beads has its own numbers for what a rigid ball does: its inertia is that of a ball that leans on walls.
+So its numbers change by as much as those of the rigid ball changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from mazeplan.control.estimation.rigid_body_fit import BodyFit
+from mazeplan.control.estimation.rigid_body_parameters import with_body
+from mazeplan.core.constants import FREE_ROLLING
+from mazeplan.diagnosis.effect_entry import effect_entry
+from mazeplan.diagnosis.rig.reference import RigReference
+from mazeplan.diagnosis.rig.result import RigVerdict
+from mazeplan.diagnosis.rig.search import Reference
+from mazeplan.diagnosis.update import DRIFT, UNTIL, updated
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.physics.effect import BALL, STAGE
+from mazeplan.physics.registry import EFFECTS
+from mazeplan.physics.rig.entries import part_values
+
+INERTIA, PLACED = "rolling_inertia", ("surface_bump", "table_rocking", "local_friction", "gate_loss", DRIFT)
+FACTORS = ("camera_scale", "tilt_gain")  # scales multiply
+
+
+def changes_model(effects: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a model can hold one of these effects."""
+    return any(_in_model(effect["name"]) for effect in effects)
+
+
+def _in_model(name: str) -> bool:
+    return name == DRIFT or (name in EFFECTS and EFFECTS[name].planned)
+
+
+def moved_model(model: RigModel, effects: Sequence[Mapping[str, Any]], fit: BodyFit) -> RigModel:
+    """The model with the effects of a verdict. fit: the ball, for a model that has a rigid one."""
+    new = model
+    for effect in (e for e in effects if _in_model(e["name"])):
+        found = {int(ring): [_entry(new, int(ring), effect, both)] for ring, both in effect["rings"].items()}
+        new = updated(new, {ring: e for ring, e in found.items() if e[0] is not None})
+    return new if model.body is None else with_body(new, fit.model, fit.stderr)
+
+
+def reference_after(done: RigVerdict) -> RigReference:
+    """The reference for the next diagnosis: the rig with what was found."""
+    body = done.was.body
+    found = Reference(done.searched.fit.model, {**body.stderr, **done.searched.fit.stderr})
+    return RigReference(found, done.was.stage, done.memory, done.remaining)
+
+
+def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[str, Any]) -> Any:
+    """The entry of an effect in a ring, with the model's own numbers changed; None if it is too small there."""
+    name, now, before = effect["name"], both["after"], both["before"]
+    kind = EFFECTS[name]
+    if name in PLACED or kind.acts == STAGE:
+        if name == "surface_bump" and abs(now["height"]) < kind.parameters["height"].smallest:
+            return None
+        values = dict(now)
+    elif name == INERTIA:
+        k, was = (1.0 / numbers["factor"] - 1.0 for numbers in (now, before))
+        own = model.ball(ring).parameter(name, "factor", FREE_ROLLING)
+        values = {"factor": 1.0 / (1.0 + (1.0 / own - 1.0) * k / was)}
+    else:
+        own = _own(model, ring, name)
+        values = own | {
+            key: own[key] * value / before[key] if name in FACTORS else own[key] + value - before[key]
+            for key, value in now.items()
+        }
+    if name == "local_friction":
+        values["ring"] = float(ring)
+    stderr = {key: effect["parameters"].get(key, {}).get("stderr") for key in values}
+    return effect_entry(kind, values, stderr) | {UNTIL: effect.get(UNTIL, 0.0)}
+
+
+def _own(model: RigModel, ring: int, name: str) -> dict[str, float]:
+    """The model's numbers of an effect, in a ring."""
+    effect = EFFECTS[name]
+    if effect.acts not in BALL:
+        return part_values(model, effect)
+    ball = model.ball(ring)
+    return {key: ball.parameter(name, key, p.default) for key, p in effect.parameters.items()}

@@ -1,0 +1,266 @@
+"""The verdict on a record of a rig: what differs from the rig when its model was right.
+
+The stage comes first, by commands and measured tilt alone. Ball, table and camera follow (`search`), with the plate
+moving by the fitted stage. A changed gain of the stage belongs to the servo, unless the ball felt tilts of the old
+size: then the sensor shows them too large. What was found has to predict: blocks of time that took no part in the fit
+must be likelier with it than without. What remains is compared with the camera's noise, and with what remained when
+the model was right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, Filtered
+from mazeplan.control.estimation.rigid_body_fit import fit_body
+from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
+from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.effect_entry import Entry, values_of, with_plan
+from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.rig.camera import check_map
+from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
+from mazeplan.diagnosis.rig.record import body_filter, filter_of, left_over
+from mazeplan.diagnosis.rig.reference import RigReference
+from mazeplan.diagnosis.rig.registry import in_registry
+from mazeplan.diagnosis.rig.result import REMAINS, RigVerdict, Unknown
+from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
+from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, POLISH, Reference, Searched, moved, search_rig
+from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, stage_effects
+from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.effect import Effect
+from mazeplan.physics.registry import PACKAGED
+from mazeplan.physics.rig.stage import StageModel
+
+BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
+MEMORY = 0.1  # autocorrelation of innovations from which something is left
+CLEAR_GAIN = 0.05  # change of a gain that commands which overtax the servos do not make
+WORSE = 1.7  # times the error when the model was right, on average over rings; healthy records have up to 1.2
+HARDLY = 3.0  # times the smallest size
+AS_BEFORE = 1.3  # times what was left when the model was right: no more than that is no news
+
+
+def verdict_on(
+    table: Table, maze: Maze, was: RigReference, tell: Callable[[str], None] = lambda text: None,
+    test: Table | None = None, own: Sequence[Effect] = (),
+) -> RigVerdict:  # fmt: skip
+    """What differs from a reference.
+
+    tell: reports progress; test: a further record, for errors before and after; own: effects of a user to look for.
+    Raises TableError."""
+    own, refused = _for_a_rigid_body(own)
+    tell("stage")
+    body, stage = body_filter(table, maze)
+    check_map(body, maze, table.source.get("file"))
+    servo, sensor = _gain(body, stage, was)
+    searched = search_rig(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
+    tell("held-out part")
+    # with another scale of the sensor, the old model would believe the measured tilts
+    old = body if sensor is not None else _as_it_was(table, maze, was, stage, body)
+    held = held_out(body, old, was.body.start or was.body.model, searched, maze)
+    found = searched.found if held.likelier > BETTER and held.nearer else ()
+    radii = _radii(maze, searched.fit.filtered)
+    effects = _of_the_stage(stage, was, radii, servo, sensor, found)
+    ball, alike = _of_the_ball(was, searched, found, radii, sensor)
+    effects = _with_asymmetry([*effects, *ball]) + _of_open_numbers(body, searched, was, radii)
+    effects = [with_plan(effect) for effect in effects]
+    for e in effects:
+        if e["name"] == "friction_drift":
+            e["until_s"] = round(float(table["t"][-1] - table["t"][0]), 3)
+    memory, remaining = left_over(body, searched.fit)
+    unknown = _unknown(searched, found, memory, remaining, was)
+    if unknown is None and not effects and not (stage is not None and stage.hurried):
+        unknown = _worse_than_before(held, was)
+    if effects and not held.better:
+        names = ", ".join(e["name"].replace("_", " ") for e in effects)
+        looks = f"it looks like {names}, but predicts the ball no better"
+        if all(_small(e) for e in effects):
+            refused.append(looks)
+        else:
+            unknown = Unknown(looks, ("tilt",))
+        effects, alike = [], []
+    done = RigVerdict(
+        tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was,
+        (*_notes(stage, was), *refused),
+    )  # fmt: skip
+    return done if test is None else replace(done, test=_on_test(test, maze, done))
+
+
+def _worse_than_before(held: HeldOut, was: RigReference) -> Unknown | None:
+    """Something without a name, if the ball is predicted much worse than when the model was right, ring by ring."""
+    ratios = [error / was.errors[ring] for ring, error in held.by_ring.items() if was.errors.get(ring)]
+    if not ratios or float(np.mean(ratios)) < WORSE:
+        return None
+    what = f"the ball is predicted {np.mean(ratios):.1f} times as badly as when the model was right"
+    return Unknown(what, look=("Look at the ball: is it round, clean and evenly heavy?",))
+
+
+def _small(effect: Entry) -> bool:
+    """Whether all changes of an effect are near its smallest sizes."""
+    had, known = effect["known_before"], PACKAGED.get(effect["name"])
+    return known is not None and all(
+        abs(value - had[key]) <= HARDLY * known.parameters[key].smallest for key, value in values_of(effect).items()
+    )
+
+
+def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
+    """Effects that act on a ball that is a rigid body, and notes on the others."""
+    good, notes = [], []
+    for effect in own:
+        try:
+            effects_of([effect()])
+        except ValueError as problem:
+            notes.append(f"{effect.name} was not looked for: {problem}")
+        else:
+            good.append(effect)
+    return good, notes
+
+
+def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None, body: BodyFilter) -> BodyFilter:
+    """The filter with the plate moved by the old model's stage; `body` if that is unknown."""
+    known = was.stage.axes()
+    if known is None or stage is None or stage.hurried:
+        return body
+    return filter_of(table, record_of(table), maze, stage.offsets_on(known))
+
+
+def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
+    """Predictions of a further record, by the old model and by the new one."""
+    stage = None if done.stage is None or done.stage.hurried else StageModel(*done.stage.axes)
+    new = filter_of(test, record_of(test), maze, stage)
+    old = _as_it_was(test, maze, done.was, done.stage, new)
+    return on_test(old, done.was.body.start or done.was.body.model, new, done.searched.fit.model, maze)
+
+
+def _notes(stage: Stage | None, was: RigReference) -> list[str]:
+    """What could not be compared."""
+    notes = []
+    if stage is None:
+        notes.append("no commands u_beta, u_gamma in this record: servos cannot be checked, and the tilt is smoothed")
+    if stage is not None and stage.hurried:
+        notes.append(
+            "commands changed faster than the servos can follow, as in navigation: lag, delay and play of the "
+            "servos were not compared; mazeplan collect makes a record that shows them"
+        )
+    if was.body.open and was.friction is not None:
+        notes.append(
+            "the model keeps no record of the rig as it was: walls were not compared, and friction only "
+            "roughly; name a log of that time with --reference, or learn the model again"
+        )
+    return notes
+
+
+def _gain(body: BodyFilter, stage: Stage | None, was: RigReference) -> tuple[Entry | None, Entry | None]:
+    """A changed gain as an effect of the servo, or of the tilt sensor if the ball felt tilts of the old size."""
+    servo, sensor = changed_gain(stage, was.stage)
+    if stage is None or servo is None or sensor is None:
+        return None, None
+    if stage.hurried:
+        ratios = [value / servo["known_before"][key] for key, value in values_of(servo).items()]
+        return (servo if max(abs(ratio - 1.0) for ratio in ratios) > CLEAR_GAIN else None), None
+    if was.body.start is not None:
+        return servo, None
+    by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, sensor).model))
+    return (None, sensor) if by_servo - by_sensor > DECISIVE else (servo, None)
+
+
+def _felt(was: RigReference, sensor: Entry) -> Reference:
+    """The reference with tilts smaller than measured, by as much as the sensor's scale has grown."""
+    model = was.body.model
+    grown = {axis: value / sensor["known_before"][axis] for axis, value in values_of(sensor).items()}
+    gains = {f"gain_{axis}": value_of(model, f"gain_{axis}") / grown[axis] for axis in AXES}
+    return replace(was.body, model=with_values(model, gains))
+
+
+def _of_the_stage(
+    stage: Stage | None, was: RigReference, radii: dict[int, float], servo: Entry | None, sensor: Entry | None,
+    found: Sequence[Candidate],
+) -> list[Entry]:  # fmt: skip
+    """Effects of stage and tilt sensor, the same in all rings."""
+    effects = stage_effects(None if stage is not None and stage.hurried else stage, was.stage)
+    if sensor is not None:
+        effects.append(sensor)
+    elif servo is not None and not any(c.effect == "tilt_gain" for c in found):
+        effects.append(servo)
+    for e in effects:
+        e["rings"] = {str(ring): {"after": values_of(e), "before": e["known_before"]} for ring in radii}
+    return effects
+
+
+def _of_the_ball(
+    was: RigReference, searched: Searched, found: Sequence[Candidate], radii: dict[int, float], sensor: Entry | None
+) -> tuple[list[Entry], list[tuple[str, ...]]]:
+    """Effects of ball, table and camera, and names that the record cannot tell apart."""
+    effects, alike, others = list[Entry](), list[tuple[str, ...]](), {name for c in found for name in c.instead}
+    for c, rivals in zip(searched.found, searched.rivals, strict=True):
+        if c not in found or not c.effect or c.effect in others or (c.effect == "tilt_gain" and sensor is not None):
+            continue
+        effects.append(in_registry(c, searched.fit, was.body, radii))
+        names = tuple(r.effect for r in rivals if r.effect)
+        if names:
+            alike.append((c.effect, *names))
+    return effects, alike
+
+
+def _with_asymmetry(effects: list[Entry]) -> list[Entry]:
+    """Friction with a weaker push along the rings as friction with an asymmetry: a moving ball feels the same."""
+    by_name = {effect["name"]: effect for effect in effects}
+    friction, push = by_name.get("dry_friction"), by_name.get("constant_torque")
+    if friction is None or push is None:
+        return effects
+    numbers, pushed = friction["parameters"], push["parameters"]["acceleration"]
+    if abs(pushed["value"]) > numbers["coefficient"]["value"]:
+        return effects
+    numbers["asymmetry"] = {**pushed, "value": -pushed["value"]}
+    friction["known_before"]["asymmetry"] = -push["known_before"]["acceleration"]
+    for ring, both in friction["rings"].items():
+        for when in ("before", "after"):
+            both[when] = {**both[when], "asymmetry": -push["rings"][ring][when]["acceleration"]}
+    return [effect for effect in effects if effect is not push]
+
+
+def _of_open_numbers(body: BodyFilter, searched: Searched, was: RigReference, radii: dict[int, float]) -> list[Entry]:
+    """Effects of numbers that the reference does not know: all that differ from a textbook ball; with a model of beads
+    the friction, if it is far from the model's."""
+    fit = searched.fit
+    if was.body.start is not None:
+        some = [c for c in CANDIDATES if c.effect and set(c.free) <= set(was.body.open)]
+        return [in_registry(c, fit, was.body, radii) for c in some if moved(fit.model, fit.stderr, was.body, c.free)]
+    if was.friction is None:
+        return []
+    value, (low, high) = value_of(fit.model, "rolling"), was.friction
+    if low <= value <= high:
+        return []
+    nearest = with_values(fit.model, {"rolling": min(max(value, low), high)})
+    rest = [name for name in fit.free if name != "rolling"]
+    if fit_body(body, nearest, rest or NOISE, POLISH, ENOUGH).minus2 - fit.minus2 < NEEDED:
+        return []
+    (friction,) = [c for c in CANDIDATES if c.effect == "dry_friction"]
+    return [in_registry(friction, fit, was.body, radii)]
+
+
+def _radii(maze: Maze, filtered: Filtered) -> dict[int, float]:
+    """Track radii (m) of the rings in which the ball was, the ring with most pictures first."""
+    r = np.hypot(*filtered.state[np.isfinite(filtered.nu[:, 0]), :2].T)
+    rings = [ring for ring in maze.rings if ring.track_radius]
+    counts = {ring.number: int(np.sum((r > ring.inner_radius) & (r < ring.outer_radius))) for ring in rings}
+    seen = sorted((n for n in counts if counts[n]), key=lambda n: -counts[n])
+    return {number: maze.track_radius(number) for number in seen}
+
+
+def _unknown(
+    searched: Searched, found: Sequence[Candidate], memory: float, remaining: float, was: RigReference
+) -> Unknown | None:
+    """Something without a name: a candidate without one, or innovations that remember more than they did."""
+    nameless = [c for c in found if not c.effect]
+    if nameless:
+        words = "; ".join(c.description(searched.fit.model) for c in nameless)
+        return Unknown(words, tuple(sorted({on for c in nameless for on in c.depends_on})),
+                       tuple(c.look for c in nameless if c.look))  # fmt: skip
+    if memory > max(MEMORY, AS_BEFORE * was.memory) or remaining > max(REMAINS, AS_BEFORE * was.remaining):
+        return Unknown(f"what remains is {remaining:.1f} times the noise, and is alike from picture to picture")
+    return None

@@ -1,0 +1,79 @@
+"""Experiments that tell apart effects which one record cannot: a command of `collect`, and what to do first."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from mazeplan.diagnosis.coordinate.screening import SURE
+from mazeplan.diagnosis.coordinate.system import Values
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """effects: which it tells apart; why; first: what a person does before; options: for `mazeplan collect`."""
+
+    effects: frozenset[str]
+    why: str
+    first: str = ""
+    options: str = ""
+
+
+EXPERIMENTS = tuple(Experiment(frozenset(effects), *rest) for effects, *rest in (
+    (("tilt_offset", "surface_profile"), "a wave of the floor turns with the maze, a table that is not level does not",
+     "turn the rig by 90 degrees on its table"),
+    (("tilt_offset", "surface_bump"), "a hill is passed at every tilt, and needs the ball to come by it often",
+     "", "--tilt 4 --highest-hz 0.5"),
+    (("constant_torque", "dry_friction"),
+     "a torque also acts on a ball at rest: small, slow tilts bring it to rest often", "", "--tilt 1 --highest-hz 0.3"),
+    (("constant_torque", "tilt_offset"),
+     "a torque acts alike all around, an offset turns its sign: the ball must get all around the ring",
+     "", "--tilt 5 --highest-hz 0.7"),
+    (("rolling_inertia", "tilt_gain"),
+     "the scale of the tilt sensor also scales the rates of the tilt: large, fast tilts show it",
+     "or measure the scale with a clinometer", "--tilt 5 --highest-hz 3"),
+    (("viscous_friction", "quadratic_drag"),
+     "drag grows with the square of the speed: both slow and fast runs are needed", "", "--tilt 5 --highest-hz 0.4"),
+    (("viscous_friction", "dry_friction"), "dry friction shows at low speed and at rest",
+     "", "--tilt 1.5 --highest-hz 0.5"),
+    (("viscous_friction", "friction_drift"), "a drift needs time to show", "", "--seconds 900"),
+))  # fmt: skip
+FAR = 0.2  # by how much the scale of a tilt sensor is off, beyond which one looks for other reasons
+SAME = 0.03  # share by which two scales may differ that are called the same, beside their errors
+ANY = Experiment(frozenset(), "more of everything: a longer record, with slow and fast tilts", options="--seconds 900")
+
+
+def twins(values: Values, stderr: Values) -> list[tuple[str, ...]]:
+    """Groups of names that mean nearly the same at the sizes that were found.
+
+    A sensor with the same large scale on both axes looks like a ball that accelerates less because it rolls. Only the
+    plate's own rotation tells them apart, and its effect on a rolling ball is hardly known."""
+    if "tilt_gain" not in values or "rolling_inertia" in values:
+        return []
+    (beta, gamma), errors = values["tilt_gain"].values(), stderr["tilt_gain"].values()
+    same = abs(beta - gamma) <= max(SAME * 0.5 * (beta + gamma), SURE * math.hypot(*errors))
+    far = min(abs(beta - 1.0), abs(gamma - 1.0)) > FAR
+    return [("tilt_gain", "rolling_inertia")] if same and far else []
+
+
+def on_machine(ways: Sequence[Mapping[str, str]], options: Sequence[str], note: str = "") -> list[dict[str, str]]:
+    """The commands of `experiment_for` with options of `collect` for a machine. note: what a person has to fill in."""
+    given = "".join(f" {shlex.quote(option)}" for option in options)
+    start = "mazeplan collect"
+    return [
+        {**way, "command": way["command"].replace(start, start + given, 1), **({"note": note} if note else {})}
+        for way in ways
+    ]
+
+
+def experiment_for(group: Sequence[str], ring: int | None) -> dict[str, str]:
+    """What to do about a group of effects, the likeliest first: {"why", "first", "command"}."""
+    names = set(group)
+    known = [e for e in EXPERIMENTS if e.effects <= names]
+    best = next((e for e in known if group and group[0] in e.effects), known[0] if known else ANY)
+    where = f" --ring ring{ring}" if ring else ""
+    seconds = "" if "--seconds" in best.options else " --seconds 300"
+    command = f"mazeplan collect{where}{seconds} {best.options}".rstrip() + " -o apart.mcap"
+    return {"why": best.why, "first": best.first, "command": command}

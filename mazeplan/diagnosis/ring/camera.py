@@ -1,0 +1,117 @@
+"""The camera's picture of the ring: a circle that may be shifted.
+
+    r = R + x_0 cos(theta) + y_0 sin(theta)     to first order in the offset
+
+for a camera whose centre is (x_0, y_0) off. A shifted circle also bends theta, so it is straightened before the ball is
+looked at. Where r was not measured, a ball that is known to stay at the track radius R tells the offset by how it
+moves: it was seen at the angle theta of (x_0 + R cos(phi), y_0 + R sin(phi)), hence
+
+    phi = theta + asin((x_0 sin(theta) - y_0 cos(theta)) / R)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.core.records import Array
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry
+from mazeplan.physics.effects.rig import camera_offset
+
+FEWEST = 100
+SMALLEST = 1e-4  # m; an offset worth a word
+SURE = 15.0  # of -2 log L with its penalty
+BLOCK = 30  # samples; as one: the ball stays at one wall of its channel for a while
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A fitted circle: radius, offset (m), their standard errors, evidence for the offset (penalised -2 log L), spread
+    of r before and after (m)."""
+
+    radius: float
+    offset: tuple[float, float]
+    stderr: tuple[float, float, float]
+    evidence: float
+    before: float
+    after: float
+
+    @property
+    def shifted(self) -> bool:
+        """Whether the offset is there and worth a word."""
+        return self.evidence > SURE and float(np.hypot(*self.offset)) > max(SMALLEST, 3.0 * max(self.stderr[1:]))
+
+    def entry(self) -> Entry:
+        """The offset as an effect of the document."""
+        values, stderr = (
+            dict(zip("xy", (round(v, 6) for v in pair), strict=True)) for pair in (self.offset, self.stderr[1:])
+        )
+        more = {"evidence": round(self.evidence, 1), "before": round(self.before, 6), "after": round(self.after, 6)}
+        return effect_entry(camera_offset, values, stderr) | more
+
+
+def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
+    """The circle through measured (theta, r) of some rows; None where there are too few, only an arc of them,
+    or no scatter at all."""
+    keep = rows & np.isfinite(theta) & np.isfinite(r)
+    if keep.sum() < FEWEST:
+        return None
+    c, s, y = np.cos(theta[keep]), np.sin(theta[keep]), r[keep]
+    X = np.column_stack([np.ones(len(y)), c, s])
+    if np.linalg.cond(X) > 30.0:
+        return None
+    w, *_ = np.linalg.lstsq(X, y, rcond=None)
+    left = y - X @ w
+    before, after = float(np.std(y)), float(np.std(left))
+    if not after > 0.0:  # radii that were written down, not measured
+        return None
+    share = max(1.0, _together(left))
+    n = len(y) / share
+    evidence = n * float(np.log(before**2 / after**2)) - 2.0 * float(np.log(max(n, 2.0)))
+    sigma = after * np.sqrt(share * np.diag(np.linalg.inv(X.T @ X)))
+    return Circle(
+        float(w[0]),
+        (float(w[1]), float(w[2])),
+        (float(sigma[0]), float(sigma[1]), float(sigma[2])),
+        evidence,
+        before,
+        after,
+    )
+
+
+def _together(left: Array) -> float:
+    """By how much neighbours repeat each other: variance of block means over that of independent samples."""
+    blocks = left[: len(left) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+    return float(np.var(blocks) * BLOCK / max(np.var(left), 1e-300)) if len(blocks) > 3 else 1.0
+
+
+def straightened(theta: Array, r: Array, offset: tuple[float, float]) -> Array:
+    """theta about the true centre, on the same turn."""
+    x, y = r * np.cos(theta) - offset[0], r * np.sin(theta) - offset[1]
+    turn = np.arctan2(y, x) - theta
+    return theta + (turn + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def unbent(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Angle about the true centre of a ball on a circle (radius, m) that was seen at theta by a camera that is off."""
+    return theta + np.arcsin(_sine(theta, radius, offset))
+
+
+def as_seen(phi: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """The way back: theta from the angle about the true centre, on the same turn."""
+    x, y = offset
+    c, s = np.cos(phi), np.sin(phi)
+    return phi + np.arctan2(y * c - x * s, radius + x * c + y * s)
+
+
+def bending(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    """Derivative of `unbent` by theta."""
+    x, y = offset
+    sine = _sine(theta, radius, offset)
+    return 1.0 + (x * np.cos(theta) + y * np.sin(theta)) / (radius * np.sqrt(1.0 - sine**2))
+
+
+def _sine(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
+    # an offset near the radius, which only a search on its way may try, has no circle around the camera
+    return np.clip((offset[0] * np.sin(theta) - offset[1] * np.cos(theta)) / radius, -0.9, 0.9)

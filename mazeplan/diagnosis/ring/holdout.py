@@ -1,0 +1,49 @@
+"""Which rows search and fits see, and which are held out for the scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mazeplan.diagnosis.coordinate.search import SEEN
+from mazeplan.diagnosis.record import RingRecord
+from mazeplan.learning.split import block_split, near_border
+
+BLOCK_S = 10.0  # s
+FOLDS = 4  # ways to hold out blocks of a record in turn
+GUARD = 8  # rows at a border that are neither: the window of a derivative, and the state of the filter, reach across
+INNER_S, INNER, TRIED = 5.0, 4, (0, 2)  # s; of so many such blocks of seen rows one is tried, two of them in turn
+LONGEST = 0.5  # of the record: with a stretch longer than this it counts as one piece
+
+
+def seen_and_held(record: RingRecord, fold: int | None = None) -> tuple[np.ndarray, np.ndarray, str]:
+    """Seen rows and held-out rows (N,), and the held-out rows in words. fold: one of FOLDS; together they hold out each
+    row once.
+
+    The last part of an uninterrupted record is held out: a model has to predict what comes later. A record in many
+    pieces has no such order, so blocks all over it are held out."""
+    if fold is not None:
+        wanted = np.arange(len(record)) // max(round(BLOCK_S / record.dt), 1) % FOLDS == fold
+        kept = ~near_border(wanted, record.segment.astype(np.float64), GUARD)
+        return kept & ~wanted, kept & wanted, f"block {fold + 1} of every {FOLDS}, of {BLOCK_S:g} s each"
+    known = np.isfinite(record.theta)
+    lengths = np.diff(np.append(np.flatnonzero(record.first), len(record)))
+    if record.u is None and lengths.max() < LONGEST * len(record):
+        split = block_split(record.segment, record.dt, block_s=BLOCK_S, test_share=1.0 - SEEN, guard=GUARD)
+        return split.train, split.test, f"blocks of {BLOCK_S:g} s all over the record"
+    seen = np.cumsum(known)  # samples of the ball: it may be elsewhere for most of the record
+    rows = seen <= SEEN * seen[-1]
+    return rows, ~rows, f"the last {1.0 - SEEN:.0%} of the record"
+
+
+def inner_folds(
+    record: RingRecord, seen: np.ndarray, tried_blocks: Sequence[int] = TRIED
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rows (N,) to learn from and rows to try on, both among the seen ones. tried_blocks: which of INNER blocks to try,
+    one after the other."""
+    block = np.arange(len(record)) // max(round(INNER_S / record.dt), 1)
+    for which in tried_blocks:
+        tried = block % INNER == which
+        kept = seen & ~near_border(tried, record.segment.astype(np.float64), GUARD)
+        yield kept & ~tried, kept & tried

@@ -1,0 +1,102 @@
+"""Play between servo and plate, and a dead band of the servo, seen in commands and measured tilt.
+
+    play:       passed on_k = clip(passed on_(k-1), u_k - b/2, u_k + b/2)
+    dead band:  obeyed_k = u_k where |u_k - obeyed_(k-1)| >= d, else obeyed_(k-1)
+
+The axis is fitted to what is passed on, for a b or a d that makes it fit best; of the two the one that fits better.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from mazeplan.core.records import Array
+from mazeplan.learning.stage_fit import StageFit, fit_axis
+from mazeplan.physics.rig.stage import StageAxis, obeyed, played, simulate_axis
+
+TRIED = 0.005  # rad, with which the first look is taken
+MOST = 0.08  # rad
+ENOUGH = 2400  # samples to find it by; a clearance of a fraction of a degree shows in every reversal
+SMALLEST = 2e-3  # rad; play worth a word
+SMALLEST_BAND, BANDS = 1e-3, 24  # rad; a dead band worth a word, and how many are tried
+STRIDE = (MOST / SMALLEST_BAND) ** (1.0 / (BANDS - 1))
+LOOKED_AT = 4  # of the coarse bands
+SURE = 15.0  # of -2 log L
+
+
+def fit_with_gears(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit:
+    """The axis with the play or the dead band that its record shows, if any: commands u and angle (N,), rows (N,) to
+    look at. Raises ValueError as `fit_axis`."""
+    plain = fit_axis(u[rows], angle[rows], dt, first[rows].astype(float))
+    with_play = _fit_with_play(u, angle, dt, first, rows, plain)
+    with_band = _fit_with_band(u, angle, dt, first, rows, plain)
+    return with_band if with_band is not None and with_band.rms < with_play.rms else with_play
+
+
+def _fit_with_band(
+    u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit
+) -> StageFit | None:
+    """The axis with a dead band; None where the record shows none. What is obeyed changes by jumps with the band, so it
+    is looked for on a grid."""
+    breaks = first[rows].astype(float)
+
+    def off(axis: StageAxis, band: float) -> float:
+        return float(np.std((angle - simulate_axis(axis, obeyed(u, band), dt))[rows]))
+
+    bands: list[float] = np.geomspace(SMALLEST_BAND, MOST, BANDS).tolist()
+    level = off(plain.axis, 0.0)
+    if 2.0 * plain.samples * math.log(level / min(off(plain.axis, band) for band in bands)) < SURE:
+        return None
+    few = rows & (np.cumsum(rows) <= ENOUGH)  # an axis that was fitted without the band has the lag that it makes
+
+    def refitted(band: float) -> StageFit:
+        return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float), plain.axis)
+
+    def refined(coarse: float) -> tuple[StageFit, float, float]:
+        """The axis with the best band about a coarse one, that band, and the width of the grid."""
+        axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks, near[coarse].axis).axis
+        fine: list[float] = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS).tolist()
+        band = min(fine, key=lambda b: off(axis, b))
+        return fit_axis(obeyed(u, band)[rows], angle[rows], dt, breaks, axis), band, fine[1] - fine[0]
+
+    # a band a little beside the true one obeys at other moments, so the best coarse one may be far from it
+    near = {band: refitted(band) for band in bands if band < 0.5 * float(np.ptp(u))}
+    coarse = sorted(near, key=lambda band: near[band].rms)[:LOOKED_AT]
+    found, band, width = min((refined(band) for band in coarse), key=lambda one: one[0].rms)
+    if 2.0 * plain.samples * math.log(plain.rms / found.rms) < SURE:
+        return None
+    stderr = {**found.axis.stderr, "deadband": width}
+    return replace(found, axis=replace(found.axis, deadband=band, stderr=stderr))
+
+
+def _fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit) -> StageFit:
+    """The axis with play, if its record shows any; plain: the fit without any."""
+
+    def fitted(backlash: float, of: np.ndarray, near: StageAxis | None = None) -> StageFit:
+        return fit_axis(played(u, backlash)[of], angle[of], dt, first[of].astype(float), near)
+
+    left = (angle - simulate_axis(plain.axis, u, dt))[rows]
+    late = (simulate_axis(plain.axis, played(u, TRIED), dt) - simulate_axis(plain.axis, u, dt))[rows]
+    fits = float(left @ late) / max(float(np.linalg.norm(left) * np.linalg.norm(late)), 1e-300)
+    if fits <= 0.0 or -plain.samples * math.log1p(-min(fits * fits, 0.999)) < SURE:
+        return plain
+    few = rows & (np.cumsum(rows) <= ENOUGH)
+    found: Any = minimize_scalar(
+        lambda b: fitted(b, few, plain.axis).rms, bounds=(0.0, MOST), method="bounded", options={"xatol": 2e-4}
+    )
+    best = float(found.x)
+    with_play = fitted(best, rows)
+    gain = 2.0 * plain.samples * math.log(plain.rms / with_play.rms)
+    if best < SMALLEST or gain < SURE:
+        return plain
+    slope = (
+        simulate_axis(with_play.axis, played(u, best + 1e-4), dt) - simulate_axis(with_play.axis, played(u, best), dt)
+    ) / 1e-4
+    sigma = with_play.rms / max(float(np.linalg.norm(slope[rows])), 1e-300)
+    stderr = {**with_play.axis.stderr, "backlash": sigma}
+    return replace(with_play, axis=replace(with_play.axis, backlash=best, stderr=stderr))

@@ -1,0 +1,128 @@
+"""Stage and tilt sensor of a record against those of the model, by commands and measured tilt alone.
+
+Each number of an axis is compared with the model's, with the standard errors of both. A changed gain has two possible
+causes: the servo turns the plate further, or the sensor shows larger tilts. The commands cannot tell them apart. The
+ball can, since it feels the true tilt: the likelier scale of the tilt decides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from mazeplan.diagnosis.coordinate.system import Values
+from mazeplan.diagnosis.effect_entry import Entry, effect_entry, values_of
+from mazeplan.diagnosis.stage.plate_motion import Stage
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.physics.effect import Effect
+from mazeplan.physics.effects import rig
+from mazeplan.physics.rig.entries import declared_parts, part_stderr
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+
+SURE = 5.0  # standard errors of the difference: the residual of a stage is not white
+PLAY_ERROR = 1e-4  # rad; error of a known play
+ASIDE = 0.25  # share of the change of play up to which a changed dead band is its shadow, and the other way round
+DECISIVE = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
+AXES: tuple[str, ...] = ("beta", "gamma")
+COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
+GEARS = (rig.backlash, rig.deadband)
+LIKE = (rig.servo_lag, rig.axis_coupling, rig.command_delay, *GEARS)
+
+
+@dataclass(frozen=True)
+class Known:
+    """The stage of the model: values of its effects, and standard errors if known."""
+
+    values: Values
+    stderr: Values
+
+    @classmethod
+    def of_model(cls, model: RigModel) -> Known:
+        """The stage of a rig's model."""
+        values = declared_parts(model)
+        return cls(values, {e.name: part_stderr(model, e) for e in rig.FAMILY if e.name in values})
+
+    def axes(self) -> StageModel | None:
+        """The axes, in measured tilt; None if only a part of them is known."""
+        if "servo_gain" not in self.values or "servo_lag" not in self.values:
+            return None
+        return StageModel(*(self._axis(axis) for axis in AXES))
+
+    def _axis(self, axis: str) -> StageAxis:
+        gain, lag = self.values["servo_gain"][axis], self.values["servo_lag"]
+        return StageAxis(
+            gain,
+            lag[f"{axis}_natural_frequency"],
+            lag[f"{axis}_damping"],
+            self.values.get("command_delay", {}).get("delay", 0.0),
+            backlash=self.values.get("backlash", {}).get(axis, 0.0),
+            deadband=self.values.get("deadband", {}).get(axis, 0.0),
+            coupling=self.values.get("axis_coupling", {}).get(COUPLINGS[axis], 0.0),
+        )
+
+
+def measured(stage: Stage, effect: Effect) -> tuple[dict[str, float], dict[str, float]]:
+    """Parameters of an effect of the stage as a record shows them, and their standard errors."""
+    values, stderr = {}, {}
+    axes = dict(zip(AXES, stage.axes, strict=True))
+    for name, place in effect.entry.items():
+        _, which, key = place.split(".")
+        chosen = list(axes.values()) if which == "*" else [axes[which]]
+        values[name] = sum(getattr(axis, key) for axis in chosen) / len(chosen)
+        stderr[name] = math.hypot(*(axis.stderr.get(key, math.inf) for axis in chosen)) / len(chosen)
+        if key == "backlash":
+            stderr[name] = math.hypot(stderr[name], PLAY_ERROR)
+        if key in ("backlash", "deadband", "coupling") and not values[name]:
+            stderr[name] = 0.0  # the fit looked for it and found none
+    return values, stderr
+
+
+def changed(stage: Stage, effect: Effect, known: Known) -> Entry | None:
+    """The effect as an entry of the document, if the record surely differs from what is known."""
+    values, stderr = measured(stage, effect)
+    if effect.name not in known.values and effect.name in ("servo_gain", "servo_lag"):
+        return None  # not declared
+    had = {name: p.default for name, p in effect.parameters.items()} | (known.values.get(effect.name) or {})
+    was = known.stderr.get(effect.name, {})
+    for name, p in effect.parameters.items():
+        error = was.get(name)
+        sigma = math.hypot(stderr[name], error if error is not None and math.isfinite(error) else 0.0)
+        if abs(values[name] - had[name]) > max(p.smallest, SURE * sigma):
+            return effect_entry(effect, values, stderr, had)
+    return None
+
+
+def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
+    """Effects of the stage that differ, without its gain."""
+    if stage is None:
+        return []
+    like = [effect for effect in LIKE if effect not in GEARS or _looser(stage, known)]
+    found = [made for effect in like if (made := changed(stage, effect, known)) is not None]
+    names = {effect.name for effect in GEARS}
+    gears = {made["name"]: _largest_change(made) for made in found if made["name"] in names}
+    return [made for made in found if gears.get(made["name"], math.inf) > ASIDE * max(gears.values(), default=0.0)]
+
+
+def _largest_change(effect: Entry) -> float:
+    return float(max(abs(value - effect["known_before"][key]) for key, value in values_of(effect).items()))
+
+
+def _looser(stage: Stage, known: Known) -> bool:
+    """Whether play and dead band together changed by more than their smallest size: a little of one looks like the
+    other."""
+    for axis, seen in zip(AXES, stage.axes, strict=True):
+        was = sum(known.values.get(effect.name, {}).get(axis, 0.0) for effect in GEARS)
+        if abs(seen.backlash + seen.deadband - was) > rig.backlash.parameters[axis].smallest:
+            return True
+    return False
+
+
+def changed_gain(stage: Stage | None, known: Known) -> tuple[Entry | None, Entry | None]:
+    """A changed gain of the stage as a servo's gain, and as a scale of the tilt sensor; None if nothing changed."""
+    servo = None if stage is None else changed(stage, rig.servo_gain, known)
+    if servo is None:
+        return None, None
+    had, scale = servo["known_before"], known.values.get("tilt_gain", dict.fromkeys(AXES, 1.0))
+    values = {axis: scale[axis] * (value / had[axis]) for axis, value in values_of(servo).items()}
+    errors = {axis: servo["parameters"][axis]["stderr"] / had[axis] * scale[axis] for axis in AXES}
+    return servo, effect_entry(rig.tilt_gain, values, errors, scale)

@@ -1,0 +1,233 @@
+"""Motion of the plate in a record: from the commands through the fitted stage, or from the measured tilt alone.
+
+The stage leaves no noise of the sensor. Without commands the measured tilt is smoothed, and a report says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numba import njit
+
+from mazeplan.core.records import Array
+from mazeplan.diagnosis.record import RingRecord
+from mazeplan.diagnosis.stage.backlash import fit_with_gears
+from mazeplan.learning.smoothing import Smoothing, derivatives
+from mazeplan.learning.stage_fit import StageFit
+from mazeplan.physics.dynamics.ring_parameters import stage_transition
+from mazeplan.physics.effects.rig import axis_coupling
+from mazeplan.physics.rig.stage import StageAxis, StageModel, passed_on, simulate_axis
+
+FINE = 6  # grid points a sample
+KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
+STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives; the first three relative, s, rad
+BLOCK_S, SURE = 1.0, 5.0  # s, within which residuals count as one; standard errors of a coupling
+SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
+HURRIED = 3.5e-3  # rad, of the residual of a stage that its commands overtax; sensors have a third of it
+FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # that one standard error may be, for the motion to be linear in it
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Motion of the plate on a fine grid.
+
+    t (M,): s; motion (M, 6): angle, rate and acceleration of beta, then of gamma; source: in words; by_stage:
+    derivative (M, 6) of the motion by each direction of the stage (`Stage.directions`)."""
+
+    t: Array
+    motion: Array
+    source: str
+    by_stage: dict[str, Array] = field(default_factory=dict)
+
+    def at(self, times: Array, parameter: str | None = None) -> Array:
+        """Motion (K, 6) at any times, or its derivative by a parameter, by cubic Hermite interpolation. It is constant
+        beyond the ends."""
+        out = np.empty((len(times), 6))
+        motion = self.motion if parameter is None else self.by_stage[parameter]
+        _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), np.ascontiguousarray(times), out)
+        return out
+
+
+@njit(cache=True, error_model="numpy")
+def _hermite(motion, start, h, times, out):
+    """Motion (M, 6) on a grid from `start` in steps h, at times (K,), into out (K, 6)."""
+    for k in range(len(times)):
+        at = min(max((times[k] - start) / h, 0.0), len(motion) - 1.000001)
+        i = int(at)
+        s = at - i
+        w0, d0 = (1.0 + 2.0 * s) * (1.0 - s) * (1.0 - s), s * (1.0 - s) * (1.0 - s) * h
+        w1, d1 = s * s * (3.0 - 2.0 * s), s * s * (s - 1.0) * h
+        for axis in range(0, 6, 3):
+            for c in range(axis, axis + 2):  # value, and slope from the next column
+                a, b = motion[i], motion[i + 1]
+                out[k, c] = w0 * a[c] + d0 * a[c + 1] + w1 * b[c] + d1 * b[c + 1]
+            out[k, axis + 2] = motion[i, axis + 2] + s * (motion[i + 1, axis + 2] - motion[i, axis + 2])
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Both axes as fitted, and what the tilt sensor leaves open of them.
+
+    directions: by name an axis (0, 1), and a change of its KEYS by one standard error along a principal direction of
+    their covariance. Directions are independent. Parameters are not: a faster axis that starts later moves nearly
+    alike."""
+
+    beta: StageFit
+    gamma: StageFit
+    directions: dict[str, tuple[int, Array]]
+
+    @property
+    def hurried(self) -> bool:
+        """Whether commands overtax the servos: no linear lag describes them then, and the tilt sensor knows the plate
+        better than the commands."""
+        return max(self.beta.rms, self.gamma.rms) > HURRIED
+
+    @property
+    def axes(self) -> tuple[StageAxis, StageAxis]:
+        """The fitted axes."""
+        return self.beta.axis, self.gamma.axis
+
+    def offsets_on(self, known: StageModel) -> StageModel:
+        """Another stage with the offsets of this record's tilt sensor."""
+        pairs = zip((known.beta, known.gamma), self.axes, strict=True)
+        return StageModel(*(replace(axis, offset=found.offset) for axis, found in pairs))
+
+
+def fit_stage(record: RingRecord, rows: np.ndarray) -> Stage | None:
+    """The stage by some rows; None without commands, or with commands that never move."""
+    if record.u is None:
+        return None
+    angles, u = (record.beta, record.gamma), record.u.T
+    try:
+        alone = [fit_with_gears(u[i], angles[i], record.dt, record.first & rows, rows) for i in (0, 1)]
+    except ValueError:
+        return None
+    fits = [_with_coupling(alone[i], u[i], u[1 - i], angles[i], record, rows) for i in (0, 1)]
+    directions = {}
+    for i, (name, found) in enumerate(zip(("beta", "gamma"), fits, strict=True)):
+        for j, change in enumerate(_directions(passed_on(record.u[:, i], found.axis)[rows], found, record.dt)):
+            directions[f"{name}_{j + 1}"] = (i, change)
+    return Stage(fits[0], fits[1], directions)
+
+
+def _with_coupling(
+    found: StageFit, own: Array, other: Array, angle: Array, record: RingRecord, rows: np.ndarray
+) -> StageFit:
+    """The fit with the share of the other axis's command that this axis follows, if there surely is one."""
+    axis = found.axis
+    follows = simulate_axis(replace(axis, gain=1.0, offset=0.0), passed_on(other, axis), record.dt)
+    left = angle - simulate_axis(axis, passed_on(own, axis), record.dt)
+    A = np.column_stack([follows, simulate_axis(axis, passed_on(own, axis), record.dt), np.ones(len(own))])[rows]
+    w, *_ = np.linalg.lstsq(A, left[rows], rcond=None)
+    e = left[rows] - A @ w
+    inverse = np.linalg.inv(A.T @ A)
+    block = np.arange(len(e)) // max(round(BLOCK_S / record.dt), 1)
+    scores = np.stack([np.bincount(block, weights=column * e) for column in A.T], axis=1)
+    sigma = float(np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0])) / axis.gain  # neighbours are alike
+    share = float(w[0]) / axis.gain
+    if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too little to move the other numbers
+        return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
+    # what the other axis does looks like play
+    again = fit_with_gears(own, angle - axis.gain * share * follows, record.dt, record.first & rows, rows)
+    stderr = {**again.axis.stderr, "coupling": sigma}
+    return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
+
+
+def _changed(axis: StageAxis, change: Array) -> tuple[StageAxis, float]:
+    """The axis with a change of its KEYS, and the sign of the change: -1 if the dead time would be negative."""
+    sign = -1.0 if axis.dead_time + change[3] < 0.0 else 1.0
+    relative = {k: getattr(axis, k) * (1.0 + sign * c) for k, c in zip(KEYS[:3], change[:3], strict=True)}
+    late, off = max(axis.dead_time + sign * change[3], 0.0), axis.offset + sign * change[4]
+    return replace(axis, **relative, dead_time=late, offset=off), sign
+
+
+def _directions(u: Array, found: StageFit, dt: float) -> Array:
+    """Principal directions (5, 5) of the covariance of an axis's parameters, each one standard error long."""
+    axis = found.axis
+    base = _shifted(u, axis, dt)[::FINE, 0]
+    columns = []
+    for i, step in enumerate(STEPS):
+        moved, sign = _changed(axis, step * np.eye(5)[i])
+        columns.append(sign * (_shifted(u, moved, dt)[::FINE, 0] - base) / step)
+    J = np.column_stack(columns)
+    scale = np.linalg.norm(J, axis=0)
+    _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
+    root = (
+        found.rms * (turn.T / np.maximum(sizes, 1e-9 * sizes[0])).T / scale
+    )  # rows: covariance = sum of their squares
+    return root / np.maximum(np.max(np.abs(root) / FURTHEST, axis=1, keepdims=True), 1.0)
+
+
+def plate_motion(record: RingRecord, stage: Stage | None) -> Tilt:
+    """Motion of the plate in a record by a stage, with derivatives by its directions; by the sensor without a stage."""
+    if record.u is None or stage is None:
+        return from_sensor(record)
+    axes = stage.axes
+    u = mixed(record.u, StageModel(*axes))
+    base, by_stage = from_commands(record.t, *u, *axes), {}
+    for name, (i, change) in stage.directions.items():
+        moved, sign = _changed(axes[i], change)
+        there = from_commands(record.t, *u, *((moved, axes[1]) if i == 0 else (axes[0], moved)))
+        by_stage[name] = sign * (there.motion - base.motion)
+    return replace(base, by_stage=by_stage)
+
+
+def mixed(u: Array, stage: StageModel) -> tuple[Array, Array]:
+    """The part of commands u (N, 2) that reaches each axis, behind play and dead band."""
+    beta, gamma = passed_on(u[:, 0], stage.beta), passed_on(u[:, 1], stage.gamma)
+    return beta + stage.beta.coupling * gamma, gamma + stage.gamma.coupling * beta
+
+
+def commanded(record: RingRecord, stage: StageModel) -> Tilt | None:
+    """How the plate moves under the commands of a record by a stage; None without commands."""
+    if record.u is None:
+        return None
+    return from_commands(record.t, *mixed(record.u, stage), stage.beta, stage.gamma)
+
+
+@njit(cache=True, error_model="numpy")
+def _march(target, M, stiffness, damping, start, out):
+    """Angle, rate, acceleration (M, 3) of a second-order axis whose target is held over each step."""
+    angle, rate = start, 0.0
+    for i in range(len(target)):
+        rest = target[i]
+        out[i, 0], out[i, 1], out[i, 2] = angle, rate, stiffness * (rest - angle) - damping * rate
+        gap = angle - rest
+        angle, rate = rest + M[0, 0] * gap + M[0, 1] * rate, M[1, 0] * gap + M[1, 1] * rate
+
+
+def simulated(u: Array, axis: StageAxis, dt: float) -> Array:
+    """Angle, rate, acceleration (N FINE, 3) of an axis under commands u (N,), from rest at the first one's target."""
+    target = np.repeat(axis.gain * u + axis.offset, FINE)
+    out, wn = np.empty((len(target), 3)), axis.natural_frequency
+    M = stage_transition(wn, axis.damping, dt / FINE)
+    _march(target, M, wn * wn, 2.0 * axis.damping * wn, target[0], out)
+    return out
+
+
+def _shifted(u: Array, axis: StageAxis, dt: float) -> Array:
+    """As `simulated`, with the dead time."""
+    motion = simulated(u, axis, dt)
+    grid = dt / FINE * np.arange(len(motion))
+    return np.column_stack([np.interp(grid - axis.dead_time, grid, column) for column in motion.T])
+
+
+def from_commands(t: Array, u_beta: Array, u_gamma: Array, beta: StageAxis, gamma: StageAxis) -> Tilt:
+    """Motion by commands (N,) that reach each axis; the dead time of an axis moves its grid."""
+    dt = float(np.median(np.diff(t)))
+    grid = t[0] + dt / FINE * np.arange(len(t) * FINE)
+    parts = [_shifted(u, axis, dt) for u, axis in ((u_beta, beta), (u_gamma, gamma))]
+    return Tilt(grid, np.hstack(parts), "commands, through the fitted stage")
+
+
+def from_sensor(record: RingRecord) -> Tilt:
+    """Motion by the measured tilt, smoothed."""
+    dt, parts = float(np.median(np.diff(record.t))), []
+    for angle in (record.beta, record.gamma):
+        smooth = derivatives(angle, dt, Smoothing("rts"), segment=record.segment)
+        parts += [smooth.value, smooth.rate, smooth.acceleration]
+    motion = np.nan_to_num(np.column_stack(parts))
+    grid = record.t[0] + dt / FINE * np.arange(len(record.t) * FINE)
+    coarse = Tilt(record.t[0] + dt * np.arange(len(record.t)), motion, "")
+    return Tilt(grid, coarse.at(grid), "the tilt sensor, smoothed")

@@ -1,1 +1,0 @@
-"""From late and noisy samples to the state at the moment when the next command acts."""

@@ -1,0 +1,1 @@
+"""Models of ball and stage from logs: samples, fits, Gaussian processes, model files, comparison."""

@@ -1,0 +1,83 @@
+"""Delay of the camera, by prediction: the delay whose history of the tilt explains best the later position of the ball.
+
+The ball starts in short stretches of a log, with a position and velocity smoothed over START samples. The planar model,
+walls and openings included, predicts it under the tilt measured `delay` earlier. A wrong delay makes the ball turn too
+early or too late. The true delay minimises the error after AHEAD samples, capped at CAP so that impacts do not decide.
+A parabola through the best points of a grid refines it; a bootstrap over blocks of the record gives its standard error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mazeplan.core.logs.table import Table
+from mazeplan.core.records import Array, IntArray
+from mazeplan.learning.smoothing import smoothed
+from mazeplan.physics.dynamics.planar import PlanarModel, predict_given_tilt
+
+GRID = np.arange(0.0, 0.1751, 1.0 / 120.0)  # s
+START = 7  # samples that give position and velocity at their middle
+AHEAD = 8  # samples from there; 0.27 s at 30 Hz
+CAP = 3e-3  # m
+HISTORY = 8  # samples of tilt before a start: more than the longest delay of the grid
+RESAMPLES = 200
+
+
+def usable_starts(table: Table, starts: IntArray) -> IntArray:
+    """Those first samples from which START and AHEAD samples follow without a gap."""
+    seen, segment = np.isfinite(table["x"]), table.segment
+    need = START // 2 + AHEAD
+    starts = starts[(starts >= HISTORY) & (starts + START + AHEAD + HISTORY < len(table))]
+    whole = np.lib.stride_tricks.sliding_window_view(seen, need + START // 2 + 1)[starts].all(axis=1)
+    return starts[whole & (segment[starts - HISTORY] == segment[starts + START + AHEAD + HISTORY])]
+
+
+def prediction_errors(table: Table, starts: IntArray, model: PlanarModel, delay: float, dt: float) -> Array:
+    """Distance (K,) between prediction and measurement after AHEAD samples, m."""
+    grid = np.arange(len(table)) * dt
+    tilts = np.ascontiguousarray(np.stack([smoothed(table[axis], 5) for axis in ("beta", "gamma")], axis=1))
+    tau = (np.arange(START) - START // 2) * dt
+    smoother = np.linalg.pinv(np.stack([np.ones(START), tau, tau**2], axis=1))[:2]  # position and velocity at tau = 0
+    rows = starts[:, None] + np.arange(START)
+    x, y = table["x"][rows] @ smoother.T, table["y"][rows] @ smoother.T
+    errors = np.empty(len(starts))
+    for i, start in enumerate(starts):
+        k = int(start) + START // 2
+        z = np.array([x[i, 0], y[i, 0], x[i, 1], y[i, 1], 0.0, 0.0, 0.0, 0.0])
+        window = slice(k - HISTORY, k + AHEAD + 2)
+        predict_given_tilt(
+            z, grid[k] - delay, grid[k + AHEAD] - delay, grid[window], tilts[window],
+            model.scalars, model.rings, model.walls, model.gaps,
+        )  # fmt: skip
+        errors[i] = np.hypot(z[0] - table["x"][k + AHEAD], z[1] - table["y"][k + AHEAD])
+    return errors
+
+
+def best_delay(
+    table: Table, starts: IntArray, blocks: IntArray, model_at: Callable[[float], PlanarModel], dt: float, seed: int = 0
+) -> tuple[float, float]:
+    """Delay and its standard error, s. model_at(delay): the planar model fitted with this delay; blocks (K,): block of
+    each start."""
+    losses = np.array(
+        [np.minimum(prediction_errors(table, starts, model_at(float(d)), float(d), dt), CAP) for d in GRID]
+    )
+    names, at = np.unique(blocks, return_inverse=True)
+    sums = np.stack([np.bincount(at, weights=row, minlength=len(names)) for row in losses])
+    counts = np.bincount(at, minlength=len(names)).astype(float)
+    rng = np.random.default_rng(seed)
+    draws = [rng.integers(0, len(names), len(names)) for _ in range(RESAMPLES)]
+    again = [vertex(GRID, sums[:, d].sum(axis=1) / counts[d].sum()) for d in draws]
+    return vertex(GRID, losses.mean(axis=1)), float(np.std(again))
+
+
+def vertex(grid: Sequence[float] | Array, values: Array) -> float:
+    """Place of the minimum: the vertex of a parabola around the smallest value, within two points on either side."""
+    grid = np.asarray(grid)
+    i = int(np.argmin(values))
+    near = slice(max(i - 2, 0), min(i + 3, len(grid)))
+    curvature, slope, _ = np.polyfit(grid[near] - grid[i], values[near], 2)
+    if curvature <= 0.0:
+        return float(grid[i])
+    return float(np.clip(grid[i] - slope / (2.0 * curvature), grid[near][0], grid[near][-1]))

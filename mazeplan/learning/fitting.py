@@ -1,0 +1,191 @@
+"""Fit any kind of ball model to the samples of a ring; with heavy-tailed noise if asked for.
+
+Heavy tails: Student's t noise in place of normal noise.
+
+    y_i = f(x_i) + e_i,  e_i = s t_i,  t with nu degrees of freedom: normal of variance s^2 / lambda_i, lambda_i random
+    z_i = (y_i - f_i) / spread,        f_i without row i and its neighbours; nu and spread by maximum likelihood
+    s_i^2 = s^2 (nu + z_i^2) / (nu + 1)
+
+A ball at the edge of an opening is thrown back or not; no input of a model decides it. The mean of both is best for
+squared errors. A roll-out, scored by absolute errors, needs the typical acceleration: a few impacts must not bend the
+mean of all states around. s_i^2 is one step of expectation maximisation (Lange, Little, Taylor, "Robust Statistical
+Modeling Using the t Distribution", JASA 84, 1989); on measured data a second step changed nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import stats
+
+from mazeplan.core.errors import InputError
+from mazeplan.core.progress import Advance, Words, no_advance, no_words
+from mazeplan.core.records import Array, IntArray
+from mazeplan.learning.ball_models import AccelerationModel, ForestBall, GaussianBall, LinearBall, PhysicsBall
+from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs
+from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
+from mazeplan.learning.gp_training import Training, TrainingOptions, train
+from mazeplan.learning.linear import fit_linear
+from mazeplan.learning.samples import RingSamples
+from mazeplan.learning.split import uniform_downsample
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
+
+KINDS = ("rf", "p", "pi", "np", "sp")
+MOST = 5000  # training rows of a process
+TREES, LEAF = 100, 5  # of the forest; samples in a leaf: a forest with fewer learns the noise
+FEW = 1000  # rows of the process whose residuals are examined
+LAGS, SHORT = 30, 0.1  # rows, and share of the power below which residuals count as uncorrelated
+FREEDOM = (1.0, 30.0)  # bounds of nu; measured rings have 2 to 3, simulated ones 5 to 7
+FOLDS, BLOCK = 4, 10  # parts of the rows; rows of a block: smoothing spreads an impact over its neighbours
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Settings of a fit.
+
+    most: training rows of a process, evenly spread; inputs: state (for a planner) or local (the best predictor);
+    heavy_tails: fit the robust model, too; training: of the hyperparameters; seed: of forest and starts."""
+
+    most: int = MOST
+    inputs: str = "state"
+    heavy_tails: bool = False
+    training: TrainingOptions = field(default_factory=TrainingOptions)
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fitted model; training: of its hyperparameters, for a process; robust: the model with heavy tails."""
+
+    model: AccelerationModel
+    training: Training | None = None
+    robust: AccelerationModel | None = None
+
+    @property
+    def typical(self) -> AccelerationModel:
+        """The model for absolute errors: the robust one if it was fitted."""
+        return self.model if self.robust is None else self.robust
+
+
+def fit_kind(
+    kind: str,
+    samples: RingSamples,
+    rows: IntArray,
+    options: FitOptions | None = None,
+    *,
+    progress: Words = no_words,
+    advance: Advance = no_advance,
+) -> Fitted:
+    """Fit a kind of model to the training rows (indices into the samples). Raises InputError for an unknown kind."""
+    options = options or FitOptions()
+    k, target = samples.at(rows), samples.theta_ddot[rows]
+    if kind == "p":
+        return Fitted(PhysicsBall(BallModel((rolling_inertia(1.0),))))
+    if kind == "pi":
+        return Fitted(LinearBall(fit_linear(FEATURES["paper"](k), target)))
+    if kind == "rf":
+        return Fitted(ForestBall(fit_forest(inputs(k), target, options.seed)))
+    if kind in ("np", "sp"):
+        features = "" if kind == "np" else "effects" if options.inputs == "state" else "wall"
+        rest = target - kinematic_terms(k)
+        process, training = fit_process(k, rest, features, options, progress, advance=advance)
+        model, robust = GaussianBall(process, features, options.inputs), None
+        if options.heavy_tails:
+            robust = replace(model, process=typical(process, rest[uniform_downsample(len(rest), options.most)]))
+        return Fitted(model, training, robust)
+    raise InputError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
+
+
+def fit_forest(x: Array, target: Array, seed: int) -> object:
+    """scikit-learn's random forest."""
+    from sklearn.ensemble import RandomForestRegressor
+
+    forest = RandomForestRegressor(TREES, min_samples_leaf=LEAF, max_features=0.5, random_state=seed, n_jobs=1)
+    return forest.fit(x, target)
+
+
+def fit_process(
+    k: RingKinematics,
+    target: Array,
+    features: str,
+    options: FitOptions,
+    progress: Words = no_words,
+    *,
+    odd: Array | None = None,
+    advance: Advance = no_advance,
+) -> tuple[GaussianProcess, Training]:
+    """Train and condition a process on at most `options.most` rows of targets (N,) in states k.
+
+    odd (N, E): further inputs of all terms, behind those of the state, that change their sign in a mirror."""
+    picked = uniform_downsample(len(target), options.most)
+    x, terms = INPUT_SETS[options.inputs](k)[picked], TERMS[options.inputs]
+    if odd is not None:
+        new = tuple(range(x.shape[1], x.shape[1] + odd.shape[1]))
+        x = np.hstack([x, odd[picked]])
+        terms = tuple((columns + new, flip + (-1.0,) * len(new) if flip else flip) for columns, flip in terms)
+    phi, y = FEATURES[features](k)[picked] if features else np.zeros((len(picked), 0)), target[picked]
+    chosen = replace(options.training, seed=options.seed, terms=terms)
+    training = train(x, phi, y, chosen, progress=progress, advance=advance)
+    progress(f"conditioning on {len(picked)} rows")
+    return GaussianProcess.condition(honest_noise(training, x, phi, y), x, phi, y), training
+
+
+def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyperparameters:
+    """The hyperparameters with a noise that counts the correlation of neighbouring residuals.
+
+    Smoothing spreads noise and impacts over neighbouring rows. Independent noise would count each of them once a row.
+    The residuals are those of a process on at most FEW of the rows."""
+    own = uniform_downsample(len(target), min(FEW, len(target) // 3))
+    process = GaussianProcess.condition(training.hyper, x[own], phi[own], target[own])
+    left = target - process.mean(x, phi)
+    left[own] = np.nan
+    return replace(training.hyper, noise=training.hyper.noise * math.sqrt(repetition(left)))
+
+
+def repetition(left: Array) -> float:
+    """How many residuals (..., N) repeat one independent residual, by their autocorrelation; at least 1.
+
+    NaN: unknown."""
+    power, repeats = float(np.nanmean(left**2)) if left.size else 0.0, 1.0
+    for lag in range(1, LAGS):
+        share = float(np.nanmean(left[..., lag:] * left[..., :-lag])) / power if power > 0.0 else 0.0
+        if not share > SHORT:
+            break
+        repeats += 2.0 * share
+    return repeats
+
+
+def typical(process: GaussianProcess, y: Array) -> GaussianProcess:
+    """The process conditioned anew with heavy tails on its values y (N,), in order of time; only its mean."""
+    noise = row_noise(process.hyper, process.inputs, process.features, y)
+    robust = GaussianProcess.condition(process.hyper, process.inputs, process.features, y, noise)
+    return replace(robust, factor=np.zeros((0, 0)))  # it would take as much memory as the rest of a comparison
+
+
+def row_noise(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
+    """Standard deviation (N,) of the noise of each row, in units of y, for inputs x (N, D), features phi (N, M) and
+    values y (N,), in order of time; M may be 0."""
+    left = cross_residuals(hyper, x, phi, y)
+    if not np.any(left):  # an exact fit has no tails
+        return np.full(len(y), hyper.noise)
+    found, _, spread = stats.t.fit(left, floc=0.0)
+    nu = float(np.clip(found, *FREEDOM))
+    return hyper.noise * np.sqrt((nu + (left / spread) ** 2) / (nu + 1.0))
+
+
+def cross_residuals(hyper: Hyperparameters, x: Array, phi: Array, y: Array) -> Array:
+    """Residual (N,) of each row, in units of y, of a process on at most FEW rows of other blocks."""
+    n = len(y)
+    fold = np.arange(n) // max(1, min(BLOCK, n // FOLDS)) % FOLDS
+    left = y.copy()
+    for own in range(FOLDS):
+        mine, others = np.flatnonzero(fold == own), np.flatnonzero(fold != own)
+        if len(mine) and len(others):
+            some = others[uniform_downsample(len(others), FEW)]
+            process = GaussianProcess.condition(hyper, x[some], phi[some], y[some])
+            left[mine] -= process.mean(x[mine], phi[mine])
+    return left

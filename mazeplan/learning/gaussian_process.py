@@ -1,0 +1,209 @@
+"""Exact Gaussian-process regression by Cholesky: mean and variance.
+
+    y = phi(x) w + g(x) + e,   w ~ N(0, S) with S diagonal,   g ~ GP(0, k),   e ~ N(0, s^2), or one s for each row
+    k(x, x') = sum of a^2 c(r),    r^2 = sum_d ((x_d - x'_d) / l_d)^2 over the columns of a term
+    c(r) = exp(-r^2 / 2)      rbf: smooth
+    c(r) = exp(-r)            exponential: continuous but rough, like forces at the edges of openings
+
+Given y, with C = K + s^2 I:
+
+    E[w] = S Phi' (C + Phi S Phi')^-1 y,   E[g(x)] = k(x, X) alpha,   alpha = C^-1 (y - Phi E[w])
+
+Rasmussen, Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.2 and 2.7. `gp_training` finds the
+hyperparameters; `fast_gp` is the compiled predictor for control.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numba import njit
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from mazeplan.core.errors import ModelError
+from mazeplan.core.maths.exponential import exp_below
+from mazeplan.core.records import Array
+
+FAMILIES = ("rbf", "exponential")
+BATCH = 512  # rows predicted at a time, to limit the memory
+JITTER = 1e-10  # of amplitude^2, added to the diagonal against rounding
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def squares(x, z, i, count, out):
+    """|x_i - z_j|^2 of scaled columns x (C, N), z (C, K) for the first `count` j."""
+    out[:count] = 0.0
+    for d in range(len(x)):
+        row, here = z[d], x[d, i]
+        for j in range(count):
+            gap = here - row[j]
+            out[j] += gap * gap
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def add(x, z, scale, rbf, lower, C):
+    """Add scale c(r) to C (N, K), or to its lower triangle; row by row, so that no second matrix is needed."""
+    gaps = np.empty(C.shape[1])
+    for i in range(len(C)):
+        count = i + 1 if lower else C.shape[1]
+        squares(x, z, i, count, gaps)
+        row = C[i]
+        if rbf:
+            for j in range(count):
+                row[j] += scale * exp_below(max(-0.5 * gaps[j], -700.0))
+        else:
+            for j in range(count):
+                row[j] += scale * exp_below(max(-math.sqrt(gaps[j]), -700.0))
+
+
+@dataclass(frozen=True)
+class KernelTerm:
+    """One term of the kernel.
+
+    columns: the inputs it depends on; lengthscales (C,): in their units; amplitude: in units of y; flip (C,) of 1 and
+    -1: makes the term odd under this reflection, a^2 (c(x, x') - c(x, F x')); empty for an ordinary term."""
+
+    columns: tuple[int, ...]
+    lengthscales: Array
+    amplitude: float
+    flip: tuple[float, ...] = ()
+
+    def told_as(self) -> tuple[str, dict[str, Any]]:
+        """Name and fields for `maths.fingerprint`. Logs hold fingerprints under the earlier name of this class."""
+        return "Term", {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def scaled(self, a: Array, b: Array) -> tuple[Array, list[tuple[float, Array]]]:
+        """Scaled columns (C, N) of a (N, D); and for b (K, D) pairs of a sign and scaled columns (C, K)."""
+        x, z = (np.ascontiguousarray((rows[:, self.columns] / self.lengthscales).T) for rows in (a, b))
+        return x, [(1.0, z), *([(-1.0, z * np.array(self.flip)[:, None])] if self.flip else [])]
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Hyperparameters of a Gaussian process. Raises ModelError for numbers that are not positive and finite.
+
+    terms: of the kernel; noise: s, units of y; weight_sigma (M,): square roots of S; family: of all terms."""
+
+    terms: tuple[KernelTerm, ...]
+    noise: float
+    weight_sigma: Array
+    family: str = "rbf"
+
+    def __post_init__(self) -> None:
+        scales = [("lengthscales", np.concatenate([term.lengthscales for term in self.terms]))]
+        scales += [("amplitude", np.array([term.amplitude for term in self.terms])), ("noise", np.array([self.noise]))]
+        for name, values in (*scales, ("weight_sigma", np.asarray(self.weight_sigma))):
+            least = 0.0 if name == "weight_sigma" else np.nextafter(0.0, 1.0)
+            if not (np.isfinite(values).all() and (values >= least).all()):
+                raise ModelError("got a number that is not finite and positive", key=name)
+        if self.family not in FAMILIES:
+            raise ModelError(f"got {self.family!r}, expected one of {', '.join(FAMILIES)}", key="family")
+
+    @property
+    def only(self) -> KernelTerm:
+        """The single ordinary term. Raises ModelError for any other kernel."""
+        if len(self.terms) != 1 or self.terms[0].flip:
+            raise ModelError(f"got {len(self.terms)} terms, expected a plain kernel", key="kernel")
+        return self.terms[0]
+
+
+def kernel(a: Array, b: Array, h: Hyperparameters) -> Array:
+    """k between inputs (N, D) and (K, D): (N, K)."""
+    total = np.zeros((len(a), len(b)))
+    _add_terms(a, b, h, False, total)
+    return total
+
+
+def _add_terms(a: Array, b: Array, h: Hyperparameters, lower: bool, C: Array) -> None:
+    for term in h.terms:
+        x, others = term.scaled(a, b)
+        for sign, z in others:
+            add(x, z, sign * term.amplitude**2, h.family == "rbf", lower, C)
+
+
+def prior_variance(inputs: Array, h: Hyperparameters) -> Array:
+    """k(x, x) (N,)."""
+    out = np.full(len(inputs), sum(term.amplitude**2 for term in h.terms))
+    for term in h.terms:
+        if term.flip:
+            x = inputs[:, term.columns] / term.lengthscales
+            gap = np.sum((x * (1.0 - np.array(term.flip))) ** 2, axis=1)
+            out -= term.amplitude**2 * np.exp(-0.5 * gap if h.family == "rbf" else -np.sqrt(gap))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianProcess:
+    """A conditioned Gaussian process.
+
+    inputs (N, D), features (N, M): training rows; alpha (N,); weights (M,) and their covariance (M, M); factor (N, N):
+    lower Cholesky factor of C + Phi S Phi', empty if only the mean is available."""
+
+    hyper: Hyperparameters
+    inputs: Array
+    features: Array
+    alpha: Array
+    weights: Array
+    covariance: Array
+    factor: Array
+
+    def __len__(self) -> int:
+        return len(self.alpha)
+
+    @classmethod
+    def mean_only(cls, hyper: Hyperparameters, inputs: Array, alpha: Array) -> GaussianProcess:
+        """A process of which only the mean is available, without features."""
+        none = np.zeros((0, 0))
+        return cls(hyper, inputs, np.zeros((len(alpha), 0)), alpha, np.zeros(0), none, none)
+
+    @classmethod
+    def condition(
+        cls, hyper: Hyperparameters, inputs: Array, features: Array, y: Array, noise: Array | None = None
+    ) -> GaussianProcess:
+        """Condition on y (N,) at inputs (N, D) with features (N, M); M may be 0.
+
+        noise (N,): standard deviation of each row; default: that of the hyperparameters. Raises ModelError if the
+        covariance is not positive definite."""
+        n, S = len(y), hyper.weight_sigma**2
+        if not (len(inputs) == len(features) == n and features.shape[1] == len(S)):
+            raise ModelError(f"got {len(inputs)} inputs, {len(features)} x {features.shape[1]} features for {n} values")
+        C = (features * S) @ features.T  # only its lower triangle counts
+        _add_terms(inputs, inputs, hyper, True, C)
+        deviation, most = hyper.noise if noise is None else noise, max(term.amplitude for term in hyper.terms)
+        C[np.diag_indices(n)] += deviation**2 + JITTER * most**2
+        try:  # C.T is in LAPACK's order, so no copy is made
+            factor = cholesky(C.T, lower=False, overwrite_a=True)
+        except np.linalg.LinAlgError:
+            raise ModelError("the covariance of the training rows is not positive definite") from None
+        back = S[:, None] * features.T
+        gain = cho_solve((factor, False), back.T)  # (N, M)
+        weights = gain.T @ y
+        covariance = np.diag(S) - back @ gain
+        alpha = cho_solve((factor, False), y)  # = C^-1 (y - Phi w), by the matrix inversion lemma
+        return cls(hyper, inputs, features, alpha, weights, covariance, factor.T)
+
+    def mean(self, inputs: Array, features: Array | None = None) -> Array:
+        """E[f] (N,) at inputs (N, D); E[g] if no features are given."""
+        out = np.concatenate([kernel(part, self.inputs, self.hyper) @ self.alpha for part in _parts(inputs)])
+        return out if features is None else out + features @ self.weights
+
+    def variance(self, inputs: Array, features: Array | None = None) -> Array:
+        """Variance of f (N,), without the noise of a sample. Raises ModelError for a process without its factor."""
+        if not self.factor.size:
+            raise ModelError("this process was loaded for its mean alone")
+        S, out = self.hyper.weight_sigma**2, []
+        wide = np.zeros((len(inputs), len(S))) if features is None else features
+        for part, phi in zip(_parts(inputs), _parts(wide), strict=True):
+            cross = kernel(part, self.inputs, self.hyper) + (phi * S) @ self.features.T
+            half = solve_triangular(self.factor, cross.T, lower=True)
+            prior = prior_variance(part, self.hyper) + np.sum(phi**2 * S, axis=1)
+            out.append(prior - np.sum(half**2, axis=0))
+        return np.maximum(np.concatenate(out), 0.0)
+
+
+def _parts(rows: Array) -> list[Array]:
+    """Batches of rows; one empty batch for no rows."""
+    return [rows[i : i + BATCH] for i in range(0, len(rows), BATCH)] or [rows]

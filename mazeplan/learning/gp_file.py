@@ -1,0 +1,144 @@
+"""Arrays of a Gaussian process beside a model file: ringN.npz, read without pickle and checked before use.
+
+model.yaml repeats the hyperparameters for people. The arrays belong to exactly these numbers: a file with numbers
+changed by hand is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.errors import ModelError
+from mazeplan.learning.features import INPUTS
+from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
+
+UNITS = {"theta_dot": "rad/s", "beta_dot": "rad/s", "gamma_dot": "rad/s"}  # sin and cos: 1
+MOST_ROWS = 20_000
+MOST_BYTES = 64 << 20
+MOST_NAME = 100  # bytes of the name of a kernel
+DIGITS = 6  # of the hyperparameters in the YAML
+NAMES = ("inputs", "alpha", "lengthscales", "amplitude", "noise", "family")
+
+
+def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str, Any]:
+    """Write ringN.npz into the folder; its entry for model.yaml.
+
+    Inputs are stored in single precision, see `rounded`."""
+    h, only, path = process.hyper, process.hyper.only, folder / f"ring{ring}.npz"
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        inputs=process.inputs.astype(np.float32),
+        alpha=process.alpha,
+        columns=np.array(only.columns, dtype=np.int64),
+        lengthscales=np.asarray(only.lengthscales, dtype=np.float64),
+        amplitude=np.array(only.amplitude),
+        noise=np.array(h.noise),
+        family=np.array(h.family),
+    )
+    path.write_bytes(stream.getvalue())
+    return {"file": path.name, "sha256": hashlib.sha256(stream.getvalue()).hexdigest(), **_summary(process)}
+
+
+def rounded(inputs: np.ndarray) -> np.ndarray:
+    """Inputs rounded to single precision. Condition on these: the file then loses nothing."""
+    return inputs.astype(np.float32).astype(np.float64)
+
+
+def _summary(process: GaussianProcess) -> dict[str, Any]:
+    """The hyperparameters, rounded, for model.yaml."""
+    h, only = process.hyper, process.hyper.only
+
+    def short(value: float) -> float:
+        return float(f"{value:.{DIGITS}g}")
+
+    return {
+        "rows": len(process),
+        "kernel": h.family,
+        "amplitude": {"value": short(only.amplitude), "unit": "rad/s^2"},
+        "noise": {"value": short(h.noise), "unit": "rad/s^2"},
+        "lengthscales": {
+            INPUTS[column]: {"value": short(float(scale)), "unit": UNITS.get(INPUTS[column], "1")}
+            for column, scale in zip(only.columns, only.lengthscales, strict=True)
+        },
+    }
+
+
+def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
+    """The process of an entry of model.yaml. Raises ValueError."""
+    name = str(entry["file"])
+    path = folder / name
+    if Path(name).name != name or path.suffix != ".npz":
+        raise ValueError(f"file: got {name!r}, expected the name of an .npz file beside model.yaml")
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise ValueError(f"{name} is larger than {MOST_BYTES} bytes")
+        content = path.read_bytes()
+    except OSError as problem:
+        raise ValueError(f"{name} cannot be read: {problem.strerror}") from None
+    if hashlib.sha256(content).hexdigest() != entry["sha256"]:
+        raise ValueError(f"{name} is not the file that this model was saved with (its sha256 differs)")
+    process = _process(content, name)
+    known = _summary(process)
+    for key, value in entry.items():
+        if key not in ("file", "sha256") and not _same(value, known.get(key)):
+            raise ValueError(f"{key}: changed by hand; the arrays belong to other numbers, learn the process anew")
+    return process
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two entries are equal up to the rounding of numbers."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        return math.isclose(a, b, rel_tol=10.0 ** (1 - DIGITS))
+    return a == b
+
+
+def arrays_of(content: bytes, most: int) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file of at most `most` bytes, without pickle. Raises ValueError."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > most:
+                raise ValueError(f"it unpacks to more than {most} bytes")
+        with np.load(io.BytesIO(content), allow_pickle=False) as held:
+            return {name: held[name] for name in held.files}
+    except Exception as problem:  # zipfile, zlib and numpy raise a dozen kinds for a damaged or malicious file
+        raise ValueError(" ".join(str(problem).split())) from None
+
+
+def _process(content: bytes, name: str) -> GaussianProcess:
+    try:
+        held = {"columns": np.arange(len(INPUTS)), **arrays_of(content, MOST_BYTES)}  # old files have no columns
+        missing = [key for key in NAMES if key not in held]
+        if missing:
+            raise ValueError(f"it lacks {', '.join(missing)}")
+    except ValueError as problem:
+        raise ValueError(f"{name} is no such file of arrays: {problem}") from None
+    inputs, alpha = held["inputs"], held["alpha"]
+    rows = len(alpha) if alpha.ndim == 1 else 0
+    good = inputs.shape == (rows, len(INPUTS)) and 0 < rows <= MOST_ROWS
+    good &= inputs.dtype == np.float32 and alpha.dtype == np.float64
+    if not good or not (np.isfinite(inputs).all() and np.isfinite(alpha).all()):
+        raise ValueError(f"{name}: got inputs {inputs.shape}, alpha {alpha.shape}, expected (N, 9) and (N,), finite")
+    columns = tuple(held["columns"].tolist()) if held["columns"].dtype == np.int64 else ()
+    if not columns or columns != tuple(sorted(set(columns) & set(range(len(INPUTS))))):
+        raise ValueError(f"{name}: got columns {columns}, expected some of 0 to {len(INPUTS) - 1}, growing")
+    shapes = {"lengthscales": (len(columns),), "amplitude": (), "noise": ()}
+    numbers = all(held[key].shape == shape and held[key].dtype == np.float64 for key, shape in shapes.items())
+    if not numbers or held["family"].dtype.kind != "U" or held["family"].nbytes > MOST_NAME:
+        raise ValueError(f"{name}: the hyperparameters are not those of a process")
+    try:
+        term = KernelTerm(columns, held["lengthscales"], float(held["amplitude"]))
+        hyper = Hyperparameters((term,), float(held["noise"]), np.zeros(0), str(held["family"]))
+    except ModelError as problem:
+        raise ValueError(f"{name}: {problem}") from None
+    return GaussianProcess.mean_only(hyper, inputs.astype(np.float64), alpha)

@@ -1,0 +1,288 @@
+"""Fit a rig's model to a log: stage by output error, ball by the weak form, camera delay by prediction (`delay`).
+
+Differentiating a noisy angle twice biases a fit. The weak form needs no derivative of the data. With a smooth phi(t)
+that vanishes with its derivatives at both ends of a short window, integration by parts gives
+
+    int phi'' theta dt - int phi kinematic dt
+        = k int phi gravity dt + c_v int phi' theta dt - c_d int phi sign(theta_dot) dt
+        + k beta_0 int phi d gravity/d beta dt + k gamma_0 int phi d gravity/d gamma dt
+
+It is linear in the unknowns of each ring (k: rolling factor, c_v: viscous, c_d: dry friction) for a given tilt of the
+table (beta_0, gamma_0), which all rings share: the two are alternated. The tilt is taken at t - delay.
+
+The unknowns of a ring have a Gaussian prior around the pooled fit of all rings (PRIOR_SIGMA), so that a ring with few
+windows gets the pooled values. Windows with a missing sample or a change of ring are left out. Those with an impact
+have large residuals and small weights (Huber). Standard errors are robust against correlation within blocks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.constants import FREE_ROLLING, WALL_ROLLING
+from mazeplan.core.logs.table import Table
+from mazeplan.core.progress import Words, no_words
+from mazeplan.core.records import Array, IntArray
+from mazeplan.learning.ball_models import effect_ball
+from mazeplan.learning.delay import best_delay, usable_starts
+from mazeplan.learning.rig_model import RigModel
+from mazeplan.learning.smoothing import smoothed
+from mazeplan.learning.stage_fit import StageFit, fit_axis
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.dynamics.planar import PlanarModel
+from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
+from mazeplan.physics.rig.stage import StageModel
+
+WINDOW = 13  # samples; 0.4 s at 30 Hz
+HOP = 3  # samples between windows
+BLOCK_S = 5.0  # s; windows within one count as one observation for standard errors
+PRIOR_SIGMA = np.array([0.03, 0.15, 0.02])  # of a ring around the pooled fit: factor, viscous 1/s, dry m/s^2
+POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # of the pooled fit around 5/9, 0, 0
+MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
+TEST_SHARE = 0.3  # the last part of the record, for scores only
+MIN_WINDOWS = 20
+
+
+@dataclass(frozen=True)
+class WeakWindows:
+    """Windows of one ring: first sample and number of the block of each; radius: m."""
+
+    ring: int
+    radius: float
+    start: IntArray
+    block: IntArray
+
+
+@dataclass(frozen=True)
+class RigFit:
+    """Result of `fit_rig`: the model, the fits of both axes, the number of windows by ring."""
+
+    model: RigModel
+    stage: tuple[StageFit, StageFit]
+    windows: dict[int, int]
+
+
+def weak_function(dt: float, n: int = WINDOW) -> tuple[Array, Array, Array]:
+    """phi, phi', phi'' (n,) of (1 - s^2)^5 over a window of n samples, s from -1 to 1.
+
+    By the fifth power, four derivatives vanish at the ends: sums over samples are then as good as integrals."""
+    half = 0.5 * (n - 1) * dt
+    s = np.linspace(-1.0, 1.0, n)
+    q = 1.0 - s**2
+    slope = -10.0 * s * q**4 / half
+    curve = (-10.0 * q**4 + 80.0 * s**2 * q**3) / half**2
+    return q**5, slope, curve
+
+
+def find_windows(table: Table, maze: Maze, ring: int, dt: float) -> WeakWindows:
+    """Windows in which the ball is always seen, moves in one direction, and stays in the channel of one ring."""
+    here = maze.ring(ring)
+    r, theta = table["r"], table["theta"]
+    reach = maze.ball.radius - 2e-3  # m; noise of the camera may move the ball into a wall
+    good = np.isfinite(theta) & (r > here.inner_radius + reach) & (r < here.outer_radius - reach)
+    segment = table.segment
+    starts = np.arange(0, len(r) - WINDOW + 1, HOP)
+    inside = np.lib.stride_tricks.sliding_window_view(good, WINDOW)[starts].all(axis=1)
+    inside &= segment[starts] == segment[starts + WINDOW - 1]
+    starts = starts[inside]
+    if len(starts):
+        moved = _unwrapped(theta, starts)
+        speed = np.abs(moved[:, 4:] - moved[:, :-4]).min(axis=1) * here.track_radius / (4.0 * dt)
+        starts = starts[speed > MOVING]
+    return WeakWindows(ring, here.track_radius, starts, (starts * dt // BLOCK_S).astype(int))
+
+
+def _unwrapped(theta: Array, starts: IntArray) -> Array:
+    """theta of each window, continuous, (K, WINDOW)."""
+    rows = starts[:, None] + np.arange(WINDOW)
+    return np.unwrap(theta[rows], axis=1) if len(starts) else np.zeros((0, WINDOW))
+
+
+def weak_rows(table: Table, windows: WeakWindows, delay: float, dt: float) -> tuple[Array, Array]:
+    """Targets (K,) and features (K, 5): gravity, viscous, dry, d gravity / d beta, d gravity / d gamma."""
+    phi, slope, curve = weak_function(dt)
+    rows = windows.start[:, None] + np.arange(WINDOW)
+    theta = _unwrapped(table["theta"], windows.start)
+    tilt = {}
+    for axis in ("beta", "gamma"):
+        late = np.clip(rows - delay / dt, 0, len(table) - 1)
+        grid = np.arange(len(table))
+        for order, name in enumerate((axis, f"{axis}_dot", f"{axis}_ddot")):
+            smooth = smoothed(table[axis], 7, deriv=order, dt=dt) if order else table[axis]
+            tilt[name] = np.interp(late, grid, smooth)
+    flat = {name: values.ravel() for name, values in tilt.items()}
+    theta_dot = np.gradient(theta, dt, axis=1)
+    k = RingKinematics(windows.radius, theta.ravel(), theta_dot.ravel(), **flat)
+    shape, weight = theta.shape, phi * dt
+    gravity = gravity_part(k).reshape(shape)
+    by_tilt = np.einsum("kwi,w->ki", gravity_jacobian(k)[:, [2, 4]].reshape(*shape, 2), weight)
+    theta = theta - theta[:, WINDOW // 2, None]  # the sums of phi' and phi'' vanish but for rounding
+    target = theta @ curve * dt - kinematic_terms(k).reshape(shape) @ weight
+    direction = np.sign(theta[:, -1] - theta[:, 0])[:, None] * np.ones(WINDOW)
+    columns = [gravity @ weight, theta @ slope * dt, -direction @ weight, by_tilt[:, 0], by_tilt[:, 1]]
+    return target, np.stack(columns, axis=1)
+
+
+def _per_radius(radius: float) -> Array:
+    """Factors (5,) that turn the features of a ring into those of `radius * theta_dd`, with dry friction in m/s^2."""
+    return np.array([radius, radius, 1.0, radius, radius])
+
+
+def _huber(residual: Array, width: float = 2.0) -> Array:
+    """Weights (N,), smaller for large residuals."""
+    scale = 1.4826 * np.median(np.abs(residual)) + 1e-12
+    return np.minimum(1.0, width * scale / np.maximum(np.abs(residual), 1e-12))
+
+
+def ridge(X: Array, y: Array, mean: Array, sigma: Array, block: IntArray) -> tuple[Array, Array, Array]:
+    """MAP estimate of y = X w with w ~ N(mean, sigma^2), estimating noise and weights: (w, variances, residual).
+
+    A variance is the larger of the Bayesian and the block-robust one."""
+    w, weights = mean.copy(), np.ones(len(y))
+    noise, precision = 1.0, np.diag(1.0 / sigma**2)
+    information = precision
+    for _ in range(8):
+        information = (X * weights[:, None]).T @ X / noise + precision
+        w = np.linalg.solve(information, (X * weights[:, None]).T @ y / noise + precision @ mean)
+        residual = y - X @ w
+        weights = _huber(residual)
+        noise = max(float(np.sum(weights * residual**2) / max(np.sum(weights), 1.0)), 1e-12)
+    residual = y - X @ w
+    bread = np.linalg.inv(information)
+    scores = X * (weights * residual)[:, None] / noise
+    meat = sum(
+        (np.outer(s, s) for s in (scores[block == b].sum(axis=0) for b in np.unique(block))), np.zeros_like(bread)
+    )
+    robust = np.diag(bread @ meat @ bread)
+    return np.asarray(w, dtype=np.float64), np.where(robust > np.diag(bread), robust, np.diag(bread)), residual
+
+
+@dataclass(frozen=True)
+class _BallFit:
+    """weights, sigma: factor, viscous, dry by ring; offset (2,): tilt of the table, rad."""
+
+    weights: dict[int, Array]
+    sigma: dict[int, Array]
+    offset: Array
+    offset_sigma: Array
+
+    def ball(self, ring: int, maze: Maze) -> BallModel:
+        """The ball of a ring; of the nearest ring with data if it has none. In the disc it rolls on the floor alone."""
+        nearest = min(self.weights, key=lambda number: abs(number - ring))
+        values = np.concatenate([self.weights[nearest], self.offset])
+        if maze.ring(ring).is_disc:
+            values[0] = FREE_ROLLING
+        return effect_ball(values, np.concatenate([self.sigma[nearest], self.offset_sigma]))
+
+    def balls(self, maze: Maze) -> dict[int, BallModel]:
+        """The balls of all rings."""
+        return {ring.number: self.ball(ring.number, maze) for ring in maze.rings}
+
+
+def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float) -> _BallFit:
+    """All rings at one delay: first pooled, then each ring around the pooled fit, with a common tilt of the table."""
+    data = {w.ring: weak_rows(table, w, delay, dt) for w in windows}
+    blocks = {w.ring: w.block for w in windows}
+    radius = {w.ring: w.radius for w in windows}
+    # pooled along the channel, in m/s^2: noise, impacts and dry friction are then alike in all rings
+    y = np.concatenate([radius[ring] * target for ring, (target, _) in data.items()])
+    X = np.concatenate([F * _per_radius(radius[ring]) for ring, (_, F) in data.items()])
+    block = np.concatenate([blocks[ring] for ring in data])
+    mean = np.array([WALL_ROLLING, 0.0, 0.0, 0.0, 0.0])
+    pooled, variance, _ = ridge(X, y, mean, np.array([*POOLED_SIGMA, 0.1, 0.1]), block)
+    offset, offset_variance = pooled[3:] / pooled[0], variance[3:] / pooled[0] ** 2
+    weights, sigma = {}, {}
+    for _ in range(3):
+        tilt_y, tilt_X, tilt_b = [], [], []
+        for ring, (target, F) in data.items():
+            corrected = np.column_stack([F[:, 0] + F[:, 3:] @ offset, F[:, 1:3]])
+            prior = np.array([pooled[0], max(pooled[1], 0.0), max(pooled[2], 0.0) / radius[ring]])
+            width = PRIOR_SIGMA / np.array([1.0, 1.0, radius[ring]])
+            weights[ring], variance, _ = ridge(corrected, target, prior, width, blocks[ring])
+            weights[ring] = np.concatenate([weights[ring][:1], np.maximum(weights[ring][1:], 0.0)])
+            sigma[ring] = np.sqrt(variance)
+            tilt_y.append(target - np.column_stack([F[:, 0], F[:, 1:3]]) @ weights[ring])
+            tilt_X.append(weights[ring][0] * F[:, 3:])
+            tilt_b.append(blocks[ring])
+        offset, offset_variance, _ = ridge(
+            np.concatenate(tilt_X), np.concatenate(tilt_y), np.zeros(2), np.full(2, 0.1), np.concatenate(tilt_b)
+        )
+    return _BallFit(weights, sigma, offset, np.sqrt(offset_variance))
+
+
+def _best_delay(table: Table, windows: list[WeakWindows], maze: Maze, dt: float) -> tuple[float, float]:
+    """Delay of the camera and its standard error, s, with the ball fitted anew at each delay."""
+    starts = np.concatenate([w.start for w in windows])
+    blocks = np.concatenate([w.block for w in windows])
+    usable = np.isin(starts, usable_starts(table, starts))
+
+    def model_at(delay: float) -> PlanarModel:
+        return PlanarModel.build(maze, RigModel(StageModel(), _fit_balls(table, windows, delay, dt).balls(maze)))
+
+    return best_delay(table, starts[usable], blocks[usable], model_at, dt)
+
+
+def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float, dt: float) -> dict[str, float]:
+    """Residual of the weak form over the spread of its target, by ring."""
+    out = {}
+    for w in windows:
+        if len(w.start) >= MIN_WINDOWS:
+            target, F = weak_rows(table, w, delay, dt)
+            predicted = np.column_stack([F[:, 0] + F[:, 3:] @ fit.offset, F[:, 1:3]]) @ fit.weights[w.ring]
+            out[f"ring{w.ring}"] = round(float(np.sqrt(np.mean((target - predicted) ** 2)) / np.std(target)), 4)
+    return out
+
+
+def fit_rig(
+    table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, progress: Words = no_words
+) -> RigFit:
+    """Fit stage, ball and camera delay. Raises ValueError if the table lacks a column or free motion of the ball.
+
+    sources: of the table, for the model file; progress: receives each step in words."""
+    for name in ("u_beta", "u_gamma", "r"):
+        if name not in table:
+            raise ValueError(f"column {name} is needed to fit a whole rig")
+    dt = table.dt
+    progress("stage")
+    breaks = np.concatenate([[True], np.diff(table.segment) != 0])
+    beta, gamma = (fit_axis(table[f"u_{axis}"], table[axis], dt, breaks) for axis in ("beta", "gamma"))
+    # train on the first part of each segment, score on the last
+    found = [find_windows(table, maze, ring.number, dt) for ring in maze.rings if not ring.is_disc]
+    train = [w for w in (_part(w, table, True) for w in found) if len(w.start) >= MIN_WINDOWS]
+    test = [w for w in (_part(w, table, False) for w in found) if any(w.ring == t.ring for t in train)]
+    if not train:
+        split = round((1.0 - TEST_SHARE) * len(table))
+        raise ValueError(f"the ball is hardly ever seen moving freely in a ring ({split} samples looked at)")
+    progress("how late the camera is")
+    delay, delay_sigma = _best_delay(table, train, maze, dt)
+    progress("ball")
+    fit = _fit_balls(table, train, delay, dt)
+    scores: dict[str, Any] = {
+        f"weak_nrmse_{name}": _score(table, windows, fit, delay, dt)
+        for name, windows in (("train", train), ("test", test))
+    }
+    model = RigModel(
+        stage=StageModel(beta.axis, gamma.axis),
+        balls=fit.balls(maze),
+        camera_delay=delay,
+        camera_delay_stderr=delay_sigma,
+        kind="pi",
+        rate_hz=round(1.0 / dt, 3),
+        data=tuple(dict(source) for source in sources),
+        scores=scores,
+    )
+    return RigFit(model, (beta, gamma), {w.ring: len(w.start) for w in train})
+
+
+def _part(windows: WeakWindows, table: Table, train: bool) -> WeakWindows:
+    """Windows in the first part of their segment, or in the last."""
+    segment = table.segment
+    numbers, first, count = np.unique(segment, return_index=True, return_counts=True)
+    at = np.searchsorted(numbers, segment[windows.start])
+    place = (windows.start + (0 if not train else WINDOW) - first[at]) / count[at]
+    keep = place <= 1.0 - TEST_SHARE if train else place > 1.0 - TEST_SHARE
+    return WeakWindows(windows.ring, windows.radius, windows.start[keep], windows.block[keep])

@@ -1,0 +1,339 @@
+"""Model folders: `model.yaml`, which a person can read and edit, holds all that a fitted model knows.
+
+    format: 1
+    kind: pi
+    rate_hz: 30
+    camera_delay_s: {value: 0.0667, stderr: 0.0004}
+    stage: {beta: {gain: {value: 1.0, stderr: 0.001}, ...}, gamma: {...}}
+    camera: {offset_x: {value: 0.001, unit: m}, offset_y: ..., angle: {value: 0.01, unit: rad}}
+    tilt_sensor: {gain_beta: {value: 1.02, unit: "1"}, gain_gamma: ...}
+    rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
+    body: {of: 1f..., rolling: {value: 0.082, stderr: 0.001, unit: m/s^2}, ...}
+    processes: {1: {file: ring1.npz, sha256: ..., rows: 4000, kernel: rbf, amplitude: ..., lengthscales: ...}, ...}
+    data: [{file: ..., sha256: ...}, ...]
+    scores: {...}
+
+A plain number may replace {value: number}. Sections and parameters at their defaults are left out (camera, tilt
+sensor, play, coupling). A ring may hold any effect on the ball (`physics.registry`). The arrays of a process are beside
+the file (`gp_file`). Loading executes nothing. A log holds a model folder as a zip file (`packed_model`).
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
+
+import yaml
+
+from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import resources
+from mazeplan.core.errors import ModelError
+from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.gp_file import read_process, write_process
+from mazeplan.learning.rig_model import RigModel
+from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, Body
+from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.registry import EFFECTS, make_term
+from mazeplan.physics.rig.sensors import Camera, TiltSensor
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+
+Part = TypeVar("Part")
+FORMAT = 1
+KINDS = ("p", "pi", "np", "sp")
+PACKAGED = resources.PACKAGE / "learning" / "packaged"
+AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
+AXIS_MORE = {"backlash": "rad", "deadband": "rad", "coupling": "1"}  # written if not 0
+CAMERA_UNITS = {"offset_x": "m", "offset_y": "m", "angle": "rad"}
+CAMERA_MORE = {"scale": "1", "distortion": "1/m^2", "distortion_x": "m", "distortion_y": "m"}  # written if not default
+SENSOR_UNITS = {"gain_beta": "1", "gain_gamma": "1"}
+BODY_UNITS = {name: PARAMETERS[name].unit for name in KEPT}
+ATTACHED, MEDIA_TYPE = "model.zip", "application/zip"
+LARGEST = 32 * 2**20  # bytes of an unpacked model; packaged ones have one or two MB
+MEMBER = re.compile(r"model\.yaml|ring[0-9]{1,3}\.npz")
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of the packaged models."""
+    return tuple(sorted(path.parent.name for path in PACKAGED.glob("*/model.yaml")))
+
+
+def load_model(source: str | Path) -> RigModel:
+    """The model in a folder, or the packaged one of that name. Raises ModelError with file, line and key."""
+    folder = Path(source)
+    if not folder.exists() and str(source) in model_names():
+        folder = PACKAGED / str(source)
+    path = folder if folder.suffix == ".yaml" else folder / "model.yaml"
+    if not path.exists():
+        what = filekinds.got(folder)
+        problem = "no such model; " if what == "no such file" else f"got {what}, "
+        expected = f"expected a folder with model.yaml, or one of {', '.join(model_names())}"
+        raise ModelError(problem + expected, file=source)
+    return _Reader(read_yaml(path, error=ModelError, what="a model (model.yaml)"), path).model()
+
+
+def model_stamp(source: str | Path) -> tuple[tuple[str, int, int], ...]:
+    """Name, time of the last change (ns) and size of each file of a model folder; empty for a packaged model."""
+    folder = Path(source).parent if Path(source).suffix == ".yaml" else Path(source)
+    files = sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+    return tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files)
+
+
+class _Reader:
+    """Turns the tree of a model.yaml into a RigModel. Its methods raise ModelError with line and key."""
+
+    def __init__(self, tree: Tree, path: Path) -> None:
+        self._tree, self._path = tree, path
+
+    def fail(self, problem: str, *key: str | int) -> ModelError:
+        """The error at a key."""
+        return ModelError(problem, file=self._path, line=self._tree.line(key), key=key_path(key) or None)
+
+    def section(
+        self, node: Any, key: Key, allowed: tuple[str, ...] | None = None, needed: tuple[str, ...] = ()
+    ) -> dict[str, Any]:
+        """A mapping with only allowed (None: any) and all needed keys."""
+        if not isinstance(node, dict):
+            raise self.fail(f"got {shown(node)}, expected a mapping", *key)
+        for name in node:
+            if allowed is not None and name not in allowed:
+                raise self.fail(f"unknown key, expected one of {', '.join(allowed)}", *key, name)
+        for name in needed:
+            if name not in node:
+                raise self.fail(f"{name} is missing", *key)
+        return node
+
+    def number(self, node: Any, *key: str | int, unit: str | None = None) -> tuple[float, float | None]:
+        """(value, standard error) of a number or {value, stderr, unit}; unit: the only one allowed."""
+        stderr: float | None = None
+        if isinstance(node, dict):
+            self.section(node, key, ("value", "stderr", "unit"), ("value",))
+            if unit is not None and str(node.get("unit", unit)) != unit:
+                raise self.fail(f"got {shown(node['unit'])}, expected {unit}", *key, "unit")
+            if node.get("stderr") is not None:
+                stderr = self.number(node["stderr"], *key, "stderr")[0]
+                if stderr < 0.0:
+                    raise self.fail(f"got {stderr:g}, expected a number >= 0", *key, "stderr")
+            node = node["value"]
+        if isinstance(node, bool) or not isinstance(node, int | float) or not math.isfinite(node):
+            raise self.fail(f"got {shown(node)}, expected a finite number", *key)
+        return float(node), stderr
+
+    def part(
+        self,
+        node: Any,
+        key: Key,
+        units: Mapping[str, str] | None,
+        build: Callable[[dict[str, float], dict[str, float]], Part],
+    ) -> Part:
+        """A section of numbers, built from values and standard errors; units: by allowed name, None: any name."""
+        self.section(node, key, None if units is None else tuple(units))
+        found = {
+            name: self.number(v, *key, name, unit=None if units is None else units[name]) for name, v in node.items()
+        }
+        try:
+            return build(
+                {name: value for name, (value, _) in found.items()},
+                {name: stderr for name, (_, stderr) in found.items() if stderr is not None},
+            )
+        except ValueError as problem:
+            raise self.fail(str(problem), *key) from None
+
+    def model(self) -> RigModel:
+        """The whole file."""
+        known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body",
+                 "processes", "data", "scores")  # fmt: skip
+        root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
+        if root["format"] != FORMAT:
+            newer = isinstance(root["format"], int) and root["format"] > FORMAT
+            advice = "; it was written by a newer version of mazeplan" if newer else ""
+            raise self.fail(f"got {shown(root['format'])}, expected {FORMAT}{advice}", "format")
+        delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")
+        if not 0.0 <= delay <= 0.5:
+            raise self.fail(f"got {delay}, expected 0 to 0.5 s", "camera_delay_s")
+        stage = self.section(root["stage"], ("stage",), ("beta", "gamma"), ("beta", "gamma"))
+        rings = self.section(root["rings"], ("rings",))
+        if not rings:
+            raise self.fail("expected at least one ring", "rings")
+        kind = root.get("kind", "p")
+        if kind not in KINDS:
+            raise self.fail(f"got {shown(kind)}, expected one of {', '.join(KINDS)}", "kind")
+        rate = self.number(root.get("rate_hz", 30.0), "rate_hz")[0]
+        if rate <= 0.0:
+            raise self.fail(f"got {rate:g}, expected a number > 0", "rate_hz")
+        data = [] if root.get("data") is None else root["data"]
+        if not isinstance(data, list):
+            raise self.fail(f"got {shown(data)}, expected a list", "data")
+        scores = {} if root.get("scores") is None else root["scores"]
+        camera, sensor = ({} if root.get(name) is None else root[name] for name in ("camera", "tilt_sensor"))
+        return RigModel(
+            stage=StageModel(*(self.axis(stage[name], name) for name in ("beta", "gamma"))),
+            balls={self.ring_number(name): self.ball(node, name) for name, node in rings.items()},
+            camera_delay=delay,
+            camera_delay_stderr=delay_stderr,
+            kind=kind,
+            rate_hz=rate,
+            data=tuple(self.section(entry, ("data", i)) for i, entry in enumerate(data)),
+            scores=self.section(scores, ("scores",)),
+            processes=self.processes(root.get("processes"), kind),
+            camera=self.part(camera, ("camera",), CAMERA_UNITS | CAMERA_MORE, lambda v, s: Camera(**v, stderr=s)),
+            tilt_sensor=self.part(sensor, ("tilt_sensor",), SENSOR_UNITS, lambda v, s: TiltSensor(**v, stderr=s)),
+            body=None if root.get("body") is None else self.body(root["body"]),
+        )
+
+    def processes(self, node: Any, kind: str) -> dict[int, GaussianProcess]:
+        """The processes of a model of kind np or sp; their arrays are checked against the file."""
+        learned, empty = kind in ("np", "sp"), node is None or node == {}
+        if empty or not learned:
+            if empty == learned:
+                problem = f"kind {kind} {'needs' if learned else 'has no'} processes"
+                raise self.fail(problem, "kind" if empty else "processes")
+            return {}
+        out = {}
+        for name, entry in self.section(node, ("processes",)).items():
+            self.section(entry, ("processes", name), None, ("file", "sha256"))
+            try:
+                out[self.ring_number(name, "processes")] = read_process(self._path.parent, entry)
+            except ValueError as problem:
+                raise self.fail(str(problem), "processes", name) from None
+        return out
+
+    def ring_number(self, name: str, section: str = "rings") -> int:
+        """The number of a ring from its key."""
+        if not re.fullmatch("[1-9][0-9]{0,3}", name):
+            raise self.fail(f"got {shown(name)}, expected a ring number from 1", section, name)
+        return int(name)
+
+    def axis(self, node: Any, name: str) -> StageAxis:
+        """One axis of the stage."""
+        return self.part(node, ("stage", name), AXIS_UNITS | AXIS_MORE, lambda v, s: StageAxis(**v, stderr=s))
+
+    def ball(self, node: Any, ring: str) -> BallModel:
+        """The effects of one ring."""
+        effects, stderr = [], {}
+        for name, parameters in self.section(node, ("rings", ring)).items():
+            units = {k: p.unit for k, p in EFFECTS[name].parameters.items()} if name in EFFECTS else None
+            key = ("rings", ring, name)
+            term, stderr[name] = self.part(parameters, key, units, lambda v, s, name=name: (make_term(name, v), s))
+            effects.append(term)
+        return BallModel(tuple(effects), stderr)
+
+    def body(self, node: Any) -> Body:
+        """The body of the ball."""
+        of = str(self.section(node, ("body",), ("of", *KEPT), ("of",))["of"])
+        numbers = {name: value for name, value in node.items() if name != "of"}
+        return self.part(numbers, ("body",), BODY_UNITS, lambda v, s: Body(v, of, s))
+
+
+def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
+    entry: dict[str, Any] = {"value": float(f"{value:.6g}")}
+    if stderr is not None and math.isfinite(stderr):
+        entry["stderr"] = float(f"{stderr:.2g}")
+    return {**entry, "unit": unit}
+
+
+def _entries(
+    part: StageAxis | Camera | TiltSensor, units: Mapping[str, str], more: Mapping[str, str]
+) -> dict[str, Any]:
+    """The numbers of a part; those of `more` only if they are not at their default."""
+    usual = type(part)()
+    chosen = {**units, **{name: unit for name, unit in more.items() if getattr(part, name) != getattr(usual, name)}}
+    return {name: _entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
+
+
+def _ball_entries(ball: BallModel) -> dict[str, Any]:
+    return {
+        term.name: {
+            k: _entry(value, ball.stderr.get(term.name, {}).get(k), term.effect.parameters[k].unit)
+            for k, value in term.values().items()
+        }
+        for term in ball.effects
+    }
+
+
+def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] | None = None) -> dict[str, Any]:
+    """The content of model.yaml; processes: their entries, from `write_process`."""
+    out: dict[str, Any] = {
+        "format": FORMAT,
+        "kind": model.kind,
+        "rate_hz": model.rate_hz,
+        "camera_delay_s": _entry(model.camera_delay, model.camera_delay_stderr, "s"),
+        "stage": {axis: _entries(getattr(model.stage, axis), AXIS_UNITS, AXIS_MORE) for axis in ("beta", "gamma")},
+    }
+    if model.camera != Camera():
+        out["camera"] = _entries(model.camera, CAMERA_UNITS, CAMERA_MORE)
+    if model.tilt_sensor != TiltSensor():
+        out["tilt_sensor"] = _entries(model.tilt_sensor, SENSOR_UNITS, {})
+    out["rings"] = {ring: _ball_entries(ball) for ring, ball in sorted(model.balls.items())}
+    if model.body is not None:
+        values, stderr = model.body.values, model.body.stderr
+        numbers = {name: _entry(value, stderr.get(name), BODY_UNITS[name]) for name, value in values.items()}
+        out["body"] = {"of": model.body.of, **numbers}
+    if processes:
+        out["processes"] = processes
+    return {**out, "data": [dict(entry) for entry in model.data], "scores": dict(model.scores)}
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes innermost mappings on one line."""
+
+
+def _mapping(dumper: _Dumper, data: Mapping[str, Any]) -> yaml.Node:
+    flat = bool(data) and all(not isinstance(value, dict | list) for value in data.values())
+    return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style=flat)
+
+
+_Dumper.add_representer(dict, _mapping)
+
+
+def save_model(model: RigModel, folder: str | Path) -> Path:
+    """Write the folder (created if missing); the path of its model.yaml. Raises ModelError."""
+    path = Path(folder) / "model.yaml"
+    if model.kind in ("np", "sp") and not model.processes:
+        raise ModelError(f"kind {model.kind} needs processes", file=path, key="kind")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = {ring: write_process(path.parent, ring, process) for ring, process in sorted(model.processes.items())}
+        text = yaml.dump(model_document(model, beside), Dumper=_Dumper, sort_keys=False, width=120)
+        path.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
+    return path
+
+
+def packed_model(model: RigModel) -> bytes:
+    """The model folder as a zip file; the same bytes for the same model. Raises ModelError for a too large model."""
+    out = io.BytesIO()
+    with TemporaryDirectory(prefix="mazeplan-model-") as folder:
+        save_model(model, folder)
+        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
+            for path in sorted(Path(folder).iterdir()):
+                packed.writestr(zipfile.ZipInfo(path.name), path.read_bytes(), zipfile.ZIP_DEFLATED)  # dated 1980
+            size = sum(member.file_size for member in packed.infolist())
+    if size > LARGEST:
+        raise ModelError(f"got {size / 2**20:.0f} MB, expected at most {LARGEST // 2**20}")
+    return out.getvalue()
+
+
+def unpacked_model(data: bytes) -> RigModel:
+    """The model of a zip file made by `packed_model`. Raises ModelError for any other content."""
+    with TemporaryDirectory(prefix="mazeplan-model-") as folder:
+        try:
+            with zipfile.ZipFile(io.BytesIO(data)) as packed:
+                members = packed.infolist()
+                strange = next((m.filename for m in members if not MEMBER.fullmatch(m.filename)), None)
+                if strange is not None:
+                    raise ModelError(f"got a file {strange[:60]!r} in it, expected model.yaml and ring1.npz ...")
+                if sum(m.file_size for m in members) > LARGEST:
+                    raise ModelError(f"got more than {LARGEST // 2**20} MB unpacked")
+                packed.extractall(folder)
+        except (zipfile.BadZipFile, zlib.error, OSError, ValueError, RuntimeError) as problem:
+            raise ModelError(f"is no packed model: {problem}") from None
+        return load_model(folder)

@@ -1,0 +1,184 @@
+"""Draws of ball models from their posterior, each evaluated in many states at once.
+
+A linear model has weights with a covariance. A function of a process f = phi w + g given y is drawn by pathwise
+conditioning: a draw of the prior, plus what the data say of its error,
+
+    f_s(x) = phi(x) w_s + g_s(x) + k_f(x, X) C^-1 (y - Phi w_s - g_s(X) - e_s),   w_s ~ N(0, S), e_s ~ N(0, s^2)
+    g_s(x) = a F^-1/2 sum_j  n_j cos(v_j x / l) + m_j sin(v_j x / l),             n_j, m_j ~ N(0, 1)
+
+(Wilson et al., "Efficiently sampling functions from Gaussian process posteriors", ICML 2020). v_j is from the spectrum
+of the kernel: normal for rbf, multivariate Cauchy for exponential. An odd term is (g(x) - g(F x)) / sqrt(2). torch sums
+over the rows, for many states at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from mazeplan.core.records import Array
+from mazeplan.learning.ball_models import AccelerationModel, GaussianBall, LinearBall
+from mazeplan.learning.features import FEATURES, INPUT_SETS
+from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
+from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
+
+WAVES = 256  # of the prior, for each term
+ELEMENTS = {"cpu": 2**18, "cuda": 2**26}  # of a piece of the kernel
+
+Drawn = Callable[[RingKinematics], Array]
+
+
+class Wave:
+    """S draws of the prior of one term, each a sum of WAVES waves."""
+
+    def __init__(self, term: KernelTerm, family: str, count: int, rng: np.random.Generator, **where: Any) -> None:
+        """where: device and dtype of all tensors."""
+        import torch
+
+        v = rng.standard_normal((WAVES, len(term.columns)))
+        if family == "exponential":
+            v /= np.abs(rng.standard_normal((WAVES, 1)))
+        scale = term.amplitude / math.sqrt(WAVES * (2.0 if term.flip else 1.0))
+        self._term, self._where, v = term, where, v / term.lengthscales
+        waves = [v, *([v * np.array(term.flip)] if term.flip else [])]
+        self._waves = [torch.tensor(np.ascontiguousarray(part.T), **where) for part in waves]
+        self._weights = torch.tensor(scale * rng.standard_normal((2, WAVES, count)), **where)
+
+    def _seen(self, x: Array) -> tuple[Any, Any]:
+        """cos and sin (N, WAVES) at inputs (N, D); for an odd term, minus those at the flipped inputs."""
+        import torch
+
+        part = torch.tensor(np.ascontiguousarray(x[:, self._term.columns]), **self._where)
+        phases = [part @ waves for waves in self._waves]
+        if len(phases) == 1:
+            return phases[0].cos(), phases[0].sin()
+        return phases[0].cos() - phases[1].cos(), phases[0].sin() - phases[1].sin()
+
+    def all(self, x: Array) -> Array:
+        """Each draw at all inputs (N, D): (N, S)."""
+        cos, sin = self._seen(x)
+        return (cos @ self._weights[0] + sin @ self._weights[1]).cpu().numpy().astype(np.float64)
+
+    def each(self, x: Array) -> Array:
+        """Each draw at its own group of inputs, S groups one after the other: (S, N / S)."""
+        import torch
+
+        groups, out = self._weights.shape[2], 0.0
+        for part, weights in zip(self._seen(x), self._weights, strict=True):
+            out = out + torch.bmm(part.view(groups, -1, WAVES), weights.T[:, :, None])[:, :, 0]
+        return out.cpu().numpy().astype(np.float64)  # pyright: ignore
+
+
+class ProcessDraws:
+    """S draws of a process given its data, around the mean of a process on the same rows."""
+
+    def __init__(
+        self,
+        process: GaussianProcess,
+        centre: GaussianProcess,
+        count: int,
+        rng: np.random.Generator,
+        device: str = "cpu",
+        precision: str = "float64",
+    ) -> None:
+        """process: with its factor; centre: its mean is the mean of the draws; device, precision: of the sum over rows.
+
+        Raises ModelError for a process without its factor."""
+        import torch
+
+        process.variance(process.inputs[:0], process.features[:0])  # raises without the factor
+        h, n = process.hyper, len(process)
+        where = {"device": device, "dtype": getattr(torch, precision)}
+        self.count, self._waves = count, [Wave(term, h.family, count, rng, **where) for term in h.terms]
+        sigma = h.weight_sigma[:, None]
+        weights = sigma * rng.standard_normal((len(h.weight_sigma), count))
+        off = process.features @ weights + h.noise * rng.standard_normal((n, count))
+        for wave in self._waves:
+            off += wave.all(process.inputs)
+        moved = cho_solve((process.factor, True), off)
+        self._weights = centre.weights[:, None] + weights - sigma**2 * (process.features.T @ moved)
+        self._sum = RowSum(h, process.inputs, centre.alpha[:, None] - moved, device, precision)
+
+    def mean(self, inputs: Array, features: Array | None) -> Array:
+        """f_s(x) (B,) at inputs (B, D) with features (B, M), S groups one after the other."""
+        grouped = (self.count, len(inputs) // self.count, -1)
+        out = self._sum(inputs).reshape(grouped[:2])
+        for wave in self._waves:
+            out += wave.each(inputs)
+        if features is not None:
+            out += np.einsum("sqm,ms->sq", features.reshape(grouped), self._weights)
+        return out.ravel()
+
+
+class RowSum:
+    """k(x, X) A_s for inputs in S groups."""
+
+    def __init__(self, hyper: Hyperparameters, rows: Array, weights: Array, device: str, precision: str) -> None:
+        """rows X (N, D); weights A (N, S)."""
+        import torch
+
+        self._where: dict[str, Any] = {"device": device, "dtype": getattr(torch, precision)}
+        self._rbf = hyper.family == "rbf"
+        unit = math.sqrt(2.0 * math.log(2.0)) if self._rbf else math.log(2.0)  # c is then a power of two
+        self._weights = torch.tensor(np.ascontiguousarray(weights.T[:, :, None]), **self._where)
+        self._parts: list[tuple[KernelTerm, Array, Array, float, Any]] = []
+        for term in hyper.terms:
+            scales = term.lengthscales * unit
+            for flip, sign in ((np.ones(len(scales)), 1.0), *([(np.array(term.flip), -1.0)] if term.flip else [])):
+                x = rows[:, term.columns] * flip / scales
+                centre = x.mean(axis=0)  # differences of squares lose no digits near it
+                x = x - centre
+                wide = np.column_stack([-2.0 * x, np.sum(x**2, axis=1), np.ones(len(x))])
+                packed = torch.tensor(np.ascontiguousarray(wide.T), **self._where)
+                self._parts.append((term, scales, centre, sign * term.amplitude**2, packed))
+        self._piece = ELEMENTS["cuda" if device == "cuda" else "cpu"] // len(rows)
+
+    def __call__(self, inputs: Array) -> Array:
+        """The sums (B,) at inputs (B, D), S groups one after the other."""
+        import torch
+
+        groups = len(self._weights)
+        each = len(inputs) // groups
+        together = max(1, self._piece // max(each, 1))
+        with torch.inference_mode():
+            out = torch.zeros((groups, each), **self._where)
+            for term, scales, centre, scale, packed in self._parts:
+                x = inputs[:, term.columns] / scales - centre
+                wide = np.column_stack([x, np.ones(len(x)), np.sum(x**2, axis=1)])
+                z = torch.tensor(wide, **self._where)
+                for a in range(0, groups, together):
+                    b = min(a + together, groups)
+                    c = (z[a * each : b * each] @ packed).clamp_(0.0, 1e6)
+                    c = c.neg_().exp2_() if self._rbf else c.sqrt_().neg_().exp2_()
+                    out[a:b] += scale * torch.bmm(c.view(b - a, each, -1), self._weights[a:b])[:, :, 0]
+            return out.cpu().numpy().astype(np.float64).ravel()
+
+
+def draw_model(
+    model: AccelerationModel,
+    centre: AccelerationModel,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    repeats: float = 1.0,
+    device: str = "cpu",
+    precision: str = "float64",
+) -> Drawn:
+    """theta_dd (B,) of `count` draws of a model, for B states in as many groups, one after the other.
+
+    centre: the mean of the draws of a process; repeats: see `fitting.repetition`, scales the covariance of a linear
+    fit. Models of other kinds have no uncertainty."""
+    if isinstance(model, GaussianBall) and isinstance(centre, GaussianBall):
+        draws = ProcessDraws(model.process, centre.process, count, rng, device, precision)
+        seen, features = INPUT_SETS[model.inputs], FEATURES[model.features] if model.features else None
+        return lambda k: kinematic_terms(k) + draws.mean(seen(k), None if features is None else features(k))
+    if isinstance(model, LinearBall):
+        fit, terms = model.fit, FEATURES[model.features]
+        weights = rng.multivariate_normal(fit.weights, repeats * fit.covariance, count, method="eigh")
+        grouped = (count, -1, len(fit.weights))
+        return lambda k: np.einsum("sqm,sm->sq", terms(k).reshape(grouped), weights).ravel()
+    return model.mean

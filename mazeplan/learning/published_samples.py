@@ -1,0 +1,223 @@
+"""Recover the samples of the circular-maze rig between the published ones, and the breaks of its recording.
+
+Only every `step`-th sample was published, at 30 Hz. Two identities hold for every sample k (measured on the one ring
+that was published whole, to 1e-8):
+
+    v[k] = a v[k-1] + b v[k-2] + 30 c (x[k] - x[k-1])    rates of each axis: (a, b, c) = FILTER
+    y[k] = 900 sum_j ACCELERATION[j] x[k+j]              acceleration of theta, j = -3 .. 3
+
+Every published row has x and v of each axis, and y of theta. The recovered path x fulfils all identities; of the
+remaining paths it has the smallest third differences. With step 2 it is nearly unique (but for the tilt at the end of
+a segment), with steps 3 and 4 it is not.
+
+The smallest sum of squares of third differences also measures how unlikely it is that one published row follows another
+within `step` samples. `segment_starts` puts breaks where a break costs less than going on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.sparse.linalg import spsolve
+
+from mazeplan.core.records import Array
+from mazeplan.learning.samples import FILTER
+
+AXES = ("theta", "beta", "gamma")
+RATE_HZ = 30.0  # of camera and tilt sensor
+ACCELERATION = np.array([5, 0, -3, -4, -3, 0, 5]) / 42.0  # Savitzky-Golay, 7 samples, order 2: per sample^2
+RATE = np.arange(-3, 4) / 28.0  # the same window, first derivative: per sample
+EDGE = 3  # samples on either side that such a window looks at
+MAX_STEP = 8  # samples from one published row to the next; 1 to 4 occur
+MEMORY = 6  # earlier published rows that predict a row
+# Cost of a break, against log(1 + surprise) of going on, summed over the axes. On the ring published whole, whose first
+# 70 % have 67 breaks (by the filter), 15 finds 17 false ones, too; 30 to 40 find exactly these.
+BREAK_COST = 30.0
+SLACK = 1e-4  # rad of error in the identities counts as much as 1 rad of third difference, in the search for breaks
+LEAST_SURPRISE = 1e-12  # rad^2; a recording smoother than a microradian counts as smooth
+EXACT = 1e-6  # the same, in the recovery itself
+TIE = 1e-8  # weight of first against third differences: a tie-break, in segments of two rows
+
+
+@dataclass(frozen=True)
+class Published:
+    """Published rows in order of time: angles (N, 3), rad, wrapped or not; rates (N, 3), rad/s; theta_ddot (N,),
+    rad/s^2. Axes are theta, beta, gamma."""
+
+    angles: Array
+    rates: Array
+    theta_ddot: Array
+
+    def __len__(self) -> int:
+        return len(self.theta_ddot)
+
+    def __getitem__(self, rows: slice) -> Published:
+        return Published(self.angles[rows], self.rates[rows], self.theta_ddot[rows])
+
+    def unwrapped(self) -> Array:
+        """The angles (N, 3), rad; theta continuous, beginning in 0 <= theta < 2 pi."""
+        turned = np.unwrap(self.angles[:, 0])
+        return np.column_stack([turned - turned[0] + turned[0] % (2.0 * np.pi), self.angles[:, 1:]])
+
+
+@dataclass(frozen=True)
+class RecoveredPath:
+    """All samples of a segment: angles (M, 3); squares, counts (2,): sums of squared errors of filter (rad/s) and
+    acceleration (rad/s^2), and their numbers."""
+
+    angles: Array
+    squares: Array
+    counts: Array
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """Least squares for one axis of m published rows, sparse: `smooth` z small, subject to `exact` z = `given` d.
+
+    z: positions from EDGE samples before to EDGE samples after, then rates from one sample before on. d: published
+    positions, rates and, for theta, accelerations, (m,) each. In rad and samples. The rows of `exact` are those of d,
+    then those of the filter.
+    """
+
+    smooth: Any
+    exact: Any
+    given: Any
+
+
+def _system(m: int, step: int, acceleration: bool) -> LeastSquares:
+    samples = (m - 1) * step + 1
+    places, rates = samples + 2 * EDGE, samples + 1
+    width = places + rates
+    published, between = np.arange(m)[:, None] * step, np.arange(samples - 1)[:, None]
+    a, b, c = FILTER
+    exact = [_rows(published + EDGE, (1.0,), width), _rows(places + published + 1, (1.0,), width)]
+    if acceleration:
+        exact.append(_rows(published + np.arange(2 * EDGE + 1), ACCELERATION, width))
+    known = len(exact) * m
+    filtered = np.hstack([places + between + [0, 1, 2], EDGE + between + [0, 1]])
+    exact.append(_rows(filtered, (-b, -a, 1.0, c, -c), width))
+    third = _rows(np.arange(places - 3)[:, None] + [0, 1, 2, 3], (-1.0, 3.0, -3.0, 1.0), width)
+    first = _rows(np.arange(places - 1)[:, None] + [0, 1], (-(TIE**0.5), TIE**0.5), width)
+    given: Any = sparse.eye_array(known + samples - 1, known, format="csr")
+    return LeastSquares(sparse.vstack([third, first], format="csr"), sparse.vstack(exact, format="csr"), given)
+
+
+def _rows(columns: Any, values: Sequence[float] | Array, width: int) -> Any:
+    """A sparse matrix (n, width) with `values` (k,) in each row, at `columns` (n, k)."""
+    n, k = columns.shape
+    entries = (np.tile(np.asarray(values), n), (np.repeat(np.arange(n), k), columns.ravel()))
+    return sparse.csr_array(entries, shape=(n, width))
+
+
+def _data(positions: Array, rates: Array, theta_ddot: Array | None) -> Array:
+    """d of `LeastSquares`, (..., 2 m or 3 m), relative to the first position, from arrays (..., m)."""
+    parts = [positions - positions[..., :1], rates / RATE_HZ]
+    if theta_ddot is not None:
+        parts.append(theta_ddot / RATE_HZ**2)
+    return np.concatenate(parts, axis=-1)
+
+
+def recover(rows: Published, step: int) -> RecoveredPath:
+    """All samples of one uninterrupted segment of m published rows: ((m - 1) step + 1, 3)."""
+    m, known = len(rows), rows.unwrapped()
+    samples = (m - 1) * step + 1
+    angles, squares, counts = np.empty((samples, 3)), np.zeros(2), np.zeros(2)
+    if m == 1:  # nothing to recover
+        return RecoveredPath(known, squares, counts)
+    for axis in range(3):
+        acceleration = rows.theta_ddot if axis == 0 else None
+        system = _system(m, step, axis == 0)
+        right = system.given @ _data(known[:, axis], rows.rates[:, axis], acceleration)
+        smooth: Any = system.smooth.T @ system.smooth
+        slack = -(EXACT**2) * sparse.eye_array(len(right))
+        lagrange = sparse.block_array([[smooth, system.exact.T], [system.exact, slack]], format="csc")
+        z = np.asarray(spsolve(lagrange, np.concatenate([np.zeros(len(smooth.indptr) - 1), right])))[: -len(right)]
+        angles[:, axis] = known[0, axis] + z[EDGE : EDGE + samples]
+        angles[::step, axis] = known[:, axis]
+        error = system.exact @ z - right
+        squares[0] += RATE_HZ**2 * np.sum(error[-(samples - 1) :] ** 2)
+        counts[0] += samples - 1
+        if axis == 0:
+            squares[1] += RATE_HZ**4 * np.sum(error[2 * m : 3 * m] ** 2)
+            counts[1] += m
+    return RecoveredPath(angles, squares, counts)
+
+
+def sampling_step(rows: Published) -> int:
+    """Number of samples from one published row to the next: weighted median of angle difference over rate."""
+    gone = np.diff(rows.unwrapped(), axis=0)
+    went = 0.5 * (rows.rates[1:] + rows.rates[:-1]) / RATE_HZ
+    weight = np.abs(went).ravel()
+    ratio = gone.ravel() / np.where(weight > 0.0, went.ravel(), 1.0)
+    order = np.argsort(ratio)
+    half = np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())
+    return int(np.clip(round(float(ratio[order][half])), 1, MAX_STEP))
+
+
+def segment_starts(rows: Published, step: int) -> Array:
+    """First rows of the uninterrupted segments; the first is 0."""
+    memory = min(MEMORY, len(rows) - 1)
+    if memory < 1:
+        return np.zeros(1, dtype=int)
+    surprise = _surprise(rows, step, memory)
+    typical = np.median(surprise[:, memory, memory:], axis=1)
+    cost = np.log1p(surprise / np.maximum(typical, LEAST_SURPRISE)[:, None, None]).sum(axis=0)
+    return _cheapest(cost, BREAK_COST)
+
+
+@lru_cache(maxsize=256)
+def _surprise_factor(m: int, step: int, acceleration: bool) -> Array:
+    """R such that |R d|^2 is the least sum of squares, rad^2, of m rows with the data d (see `LeastSquares`)."""
+    system = _system(m, step, acceleration)
+    matrix = np.vstack([system.smooth.toarray(), system.exact.toarray() / SLACK])
+    right = np.vstack([np.zeros((system.smooth.shape[0], system.given.shape[1])), system.given.toarray() / SLACK])
+    left, singular, _ = np.linalg.svd(matrix, full_matrices=True)
+    rank = int(np.sum(singular > singular[0] * 1e-12))
+    return np.asarray(np.linalg.qr(left[:, rank:].T @ right, mode="r"))
+
+
+def _surprise(rows: Published, step: int, memory: int) -> Array:
+    """Growth of the least sum of squares, (3, memory + 1, N) rad^2, if row k joins the L rows before it."""
+    known, out = rows.unwrapped(), np.zeros((3, memory + 1, len(rows)))
+    for axis in range(3):
+        least = []
+        for m in range(1, memory + 2):
+            published = (known[:, axis], rows.rates[:, axis], rows.theta_ddot)
+            windows = [sliding_window_view(column, m) for column in published]
+            data = _data(windows[0], windows[1], windows[2] if axis == 0 else None)
+            least.append(np.sum((data @ _surprise_factor(m, step, axis == 0).T) ** 2, axis=1))
+        for before in range(1, memory + 1):
+            out[axis, before, before:] = np.maximum(least[before] - least[before - 1][:-1], 0.0)
+    return out
+
+
+def _cheapest(cost: Array, break_cost: float) -> Array:
+    """Starts of the segments with the least cost, by dynamic programming over the rows since the last break.
+
+    cost (memory + 1, N): of row k as the next after L rows of its segment; L = memory stands for more rows, too.
+    """
+    memory, count = cost.shape[0] - 1, cost.shape[1]
+    so_far = np.full(memory + 1, np.inf)  # by number of rows in the segment, including the present one
+    so_far[1] = 0.0
+    before = np.zeros((count, memory + 1), dtype=int)
+    for k in range(1, count):
+        joined = so_far + cost[:, k]
+        new = np.full(memory + 1, np.inf)
+        before[k, 2:], new[2:] = np.arange(1, memory), joined[1:memory]
+        if joined[memory] < new[memory]:
+            before[k, memory], new[memory] = memory, joined[memory]
+        before[k, 1] = int(np.argmin(so_far))
+        new[1] = so_far[before[k, 1]] + break_cost
+        so_far = new
+    starts, rows_in = [0], int(np.argmin(so_far))
+    for k in range(count - 1, 0, -1):
+        if rows_in == 1:
+            starts.append(k)
+        rows_in = before[k, rows_in]
+    return np.array(sorted(starts))

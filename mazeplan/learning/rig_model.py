@@ -1,0 +1,137 @@
+"""The model of a rig: all that estimation and planning know of it. Carry a model over to another maze."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from mazeplan.core.constants import FREE_ROLLING, WALL_ROLLING
+from mazeplan.core.maths.fingerprint import LATER
+from mazeplan.core.records import Latency
+from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.rigid_body_entries import Body
+from mazeplan.maze.geometry import Maze, Ring
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.effects.ball import dry_friction, rolling_inertia, viscous_friction
+from mazeplan.physics.rig.entries import declared_parts
+from mazeplan.physics.rig.sensors import Camera, TiltSensor
+from mazeplan.physics.rig.stage import StageModel
+
+LATENCY_STDERR = 0.002  # s, of a delay that was measured while the plate swung
+NOMINAL_DRY = 0.05  # m/s^2; a steel ball stays at rest up to 0.4 deg
+ALIKE = 1e-3  # m; radii of the same rings in two maps differ by less
+
+
+@dataclass(frozen=True)
+class RigModel:
+    """The model of a rig.
+
+    stage: both axes; balls: by ring; camera_delay: of the ball's position behind the tilt sensor, s; kind: p, pi, np
+    or sp; rate_hz: of the samples; data, scores: source and quality, like the file; processes: by ring, added to the
+    effects (sp) or in place of them (np); camera, tilt_sensor: their errors; body: of a rigid ball, if identified."""
+
+    stage: StageModel
+    balls: dict[int, BallModel]
+    camera_delay: float = 0.0
+    camera_delay_stderr: float | None = None
+    kind: str = "p"
+    rate_hz: float = 30.0
+    data: tuple[dict[str, Any], ...] = ()
+    scores: dict[str, Any] = field(default_factory=dict)
+    processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
+    camera: Camera = field(default_factory=Camera)
+    tilt_sensor: TiltSensor = field(default_factory=TiltSensor)
+    body: Body | None = field(default=None, metadata=LATER)
+
+    def ball(self, ring: int) -> BallModel:
+        """The ball model of a ring, or of the nearest ring that has one."""
+        nearest = min(self.balls, key=lambda number: abs(number - ring))
+        return self.balls[nearest]
+
+    def by_effects(self, ring: int) -> bool:
+        """Whether effects describe the ball in a ring, and not a process in their place (kind np)."""
+        return not (self.kind == "np" and ring in self.processes)
+
+    @property
+    def delay_known(self) -> bool:
+        """Whether the camera's delay was identified or set; otherwise a run has to estimate it."""
+        return self.kind != "p" or self.camera_delay != 0.0 or self.camera_delay_stderr is not None or bool(self.data)
+
+    @property
+    def late_s(self) -> float:
+        """Time between a picture and the earliest effect of a command, s; infinite if unknown."""
+        dead_time = max(self.stage.beta.dead_time, self.stage.gamma.dead_time)
+        return self.camera_delay + dead_time if self.delay_known else math.inf
+
+    def late_by(self, latency: Latency) -> RigModel:
+        """The model with the measured delays of the rig."""
+        stage = StageModel(*(replace(a, dead_time=latency.command_s) for a in (self.stage.beta, self.stage.gamma)))
+        stderr = self.camera_delay_stderr or LATENCY_STDERR
+        return replace(self, stage=stage, camera_delay=latency.camera_s, camera_delay_stderr=stderr)
+
+    def declared(self, ring: int) -> dict[str, dict[str, float]]:
+        """Effects of a ring and of the rig's parts, as {effect: {parameter: value}}.
+
+        Without the camera's offset, which is subtracted from the measured positions."""
+        known = {effect.name: effect.values() for effect in self.ball(ring).effects}
+        return known | declared_parts(self)
+
+    @property
+    def true_stage(self) -> StageModel:
+        """The stage in true tilts; `stage` is in measured tilts."""
+        if self.tilt_sensor == TiltSensor():
+            return self.stage
+        gains = self.tilt_sensor.gain_beta, self.tilt_sensor.gain_gamma
+        axes = zip((self.stage.beta, self.stage.gamma), gains, strict=True)
+        return StageModel(*(replace(axis, gain=axis.gain / k, offset=axis.offset / k) for axis, k in axes))
+
+    @classmethod
+    def nominal(cls, maze: Maze) -> RigModel:
+        """Textbook values for a rig without a model.
+
+        The ball rolls on floor and wall (in the disc: on the floor), with a little viscous friction and the dry
+        friction of steel on a printed floor. The servos settle in 0.2 s, the table is level, the delay of the camera
+        is unknown."""
+        balls = {}
+        for ring in maze.rings:
+            factor = rolling_inertia(FREE_ROLLING if ring.is_disc else WALL_ROLLING)
+            dry = dry_friction(NOMINAL_DRY / max(ring.track_radius, 0.5 * ring.outer_radius))
+            balls[ring.number] = BallModel((factor, viscous_friction(0.3), dry))
+        return cls(StageModel(), balls)
+
+
+def same_rings(a: Maze, b: Maze) -> bool:
+    """Whether two mazes have the same rings, so that a model of one is a model of the other."""
+    return len(a.rings) == len(b.rings) and all(
+        abs(p.inner_radius - q.inner_radius) < ALIKE and abs(p.outer_radius - q.outer_radius) < ALIKE
+        for p, q in zip(a.rings, b.rings, strict=True)
+    )
+
+
+def carried_over(model: RigModel, home: Maze, maze: Maze) -> RigModel:
+    """The physics of a model of the maze `home`, for `maze`; the model itself if both have the same rings.
+
+    Stage, delays, sensors and the tilt of the table are the rig's and stay. A ring takes the effects of the ring of
+    `home` with the nearest radius (a disc those of the disc), scaled by their power of the radius. Effects of a place
+    and Gaussian processes are left out."""
+    if same_rings(home, maze):
+        return model
+    balls = {}
+    for ring in maze.rings:
+        if ring.is_disc and len(home.rings) not in model.balls:
+            continue  # the disc of `home` has no model either
+        like = min((r for r in home.rings if r.is_disc == ring.is_disc), key=lambda r: abs(_radius(r) - _radius(ring)))
+        ratio = _radius(ring) / _radius(like)
+        effects = [
+            e.effect(**{k: value * ratio ** powers[k] for k, value in e.values().items()})
+            for e in model.ball(like.number).effects
+            if (powers := e.effect.by_radius) is not None
+        ]
+        balls[ring.number] = BallModel(tuple(effects))
+    return replace(model, balls=balls, kind="p" if model.kind == "p" else "pi", processes={})
+
+
+def _radius(ring: Ring) -> float:
+    """Typical radius of the ball: that of the track; in the disc half of the outer radius."""
+    return ring.track_radius or 0.5 * ring.outer_radius

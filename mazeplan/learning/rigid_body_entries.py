@@ -1,0 +1,136 @@
+"""The parameters of a ball with a body (a rigid ball on the plate): names, units and bounds.
+
+A parameter with a counterpart in the registry of effects takes its words, unit and bounds from there, converted to the
+ball itself: rad/s^2 on a ring become m/s^2 on the floor, a factor of gravity becomes an inertia, a gain of the tilt
+sensor becomes its inverse.
+
+A rig's model may hold a body (section `body` of model.yaml), identified in a record of all rings at once. It belongs to
+the effects that the rings had then: a model with other effects has no body.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.effect import Parameter
+from mazeplan.physics.registry import PACKAGED
+
+REACH = 0.1  # m; radius at which bounds in rad are converted
+LEAST_INERTIA = 0.05  # a ball with less has no spin
+ALONG = {("rad/s^2", -1): "m/s^2", ("1/rad", 1): "1/m"}  # unit along the track, by unit and power of the radius
+SAME, SCALE, INERTIA = "same", "scale", "inertia"  # conversion from the registry: x, 1 / x, 1 / x - 1
+
+
+@dataclass(frozen=True)
+class Number:
+    """One parameter of `BodyModel`, at `part` and `field`.
+
+    low, high: bounds; step: of finite differences; log: search by the logarithm, with a relative step; words: its name
+    in reports; effect: its counterpart EFFECT.PARAMETER in the registry, or ""; how: conversion from there."""
+
+    part: str
+    field: str
+    unit: str
+    low: float
+    high: float
+    step: float
+    log: bool = False
+    words: str = ""
+    effect: str = ""
+    how: str = SAME
+
+    @property
+    def origin(self) -> tuple[Parameter, int]:
+        """The counterpart in the registry, and its power of the radius from ring to ring."""
+        name, _, key = self.effect.partition(".")
+        return PACKAGED[name].parameters[key], (PACKAGED[name].by_radius or {}).get(key, 0)
+
+
+def _named(part: str, field: str, effect: str, step: float, words: str = "", how: str = SAME) -> Number:
+    """A parameter with a counterpart in the registry."""
+    origin, power = Number(part, field, "", 0.0, 0.0, step, effect=effect).origin
+    unit = ALONG.get((origin.unit, power), origin.unit)
+    ends = [brought(x, how, power, REACH) for x in (origin.low, origin.high)]
+    low, high = max(min(ends), LEAST_INERTIA) if how == INERTIA else min(ends), max(ends)
+    return Number(part, field, unit, low, high, step, False, words or origin.words, effect, how)
+
+
+def brought(value: float, how: str, power: int, radius: float) -> float:
+    """A value of the registry converted to the body."""
+    if how == SAME:
+        return value / radius**power
+    return 1.0 / value - (1.0 if how == INERTIA else 0.0)
+
+
+def _own(
+    part: str, field: str, unit: str, bounds: tuple[float, float], step: float, words: str, log: bool = False
+) -> Number:
+    """A parameter of the body alone."""
+    return Number(part, field, unit, *bounds, step, log, words)
+
+
+WANDER = (1e-9, 10.0)
+PARAMETERS: dict[str, Number] = {
+    "rolling": _named("ball", "rolling", "dry_friction.coefficient", 4e-3, "rolling friction"),
+    "viscous": _named("ball", "viscous", "viscous_friction.coefficient", 2e-2, "friction in proportion to the speed"),
+    "quadratic": _named("ball", "quadratic", "quadratic_drag.coefficient", 0.2, "drag with the square of the speed"),
+    "inertia": _named("ball", "inertia", "rolling_inertia.factor", 1e-2, "inertia over m R^2", INERTIA),
+    "wall": _named("ball", "wall", "wall_friction.coefficient", 2e-2, "friction at walls"),
+    "restitution": _own("ball", "restitution", "1", (0.0, 0.95), 4e-2, "speed kept by a slow impact"),
+    "hold": _own("ball", "hold", "m/s", (0.0, 1.0), 3e-3, "grip of the floor in an impact"),
+    "spin": _own("ball", "spin", "m/s^2", (0.0, 2.0), 4e-3, "friction against spinning"),
+    "height": _own("ball", "height", "m", (-0.2, 0.2), 1e-3, "ball above the pivot"),
+    "gain_beta": _named("tilting", "gain_beta", "tilt_gain.beta", 5e-3, "true tilt over measured, beta", SCALE),
+    "gain_gamma": _named("tilting", "gain_gamma", "tilt_gain.gamma", 5e-3, "true tilt over measured, gamma", SCALE),
+    "cross_beta": _named("tilting", "cross_beta", "axis_coupling.beta_from_gamma", 5e-3, "share of gamma in beta"),
+    "cross_gamma": _named("tilting", "cross_gamma", "axis_coupling.gamma_from_beta", 5e-3, "share of beta in gamma"),
+    "tilt_beta": _named("tilting", "tilt_beta", "tilt_offset.beta", 5e-4, "table down at +x"),
+    "tilt_gamma": _named("tilting", "tilt_gamma", "tilt_offset.gamma", 5e-4, "table up at +y"),
+    "offset_x": _named("view", "offset_x", "camera_offset.x", 5e-5, "camera's middle, x"),
+    "offset_y": _named("view", "offset_y", "camera_offset.y", 5e-5, "camera's middle, y"),
+    "angle": _named("view", "angle", "axis_misalignment.angle", 1e-3, "camera turned"),
+    "scale": _named("view", "scale", "camera_scale.factor", 5e-4, "camera's scale"),
+    "bend": _named("view", "bend", "lens_distortion.k", 5e-2, "bend of the camera's lens"),
+    "delay": _named("view", "delay", "sensor_delay.delay", 1e-3),
+    "noise": _own("view", "noise", "m", (1e-5, 2e-2), 2e-2, "camera noise", log=True),
+    "plane": _own("wander", "plane", "m^2/s^3", WANDER, 0.3, "unexplained, rolling", log=True),
+    "spin_wander": _own("wander", "spin", "m^2/s^3", WANDER, 0.3, "unexplained, spinning", log=True),
+    "strike": _own("wander", "strike", "1", (1e-4, 1.0), 0.3, "unexplained, at impacts", log=True),
+}
+# parameters in a model file: those that a run needs; `delay` is added to camera_delay_s of the model
+KEPT = (
+    "rolling", "spin", "viscous", "quadratic", "inertia", "wall", "restitution", "hold", "tilt_beta", "tilt_gamma",
+    "delay", "noise", "plane", "strike",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Body:
+    """The body of a model. Raises ValueError for a value out of bounds.
+
+    values: by name, of KEPT; of: `stamp` of the rings with which it was identified; stderr: if known."""
+
+    values: dict[str, float]
+    of: str
+    stderr: dict[str, float] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        for name, value in self.values.items():
+            if name not in KEPT:
+                raise ValueError(f"got {name}, expected one of {', '.join(KEPT)}")
+            number = PARAMETERS[name]
+            low = -number.high if name == "delay" else number.low
+            if not low <= value <= number.high:  # also refuses NaN
+                raise ValueError(f"{name}: got {value:g}, expected {low:g} to {number.high:g} {number.unit}")
+
+
+def stamp(balls: Mapping[int, BallModel]) -> str:
+    """Short hash of the effects of all rings, at the precision of a model file."""
+    known = [
+        (ring, term.name, key, f"{value:.6g}")
+        for ring, ball in sorted(balls.items()) for term in ball.effects for key, value in term.values().items()
+    ]  # fmt: skip
+    return hashlib.sha256(repr(known).encode()).hexdigest()[:16]

@@ -1,0 +1,298 @@
+"""Scores of all kinds of ball models on one ring, and the map of their residuals.
+
+A process predicts accelerations by its mean, since their errors are squared. It is rolled out with heavy tails (see
+`fitting`), since those errors are absolute. In the map of residuals, impacts at the edges of openings show as stripes
+at fixed angles, friction as rows of one colour.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.progress import Advance, Words, led_by, piece
+from mazeplan.core.records import Array, IntArray
+from mazeplan.learning.ball_models import AccelerationModel
+from mazeplan.learning.camera_center import Centre
+from mazeplan.learning.confidence import ConfidenceOptions, confidence
+from mazeplan.learning.discrete_map import fit_discrete, roll_out_discrete
+from mazeplan.learning.fitting import FitOptions, fit_kind
+from mazeplan.learning.gp_training import TrainingOptions
+from mazeplan.learning.rollout import CHECKED, Rollout, Windows, angle_noise, causal_start, choose_windows, way_of
+from mazeplan.learning.samples import RingSamples, SampleOptions
+from mazeplan.learning.smoothing import Smoothing
+from mazeplan.learning.split import block_bootstrap, uniform_downsample
+
+PREDICTED = ("rf", "p", "pi", "np", "sp")
+ROLLED = ("pi", "np", "npd", "sp")
+MISFIT = 0.5  # of the spread of theta_dd: error of the model that the filter of a roll-out's start assumes
+THOROUGH = TrainingOptions(first=900, rows=2000, starts=2, refinement=40)  # with fewer rows, their choice matters
+COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "roll": 0.5}  # relative duration
+CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning curves
+ANGLES = 36  # cells of the residual map around the ring
+SPEEDS = (1.0 / 3.0, 2.0 / 3.0, 1.0)  # quantiles of the speed between its cells, for either direction
+FEWEST = 3  # samples in a cell with a value
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """Settings of a comparison.
+
+    smoothing: of positions, if the table brings no derivatives; delay: of the ball behind the tilt, s, None: estimate
+    it, see `best_lag`; samples: of the samples; rates: or "auto", by the noise of the angle; fit: of the models; curve:
+    with learning curves; bands: of confidence; seed: of all random draws."""
+
+    smoothing: Smoothing = field(default_factory=lambda: Smoothing(window=9))
+    delay: float | None = None
+    samples: SampleOptions = field(default_factory=SampleOptions)
+    rates: str = "auto"
+    fit: FitOptions = field(default_factory=lambda: FitOptions(training=THOROUGH))
+    curve: bool = False
+    bands: ConfidenceOptions = field(default_factory=ConfidenceOptions)
+    kinds: tuple[str, ...] = PREDICTED
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class RingData:
+    """Training and test samples of one ring (the same samples if a record is split), and which rows are whose.
+
+    centre: of the rings, if the camera counts the angle about another point. Models are then fitted in the ball's own
+    angle; `seen` has the training and test samples as measured, for the scores."""
+
+    train: RingSamples
+    test: RingSamples
+    train_rows: IntArray
+    test_mask: np.ndarray
+    block: IntArray
+    centre: Centre | None = None
+    seen: tuple[RingSamples, RingSamples] | None = None
+
+    def pairs(self, model: AccelerationModel, rows: IntArray, train: bool = False) -> tuple[Array, Array]:
+        """theta_dd in some rows, measured and predicted."""
+        samples = self.train if train else self.test
+        truth, predicted = samples.theta_ddot[rows], model.mean(samples.at(rows))
+        if self.centre is None or self.seen is None:
+            return truth, predicted
+        seen = self.seen[0 if train else 1]
+        measured = seen.theta_ddot[rows]
+        return measured, measured + (predicted - truth) / self.centre.slope(seen.k.theta[rows])
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """The centre of the rings, m."""
+        r = self.test.k.radius
+        return (0.0, 0.0) if self.centre is None else (self.centre.x * r, self.centre.y * r)
+
+    @property
+    def test_rows(self) -> IntArray:
+        """Rows that are scored."""
+        return np.flatnonzero(self.test_mask & self.test.good)
+
+    def blocks(self, windows: Windows) -> dict[str, int]:
+        """Number of blocks of time with test rows, and with windows."""
+        rows = {"test": self.test_rows, "windows": windows.start}
+        return {name: len(np.unique(self.block[some])) for name, some in rows.items()}
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """Residuals of theta_dd in cells of rate (R) and angle (ANGLES).
+
+    rate (R + 1,): edges of the cells, rad/s; count: samples in a cell; mean, rms: by kind, measured minus predicted,
+    rad/s^2, NaN in a cell with fewer than FEWEST samples. Column j begins at theta = 2 pi j / ANGLES."""
+
+    rate: Array
+    count: IntArray
+    mean: dict[str, Array]
+    rms: dict[str, Array]
+
+    def document(self) -> dict[str, Any]:
+        """For JSON, rounded; null in cells with too few samples."""
+
+        def cells(values: Array) -> list[list[float | None]]:
+            return [[None if math.isnan(v) else round(v, 3) for v in row] for row in values.tolist()]
+
+        return {
+            "rate": [round(v, 4) for v in self.rate.tolist()],
+            "count": self.count.tolist(),
+            "mean": {kind: cells(values) for kind, values in self.mean.items()},
+            "rms": {kind: cells(values) for kind, values in self.rms.items()},
+        }
+
+
+def residual_map(theta: Array, theta_dot: Array, residuals: Mapping[str, Array]) -> ResidualMap:
+    """The map of residuals (N,) by kind, rad/s^2, at theta (N,), rad, and theta_dot (N,), rad/s."""
+    speed = np.quantile(np.abs(theta_dot), SPEEDS) if len(theta_dot) else np.array(SPEEDS)
+    edges = np.concatenate([-speed[::-1], [0.0], speed])
+    column = np.floor(np.mod(theta, 2.0 * math.pi) / (2.0 * math.pi) * ANGLES).astype(np.int64) % ANGLES
+    row = np.clip(np.searchsorted(edges, theta_dot, side="right") - 1, 0, len(edges) - 2)
+    shape = (len(edges) - 1, ANGLES)
+
+    def summed(values: Array | None = None) -> Array:
+        cell = row * ANGLES + column
+        return np.bincount(cell, values, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
+
+    count = summed().astype(np.int64)
+    enough = np.where(count >= FEWEST, count, np.nan)
+    mean = {kind: summed(left) / enough for kind, left in residuals.items()}
+    rms = {kind: np.sqrt(summed(left * left) / enough) for kind, left in residuals.items()}
+    return ResidualMap(edges, count, mean, rms)
+
+
+@dataclass(frozen=True)
+class RingScores:
+    """Scores of one ring; `document` is their JSON.
+
+    delay: s; signs: of beta and gamma; centre: m; rollout, interval, bands: of roll-outs, by kind and sample;
+    confidence: `Confidence.document` by kind; blocks: of time with test rows, and with windows."""
+
+    ring: int
+    n_train: int
+    n_test: int
+    rates: str
+    delay: float
+    signs: tuple[int, int]
+    windows: Windows
+    centre: tuple[float, float]
+    nrmse_train: dict[str, float]
+    nrmse_test: dict[str, float]
+    rollout: dict[str, dict[str, float]]
+    interval: dict[str, dict[str, tuple[float, float]]]
+    curve: dict[str, list[tuple[int, float]]]
+    bands: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    residual: ResidualMap | None = None
+    confidence: dict[str, dict[str, Any]] = field(default_factory=dict)
+    blocks: dict[str, int] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        """For JSON, rounded."""
+        out = {
+            "n_train": self.n_train, "n_test": self.n_test, "rates": self.rates, "delay_s": self.delay,
+            "signs": {"beta": self.signs[0], "gamma": self.signs[1]},
+            "windows": len(self.windows), "windows_chosen": self.windows.chosen,
+            "blocks": self.blocks, "centre_m": list(self.centre),
+            "nrmse_train": self.nrmse_train, "nrmse_test": self.nrmse_test,
+            "rollout": self.rollout, "interval95": self.interval,
+        }  # fmt: skip
+        more = {"curve": self.curve, "bands": self.bands, "confidence": self.confidence}
+        out = _rounded(out | {name: value for name, value in more.items() if value})
+        return out | ({"residual": self.residual.document()} if self.residual else {})
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(part) for part in value]
+    return round(value, 4) if isinstance(value, float) and math.isfinite(value) else value
+
+
+def score(
+    ring: int,
+    data: RingData,
+    options: CompareOptions,
+    rates: str,
+    signs: tuple[int, int],
+    openings: Array | None,
+    progress: Words,
+    advance: Advance,
+) -> RingScores:
+    """Fit each kind and score it. openings: angles of the openings, rad, if known."""
+    rng = np.random.default_rng([options.seed, ring])
+    windows = choose_windows(data.test, data.test_mask, openings)
+    train_rows = data.train_rows[uniform_downsample(len(data.train_rows), options.fit.most)]
+    at = data.test_rows
+    nrmse_train, nrmse_test, models, left = {}, {}, {}, {}
+    interval: dict[str, dict[str, tuple[float, float]]] = {"nrmse_test": {}, "20": {}, "40": {}}
+    fits = sum(COST[kind] for kind in options.kinds)
+    done, whole = 0.0, fits * (1.0 + options.curve * sum(CURVE[:-1])) + COST["roll"] * len(ROLLED)
+    for kind in options.kinds:
+        progress(kind)
+        words, share = led_by(f"{kind}, ", progress), piece(advance, done, COST[kind], whole)
+        models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=words, advance=share)
+        done += COST[kind]
+        advance(done, whole)
+        nrmse_train[kind] = nrmse(*data.pairs(models[kind].model, train_rows, train=True))
+        pairs = np.stack(data.pairs(models[kind].model, at), axis=1)
+        nrmse_test[kind] = nrmse(*pairs.T)
+        interval["nrmse_test"][kind] = block_bootstrap(pairs, data.block[at], lambda p: nrmse(p[:, 0], p[:, 1]), rng)
+        left[kind] = pairs[:, 0] - pairs[:, 1]
+    misfit = MISFIT * float(np.std(data.train.theta_ddot[train_rows]))
+    rollout: dict[str, dict[str, float]] = {}
+    bands: dict[str, dict[str, list[float]]] = {}
+    sure: dict[str, dict[str, Any]] = {}
+    for kind in ROLLED:
+        progress(f"rolling out {kind}")
+        fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
+        if fitted is not None and len(windows):
+            rolled = _roll(kind, fitted.typical, data, windows, misfit, rates, train_rows, options.fit)
+            rollout[kind] = {str(n): rolled.after(n) for n in CHECKED}
+            bands[kind] = rolled.bands()
+            for n in CHECKED:
+                blocks = data.block[windows.start]
+                interval[str(n)][kind] = block_bootstrap(rolled.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
+            if kind != "npd":  # rolled out by no equation of motion
+                same = np.random.default_rng([options.seed, ring, 1])  # the same draws for each kind
+                parts = data.train, data.train_rows, data.test, windows, rates, misfit, same, options.bands
+                found = confidence(fitted, *parts)
+                sure |= {} if found is None else {kind: found.document()}
+        done += COST["roll"]
+        advance(done, whole)
+    rest = piece(advance, done, whole - done, whole)
+    curve = _curve(data, train_rows, options, progress, rest) if options.curve else {}
+    return RingScores(
+        ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
+        rollout, interval, curve, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left), sure,
+        data.blocks(windows),
+    )  # fmt: skip
+
+
+def _roll(
+    kind: str,
+    model: AccelerationModel,
+    data: RingData,
+    windows: Windows,
+    misfit: float,
+    rates: str,
+    rows: IntArray,
+    options: FitOptions,
+) -> Rollout:
+    """The roll-out of a kind; misfit: see `causal_start`; rows: training rows, for npd."""
+    start = windows.start
+    theta, rate, _ = causal_start(model.mean, data.test, start, angle_noise(data.train), misfit)
+    if rates == "filtered":  # like the published figures: the late rate is used as the rate
+        rate = data.test.k.theta_dot[start]
+    if kind == "npd":
+        done = roll_out_discrete(fit_discrete(data.train, rows, options), data.test, start, theta, rate)
+    else:
+        done = way_of(rates)(model.mean, data.test, start, theta, rate)
+    if data.centre is None or data.seen is None:
+        return done
+    return Rollout.against(data.centre.seen(done.angle), data.seen[1].k.theta, start)
+
+
+def nrmse(truth: Array, predicted: Array) -> float:
+    """Root mean square error over the standard deviation of the truth; NaN for no rows or a constant truth."""
+    spread = float(np.std(truth)) if len(truth) else 0.0
+    return float(np.sqrt(np.mean((truth - predicted) ** 2)) / spread) if spread > 0.0 else math.nan
+
+
+def _curve(
+    data: RingData, rows: IntArray, options: CompareOptions, progress: Words, advance: Advance
+) -> dict[str, list[tuple[int, float]]]:
+    """Test nRMSE by number of training rows, which are the first of the record: more rows mean a longer record."""
+    fit = replace(options.fit, heavy_tails=False)  # no roll-outs here
+    curve: dict[str, list[tuple[int, float]]] = {kind: [] for kind in options.kinds if kind != "p"}
+    for share in CURVE[:-1]:
+        some = rows[: max(50, round(share * len(rows)))]
+        for kind in curve:
+            progress(f"learning curve, {kind} on {len(some)} rows")
+            model = fit_kind(kind, data.train, some, fit).model
+            curve[kind].append((len(some), nrmse(*data.pairs(model, data.test_rows))))
+        advance(sum(CURVE[: CURVE.index(share) + 1]), sum(CURVE[:-1]))
+    return curve

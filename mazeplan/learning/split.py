@@ -1,0 +1,137 @@
+"""Rows for training and for testing, by blocks in time, and intervals by block bootstrap.
+
+Neighbouring rows of a record are nearly equal: a random test row would have its twins among the training rows. So whole
+blocks are test rows. Rows near a border belong to neither set, since smoothing mixes them with the other. For the same
+reason the interval of a score comes from drawing whole blocks (after Kuensch, 1989).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mazeplan.core.errors import SettingsError, TableError
+from mazeplan.core.records import Array, IntArray
+
+DRAWS = 1000  # of a bootstrap: the ends of a 95 % interval are then within about 2 % of its width
+WINDOWS = 10  # least windows for a share, which goes in steps of 1 / WINDOWS
+BLOCKS = 5  # least blocks for an interval: they give 126 different draws, 4 blocks only 35
+TOO_FEW = "too few"
+
+
+@dataclass(frozen=True)
+class Split:
+    """train, test (N,) bool: never both; block (N,): number of the block of each row."""
+
+    train: np.ndarray
+    test: np.ndarray
+    block: IntArray
+
+
+def block_split(
+    rows: int | Array | IntArray,
+    dt: float,
+    *,
+    block_s: float = 10.0,
+    test_share: float = 0.3,
+    guard: int = 3,
+    mode: Literal["interleaved", "tail"] = "interleaved",
+) -> Split:
+    """Train and test rows by blocks of about `block_s` seconds; deterministic.
+
+    rows:        number of rows, or the segment number of each row (N,), in order of time
+    dt:          s from row to row
+    test_share:  share of the test blocks, in (0, 1)
+    guard:       rows on either side of a border within a segment that belong to neither set; use (window - 1) / 2 of
+                 a smoothing
+    mode:        interleaved: test blocks all over the record, the first block is train; tail: the last rows are test
+
+    A record with fewer than two test blocks gets shorter blocks. Raises SettingsError for a bad setting, TableError if
+    no row is left to train or to test on.
+    """
+    for name, value, good, allowed in (
+        ("dt", dt, 0.0 < dt < math.inf, "a number > 0"),
+        ("block_s", block_s, 0.0 < block_s < math.inf, "a number > 0"),
+        ("test_share", test_share, 0.0 < test_share < 1.0, "a number between 0 and 1"),
+        ("guard", guard, isinstance(guard, int) and guard >= 0, "a whole number >= 0"),
+        ("mode", mode, mode in ("interleaved", "tail"), "interleaved or tail"),
+    ):
+        if not good:
+            raise SettingsError(f"got {value!r}, expected {allowed}", key=name)
+    segment = np.zeros(rows) if isinstance(rows, int) else np.asarray(rows, dtype=np.float64)
+    n = len(segment)
+    every = math.ceil(1.0 / test_share)
+    length = max(1, min(round(block_s / dt), n // (2 * every)))
+    block = np.arange(n) // length
+    if mode == "tail":
+        wanted = np.arange(n) >= n - round(test_share * n)
+    else:  # a block is test when the share of the blocks so far passes a whole number (1e-9: rounding)
+        due = np.floor((block + 1) * test_share + 1e-9) - np.floor(block * test_share + 1e-9)
+        wanted = due > 0.5
+    kept = ~near_border(wanted, segment, guard)
+    split = Split(kept & ~wanted, kept & wanted, block.astype(np.int64))
+    for name, mask in (("train", split.train), ("test", split.test)):
+        if not mask.any():
+            raise TableError(f"got {n} rows ({n * dt:.3g} s): too short, none is left to {name} on")
+    return split
+
+
+def near_border(wanted: np.ndarray, segment: Array, guard: int) -> np.ndarray:
+    """Rows (N,) with a row of the other set within `guard` rows in their own segment."""
+    borders = np.flatnonzero((np.diff(wanted) != 0) & (np.diff(segment) == 0.0)) + 1
+    number = np.cumsum(np.diff(segment, prepend=segment[:1]) != 0.0)
+    near = np.zeros(len(wanted), dtype=bool)
+    for border in borders.tolist():
+        span = slice(max(border - guard, 0), border + guard)
+        near[span] |= number[span] == number[border]
+    return near
+
+
+def uniform_downsample(n: int, most: int) -> IntArray:
+    """Indices of at most `most` of n rows, evenly spread in time, growing. Raises SettingsError when most < 1."""
+    if not most >= 1:
+        raise SettingsError(f"got {most!r}, expected a whole number >= 1", key="most")
+    if n <= most:
+        return np.arange(n, dtype=np.int64)
+    return (2 * np.arange(most, dtype=np.int64) + 1) * n // (2 * most)
+
+
+def block_bootstrap(
+    values: Array,
+    blocks: IntArray,
+    statistic: Callable[[Array], float],
+    rng: np.random.Generator,
+    draws: int = DRAWS,
+    *,
+    level: float = 0.95,
+) -> tuple[float, float]:
+    """(low, high): interval of `statistic` with probability `level`, drawing whole blocks with replacement.
+
+    values:    (N,) or (N, k), a row each
+    blocks:    (N,) number of the block of each row
+    statistic: of an array like values
+
+    With fewer than some 20 blocks, or blocks shorter than the memory of the record, the interval is too narrow.
+    (nan, nan) with fewer than two blocks.
+    """
+    values, blocks = np.asarray(values), np.asarray(blocks)
+    if len(values) != len(blocks):
+        raise ValueError(f"got {len(values)} values and {len(blocks)} blocks, expected as many")
+    order = np.argsort(blocks, kind="stable")
+    borders = np.flatnonzero(np.diff(blocks[order])) + 1
+    members = np.split(order, borders)
+    if len(members) < 2:
+        return math.nan, math.nan
+    drawn = rng.integers(0, len(members), (draws, len(members)))
+    found = np.array([float(statistic(values[np.concatenate([members[i] for i in row])])) for row in drawn])
+    low, high = np.quantile(found, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    return float(low), float(high)
+
+
+def enough(windows: int | None = None, blocks: int | None = None) -> bool:
+    """Whether windows and blocks of time suffice for the uncertainty of a score; None: unknown, or not needed."""
+    return (windows is None or windows >= WINDOWS) and (blocks is None or blocks >= BLOCKS)

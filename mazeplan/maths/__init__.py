@@ -1,1 +1,0 @@
-"""Pure functions: angles, integration, box-constrained quadratic programs, linear-quadratic regulators."""

@@ -1,0 +1,382 @@
+"""Planar motion of the ball on the tilting plate: both coordinates, walls, openings, servo, queued commands.
+
+The ring model (`ring_dynamics`) keeps the ball on a circle. The planar model predicts over the camera delay, so it also
+has openings and walls. Plate frame, metres:
+
+    a = k (gravity along the plate) + r (force along the ring) e_theta - drag v - R (dry friction) v / |v|
+
+The effects of the ball's ring give these terms (`generate.plane_routine`). Away from walls k is 5/7 (a rolling solid
+sphere). Along a wall the ball also rolls on the wall; k is then the factor learned for the ring, and friction at the
+wall acts. The plate's rotation has no term: it is small over the delay. Contacts keep the share `restitution` of the
+velocity into the wall.
+
+Compiled functions take two float vectors, so one compilation serves every maze and model:
+z = (x, y, x_dot, y_dot, beta, beta_dot, gamma, gamma_dot), shape (8,), and the packed `PlanarModel`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from mazeplan.core.constants import FREE_ROLLING
+from mazeplan.core.maths.compiled import pointer_to
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze, Ring
+from mazeplan.physics.effect import OPENING, Term
+from mazeplan.physics.formulas.arrays import EXACT, gravity_factor, packed
+from mazeplan.physics.formulas.compiled import call_plane, call_term, ring_functions, term_functions
+from mazeplan.physics.formulas.symbols import PLATE
+from mazeplan.physics.rig.entries import RigNumbers
+
+SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
+RESTITUTION = 0.15  # of the velocity into a wall; steel on printed plastic, slow
+OPENINGS_ONLY = 3  # columns of the walls of a maze without radial walls
+ROUNDED = 1e-5  # precision of a factor in a file
+STATE_SIZE = 8
+# columns of a ring: radii, factor at a wall, radius of the track, address of `plane`, whether it depends on the angle,
+# number of openings that take speed, their start; scratch space; then the parameters
+INNER, OUTER, FACTOR, TRACK, PLANE, ANGLED, OPENING_COUNT, OPENINGS, PUSH = range(9)
+FELT = PUSH + 7  # outputs of `in_plane`
+PULLED = FELT + 4  # inputs of formulas
+PARAMETERS = PULLED + len(PLATE)
+OPENING_SIZE = 3  # addresses of angle and loss, start of the parameters
+TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class PlanarModel:
+    """Arrays for the compiled functions.
+
+    scalars: (2,) ball radius m, factor where no wall is touched
+    stage:   (2, 5) per axis gain, natural frequency rad/s, damping ratio, offset rad, coupling
+    rings:   (R, C) per ring, outermost first: see the columns above
+    walls:   (W, 3) per wall between rings: inner radius, outer radius, index of its first gap;
+             (W, 5) where radial walls stand in any ring: of the ring outside it, the first of their rows and the one
+             behind the last
+    gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width; behind them radial walls, grouped
+             by ring, with half of their thickness
+    """
+
+    scalars: Array
+    stage: Array
+    rings: Array
+    walls: Array
+    gaps: Array
+
+    @classmethod
+    def build(cls, maze: Maze, model: RigNumbers) -> PlanarModel:
+        """The arrays for one maze and one fitted (or nominal) model."""
+        rows = [_ring_row(ring, maze, model) for ring in maze.rings]
+        width = max(map(len, rows))
+        walls, gaps = [], []
+        for wall in maze.walls[1:]:
+            walls.append([wall.inner_radius, wall.outer_radius, float(len(gaps))])
+            gaps.extend([math.cos(o.angle), math.sin(o.angle), 0.5 * o.width] for o in wall.openings)
+        if maze.radial_walls:
+            for row, wall in zip(walls, maze.walls[1:], strict=True):
+                across = maze.radial_walls_of(wall.outer_ring)
+                row += [float(len(gaps)), float(len(gaps) + len(across))]
+                gaps.extend([math.cos(w.angle), math.sin(w.angle), 0.5 * w.thickness] for w in across)
+        stage = [
+            [axis.gain, axis.natural_frequency, axis.damping, axis.offset, axis.coupling]
+            for axis in (model.true_stage.beta, model.true_stage.gamma)
+        ]
+        return cls(
+            scalars=np.array([maze.ball.radius, _free_factor(maze, model)]),
+            stage=np.array(stage, dtype=float),
+            rings=np.array([[*row, *[0.0] * (width - len(row))] for row in rows]),
+            walls=np.array(walls, dtype=float).reshape(len(walls), -1) if walls else np.zeros((0, 3)),
+            gaps=np.array(gaps, dtype=float).reshape(-1, 3),
+        )
+
+    def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
+        """The arguments of the compiled functions after the state."""
+        return self.scalars, self.stage, self.rings, self.walls, self.gaps
+
+
+def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
+    """The columns of a ring: its own effects, and the common ones of ring 1."""
+    shared = [term for term in model.ball(1).planned if term.effect.common]
+    own = [term for term in model.ball(ring.number).planned if not term.effect.common]
+    along = [term for term in (*own, *shared) if term.effect.acts != OPENING]
+    functions = ring_functions([term.effect for term in along])
+    track = max(ring.track_radius, 0.5 * ring.outer_radius)
+    opening = [term for term in own if term.effect.acts == OPENING]
+    parameters = packed(along, EXACT)
+    plate = [0.0] * (len(PLATE) - 2) + [track, maze.ball.radius]
+    head = [
+        ring.inner_radius, ring.outer_radius, gravity_factor(along), track, functions.address["plane"],
+        functions.counts["angled"], len(opening), PARAMETERS + len(parameters), *[0.0] * (PULLED - PUSH), *plate,
+    ]  # fmt: skip
+    return [*head, *parameters, *_opening_columns(opening, PARAMETERS + len(parameters))]
+
+
+def _opening_columns(terms: list[Term], begin: int) -> list[float]:
+    """Addresses and starts of the openings, then their parameters."""
+    rows, numbers, at = [], [], begin + OPENING_SIZE * len(terms)
+    for term in terms:
+        functions = term_functions(term.effect)
+        rows += [functions.address["angle"], functions.address["loss"], at + len(numbers)]
+        numbers += term.numbers
+    return [float(x) for x in (*rows, *numbers)]
+
+
+def _free_factor(maze: Maze, model: RigNumbers) -> float:
+    """The factor of gravity away from walls: that of the disc, if it differs from the nominal value."""
+    disc = maze.rings[-1]
+    if not disc.is_disc or disc.number not in model.balls:
+        return FREE_ROLLING
+    factor = model.ball(disc.number).parameter("rolling_inertia", "factor", FREE_ROLLING)
+    return FREE_ROLLING if abs(factor - FREE_ROLLING) < ROUNDED else factor
+
+
+@njit(cache=True)
+def ring_index(r, rings):
+    """Index of the ring whose floor, widened to the middle of its walls, holds radius r."""
+    for i in range(rings.shape[0] - 1):
+        if r > 0.5 * (rings[i, 0] + rings[i + 1, 1]):
+            return i
+    return rings.shape[0] - 1
+
+
+@njit(cache=True)
+def _push_out(z, px, py, reach, restitution):
+    """Keep the ball's centre at least `reach` from the point (px, py): correct position and velocity."""
+    dx, dy = z[0] - px, z[1] - py
+    d = math.sqrt(dx * dx + dy * dy)
+    if d >= reach or d < 1e-12:
+        return False
+    nx, ny = dx / d, dy / d
+    z[0], z[1] = px + nx * reach, py + ny * reach
+    vn = z[2] * nx + z[3] * ny
+    if vn < 0.0:
+        z[2] -= (1.0 + restitution) * vn * nx
+        z[3] -= (1.0 + restitution) * vn * ny
+    return True
+
+
+@njit(cache=True)
+def _limit_radius(z, limit, outward, restitution):
+    """Keep the centre at radius >= limit (outward) or <= limit: correct position and velocity."""
+    r = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    if r < 1e-12 or (outward and r >= limit) or (not outward and r <= limit):
+        return False
+    nx, ny = z[0] / r, z[1] / r
+    z[0], z[1] = nx * limit, ny * limit
+    vn = z[2] * nx + z[3] * ny
+    if (outward and vn < 0.0) or (not outward and vn > 0.0):
+        z[2] -= (1.0 + restitution) * vn * nx
+        z[3] -= (1.0 + restitution) * vn * ny
+    return True
+
+
+@njit(cache=True)
+def _meet_gap(z, gap, low, high, radius, restitution):
+    """Contact inside or in front of a gap (cos, sin, half width) of the wall from radius low to high."""
+    c, s, half = gap[0], gap[1], gap[2]
+    along, across = c * z[0] + s * z[1], -s * z[0] + c * z[1]
+    first = math.sqrt(low * low - half * half)
+    last = math.sqrt(high * high - half * half)
+    if first <= along <= last:
+        free = max(half - radius, 0.0)
+        if abs(across) <= free:
+            return False
+        side = 1.0 if across > 0.0 else -1.0
+        shift = side * free - across
+        z[0] -= s * shift
+        z[1] += c * shift
+        vt = -s * z[2] + c * z[3]
+        if vt * side > 0.0:
+            z[2] += s * (1.0 + restitution) * vt
+            z[3] -= c * (1.0 + restitution) * vt
+        return True
+    corner = first if along < first else last
+    hit = False
+    for side in (-1.0, 1.0):
+        px, py = c * corner - s * side * half, s * corner + c * side * half
+        hit = _push_out(z, px, py, radius, restitution) or hit
+    return hit
+
+
+@njit(cache=True)
+def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
+    """Contact with the flat sides of the radial walls in the ball's ring. Inside openings their own sides act."""
+    r = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    touched = False
+    for w in range(walls.shape[0]):
+        if r <= rings[w, 0] or r >= rings[w, 1]:
+            continue
+        for j in range(int(walls[w, 3]), int(walls[w, 4])):
+            c, s, reach = gaps[j, 0], gaps[j, 1], gaps[j, 2] + radius
+            across = -s * z[0] + c * z[1]
+            if abs(across) >= reach or c * z[0] + s * z[1] <= 0.0:
+                continue
+            side = 1.0 if across > 0.0 else -1.0
+            shift = side * reach - across
+            z[0] -= s * shift
+            z[1] += c * shift
+            vt = -s * z[2] + c * z[3]
+            if vt * side < 0.0:
+                z[2] += s * (1.0 + restitution) * vt
+                z[3] -= c * (1.0 + restitution) * vt
+            touched = True
+    return touched
+
+
+@njit(cache=True)
+def contact(z, radius, rings, walls, gaps, restitution):
+    """Resolve contacts with walls (in place); whether the ball touches one."""
+    touched = _limit_radius(z, rings[0, 1] - radius, False, restitution)
+    radial = walls.shape[1] > OPENINGS_ONLY
+    if radial:
+        touched = _meet_radial_walls(z, radius, rings, walls, gaps, restitution) or touched
+    for w in range(walls.shape[0]):
+        low, high = walls[w, 0], walls[w, 1]
+        r = math.sqrt(z[0] * z[0] + z[1] * z[1])
+        if r <= low - radius or r >= high + radius:
+            continue
+        first = int(walls[w, 2])
+        last = int(walls[w + 1, 2]) if w + 1 < walls.shape[0] else int(walls[0, 3]) if radial else gaps.shape[0]
+        in_gap = False
+        for j in range(first, last):
+            c, s, half = gaps[j, 0], gaps[j, 1], gaps[j, 2]
+            if c * z[0] + s * z[1] > 0.0 and abs(-s * z[0] + c * z[1]) < half:
+                touched = _meet_gap(z, gaps[j], low, high, radius, restitution) or touched
+                in_gap = True
+                break
+        if not in_gap:
+            if r > 0.5 * (low + high):
+                touched = _limit_radius(z, high + radius, True, restitution) or touched
+            else:
+                touched = _limit_radius(z, low - radius, False, restitution) or touched
+    return touched
+
+
+@njit(cache=True)
+def stage_step(z, u_beta, u_gamma, stage, h):
+    """Advance both axes of the stage (angles z[4] and z[6], rates behind them) by h with the commands held.
+
+    Semi-implicit in the damping: stable for every damping ratio at the sub-step used here."""
+    for i in range(2):
+        axis, at = stage[i], 4 + 2 * i
+        gain, wn, zeta, offset = axis[0], axis[1], axis[2], axis[3]
+        u = u_beta + axis[4] * u_gamma if i == 0 else u_gamma + axis[4] * u_beta
+        error = gain * u + offset - z[at]
+        rate = (z[at + 1] + h * wn * wn * error) / (1.0 + 2.0 * zeta * wn * h + wn * wn * h * h)
+        z[at] += h * rate
+        z[at + 1] = rate
+
+
+@njit(cache=True)
+def in_plane(z, ring, free, touching):
+    """Evaluate the effects in the plane. Returns the column of: acceleration (2), m/s^2; drag, 1/s; dry friction,
+    m/s^2."""
+    r = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    speed = math.sqrt(z[2] * z[2] + z[3] * z[3]) / ring[TRACK]
+    angle = rate = direction = 0.0
+    if ring[ANGLED] != 0.0 and r > 1e-6:
+        angle = math.atan2(z[1], z[0])
+        rate = (z[0] * z[3] - z[1] * z[2]) / (r * r)
+        direction = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
+    plate, p = pointer_to(ring, PULLED), pointer_to(ring, PARAMETERS)
+    plate[0], plate[3] = z[4], z[6]
+    push = pointer_to(ring, PUSH)
+    call_plane(np.int64(ring[PLANE]), (angle, rate, speed, direction, 0.0, plate, p, push))
+    ax, ay = push[0], push[1]
+    if touching and r > 1e-6:
+        nx, ny = z[0] / r, z[1] / r
+        radial, along = ax * nx + ay * ny, -ax * ny + ay * nx
+        radial, along = radial * free, along * ring[FACTOR]
+        ax, ay = radial * nx - along * ny, radial * ny + along * nx
+    else:
+        ax, ay = ax * free, ay * free
+    if push[2] != 0.0 and r > 1e-6:
+        ax, ay = ax - push[2] * z[1], ay + push[2] * z[0]
+    ring[FELT], ring[FELT + 1], ring[FELT + 2] = ax, ay, push[3]
+    ring[FELT + 3] = ring[TRACK] * (push[4] + (push[5] if touching else 0.0))
+    return FELT
+
+
+@njit(cache=True)
+def _pass_openings(z, ring, before):
+    """Reduce the speed along the ring at openings that the ball passed since the angle `before`."""
+    after = math.atan2(z[1], z[0])
+    after = before + (after - before - TURN * math.floor((after - before) / TURN + 0.5))
+    r2 = z[0] * z[0] + z[1] * z[1]
+    rate = (z[0] * z[3] - z[1] * z[2]) / r2
+    for j in range(int(ring[OPENING_COUNT])):
+        at = int(ring[OPENINGS]) + OPENING_SIZE * j
+        p, plate = pointer_to(ring, int(ring[at + 2])), pointer_to(ring, PULLED)
+        angle = call_term(np.int64(ring[at]), (before, rate, 0.0, plate, p))
+        if math.floor((before - angle) / TURN) != math.floor((after - angle) / TURN):
+            lost = call_term(np.int64(ring[at + 1]), (before, rate, 0.0, plate, p)) * rate
+            z[2] += lost * z[1]
+            z[3] -= lost * z[0]
+            rate -= lost
+
+
+@njit(cache=True)
+def ball_step(z, h, scalars, rings, walls, gaps, touching):
+    """Advance the ball by h under the tilt in z; whether it touches a wall afterwards."""
+    radius, free = scalars[0], scalars[1]
+    ring = rings[ring_index(math.sqrt(z[0] * z[0] + z[1] * z[1]), rings)]
+    felt = in_plane(z, ring, free, touching)
+    vx, vy = z[2] + h * ring[felt], z[3] + h * ring[felt + 1]
+    speed = math.sqrt(vx * vx + vy * vy)
+    keep = max(0.0, 1.0 - h * ring[felt + 2])
+    if speed > 1e-12:
+        keep *= max(0.0, 1.0 - h * ring[felt + 3] / speed)
+    z[2], z[3] = vx * keep, vy * keep
+    before = math.atan2(z[1], z[0]) if ring[OPENING_COUNT] > 0.0 else 0.0
+    z[0] += h * z[2]
+    z[1] += h * z[3]
+    if ring[OPENING_COUNT] > 0.0:
+        _pass_openings(z, ring, before)
+    return contact(z, radius, rings, walls, gaps, RESTITUTION)
+
+
+@njit(cache=True)
+def predict(z, t, until, times, commands, scalars, stage, rings, walls, gaps):
+    """Advance z (in place) from t to `until`, with commands[i] held from times[i] on (times ascending).
+
+    Shapes: times (N,), commands (N, 2). Before times[0] the first command is held."""
+    i = 0
+    touching = False
+    while i + 1 < times.shape[0] and times[i + 1] <= t + 1e-9:
+        i += 1
+    while t < until - 1e-9:
+        h = min(SUBSTEP, until - t)
+        if i + 1 < times.shape[0] and times[i + 1] - t < h:
+            h = max(times[i + 1] - t, 1e-9)
+        stage_step(z, commands[i, 0], commands[i, 1], stage, h)
+        touching = ball_step(z, h, scalars, rings, walls, gaps, touching)
+        t += h
+        if i + 1 < times.shape[0] and times[i + 1] <= t + 1e-9:
+            i += 1
+
+
+@njit(cache=True)
+def predict_given_tilt(z, t, until, times, tilts, scalars, rings, walls, gaps):
+    """Advance the ball in z (in place) from t to `until` under a known tilt history.
+
+    times (N,) ascending, tilts (N, 2); linear between samples, held outside them."""
+    n = times.shape[0]
+    i = 0
+    touching = False
+    while t < until - 1e-9:
+        h = min(SUBSTEP, until - t)
+        middle = t + 0.5 * h
+        while i + 1 < n and times[i + 1] <= middle:
+            i += 1
+        if i + 1 < n and middle > times[i]:
+            w = (middle - times[i]) / (times[i + 1] - times[i])
+            z[4] = (1.0 - w) * tilts[i, 0] + w * tilts[i + 1, 0]
+            z[6] = (1.0 - w) * tilts[i, 1] + w * tilts[i + 1, 1]
+        else:
+            z[4], z[6] = tilts[i, 0], tilts[i, 1]
+        touching = ball_step(z, h, scalars, rings, walls, gaps, touching)
+        t += h

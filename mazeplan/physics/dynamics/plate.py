@@ -1,0 +1,114 @@
+"""Gravity, angular velocity and angular acceleration of the moving plate, in its own frame.
+
+The plate has the rotation Ry(beta) Rx(gamma) on a table with the tilt (b, c). With B = beta + b, C = gamma + c:
+
+    gravity   = g (sin B, -cos B sin C, -cos B cos C)
+    Omega     = (C', B' cos C, -B' sin C)
+    Omega'    = (C'', B'' cos C - B' C' sin C, -B'' sin C - B' C' cos C)
+
+(from R^T (0, 0, -g) and R^T R'). Each sub-step has one row of numbers, for its middle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.records import Array
+
+# columns of a row, and its length; first the inputs of formulas in their order (`symbols.PLATE`)
+RADIUS_AT, BALL_AT, FELT_AT, TIME_AT, ROW = 6, 7, 8, 17, 18
+
+
+class PlateMotion(NamedTuple):
+    """Motion of the plate on an even grid: start, step in s; motion (M, 6): beta, its rate and acceleration, then
+    gamma's, in rad, rad/s, rad/s^2."""
+
+    start: float
+    step: float
+    motion: Array
+
+
+class Tilting(NamedTuple):
+    """Errors of the stated tilt: true beta = gain_beta beta + cross_beta gamma + tilt_beta, gamma alike; tilt_beta,
+    tilt_gamma: of the table, rad."""
+
+    gain_beta: float = 1.0
+    gain_gamma: float = 1.0
+    cross_beta: float = 0.0
+    cross_gamma: float = 0.0
+    tilt_beta: float = 0.0
+    tilt_gamma: float = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def motion_at(motion, start, step, t, out):
+    """Motion (M, 6) at the time t by cubic Hermite interpolation, accelerations by a straight line, into out[:6]; held
+    beyond the ends."""
+    place = min(max((t - start) / step, 0.0), len(motion) - 1.000001)
+    i = int(place)
+    _between(motion, i, place - i, step, out)
+
+
+@njit(cache=True, error_model="numpy")
+def _between(motion, i, s, step, out):
+    """As `motion_at`, at the share s of a step behind row i."""
+    s2, r2 = s * s, (1.0 - s) * (1.0 - s)
+    a0, a1 = (1.0 + 2.0 * s) * r2, s2 * (3.0 - 2.0 * s)
+    b0, b1 = s * r2 * step, s2 * (s - 1.0) * step
+    for axis in range(0, 6, 3):
+        for c in range(axis, axis + 2):  # a number, and its slope from the next column
+            here, next_ = motion[i, c], motion[i + 1, c]
+            out[c] = a0 * here + a1 * next_ + b0 * motion[i, c + 1] + b1 * motion[i + 1, c + 1]
+        out[axis + 2] = motion[i, axis + 2] + s * (motion[i + 1, axis + 2] - motion[i, axis + 2])
+
+
+@njit(cache=True, error_model="numpy")
+def plate_rows(plate, tilting, times, h, per, out):
+    """Rows (N per, ROW) of the middles of `per` sub-steps of h s that follow each of the times (N,), s, into out."""
+    raw = np.empty(6)
+    for k in range(len(times)):
+        for j in range(per):
+            t = times[k] + (j + 0.5) * h
+            motion_at(plate.motion, plate.start, plate.step, t, raw)
+            _fill(tilting, raw, t, out[k * per + j])
+
+
+@njit(cache=True, error_model="numpy")
+def history_rows(times, motion, tilting, start, h, out):
+    """Rows (M, ROW) of the middles of M sub-steps of h s from `start` on, into out; motion (N, 6) as in `PlateMotion`,
+    at any times (N,), N > 1, that go on; held beyond the ends."""
+    raw, i = np.empty(6), 0
+    for k in range(len(out)):
+        t = start + (k + 0.5) * h
+        while i + 2 < len(times) and times[i + 1] <= t:
+            i += 1
+        step = times[i + 1] - times[i]
+        _between(motion, i, min(max((t - times[i]) / step, 0.0), 1.0), step, raw)
+        _fill(tilting, raw, t, out[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(tilting, raw, t, row):
+    """A row from the stated motion of the plate at t, raw (6,)."""
+    for c in range(3):
+        row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
+        row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
+    row[RADIUS_AT], row[BALL_AT], row[TIME_AT] = 0.0, 0.0, t
+    _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
+
+
+@njit(cache=True, error_model="numpy")
+def _felt(row, beta, gamma):
+    """Gravity (3 numbers), Omega (3) and its rate (3) for the tilt of the plate and the rates in a row, into it."""
+    sb, cb, sc, cc = math.sin(beta), math.cos(beta), math.sin(gamma), math.cos(gamma)
+    b1, b2, c1, c2 = row[1], row[2], row[4], row[5]
+    row[FELT_AT], row[FELT_AT + 1], row[FELT_AT + 2] = GRAVITY * sb, -GRAVITY * cb * sc, -GRAVITY * cb * cc
+    row[FELT_AT + 3], row[FELT_AT + 4], row[FELT_AT + 5] = c1, b1 * cc, -b1 * sc
+    row[FELT_AT + 6] = c2
+    row[FELT_AT + 7] = b2 * cc - b1 * c1 * sc
+    row[FELT_AT + 8] = -b2 * sc - b1 * c1 * cc

@@ -1,0 +1,234 @@
+"""Rigid-body model of the ball: rolling on the moving floor, contacts with walls, spin about the vertical.
+
+State (x, y, vx, vy, w) in the plate's frame, m and m/s; w is the spin about the vertical (against the plate) times the
+radius R. Inertia k m R^2, f = 1 / (1 + k). Newton and Euler for a ball that rolls without slip on a plate with angular
+velocity O, its centre H above the pivot, p = (x, y, H), v = (vx, vy, 0):
+
+    v' = f (g - O' x p - 2 O x v - O x (O x p) - k (R O'_y - O_z vy - O_x w, -R O'_x - O_y w + O_z vx)) - drag v / |v|
+    w' = -R O'_z - O_x vx - O_y vy - c_s (N / m g) b / k
+    drag = f (c (N / m g) a + viscous |v| + quadratic |v|^2),      (a, b) = (c |v|, c_s w) / |(c |v|, c_s w)|
+
+c = g mu_roll / R, c_s = g mu_spin / R. Rolling and spinning share one patch of contact, and its friction points against
+both together (Contensou). v is 0 where a step of the drag could end it.
+
+Against a wall with normal n (Coulomb's law for impulses per mass): the approach u = -v_n becomes -e' u,
+
+    e' = min(e, (e - k + J / u) / (1 + k))
+
+A slow ball keeps rolling and comes back with e. In a fast impact the floor holds the ball's spin back only by the
+impulse J; the rest of the spin goes on into the wall and takes speed away when the ball rolls again (momentum of v and
+spin before and after). The wall gives (1 + k) (1 + e') u in all. The tangential impulse that would end the slip s =
+v_t - w is -s / (f + 1 / k); it is limited to mu_wall times the normal one. v_t changes by f, w by -1 / k of it. From
+these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rolls on, and all between.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.maths.compiled import pointer_to, shifted
+from mazeplan.core.records import Array
+from mazeplan.physics.dynamics.plate import BALL_AT, FELT_AT, RADIUS_AT, TIME_AT
+from mazeplan.physics.dynamics.walls import (
+    WallCore,
+    gap_of,
+    into_face,
+    into_side,
+    into_slab,
+    near_wall,
+    outside_rim,
+    wall_core,
+)
+from mazeplan.physics.formulas.compiled import call_plane
+
+STATE = 5
+PER_GRAVITY = 1.0 / GRAVITY
+TINY = 1e-12  # m^2/s^3, so that a ball at rest has a direction
+EDGES = 5.0  # how much less sure the way out of a contact at an edge is: a little aside turns it far
+MIDDLE = 1e-3  # m; nearer to the middle of the plate than this an angle says nothing
+
+
+class Ball(NamedTuple):
+    """Parameters of the ball.
+
+    inertia: k of k m R^2; rolling: c, m/s^2; viscous 1/s; quadratic 1/m; wall: friction coefficient at a wall;
+    restitution: e of the speed into a wall; hold: J, m/s; spin: c_s, m/s^2; height: of the centre above the pivot, m;
+    NaN: the radius, as if the plate turned about its surface."""
+
+    inertia: float = 0.4
+    rolling: float = 0.03
+    viscous: float = 0.0
+    quadratic: float = 0.0
+    wall: float = 0.2
+    restitution: float = 0.3
+    hold: float = 0.02
+    spin: float = 0.02
+    height: float = math.nan
+
+
+class Effects(NamedTuple):
+    """Further effects on the ball, see `rigid_body_effects`. address: of `plane` of the effects, 0: none; p: their
+    packed parameters, and FELT_ROOM numbers for its outputs. The caller keeps both alive."""
+
+    address: int
+    p: Array
+
+
+FELT_ROOM = 7  # pull along x and y, force, drag, dry friction, friction at a wall, factor of gravity
+
+
+def no_effects() -> Effects:
+    """No further effects."""
+    return Effects(0, np.zeros(FELT_ROOM + 1))
+
+
+class BodyCore(NamedTuple):
+    """Inputs of a step: the numbers of `Ball`, f, pointers to effects, and walls."""
+
+    inertia: float
+    factor: float
+    rolling: float
+    viscous: float
+    quadratic: float
+    wall: float
+    restitution: float
+    hold: float
+    spin: float
+    spin_gain: float
+    height: float
+    address: int
+    p: Any
+    felt: Any
+    walls: WallCore
+
+
+@njit(cache=True, error_model="numpy")
+def body_core(ball, walls, effects):
+    """The core for `Ball`, `Walls` and `Effects`, which the caller keeps alive."""
+    height = walls.radius if math.isnan(ball.height) else ball.height
+    return BodyCore(
+        ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
+        ball.restitution, ball.hold, ball.spin, ball.spin / ball.inertia, height, effects.address,
+        pointer_to(effects.p, 0), pointer_to(effects.p, len(effects.p) - FELT_ROOM), wall_core(walls),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _strike(core, h, depth, nx, ny, x, y, vx, vy, w):
+    """The state after the ball, which overlaps a wall by `depth` m at the end of a step of h s, has met it, and by how
+    much (m/s) the wall changed its speed.
+
+    It met the wall `late` s ago, and has gone on since then as the contact sent it: so the state behind a step depends
+    continuously on the one before, whatever step the contact falls into."""
+    vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
+    if vn >= 0.0:
+        return x + depth * nx, y + depth * ny, vx, vy, w, 0.0
+    late = min(depth / -vn, h)
+    e = min(core.restitution, (core.restitution - core.inertia - core.hold / vn) * core.factor)
+    jump = -(1.0 + e) * vn
+    most = core.wall * (1.0 + core.inertia) * jump
+    grip = -(vt - w) / (core.factor + 1.0 / core.inertia)
+    grip = min(max(grip, -most), most)
+    out, along = depth - late * e * vn, late * core.factor * grip
+    x, y = x + out * nx - along * ny, y + out * ny + along * nx
+    vn, vt, w = vn + jump, vt + core.factor * grip, w - grip / core.inertia
+    return x, y, vn * nx - vt * ny, vn * ny + vt * nx, w, jump
+
+
+@njit(cache=True, error_model="numpy")
+def meet_walls(core, h, x, y, vx, vy, w):
+    """The state after all walls that the ball overlaps at the end of a step of h s have been met, and how much all of
+    them changed its speed, m/s, edges at openings counted EDGES times."""
+    walls, hit = core.walls, 0.0
+    depth, nx, ny = outside_rim(walls, x, y)
+    if depth > 0.0:
+        x, y, vx, vy, w, jump = _strike(core, h, depth, nx, ny, x, y, vx, vy, w)
+        hit += jump
+    for b in range(walls.n_slabs):
+        depth, nx, ny = into_slab(walls, b, x, y)
+        if depth > 0.0:
+            x, y, vx, vy, w, jump = _strike(core, h, depth, nx, ny, x, y, vx, vy, w)
+            hit += jump
+    for i in range(walls.n_walls):
+        if not near_wall(walls, i, x, y):
+            continue
+        j = gap_of(walls, i, x, y)
+        for side in range(1 if j < 0 else 2):
+            depth, nx, ny = into_face(walls, i, x, y) if j < 0 else into_side(walls, j, 2.0 * side - 1.0, x, y)
+            if depth > 0.0:
+                x, y, vx, vy, w, jump = _strike(core, h, depth, nx, ny, x, y, vx, vy, w)
+                hit += jump if j < 0 else EDGES * jump
+    return x, y, vx, vy, w, hit
+
+
+@njit(cache=True, error_model="numpy")
+def _besides(core, row, x, y, vx, vy):
+    """(ax, ay, drag) of the effects, m/s^2; row: of `plate`.
+
+    They are written for a bead on a ring: gravity as a sliding point feels it, so f of it moves the ball; forces, drag
+    and friction in rad/s^2 as they come to the motion, times the distance from the middle."""
+    r = math.sqrt(x * x + y * y)
+    if r < MIDDLE:
+        return 0.0, 0.0, 0.0
+    row[RADIUS_AT], row[BALL_AT] = r, core.walls.radius
+    rate, speed = (x * vy - y * vx) / (r * r), math.sqrt(vx * vx + vy * vy) / r
+    way = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
+    out, level = core.felt, shifted(row, FELT_AT)
+    call_plane(core.address, (math.atan2(y, x), rate, speed, way, row[TIME_AT], row, core.p, out))
+    gx, gy = level[0], level[1]  # on the table as the tilting says that it stands
+    mx = gx + out[0] - GRAVITY * math.sin(row[0])
+    my = gy + out[1] + GRAVITY * math.sin(row[3]) * math.cos(row[0])
+    ax, ay = core.factor * (out[6] * mx - gx), core.factor * (out[6] * my - gy)
+    return ax - y * out[2], ay + x * out[2], r * (speed * out[3] + max(out[4], 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def accelerated(core, row, x, y, vx, vy, w):
+    """(ax, ay, aw, n): acceleration without friction, m/s^2, and the floor's force per mass, m/s^2; row: of `plate`."""
+    k, radius, height = core.inertia, core.walls.radius, core.height
+    felt = shifted(row, FELT_AT)
+    ox, oy, oz, qx, qy, qz = felt[3], felt[4], felt[5], felt[6], felt[7], felt[8]
+    along, square = ox * x + oy * y + oz * height, ox * ox + oy * oy + oz * oz
+    ax = felt[0] - (qy * height - qz * y) + 2.0 * oz * vy - (ox * along - square * x)
+    ay = felt[1] - (qz * x - qx * height) - 2.0 * oz * vx - (oy * along - square * y)
+    ax -= k * (radius * qy - oz * vy - ox * w)
+    ay += k * (radius * qx + oy * w - oz * vx)
+    n = -felt[2] + (qx * y - qy * x) + 2.0 * (ox * vy - oy * vx) + oz * along - square * height
+    return core.factor * ax, core.factor * ay, -radius * qz - ox * vx - oy * vy, n
+
+
+@njit(cache=True, error_model="numpy")
+def step(core, row, h, x, y, vx, vy, w):
+    """The state h s later, and how much walls changed the speed, as `meet_walls`; row: pointer to the row of `plate` in
+    the middle of this step."""
+    ax, ay, aw, n = accelerated(core, row, x, y, vx, vy, w)
+    more = 0.0
+    if core.address != 0:
+        bx, by, more = _besides(core, row, x, y, vx, vy)
+        ax, ay = ax + bx, ay + by
+    ux, uy, w = vx + h * ax, vy + h * ay, w + h * aw
+    speed = math.sqrt(ux * ux + uy * uy)
+    a, b = core.rolling * speed, core.spin * abs(w)
+    press = max(n, 0.0) * PER_GRAVITY / (math.sqrt(a * a + b * b) + TINY)
+    floor = core.rolling * press * a + speed * (core.viscous + speed * core.quadratic)
+    lost, slower = h * (core.factor * floor + more), h * core.spin_gain * press * b
+    keep = 1.0 - lost / speed if speed > lost else 0.0
+    ux, uy = ux * keep, uy * keep
+    w = 0.0 if abs(w) <= slower else w - math.copysign(slower, w)
+    x, y = x + 0.5 * h * (vx + ux), y + 0.5 * h * (vy + uy)
+    return meet_walls(core, h, x, y, ux, uy, w)
+
+
+@njit(cache=True, error_model="numpy")
+def advance(ball, walls, effects, rows, h, state, out):
+    """States (M, 5) after each of M steps of h s from `state` (5,), into out; rows (M, ROW): of `plate.plate_rows`."""
+    core = body_core(ball, walls, effects)
+    x, y, vx, vy, w = state[0], state[1], state[2], state[3], state[4]
+    for i in range(len(rows)):
+        x, y, vx, vy, w, _ = step(core, pointer_to(rows, i * rows.shape[1]), h, x, y, vx, vy, w)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, vx, vy, w

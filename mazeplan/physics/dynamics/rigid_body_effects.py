@@ -1,0 +1,68 @@
+"""Effects of the registry, also a user's own, on the rigid-body ball.
+
+They use the same compiled function `plane` as planner and filter, so each formula stands once. The rigid body itself
+rolls (`Ball.inertia`) and meets walls and openings (`Ball.wall`, `Ball.restitution`), so such effects are refused here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mazeplan.physics.dynamics.rigid_body import FELT_ROOM, Effects, no_effects
+from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, Effect, Term
+from mazeplan.physics.effects.ball import rolling_inertia
+from mazeplan.physics.formulas.arrays import packed
+from mazeplan.physics.formulas.compiled import CompiledFunctions, plane_functions
+from mazeplan.physics.formulas.symbols import RECORDED, state, symbols_of
+
+BESIDES = (GRAVITY, FORCE, DRAG, DRY)
+
+
+def effects_of(terms: Sequence[Term]) -> Effects:
+    """The sum of some effects for `rigid_body`. Raises ValueError for an effect that the body has by itself, and for a
+    formula with inputs of a record."""
+    for term in terms:
+        _check(term.effect)
+    terms = [term for term in terms if not idle(term)]
+    if not terms:
+        return no_effects()
+    numbers = [*packed(terms), *[0.0] * FELT_ROOM]
+    return Effects(_address(tuple(term.effect for term in terms)), np.array(numbers, dtype=np.float64))
+
+
+def idle(term: Term) -> bool:
+    """Whether a term does nothing: all its sizes are the defaults."""
+    known = zip(term.effect.parameters.items(), term.numbers, strict=True)
+    return all(name in term.effect.places or value == p.default for (name, p), value in known)
+
+
+_made: dict[tuple[int, ...], tuple[tuple[Effect, ...], CompiledFunctions]] = {}  # by identity; keeps both alive
+
+
+def _address(effects: tuple[Effect, ...]) -> int:
+    """Address of `plane`, cached for filters."""
+    key = tuple(map(id, effects))
+    if key not in _made:
+        _made[key] = effects, plane_functions(effects)
+    return _made[key][1].address["plane"]
+
+
+_checked: dict[int, Effect] = {}  # by identity, as looking at a formula takes time
+
+
+def _check(effect: Effect) -> None:
+    if id(effect) in _checked:
+        return
+    if effect.acts not in BESIDES or effect.name == rolling_inertia.name:
+        raise ValueError(f"got {effect.name}, which a ball with a body has by itself; expected {', '.join(BESIDES)}")
+    if effect.formula is None:
+        raise ValueError(f"got {effect.name} without a formula, expected one with a formula")
+    made = effect.formula(state(), symbols_of(effect.parameters, ""))
+    parts = list(made.values()) if isinstance(made, Mapping) else [made]
+    asked = {symbol.name for part in parts for symbol in getattr(part, "free_symbols", ())}
+    if asked & set(RECORDED):
+        raise ValueError(f"got {effect.name}, which asks for {', '.join(sorted(asked & set(RECORDED)))}: a ball with "
+                         "a body knows the moment only")  # fmt: skip
+    _checked[id(effect)] = effect

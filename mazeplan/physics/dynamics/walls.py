@@ -1,0 +1,186 @@
+"""Walls of a maze for compiled code, and their overlap with a ball.
+
+A wall is an annulus cut by openings with parallel sides. Its edges at an opening are rounded by `ROUNDING`:
+
+    wall = all points within ROUNDING of the core,   core = the wall made smaller by ROUNDING on every side
+
+so the centre of a ball of radius R stays R + ROUNDING away from the core, or R away from a wall without edges. The
+nearest point of the core lies on the same radius, or, where that point falls into an opening, on one of its two sides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from mazeplan.core.maths.compiled import pointer_to
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze
+
+ROUNDING = 1e-3  # m, radius of the edges at an opening
+WALL, GAP, SLAB = 4, 5, 5  # numbers a row
+NEAREST = 1e-12  # m; closer than this there is no direction from one point to another
+
+
+class Walls(NamedTuple):
+    """All walls of a maze.
+
+    walls: (W, 4) per wall between rings: inner and outer radius of its core, index of its first gap and one behind the
+    last; gaps: (G, 5) per opening: cos(angle), sin(angle), half width of the gap in the core, and where on its middle
+    line the sides of that gap begin and end; slabs: (B, 5) per radial wall: cos(angle), sin(angle), half thickness,
+    inner and outer radius of its ring; rim: m, radius of the rim; radius: m, of the ball; rounding: m, of the edges."""
+
+    walls: Array
+    gaps: Array
+    slabs: Array
+    rim: float
+    radius: float
+    rounding: float
+
+
+def pack_walls(maze: Maze, rounding: float | None = None) -> Walls:
+    """The walls of a maze for compiled code; rounding: ROUNDING, or less where a wall is too thin for that. Raises
+    ValueError when `rounding` is more than half of a wall."""
+    if rounding is None:
+        thinnest = min((wall.outer_radius - wall.inner_radius for wall in maze.walls[1:]), default=1.0)
+        rounding = min(ROUNDING, 0.5 * thinnest)
+    walls, gaps = [], []
+    for wall in maze.walls[1:]:
+        low, high = wall.inner_radius + rounding, wall.outer_radius - rounding
+        if low > high + NEAREST:
+            raise ValueError(f"rounding: got {rounding:g} m, expected at most half of a wall")
+        walls.append([low, high, float(len(gaps)), float(len(gaps) + len(wall.openings))])
+        for opening in wall.openings:
+            half = 0.5 * opening.width + rounding
+            ends = (math.sqrt(max(end * end - half * half, 0.0)) for end in (low, high))
+            gaps.append([math.cos(opening.angle), math.sin(opening.angle), half, *ends])
+    slabs = []
+    for across in maze.radial_walls:
+        ring = maze.ring(across.ring)
+        place = math.cos(across.angle), math.sin(across.angle)
+        slabs.append([*place, 0.5 * across.thickness, ring.inner_radius, ring.outer_radius])
+    rows = (np.array(part, dtype=float).reshape(-1, n) for part, n in ((walls, WALL), (gaps, GAP), (slabs, SLAB)))
+    return Walls(*rows, rim=maze.rings[0].outer_radius, radius=maze.ball.radius, rounding=rounding)
+
+
+class WallCore(NamedTuple):
+    """Pointers into `Walls`, and its numbers: no array is counted where this is handed on."""
+
+    walls: Any
+    gaps: Any
+    slabs: Any
+    n_walls: int
+    n_slabs: int
+    rim: float
+    radius: float
+    reach: float
+
+
+@njit(cache=True, error_model="numpy")
+def wall_core(walls):
+    """The core of packed walls, which the caller keeps alive."""
+    return WallCore(
+        pointer_to(walls.walls, 0), pointer_to(walls.gaps, 0), pointer_to(walls.slabs, 0), len(walls.walls),
+        len(walls.slabs), walls.rim, walls.radius, walls.radius + walls.rounding,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def outside_rim(core, x, y):
+    """(depth, nx, ny): by how much the ball overlaps the rim (m, 0: not at all), and the normal away from it."""
+    r2, most = x * x + y * y, core.rim - core.radius
+    if r2 <= most * most:
+        return 0.0, 0.0, 0.0
+    r = math.sqrt(r2)
+    return r - most, -x / r, -y / r
+
+
+@njit(cache=True, error_model="numpy")
+def near_wall(core, i, x, y):
+    """Whether wall i can touch a ball at (x, y)."""
+    r2 = x * x + y * y
+    inner, outer = core.walls[WALL * i] - core.reach, core.walls[WALL * i + 1] + core.reach
+    return inner < 0.0 or inner * inner < r2 < outer * outer
+
+
+@njit(cache=True, error_model="numpy")
+def gap_of(core, i, x, y):
+    """Index of the gap of wall i into which the nearest radius of its core falls, -1: none."""
+    low, high = core.walls[WALL * i], core.walls[WALL * i + 1]
+    r = math.sqrt(x * x + y * y)
+    if r < NEAREST:
+        return -1
+    shrink = min(max(r, low), high) / r
+    for j in range(int(core.walls[WALL * i + 2]), int(core.walls[WALL * i + 3])):
+        c, s = core.gaps[GAP * j], core.gaps[GAP * j + 1]
+        if c * x + s * y > 0.0 and abs(c * y - s * x) * shrink < core.gaps[GAP * j + 2]:
+            return j
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def into_face(core, i, x, y):
+    """(depth, nx, ny) as `outside_rim`, of the round faces of wall i, for a ball that is in front of none of its
+    gaps."""
+    low, high = core.walls[WALL * i], core.walls[WALL * i + 1]
+    r = math.sqrt(x * x + y * y)
+    if r < NEAREST:
+        return 0.0, 0.0, 0.0
+    if r > 0.5 * (low + high):
+        return high + core.reach - r, x / r, y / r
+    return r - (low - core.reach), -x / r, -y / r
+
+
+@njit(cache=True, error_model="numpy")
+def into_side(core, j, side, x, y):
+    """(depth, nx, ny) as `outside_rim`, of one side (-1.0, 1.0) of gap j: its face and its two edges."""
+    c, s, half = core.gaps[GAP * j], core.gaps[GAP * j + 1], core.gaps[GAP * j + 2]
+    along, across = c * x + s * y, c * y - s * x
+    da = along - min(max(along, core.gaps[GAP * j + 3]), core.gaps[GAP * j + 4])
+    db = across - side * half
+    d2 = da * da + db * db
+    if d2 >= core.reach * core.reach or d2 < NEAREST * NEAREST:
+        return 0.0, 0.0, 0.0
+    d = math.sqrt(d2)
+    return core.reach - d, (c * da - s * db) / d, (s * da + c * db) / d
+
+
+@njit(cache=True, error_model="numpy")
+def into_slab(core, b, x, y):
+    """(depth, nx, ny) as `outside_rim`, of radial wall b."""
+    c, s, reach = core.slabs[SLAB * b], core.slabs[SLAB * b + 1], core.slabs[SLAB * b + 2] + core.radius
+    across, r = c * y - s * x, math.sqrt(x * x + y * y)
+    inside = core.slabs[SLAB * b + 3] < r < core.slabs[SLAB * b + 4]
+    if not inside or abs(across) >= reach or c * x + s * y <= 0.0:
+        return 0.0, 0.0, 0.0
+    side = 1.0 if across > 0.0 else -1.0
+    return reach - abs(across), -s * side, c * side
+
+
+def overlaps(walls: Walls, places: Array) -> Array:
+    """Largest overlap (N,), m, of a ball at each of the places (N, 2) with a wall; 0: none."""
+    out = np.zeros(len(places))
+    _overlaps(walls, np.ascontiguousarray(places, dtype=np.float64), out)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _overlaps(walls, places, out):
+    """As `overlaps`, into out (N,)."""
+    core = wall_core(walls)
+    for n in range(len(places)):
+        x, y = places[n, 0], places[n, 1]
+        most = outside_rim(core, x, y)[0]
+        for i in range(core.n_walls):
+            if near_wall(core, i, x, y):
+                j = gap_of(core, i, x, y)
+                if j < 0:
+                    most = max(most, into_face(core, i, x, y)[0])
+                else:
+                    most = max(most, into_side(core, j, -1.0, x, y)[0], into_side(core, j, 1.0, x, y)[0])
+        for b in range(core.n_slabs):
+            most = max(most, into_slab(core, b, x, y)[0])
+        out[n] = most

@@ -1,0 +1,256 @@
+"""Generates source code of values and derivatives from formulas, with common subexpressions, for any backend.
+
+One step evaluates the acceleration several times for one motion of the plate. Therefore terms of the plate and the
+parameters alone are computed once, into coefficients c; the rest is a function of the ball:
+
+    theta_dd = sum_i c_i(t, w, p) rest_i(theta, theta_dot)
+
+sympy takes the derivatives by theta, theta_dot and the plate's beta, beta_d, beta_dd, gamma, gamma_d. Sines and
+cosines of multiples of theta follow by recurrence from those of theta.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mazeplan.physics.effect import DRAG, DRY, FORCE, WALL, Effect
+from mazeplan.physics.formulas import equation
+from mazeplan.physics.formulas.symbols import BALL, INPUTS, size, state
+
+BY = ("theta", "theta_dot", "beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot")  # derivatives, in this order
+
+
+@dataclass
+class Routine:
+    """Source of one function: arguments, lines, and output expressions."""
+
+    name: str
+    arguments: tuple[str, ...]
+    lines: list[str] = field(default_factory=list)
+    outputs: list[str] = field(default_factory=list)
+    into: str = ""  # the argument for the outputs; "": the only output is returned
+
+    def text(self) -> str:
+        """The function for Numba: outputs go into an argument."""
+        ends = [f"{self.into}[{i}] = {value}" for i, value in enumerate(self.outputs)]
+        body = [*self.lines, *(ends if self.into else [f"return {self.outputs[0]}"])] or ["pass"]
+        return "\n".join([f"def {self.name}({', '.join(self.arguments)}):", *(f"    {line}" for line in body)])
+
+    def plain(self) -> str:
+        """The function for arrays and tensors: outputs are returned as a tuple."""
+        arguments = [a for a in self.arguments if a != self.into]
+        value = (
+            f"return ({', '.join(self.outputs)}{',' if self.outputs else ''})"
+            if self.into
+            else (f"return {self.outputs[0]}")
+        )
+        return "\n".join([f"def {self.name}({', '.join(arguments)}):", *(f"    {x}" for x in [*self.lines, value])])
+
+
+def ring_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
+    """plate, value, plate_partials and partials of a set of effects, and how many coefficients each kind has."""
+    total = equation.turning() + equation.gravity(effects) + equation.pushes(effects)
+    symbols = _symbols()
+    slopes = [total.diff(symbols[name]) for name in BY]
+    coefficients, (value,) = _hoisted([total])
+    every, all_of_them = _hoisted([total, *slopes])
+    parameters, ball = equation.names_of(effects), ("theta", "theta_dot", "sin_theta", "cos_theta", "c", "p")
+    routines = [
+        _routine("plate", ("t", "w", "p", "c"), coefficients, parameters, into="c"),
+        _routine("value", ball, [value], parameters),
+        _routine("plate_partials", ("t", "w", "p", "c"), every, parameters, into="c"),
+        _routine("partials", (*ball, "out"), all_of_them, parameters, into="out"),
+    ]
+    return routines, {"coefficients": len(coefficients), "every": len(every)}
+
+
+def plane_routine(effects: Sequence[Effect]) -> Routine:
+    """Outputs in the plane: gravity along x and y (m/s^2, without the factor), the force along the ring (rad/s^2), drag
+    (1/s), dry friction anywhere and at a wall (rad/s^2), and the factor of gravity."""
+    x, y, factor = equation.pull(effects)
+    sums = [equation.summed(effects, kind) for kind in (FORCE, DRAG, DRY, WALL)]
+    s, speed = state(), _symbols()["speed"]
+    sums = [part.subs(size(s.theta_dot), speed) for part in sums]
+    arguments = ("theta", "theta_dot", "speed", "direction", "t", "w", "p", "out")
+    return _routine("plane", arguments, [x, y, *sums, factor], equation.names_of(effects), into="out")
+
+
+def base_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
+    """plate of effects of gravity, and base: their sum for a ball at theta in a camera turned by p[0]. The inputs w of
+    base end with the plate's coefficients."""
+    coefficients, (value,) = _hoisted([equation.turning() + equation.gravity(effects)])
+    plate = _routine("plate", ("t", "w", "p", "c"), coefficients, equation.names_of(effects), into="c")
+    base = _routine("base", ("theta", "theta_dot", "sin_theta", "cos_theta", "c", "p"), [value], [])
+    base.arguments = ("theta", "theta_dot", "t", "w", "p")
+    base.lines.insert(0, "sin_theta, cos_theta = sin(theta - p[0]), cos(theta - p[0])")
+    shifted = re.compile(r"\bc\[(\d+)\]")
+
+    def behind(found: re.Match[str]) -> str:
+        return f"w[{len(INPUTS) + int(found[1])}]"
+
+    base.lines = [shifted.sub(behind, line) for line in base.lines]
+    base.outputs = [shifted.sub(behind, value) for value in base.outputs]
+    return [plate, base], {"coefficients": len(coefficients)}
+
+
+def signed(expression: Any) -> Any:
+    """The expression with the sign of the ball's speed for its direction."""
+    from mazeplan.physics.formulas.symbols import sign
+
+    s = state()
+    return expression.subs(s.direction, sign(s.theta_dot))
+
+
+def term_routine(name: str, expression: Any, effects: Sequence[Effect], inputs: Sequence[str] = INPUTS) -> Routine:
+    """An expression as a function of ball, time, inputs w and the effects' parameters p."""
+    names = equation.names_of(effects)
+    return _routine(name, ("theta", "theta_dot", "t", "w", "p"), [expression], names, first=0, inputs=inputs)
+
+
+def _symbols() -> dict[str, Any]:
+    import sympy
+
+    return {**vars(state()), "speed": sympy.Symbol("speed", real=True)}
+
+
+def _hoisted(expressions: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """Coefficients without the ball, and the expressions in terms of symbols c[i] of them."""
+    hoist = _Hoist()
+    out = [hoist.of(expression) for expression in expressions]
+    return list(hoist.found), out
+
+
+class _Hoist:
+    """Replaces terms of the plate alone by symbols; found: these coefficients, with their symbols."""
+
+    def __init__(self) -> None:
+        import sympy
+
+        s = state()
+        self.found: dict[Any, Any] = {}
+        self._ball = {s.theta, s.theta_dot}
+        self._plate = {sympy.Symbol(name, real=True) for name in (*INPUTS, "t")}
+
+    def of(self, expression: Any) -> Any:
+        """The expression with symbols in the place of its coefficients."""
+        import sympy
+
+        parts: dict[Any, Any] = {}
+        for term in sympy.Add.make_args(_multiplied_out(expression)):
+            factors = sympy.Mul.make_args(term)
+            rest = sympy.Mul(*(self._inside(f) for f in factors if f.free_symbols & self._ball))
+            parts[rest] = parts.get(rest, 0) + sympy.Mul(*(f for f in factors if not f.free_symbols & self._ball))
+        return sum((self._named(c) * rest for rest, c in parts.items()), sympy.Integer(0))
+
+    def _inside(self, factor: Any) -> Any:
+        """A factor that contains the ball, with the terms of the plate inside it replaced."""
+        if not factor.free_symbols & self._plate:
+            return factor
+        return factor.func(*(self.of(a) if a.free_symbols & self._plate else a for a in factor.args))
+
+    def _named(self, coefficient: Any) -> Any:
+        """The symbol of a coefficient; a number or a parameter stays."""
+        import sympy
+
+        key = coefficient if not coefficient.could_extract_minus_sign() else -coefficient
+        if not key.free_symbols or (key.is_Symbol and "__" in key.name):
+            return coefficient
+        symbol = self.found.setdefault(key, sympy.Symbol(f"c[{len(self.found)}]", real=True))
+        return symbol if key == coefficient else -symbol
+
+
+def _multiplied_out(expression: Any) -> Any:
+    """The expression as a sum of products; arguments of functions stay."""
+    import sympy
+
+    inside = (sympy.sin, sympy.cos)
+    functions = [f for f in expression.atoms(sympy.Function) if not isinstance(f, inside)]
+    functions.sort(key=sympy.count_ops, reverse=True)  # the outer ones first
+    held: dict[Any, Any] = {}
+    for f in functions:
+        held[f] = sympy.Dummy(real=True)
+    return sympy.expand(expression.xreplace(held)).xreplace({new: old for old, new in held.items()})
+
+
+def _routine(
+    name: str, arguments: tuple[str, ...], expressions: Sequence[Any], parameters: Sequence[str], *,
+    into: str = "", first: int = 1, inputs: Sequence[str] = INPUTS,
+) -> Routine:  # fmt: skip
+    """Lines and outputs for some expressions. first: start of the parameters in p; inputs: names in w. Raises
+    ValueError for an unknown symbol."""
+    import sympy
+
+    places = {equation.WIDTH: "p[0]"} if first else {}
+    places |= {p: f"p[{first + i}]" for i, p in enumerate(parameters)}
+    places |= {symbol: f"w[{i}]" for i, symbol in enumerate(inputs)}
+    s = state()
+    given = {sympy.Symbol(old, real=True): sympy.Symbol(new, real=True) for old, new in places.items()}
+    expressions = [sympy.sympify(e) for e in expressions]
+    known = {*places, *(a for a in arguments if a.isidentifier())}
+    unknown = {x.name for e in expressions for x in e.free_symbols} - known
+    unknown = {name for name in unknown if not name.startswith("c[")}
+    if unknown:
+        allowed = ", ".join((*BALL, "speed", "direction", *inputs))
+        raise ValueError(f"got {', '.join(sorted(unknown))} in a formula, expected {allowed} and its parameters")
+    expressions = [e.subs(given) for e in expressions]
+    lines, waves = _waves(expressions, s.theta, "sin_theta" in arguments)
+    expressions = [e.xreplace(waves) for e in expressions]
+    shared, reduced = sympy.cse(expressions, symbols=sympy.numbered_symbols("x_"), optimizations="basic")
+    printer = _printer()
+    lines += [f"{symbol} = {printer.doprint(value)}" for symbol, value in shared]
+    return Routine(name, arguments, lines, [printer.doprint(e) for e in reduced], into)
+
+
+def _waves(expressions: Sequence[Any], theta: Any, given: bool) -> tuple[list[str], dict[Any, Any]]:
+    """Lines for sines and cosines of theta and its multiples, and their symbols."""
+    import sympy
+
+    found = {f for e in expressions for f in e.atoms(sympy.sin, sympy.cos)}
+    orders = {f: f.args[0] / theta for f in found}
+    orders = {f: int(n) for f, n in orders.items() if n.is_Integer}
+    if not orders:
+        return [], {}
+    sign = {f: (-1 if n < 0 and isinstance(f, sympy.sin) else 1) for f, n in orders.items()}
+    most = max(abs(n) for n in orders.values())
+    names = {1: ("sin_theta", "cos_theta")} | {n: (f"s_{n}", f"c_{n}") for n in range(2, most + 1)}
+    lines = [] if given else ["sin_theta, cos_theta = sin(theta), cos(theta)"]
+    for n in range(2, most + 1):
+        s, c = names[n - 1]
+        lines += [f"s_{n} = {s} * cos_theta + {c} * sin_theta", f"c_{n} = {c} * cos_theta - {s} * sin_theta"]
+    return lines, {
+        f: sign[f] * sympy.Symbol(names[abs(n)][0 if isinstance(f, sympy.sin) else 1], real=True)
+        for f, n in orders.items() if n
+    }  # fmt: skip
+
+
+def _printer() -> Any:
+    """Python with bare names of functions; sines of the small tilts by `sine` and `cosine`."""
+    from sympy.printing.pycode import PythonCodePrinter
+
+    class Printer(PythonCodePrinter):
+        def _print_Function(self, expr: Any) -> str:  # noqa: N802
+            name = type(expr).__name__
+            name = {"sin": "sine", "cos": "cosine"}.get(name, name)
+            return f"{name}({', '.join(self._print(a) for a in expr.args)})"
+
+        _print_sin = _print_cos = _print_exp = _print_tanh = _print_sign = _print_Function  # pyright: ignore
+
+        def _print_Pow(self, expr: Any, rational: bool = False) -> str:  # noqa: N802
+            base, power = expr.args
+            text = self.parenthesize(base, 60)
+            if power.is_Integer and 2 <= abs(int(power)) <= 4:
+                product = "*".join([text] * abs(int(power)))
+                return f"({product})" if power > 0 else f"(1/({product}))"
+            if power == -1:
+                return f"(1/{text})"
+            if power == 0.5 or str(power) == "1/2":
+                return f"sqrt({self._print(base)})"
+            return f"{text}**{self._print(power)}"
+
+        def _print_Rational(self, expr: Any) -> str:  # noqa: N802
+            return f"({expr.p}/{expr.q})" if expr.q != 1 else str(expr.p)
+
+    return Printer({"fully_qualified_modules": False, "strict": False, "precision": 17})

@@ -1,0 +1,1 @@
+"""Models of the parts of a rig: stage, tilt sensor and camera."""

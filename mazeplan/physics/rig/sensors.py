@@ -1,0 +1,87 @@
+"""Calibration of camera and tilt sensor, and the correction of their measurements.
+
+p = scale R(angle) true position + offset,    measured position = c + (p - c) (1 + k |p - c|^2)
+measured tilt = gain x true tilt
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from mazeplan.core.maths.fingerprint import LATER
+
+ROUNDS = 20  # of the fixed-point correction of the lens; each leaves a share k |p - c|^2 of the error
+LIMITS = (
+    ("offset_x", -0.05, 0.05, "m"), ("offset_y", -0.05, 0.05, "m"), ("angle", -0.8, 0.8, "rad"),
+    ("scale", 0.5, 2.0, ""), ("distortion", -30.0, 30.0, "1/m^2"), ("distortion_x", -0.1, 0.1, "m"),
+    ("distortion_y", -0.1, 0.1, "m"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Calibration of the camera.
+
+    offset_x, offset_y: m, measured middle of the plate; angle: rad, rotation of the picture against the tilt axes;
+    scale: measured over true; distortion: 1/m^2, of the lens, about distortion_x, distortion_y (m)."""
+
+    offset_x: float = 0.0
+    offset_y: float = 0.0
+    angle: float = 0.0
+    scale: float = field(default=1.0, metadata=LATER)
+    distortion: float = field(default=0.0, metadata=LATER)
+    distortion_x: float = field(default=0.0, metadata=LATER)
+    distortion_y: float = field(default=0.0, metadata=LATER)
+    stderr: dict[str, float] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        for name, low, high, unit in LIMITS:
+            if not low <= getattr(self, name) <= high:  # also refuses NaN
+                raise ValueError(f"{name}: got {getattr(self, name)}, expected {low} to {high} {unit}".strip())
+
+    def true(self, x: float, y: float) -> tuple[float, float]:
+        """True position of a measured one (x, y), m."""
+        if self == Camera():
+            return x, y
+        x, y = self._without_lens(x, y)
+        c, s = math.cos(self.angle) / self.scale, math.sin(self.angle) / self.scale
+        x, y = x - self.offset_x, y - self.offset_y
+        return c * x + s * y, c * y - s * x
+
+    def seen(self, x: float, y: float) -> tuple[float, float]:
+        """Measured position of a ball at (x, y), m."""
+        c, s = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
+        x, y = c * x - s * y + self.offset_x, s * x + c * y + self.offset_y
+        dx, dy = x - self.distortion_x, y - self.distortion_y
+        more = self.distortion * (dx * dx + dy * dy)
+        return x + more * dx, y + more * dy
+
+    def _without_lens(self, x: float, y: float) -> tuple[float, float]:
+        """The position without lens distortion."""
+        if self.distortion == 0.0:
+            return x, y
+        x, y = x - self.distortion_x, y - self.distortion_y
+        px, py = x, y
+        for _ in range(ROUNDS):
+            over = 1.0 + self.distortion * (px * px + py * py)
+            px, py = x / over, y / over
+        return px + self.distortion_x, py + self.distortion_y
+
+
+@dataclass(frozen=True)
+class TiltSensor:
+    """gain_beta, gain_gamma: measured over true tilt."""
+
+    gain_beta: float = 1.0
+    gain_gamma: float = 1.0
+    stderr: dict[str, float] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("gain_beta", "gain_gamma"):
+            if not 0.3 <= getattr(self, name) <= 3.0:
+                raise ValueError(f"{name}: got {getattr(self, name)}, expected 0.3 to 3.0")
+
+    def true(self, beta: float, gamma: float) -> tuple[float, float]:
+        """True tilts of measured ones (beta, gamma), rad."""
+        return beta / self.gain_beta, gamma / self.gain_gamma

@@ -1,0 +1,81 @@
+"""The emulated rig: a `HardwareRig` with a simulated world behind serial port and camera.
+
+The firmware runs on a simulated chip, the pictures are rendered, MuJoCo simulates plate and ball, all in real time
+(`world`). The calibrations in its file were made like those of a real rig.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.errors import MazeplanError, RigError
+from mazeplan.rigs.camera.source import FrameSource
+from mazeplan.rigs.emulation.table import EmulatedTable
+from mazeplan.rigs.files import validated
+from mazeplan.rigs.hardware.parts import open_board
+from mazeplan.rigs.hardware.rig import HardwareRig
+from mazeplan.rigs.hardware.settings import EmulatedSettings
+from mazeplan.rigs.link.board import Board
+
+SEEDS = 2**31
+GRACE_S = 0.2  # s, for the last message of a world that ends
+LOST = 0.02  # share of lost pictures that needs no message
+
+
+class EmulatedRig(HardwareRig):
+    """See `interface.Rig`. settings: the keys of emulated.yaml."""
+
+    settings: EmulatedSettings
+
+    def _checked(self, settings: Mapping[str, Any]) -> EmulatedSettings:
+        return validated(EmulatedSettings, settings)
+
+    table: EmulatedTable | None = None
+
+    def _open_board(self) -> Board:
+        self.table = EmulatedTable(self.maze, self.settings.world)
+        return open_board(self.settings, self.table.port)
+
+    def _open_camera(self) -> FrameSource:
+        assert self.table is not None
+        return self.table
+
+    @property
+    def _camera_name(self) -> str:
+        return "of the emulated rig"
+
+    def cause(self, problem: MazeplanError) -> MazeplanError:
+        """As `HardwareRig.cause`: a table that ends or hangs silences board and camera."""
+        if self.table is None or not isinstance(problem, RigError):
+            return problem
+        if self.table.going(GRACE_S):
+            return RigError(self.table.why)
+        return RigError(f"the emulated table hangs, or this machine is too slow for it: {problem}")
+
+    def level(self) -> None:
+        """As `HardwareRig.level`; nothing to do after the end of the table."""
+        if self.table is None or not self.table.gone:
+            super().level()
+
+    def _place(self, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """Place the ball, as a person would."""
+        assert self.table is not None
+        self.table.place(ring, math.remainder(theta, math.tau), int(rng.integers(SEEDS)))
+
+    def close(self) -> None:
+        """As `HardwareRig.close`; ends the table, too. Reports a machine that was too slow."""
+        table, self.table = self.table, None
+        try:
+            super().close()
+        finally:
+            if table is not None:
+                table.close()
+                due = table.lost + len(table.shown)
+                if table.lost > LOST * due:
+                    what = f"{table.lost} of {due} pictures of the emulated camera were lost"
+                    print(f"this machine does not keep up: {what}", file=sys.stderr, flush=True)

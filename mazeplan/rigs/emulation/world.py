@@ -1,0 +1,220 @@
+"""The world of the emulated rig: machine, board and camera in real time, in a process of their own.
+
+    pulses at the pins --Servos--> machine --Diode--> volts at the inputs     the board runs the firmware, in simavr
+    machine --Overhead, delay_ms later--> pictures
+
+    python -m mazeplan.rigs.emulation.world FD     writes pictures into the file FD, in SLOTS places in turn
+
+Orders on stdin, one JSON document a line: first map and settings, then {"place": [ring, theta, seed]}, {"remove": true}
+(the ball), {"tilt": true} (asks for the true tilt), {"end": true}. The world also ends `linger_s` after the end of
+stdin, so that its trace shows the plate after the death of the program. Answers on stdout: {"ready": port},
+{"frame": slot, "lost": pictures lost so far on a slow machine}, {"tilt": [beta, gamma]} and {"problem": text}.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
+from typing import Any, TextIO
+
+import numpy as np
+
+from mazeplan.core.errors import MazeplanError, SettingsError
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import check_text
+from mazeplan.rigs.camera.look import Look
+from mazeplan.rigs.camera.render import Overhead
+from mazeplan.rigs.camera.sensing import over
+from mazeplan.rigs.emulation.chip import EmulatedChip, built
+from mazeplan.rigs.emulation.truth import Truth
+from mazeplan.rigs.files import validated
+from mazeplan.rigs.hardware.settings import WorldSettings
+from mazeplan.rigs.sim.machine import CHUNKS, Machine
+from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
+
+SLOTS = 8
+PICTURES_HZ = 30.0
+BEHIND = 10  # niceness of the renderer: a real camera takes no time from program and board
+LATE_S = 0.2  # s, largest lag behind the wall clock that the world makes up for
+Shot = tuple[float, Any, float, float]  # exposure (host's clock), ball (3,) or None, beta, gamma
+
+
+class EmulatedCamera(threading.Thread):
+    """Renders each shot, and delivers it after the delay."""
+
+    def __init__(self, overhead: Overhead, memory: mmap.mmap, delay_s: float, say: Callable[[dict], None]) -> None:
+        super().__init__(name="camera", daemon=True)
+        self.shots: queue.Queue[Shot | None] = queue.Queue(maxsize=3)  # None: the end
+        self.rng = np.random.default_rng(0)
+        self.lost = 0
+        self._overhead, self._memory, self._delay, self._say = overhead, memory, delay_s, say
+
+    def run(self) -> None:
+        """Render until the end."""
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), BEHIND)
+        number = 0
+        while (shot := self.shots.get()) is not None:
+            exposed, ball, beta, gamma = shot
+            if monotonic() > exposed + self._delay and not self.shots.empty():
+                self.lost += 1
+                continue  # a slow machine loses some pictures, so that the others are in time
+            image = self._overhead.render(ball, beta, gamma, self.rng)
+            slot, number = number % SLOTS, number + 1
+            size = image.nbytes
+            self._memory[slot * size : (slot + 1) * size] = image.tobytes()
+            time.sleep(max(0.0, exposed + self._delay - monotonic()))
+            self._say({"frame": slot, "exposed": exposed, "out": monotonic(), "lost": self.lost})
+
+    def end(self) -> None:
+        """End the thread and wait for it: an interpreter that ends during compiled code crashes."""
+        self.shots.put(None)
+        self.join()
+
+
+def appearance(given: dict[str, Any]) -> Look:
+    """Appearance of the pictures. Raises SettingsError for an unknown key or value."""
+    try:
+        return Look(**{"sharp": False, **given})
+    except (TypeError, ValueError) as problem:
+        raise SettingsError(str(problem).removeprefix("Look.__init__() "), key="world.look") from None
+
+
+class EmulatedWorld:
+    """Machine, board and camera."""
+
+    def __init__(
+        self, maze: Maze, settings: WorldSettings, memory: mmap.mmap, say: Callable[[dict], None], folder: Path
+    ) -> None:
+        self.maze, self.settings, self._say = maze, settings, say
+        self.truth = Truth.drawn(settings.seed)
+        physics = settings_from(dict(settings.physics))
+        self.machine = Machine(maze, SimulatedSettings(**{**dict(physics), "rate_hz": 2.0 * PICTURES_HZ}))
+        self.machine.reset(ring=1, theta=0.0)
+        self.here = False  # whether there is a ball
+        self.chip = EmulatedChip(*built(), folder, apart=False)
+        self.chip.set_volts(*self.truth.diode.volts(0.0, 0.0))
+        self.chip.set_noise(1e-3 * settings.diode_noise_mv)
+        overhead = Overhead(maze, over(self.truth.camera, maze), appearance(settings.look))
+        self.camera = EmulatedCamera(overhead, memory, 1e-3 * settings.camera_delay_ms, say)
+        self._orders: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._trace: TextIO | None = None
+        if settings.trace is not None:
+            self._trace = Path(settings.trace).open("w", buffering=1)  # noqa: SIM115
+            self._trace.write("t,pulse_beta_us,pulse_gamma_us,target_beta,target_gamma,beta,gamma,x,y\n")
+
+    def order(self, document: dict[str, Any]) -> None:
+        """Queue an order for the next step. Any thread may call."""
+        self._orders.put(document)
+
+    def run(self, ended: threading.Event) -> None:
+        """Run until `ended` is set, or the board is lost."""
+        self.camera.start()
+        try:
+            self._simulate(ended)
+        except MazeplanError as problem:
+            self._say({"problem": str(problem)})
+        finally:
+            self.chip.close()
+            self.camera.end()
+
+    def _simulate(self, ended: threading.Event) -> None:
+        step, count = self.machine.chunk_s, 0
+        zero = monotonic()  # of the machine's time
+        while not ended.is_set():
+            now = zero + (count + 1) * step
+            ahead = now - monotonic()
+            if ahead > 0.0:
+                time.sleep(ahead)  # the emulated machine runs in real time, as the board's firmware does
+            elif ahead < -LATE_S:
+                zero -= ahead
+                now -= ahead
+            self._step(now)
+            count += 1
+            if count % (2 * CHUNKS) == 0:
+                self._expose(now)
+
+    def _step(self, now: float) -> None:
+        machine, chip = self.machine, self.chip
+        while not self._orders.empty():
+            self._obey(self._orders.get())
+        beta_us, gamma_us, _ = chip.pulses()
+        if beta_us > 0.0 and gamma_us > 0.0:  # a servo without pulses stays where it is
+            machine.aim(*self.truth.servos.tilt(beta_us, gamma_us))
+        machine.step()
+        chip.set_volts(*self.truth.diode.volts(*machine.tilt))
+        if self._trace is not None:
+            target = self.truth.servos.tilt(beta_us, gamma_us)
+            x, y = machine.position
+            row = (now, beta_us, gamma_us, *target, *machine.tilt, x, y)
+            self._trace.write(",".join(f"{value:.6f}" for value in row) + "\n")
+
+    def _expose(self, now: float) -> None:
+        ball = self.machine.ball()[0] if self.here else None
+        if self.camera.shots.full():
+            self.camera.lost += 1
+        else:
+            self.camera.shots.put((now, ball, *self.machine.tilt))
+
+    def _obey(self, order: dict[str, Any]) -> None:
+        if "place" in order:
+            ring, theta, seed = order["place"]
+            r = self.maze.track_radius(int(ring))
+            position = np.array([r * np.cos(theta), r * np.sin(theta), self.maze.ball.radius])
+            self.machine.set_ball(position, np.zeros(3), np.zeros(3))
+            self.camera.rng = np.random.default_rng(int(seed))
+            self.here = True
+        elif "remove" in order:
+            self.here = False
+        elif "tilt" in order:
+            self._say({"tilt": self.machine.tilt})
+
+
+def main() -> None:
+    """Run one world; see the module."""
+    memory = mmap.mmap(int(sys.argv[1]), 0)
+    speaking = threading.Lock()
+
+    def say(document: dict[str, Any]) -> None:
+        try:
+            with speaking:
+                sys.stdout.write(json.dumps(document) + "\n")
+                sys.stdout.flush()
+        except OSError:  # the program has ended, and the world lingers
+            pass
+
+    first = json.loads(sys.stdin.readline() or "{}")
+    try:
+        maze = check_text(first["map"]).maze
+        assert maze is not None
+        settings = validated(WorldSettings, first["world"])
+        world = EmulatedWorld(maze, settings, memory, say, Path(first["folder"]))
+    except MazeplanError as problem:
+        say({"problem": str(problem)})
+        return
+    ended = threading.Event()
+
+    def listen() -> None:
+        for line in sys.stdin:
+            order = json.loads(line)
+            if "end" in order:
+                break
+            world.order(order)
+        else:
+            time.sleep(settings.linger_s)
+        ended.set()
+
+    threading.Thread(target=listen, name="orders", daemon=True).start()
+    say({"ready": world.chip.port})
+    world.run(ended)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,215 @@
+"""A rig around any rig, which fails on a schedule: samples, commands and calls go wrong on their way.
+
+`kinds` lists the faults. Those of the machine go to the rig inside if it has `inject`, as the simulated rig does.
+`level` always reaches the rig.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Observation
+from mazeplan.maze.geometry import Maze, Opening
+from mazeplan.rigs.faults.kinds import KINDS, Drawn, Passage
+from mazeplan.rigs.interface import Rig, RigWrapper, traits
+from mazeplan.rigs.sim.settings import Fault
+
+HISTORY = 120  # samples of the rig that are kept for late pictures
+TOLERANCE = 1e-9  # rad, of the tilt limit
+LASTING_S = 1e6  # duration of a fault for good
+
+
+def impossible(rig: object) -> set[str]:
+    """Names of the faults that the machine cannot have."""
+    cannot = traits(rig).cannot
+    return {kind.name for kind in KINDS.values() if kind.machine in cannot}
+
+
+@dataclass
+class Orders:
+    """Orders to the program that drives: `aimed_at` gives the next opening, `close` closes one."""
+
+    aimed_at: Callable[[], str | None] = field(default=lambda: None)
+    close: Callable[[str], object] = field(default=lambda name: None)
+
+
+class FaultyRig(RigWrapper):
+    """Makes the rig inside fail by a schedule. See `interface.Rig`.
+
+    begun: faults that came; beyond: commands that were NaN or beyond the tilt limit; levelled: whether the last order
+    was `level`; hangs_since: when a call began to hang, monotonic clock, s.
+    Raises SettingsError for a fault of the machine if the rig cannot have it."""
+
+    def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: Orders | None = None) -> None:
+        super().__init__(rig)
+        self._maze, self._faults, self.orders = maze, tuple(faults), orders or Orders()
+        self._inject = traits(rig).inject
+        for fault in faults:
+            if fault.kind.machine and self._inject is None:
+                raise SettingsError(f"{fault.kind.name}: this rig has no `inject`; a simulated rig has")
+            if fault.kind.name in impossible(rig):
+                raise SettingsError(f"{fault.kind.name}: this rig cannot do that; a rig of the program's own can")
+        self._chance: dict[int, np.random.Generator] = {}
+        self._closed = threading.Event()
+        self._clear()
+
+    @property
+    def now(self) -> float:
+        """Rig time of the last sample, by the rig inside, s."""
+        return self._now
+
+    def add(self, fault: Drawn) -> None:
+        """One more fault, also while running; in the thread of the loop."""
+        self._chance[id(fault)] = np.random.default_rng(fault.seed)
+        self._faults = (*self._faults, fault)
+
+    def _clear(self) -> None:
+        self._past: deque[Observation] = deque(maxlen=HISTORY)
+        self._queue: deque[tuple[float, float, float]] = deque()
+        self._now = 0.0
+        self.begun: list[Drawn] = []
+        self.beyond: list[tuple[float, float]] = []
+        self.levelled = True
+        self.hangs_since: float | None = None
+        self._true: dict[float, float] = {}
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """As the rig inside; the schedule starts again."""
+        self.inside.reset(ring=ring, theta=theta, rng=rng)
+        self._clear()
+        self._chance = {id(fault): np.random.default_rng(fault.seed) for fault in self._faults}
+
+    def observe(self) -> Observation:
+        """The next sample, changed by the faults that act. Raises RigError if a fault does."""
+        sample = self.inside.observe()
+        self._now = sample.t
+        self._past.append(sample)
+        while self._queue and self._queue[0][0] <= self._now + 1e-9:
+            self.inside.command(*self._queue.popleft()[1:])
+        for fault in self._faults:
+            if self._now >= fault.at_s and fault not in self.begun:
+                self.begun.append(fault)
+                self._begin(fault, sample)
+        for fault in self._acting():
+            if fault.kind.name == "observe_raises":
+                raise RigError("the camera does not answer (injected)")
+            if fault.kind.change is not None:
+                passage = Passage(fault, self._past, sample, self._chance[id(fault)], self._maze)
+                sample = fault.kind.change(passage)
+        self._true.setdefault(sample.t, self._now)
+        return sample
+
+    def true_time(self, t: float) -> float:
+        """Rig time at which a sample with the time t came first, s; t if none did."""
+        return self._true.get(t, t)
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Command a tilt, unless a fault loses or delays the command."""
+        limit = self._maze.tilt_limit + TOLERANCE
+        if not (abs(u_beta) <= limit and abs(u_gamma) <= limit):  # also NaN
+            self.beyond.append((u_beta, u_gamma))
+        self.levelled = False
+        acting = {fault.kind.name: fault for fault in self._acting()}
+        if "commands_lost" in acting:
+            return
+        if "commands_late" in acting:
+            self._queue.append((self._now + acting["commands_late"].size, u_beta, u_gamma))
+            return
+        self._queue.clear()  # a command without delay is newer than those
+        self.inside.command(u_beta, u_gamma)
+
+    def level(self) -> None:
+        """Level the plate, now. No fault loses this."""
+        self._queue.clear()
+        self.inside.level()
+        self.levelled = True
+
+    def close(self) -> None:
+        """Release the machine, and end a call that hangs."""
+        self._closed.set()
+        self.inside.close()
+
+    def tilt_after(self, seconds: float) -> float:
+        """Tilt of the plate `seconds` after the end of the last fault, rad, the larger of both axes.
+
+        By the rig inside, not as faults change it; of a simulated rig the true tilt."""
+        self._closed.set()
+        until = max([self._now] + [f.until_s for f in self.begun if math.isfinite(f.until_s)]) + seconds
+        tilts: deque[tuple[float, float]] = deque(maxlen=5)
+        truth = traits(self.inside).truth
+        for _ in range(math.ceil((until - self._now) * self.rate_hz)):
+            sample = self.inside.observe()
+            tilts.append((sample.beta, sample.gamma) if truth is None else tuple(truth()[5:7]))
+        return float(np.max(np.abs(np.mean(tilts, axis=0))))
+
+    def _acting(self) -> list[Drawn]:
+        return [fault for fault in self._faults if fault.acts(self._now)]
+
+    # -- faults that begin at one moment ----------------------------------------------------------------------------
+
+    def _begin(self, fault: Drawn, sample: Observation) -> None:
+        if fault.kind.name == "observe_hangs":
+            self.hangs_since = monotonic()
+            self._closed.wait(fault.size)
+        elif fault.kind.place == "orders":
+            for opening in self._chosen(fault, sample):
+                self.orders.close(opening)
+        elif fault.kind.machine and self._inject is not None:
+            for injected in self._in_the_machine(fault, sample):
+                self._inject(injected)
+
+    def _in_the_machine(self, fault: Drawn, sample: Observation) -> list[Fault]:
+        """The fault as settings of the simulated rig."""
+        rng, kind = np.random.default_rng(fault.seed), fault.kind.machine
+        rings = [ring.number for ring in self._maze.rings if ring.number != self._ring(sample)]
+        side = -1.0 if kind == "offset_axis" and fault.seed % 2 else 1.0
+        values: dict[str, Any] = {
+            "kind": kind,
+            "at_s": self._now,
+            "duration_s": 0.0 if kind in ("push", "teleport") else min(fault.until_s - self._now, LASTING_S),
+            "axis": "both" if len(fault.axes) == 2 or kind == "brown_out" else ("beta", "gamma")[fault.axes[0]],
+            "direction_deg": float(rng.uniform(-180.0, 180.0)),
+            "ring": int(rng.choice(rings)),
+        }
+        if fault.kind.machine_size:
+            values[fault.kind.machine_size] = side * fault.size
+        openings = self._chosen(fault, sample) if kind == "blocked" else [None]
+        return [Fault.model_validate({**values, "opening": opening}) for opening in openings]
+
+    def _ring(self, sample: Observation) -> int:
+        """Ring in which the ball was seen last; 1 if it never was."""
+        seen = next((s for s in reversed([*self._past, sample]) if s.x is not None and s.y is not None), None)
+        return 1 if seen is None else self._maze.ring_at(math.hypot(seen.x or 0.0, seen.y or 0.0))
+
+    def _chosen(self, fault: Drawn, sample: Observation) -> list[str]:
+        """Names of openings: the next one, or all in its wall.
+
+        Without an order that names the next one: the nearest in the wall inside the ball's ring, around the centre in
+        the centre."""
+        maze, ring = self._maze, self._ring(sample)
+        aimed_at = self.orders.aimed_at()
+        wall = [o for o in maze.openings if o.outer == min(ring, len(maze.rings) - 1)]
+        if aimed_at is not None:
+            opening = maze.opening(aimed_at)
+            wall = [o for o in maze.openings if o.outer == opening.outer]
+        else:
+            opening = min(wall, key=lambda o: _apart(o, sample))
+        one = fault.kind.name in ("gate_blocked", "opening_closed")
+        return [opening.name] if one else [o.name for o in wall]
+
+
+def _apart(opening: Opening, sample: Observation) -> float:
+    """Angle between an opening and the ball, rad; 0 without a ball."""
+    if sample.x is None or sample.y is None:
+        return 0.0
+    return abs(difference(opening.angle, math.atan2(sample.y, sample.x)))

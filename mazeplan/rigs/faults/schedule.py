@@ -1,0 +1,154 @@
+"""Schedules of faults, from YAML: which faults, when, how long, how strong.
+
+    faults:
+      - kind: frames_lost          # one of kinds.KINDS
+        at_s: [0.3, 1.5]           # a number, or least and most: each run draws between them by its seed
+        duration_s: 0.8            # default: that of the kind
+      - {kind: servo_slow, size: 10, axis: beta, name: tired servo}
+
+Each entry is a trial; entries with one `name` act together in one run.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, field_validator
+from pydantic_core import PydanticCustomError
+
+from mazeplan.core.errors import SettingsError
+from mazeplan.maze.yamltree import read_yaml, shown
+from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
+from mazeplan.rigs.files import FileSettings, RigSection, validated
+
+MOST = 1e3  # of any number in a schedule
+
+
+def _range(value: Any) -> Any:
+    pair = value if isinstance(value, list | tuple) else (value, value)
+    numbers = [v for v in pair if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= MOST]
+    if len(numbers) != 2 or len(pair) != 2 or numbers[0] > numbers[1]:
+        raise PydanticCustomError("range", "a number of 0 to 1000, or [least, most] of such")
+    return float(numbers[0]), float(numbers[1])
+
+
+Numbers = Annotated[Range, BeforeValidator(_range)]
+
+
+class Entry(RigSection):
+    """One fault of a schedule; None: as its kind has it."""
+
+    kind: str
+    name: str | None = Field(default=None, min_length=1, max_length=60)
+    at_s: Numbers = AT_S
+    duration_s: Numbers | None = None
+    size: Numbers | None = None
+    axis: Literal["beta", "gamma", "both"] | None = None
+
+    @field_validator("kind")
+    @classmethod
+    def _known(cls, kind: str) -> str:
+        if kind not in KINDS:
+            raise ValueError(f"got {shown(kind)}, expected one of {', '.join(KINDS)}")
+        return kind
+
+    @field_validator("size")
+    @classmethod
+    def _allowed(cls, size: Range | None, info: Any) -> Range | None:
+        kind = KINDS.get(info.data.get("kind", ""))
+        if size is None or kind is None:
+            return size
+        if kind.size is None:
+            raise ValueError(f"{kind.name} has no size")
+        least, most = kind.allowed
+        for value in size:
+            if not least <= value <= most:
+                raise ValueError(f"got {value:g}, expected {least:g} to {most:g} {kind.unit}")
+        return size
+
+
+class Schedule(RigSection):
+    """A whole file."""
+
+    faults: tuple[Entry, ...]
+
+    @field_validator("faults")
+    @classmethod
+    def _any(cls, faults: tuple[Entry, ...]) -> tuple[Entry, ...]:
+        if not faults:
+            raise ValueError("got nothing, expected at least one fault")
+        return faults
+
+
+@dataclass(frozen=True)
+class FaultTrial:
+    """Faults that act together in one run, under one name."""
+
+    name: str
+    entries: tuple[Entry, ...]
+
+    @property
+    def kinds(self) -> tuple[FaultKind, ...]:
+        """Of its faults."""
+        return tuple(KINDS[entry.kind] for entry in self.entries)
+
+    def to_json(self) -> dict[str, Any]:
+        """All that determines it."""
+        return {"name": self.name, "entries": [entry.model_dump() for entry in self.entries]}
+
+    def draw(self, seed: int) -> tuple[Drawn, ...]:
+        """The faults of the run with this seed. Moments, lengths and sizes depend on the seed."""
+        return tuple(_drawn(entry, seed, number) for number, entry in enumerate(self.entries))
+
+
+def every_kind() -> tuple[FaultTrial, ...]:
+    """A trial for each kind."""
+    return tuple(FaultTrial(name, (Entry(kind=name),)) for name in KINDS)
+
+
+def at_once(kind: str, now: float, seed: int) -> Drawn:
+    """A fault that begins at rig time `now`, with the duration and size of its kind."""
+    drawn = _drawn(Entry(kind=kind), seed, 0)
+    return replace(drawn, at_s=now, until_s=drawn.until_s + now - drawn.at_s)
+
+
+def _drawn(entry: Entry, seed: int, number: int) -> Drawn:
+    kind = KINDS[entry.kind]
+    rng = np.random.default_rng([seed, zlib.crc32(entry.kind.encode()), number])
+
+    def between(given: Range) -> float:
+        share = float(rng.random())  # drawn in any case, so that one number in a file does not shift the others
+        return given[0] if given[0] == given[1] else given[0] + share * (given[1] - given[0])
+
+    at = between(entry.at_s)
+    duration = between(entry.duration_s or kind.duration_s)
+    size = between(entry.size or kind.size or (0.0, 0.0))
+    axis = int(rng.integers(2))
+    axes = {None: (axis,), "beta": (0,), "gamma": (1,), "both": (0, 1)}[entry.axis]
+    return Drawn(kind, at, at + duration, size, axes, int(rng.integers(2**31)))
+
+
+def load_schedule(path: str | Path) -> tuple[FaultTrial, ...]:
+    """The trials of a file, in its order. Raises SettingsError with file, line and key."""
+    file = Path(path)
+    tree = read_yaml(file, error=SettingsError, what="a schedule of faults (YAML)")
+    if not isinstance(tree.data, dict):
+        raise SettingsError(f"got {shown(tree.data)}, expected `faults:` and a list", file=file, line=1)
+    return _trials(validated(Schedule, FileSettings(tree.data, file, tree)).faults)
+
+
+def _trials(entries: Sequence[Entry]) -> tuple[FaultTrial, ...]:
+    together: dict[str, list[Entry]] = {}
+    for entry in entries:
+        name = entry.name or entry.kind
+        if entry.name is None:  # two entries of a kind without names are two trials
+            name = next(
+                n for n in (name, *(f"{name} {k}" for k in range(2, 1 + 2 * len(entries)))) if n not in together
+            )
+        together.setdefault(name, []).append(entry)
+    return tuple(FaultTrial(name, tuple(members)) for name, members in together.items())

@@ -1,0 +1,278 @@
+"""Checks a rig on a table part by part: port, firmware, servos, then tilt sensor, camera, tilts, ball and delays.
+
+The board comes first, as it needs no calibration. A lost part or a file with a mistake ends the check with its error. A
+failed step in `NEEDED` ends it without an error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from time import monotonic, sleep
+
+import numpy as np
+
+from mazeplan.core.errors import MazeplanError, RigError
+from mazeplan.rigs.conformance import CheckResult
+from mazeplan.rigs.hardware.latency import MeasuredDelay, age, dead_time, swing
+from mazeplan.rigs.hardware.rig import SILENT_S, HardwareRig, NotSeen
+from mazeplan.rigs.hardware.tiltreadings import held
+from mazeplan.rigs.link.port import ports_found
+
+LOOK_S, SETTLE_S, SWING_S = 1.5, 1.0, 10.0
+TILT_DEG = 3.0  # tilt in the steps that test directions
+OFF_DEG = 0.7  # largest error of a commanded tilt
+MARKERS_DEG = 0.5  # largest difference between the tilts of markers and sensor
+RATE = 0.1  # largest relative error of the camera's rate
+AVERAGE_S = 0.3  # s, of averaged reports
+SURE_S = 0.004  # largest standard error of a latency, s
+NEEDED = ("camera",)
+MOVED_V = 0.05  # V, least change of a tilt channel when the plate moves
+PINS = {"beta": 11, "gamma": 12}
+SIDES = {"beta": "the +x side (right in the maze's drawing) lower", "gamma": "the +y side (top) higher"}
+Ask = Callable[[str], bool]  # asks a person a question: yes or no
+
+
+class _Problem(Exception):  # noqa: N818
+    """Result of a step that failed."""
+
+
+@dataclass
+class Latencies:
+    """Measured delays; host_s: from a sample to the command that answers it, s."""
+
+    command: MeasuredDelay
+    camera: MeasuredDelay
+    host_s: float
+
+    def section(self, date: str) -> dict[str, object]:
+        """Content of `latency:` in a rig's file."""
+        return {
+            "command_ms": round(1e3 * max(self.command.seconds, 0.0), 1),
+            "camera_ms": round(1e3 * max(self.camera.seconds, 0.0), 1),
+            "host_ms": round(1e3 * self.host_s, 1),
+            "date": date,
+        }
+
+
+class HardwareCheck:
+    """One check. `steps` yields a result for each step. Afterwards `latencies` has the measured delays, or None."""
+
+    def __init__(self, rig: HardwareRig, ask: Ask) -> None:
+        self.rig, self.ask = rig, ask
+        self.latencies: Latencies | None = None
+
+    def steps(self) -> Iterator[CheckResult]:
+        """Run the steps. The rig stays open, and level.
+
+        After the result of a step with an error: raises RigError for a lost part, SettingsError for a file with a
+        mistake."""
+        for name, step in (
+            ("port", self._port), ("firmware", self._firmware), ("beta servo", lambda: self._servo("beta")),
+            ("gamma servo", lambda: self._servo("gamma")), ("calibrations", self._calibrated),
+            ("tilt sensor", self._tilt_sensor), ("camera", self._camera), ("markers", self._markers),
+            ("beta moves", lambda: self._moves("beta")), ("gamma moves", lambda: self._moves("gamma")),
+            ("ball", self._ball), ("latency", self._latency),
+        ):  # fmt: skip
+            error: MazeplanError | None = None
+            try:
+                result = CheckResult(name, True, step())
+            except (_Problem, NotSeen) as problem:
+                result = CheckResult(name, False, str(problem))
+            except MazeplanError as problem:
+                error = self.rig.cause(problem)
+                result = CheckResult(name, False, str(error))
+            yield result
+            if error is not None:
+                raise error
+            if not result.passed and name in NEEDED:
+                return
+        self.rig.level()
+
+    # -- the board ----------------------------------------------------------------------------------------------------
+
+    def _port(self) -> str:
+        found = ", ".join(ports_found()) or "none"
+        return f"{self.rig.board.port} answers (ports behind USB: {found})"
+
+    def _firmware(self) -> str:
+        identity = self.rig.board.identity
+        assert identity is not None
+        return (
+            f"{identity.name} {identity.version}, protocol {identity.protocol}; pulses {identity.min_us:g} to "
+            f"{identity.max_us:g} us at most, level after {1e3 * identity.watchdog_s:g} ms of silence"
+        )
+
+    def _servo(self, axis: str) -> str:
+        """Move one servo and compare the voltages of the tilt channels. This needs no calibration."""
+        board, servo = self.rig.board, self.rig.settings.servo
+        one = servo.beta if axis == "beta" else servo.gamma
+        level = (servo.beta.level_us, servo.gamma.level_us)
+        pulse = one.pulse(math.radians(TILT_DEG))
+        with held(board, level):
+            sleep(SETTLE_S)
+            before = self._volts()
+        with held(board, (pulse, level[1]) if axis == "beta" else (level[0], pulse)):
+            sleep(SETTLE_S)
+            change = np.round(self._volts() - before, 2) + 0.0  # no -0.00
+            text = f"{one.level_us:.0f} to {pulse:.0f} us: channel 0 {change[0]:+.2f} V, channel 1 {change[1]:+.2f} V"
+            if np.abs(change).max() < MOVED_V:
+                what = f"is the servo at pin {PINS[axis]}, has it current, and is the laser's spot on the diode?"
+                raise _Problem(f"{text}: nothing moved; {what}")
+            right = self.ask(f"is {SIDES[axis]} than the middle?")
+        if right:
+            return text
+        if self.rig.settings.tilt is None:
+            return f"{text}; it turns the other way, which `mazeplan calibrate tilt` corrects"
+        raise _Problem(f"{text}, but to your eyes it is the other way: calibrate the tilt anew")
+
+    def _volts(self) -> np.ndarray:
+        """Mean of both channels over AVERAGE_S, V."""
+        board = self.rig.board
+        reports = board.recent()
+        if not reports or monotonic() - reports[-1].received_s > SILENT_S:
+            raise RigError(f"{board.port}: the board has sent no report for {SILENT_S:g} s; is its cable in?")
+        latest = [report.volts for report in reports if report.received_s > reports[-1].received_s - AVERAGE_S]
+        return np.mean(latest, axis=0)
+
+    def _calibrated(self) -> str:
+        self.rig.ready()
+        tilt, camera = self.rig.settings.tilt, self.rig.settings.camera or {}
+        dates = (f"tilt {tilt.date if tilt else ''}", f"camera {camera.get('date') or ''}")
+        return ", ".join(text.strip() for text in dates)
+
+    # -- parts --------------------------------------------------------------------------------------------------------
+
+    def _tilt_sensor(self) -> str:
+        self.rig.level()
+        sleep(SETTLE_S)  # the servos moved just before
+        samples = self._watch(LOOK_S)
+        report = self.rig.parts.board.latest()
+        first, second = (math.nan, math.nan) if report is None else report.volts
+        seen = f"{first:.2f} and {second:.2f} V"
+        sensor = self.rig.settings.tilt
+        if sensor is None or not sensor.sensor().reaches(first, second):
+            raise _Problem(f"{seen} is outside what was calibrated: is the laser's spot on the diode?")
+        beta, gamma = self._tilt(samples)
+        if max(abs(beta), abs(gamma)) > OFF_DEG:
+            raise _Problem(f"level is {beta:+.2f}, {gamma:+.2f} deg by {seen}: calibrate anew")
+        return f"{seen}; level is {beta:+.2f}, {gamma:+.2f} deg"
+
+    def _camera(self) -> str:
+        began, clock = monotonic(), []
+        while monotonic() - began < LOOK_S:
+            self.rig.observe()
+            clock.append(self.rig.sighting is not None)
+        rate = sum(clock) / (monotonic() - began)
+        if abs(rate / self.rig.rate_hz - 1.0) > RATE:
+            raise _Problem(f"{rate:.1f} pictures a second, expected {self.rig.rate_hz:g}")
+        return f"{rate:.1f} pictures a second"
+
+    def _markers(self) -> str:
+        samples = self._watch(LOOK_S)
+        seen = [s for _, _, s in samples if s is not None]
+        if not seen:
+            raise _Problem(
+                "no markers are seen: are they lit, and in the picture? without them latency is not measured"
+            )
+        by_markers, (beta, gamma) = np.degrees(np.median(seen, axis=0)), self._tilt(samples)
+        off = max(abs(by_markers[0] - beta), abs(by_markers[1] - gamma))
+        text = f"in {len(seen)} of {len(samples)} pictures, tilt {by_markers[0]:+.2f}, {by_markers[1]:+.2f} deg"
+        if off > MARKERS_DEG:
+            raise _Problem(f"{text}, but {beta:+.2f}, {gamma:+.2f} by the sensor: calibrate the camera anew")
+        return text
+
+    def _moves(self, axis: str) -> str:
+        other = "gamma" if axis == "beta" else "beta"
+        self.rig.level()
+        most = min(math.radians(TILT_DEG), self.rig.maze.tilt_limit)
+        wanted = {"beta": (most, 0.0), "gamma": (0.0, most)}[axis]
+        samples = self._watch(SETTLE_S + LOOK_S, wanted)[round(SETTLE_S * self.rig.rate_hz) :]
+        got: dict[str, float] = dict(zip(("beta", "gamma"), self._tilt(samples), strict=True))
+        text = f"commanded {math.degrees(most):+.1f} deg, went to {got[axis]:+.2f}, the other axis to {got[other]:+.2f}"
+        seen = [s for _, _, s in samples if s is not None]
+        if seen:
+            by_markers = np.degrees(np.median(seen, axis=0))[0 if axis == "beta" else 1]
+            text += f", by the markers {by_markers:+.2f}"
+            if abs(by_markers - got[axis]) > OFF_DEG:
+                raise _Problem(f"{text}: sensor and camera disagree")
+        if got[axis] < 0.0 and abs(got[axis]) > OFF_DEG:
+            raise _Problem(f"{text}: the wrong way; change the sign of servo.{axis}.us_per_deg")
+        if abs(got[axis] - math.degrees(most)) > OFF_DEG or abs(got[other]) > OFF_DEG:
+            raise _Problem(text)
+        return text
+
+    def _ball(self) -> str:
+        self.rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+        pictures, seen = 0, []
+        for _ in range(round(LOOK_S * self.rig.rate_hz)):
+            o = self.rig.observe()
+            pictures += self.rig.sighting is not None
+            seen += [(o.x, o.y)] if o.seen else []
+        if not seen or len(seen) < 0.9 * pictures:
+            why = "" if self.rig.sighting is None else f" ({self.rig.sighting.why})"
+            raise _Problem(f"seen in {len(seen)} of {pictures} pictures{why}; more light, or calibrate the camera anew")
+        spread = 1e3 * float(np.sqrt(np.mean(np.var(seen, axis=0))))
+        x, y = 1e3 * np.mean(seen, axis=0)
+        return f"in {len(seen)} of {pictures} pictures, at {x:.1f}, {y:.1f} mm, scatter {spread:.2f} mm"
+
+    # -- latency ------------------------------------------------------------------------------------------------------
+
+    def _latency(self) -> str:
+        measured = measure(self.rig)
+        self.rig.level()
+        text = (
+            f"command to tilt {1e3 * measured.command.seconds:.0f} ± {1e3 * measured.command.stderr:.0f} ms, "
+            f"tilt to pixels {1e3 * measured.camera.seconds:.0f} ± {1e3 * measured.camera.stderr:.0f} ms, "
+            f"sample to command {1e3 * measured.host_s:.0f} ms"
+        )
+        if max(measured.command.stderr, measured.camera.stderr) > SURE_S:
+            raise _Problem(f"{text}: too uncertain to be written; are the markers well lit?")
+        self.latencies = measured
+        return text
+
+    # -- small things -------------------------------------------------------------------------------------------------
+
+    def _watch(self, seconds: float, u: tuple[float, float] = (0.0, 0.0)) -> list[tuple[float, float, tuple | None]]:
+        """Samples under a constant command: (beta, gamma by the sensor, (beta, gamma) by the markers or None)."""
+        out = []
+        for _ in range(round(seconds * self.rig.rate_hz)):
+            o = self.rig.observe()
+            self.rig.command(*u)
+            s = self.rig.sighting
+            markers = None if s is None or s.beta is None or s.gamma is None else (s.beta, s.gamma)
+            out.append((o.beta, o.gamma, markers))
+        return out
+
+    @staticmethod
+    def _tilt(samples: list[tuple[float, float, tuple | None]]) -> tuple[float, float]:
+        """Mean of beta and gamma, deg."""
+        beta, gamma = np.degrees(np.mean([(b, g) for b, g, _ in samples], axis=0))
+        return float(beta), float(gamma)
+
+
+def measure(rig: HardwareRig, seconds: float = SWING_S) -> Latencies:
+    """Swing the plate and measure the delays. Raises NotSeen if too few pictures show the markers."""
+    sent, u, measured, seen_at, seen, host = [], [], [], [], [], []
+    rig.level()
+    first, last = rig.observe().t, monotonic()
+    for _ in range(round(seconds * rig.rate_hz)):
+        o = rig.observe()
+        command = swing(o.t - first, rig.maze.tilt_limit)
+        now = monotonic()
+        rig.command(*command)
+        sent.append(now)
+        u.append(command)
+        host.append(now - rig.due)
+        measured += rig.parts.track.since(measured[-1][0] if measured else last)
+        s = rig.sighting
+        if s is not None and s.beta is not None and s.gamma is not None:
+            seen_at.append(rig.due)
+            seen.append((s.beta, s.gamma))
+    if len(seen) < 0.5 * len(sent):
+        raise NotSeen(f"markers were seen in {len(seen)} of {len(sent)} pictures, expected at least half")
+    track = np.array(measured)
+    command = dead_time(np.array(sent), np.array(u), track[:, 0], track[:, 1:])
+    camera = age(np.array(seen_at), np.array(seen), track[:, 0], track[:, 1:])
+    return Latencies(command, camera, float(np.median(host)))

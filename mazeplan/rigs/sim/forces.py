@@ -1,0 +1,205 @@
+"""Forces and friction of a simulated rig that a planner's model need not have.
+
+magnet    A c (s / d) (1 + s^2 / d^2)^-4 towards its place, at distance s from it and depth d: the gradient of the
+          squared field of a dipole; c makes A the strongest pull, at s = d / sqrt(7)
+saddle    height H (r / R)^2 cos 2 (theta - phi), R the outer radius of the maze; downhill with g times the slope
+drag      the ball loses the rate (drag_per_s + drag_growth_per_s2 t + drag_per_m speed) times its speed, and the same
+          share of its spin, on the floor alone and along a wall
+pushes    accelerations along the ring, + counter-clockwise: steady, A sin(n (theta - crest)) of a wavy floor, and
+          A sin(rolled + phase) of a ball with an eccentric mass. A torque adds the spin of the added speed. The disc in
+          the middle has no direction along it, and no pushes
+wind      a force over the ball's mass in the room; it does not tilt with the plate
+rocking   gravity leans as on a table at beta, gamma = amplitude sin(2 pi f t + phase)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.maths.angles import difference
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.sim.settings import SimulatedSettings
+
+PULL = math.sqrt(7.0) * (8.0 / 7.0) ** 4  # makes the strongest pull along the plate 1
+SLOW = 2e-3  # m/s; below it, a ball's direction and spin of rolling are uncertain
+
+
+class PlateForces:
+    """Forces of magnet and saddle on the ball, in the plate frame; false if there are none."""
+
+    def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
+        self._mass, self._settings = maze.ball.mass, settings
+        self._spot = 1e-3 * np.array(settings.magnet_mm)
+        self._depth, self._edge = 1e-3 * settings.magnet_depth_mm, maze.rings[0].outer_radius
+        self._cos, self._sin = (f(2.0 * math.radians(settings.warp_deg)) for f in (math.cos, math.sin))
+
+    def __bool__(self) -> bool:
+        return self._settings.magnet_m_s2 > 0.0 or self._settings.warp_mm > 0.0
+
+    def on(self, position: Array) -> Array:
+        """Force (3,), N, at a position (3,), m."""
+        out = np.zeros(3)
+        s = (position[:2] - self._spot) / self._depth
+        out[:2] -= self._settings.magnet_m_s2 * PULL * s / (1.0 + float(s @ s)) ** 4
+        x, y = position[:2] / self._edge
+        slope = 2e-3 * self._settings.warp_mm / self._edge
+        out[:2] -= GRAVITY * slope * np.array([x * self._cos + y * self._sin, x * self._sin - y * self._cos])
+        return self._mass * out
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Position (m), velocity (m/s) and spin (rad/s) of the ball in the plate's frame, (3,) each."""
+
+    place: Array
+    velocity: Array
+    spin: Array
+
+    @property
+    def radius(self) -> float:
+        """Distance from the middle, m."""
+        return math.hypot(self.place[0], self.place[1])
+
+    @property
+    def theta(self) -> float:
+        """Angle in the plate, rad."""
+        return math.atan2(self.place[1], self.place[0])
+
+    @property
+    def along(self) -> Array:
+        """Unit vector (3,) along the ring, counter-clockwise."""
+        theta = self.theta
+        return np.array([-math.sin(theta), math.cos(theta), 0.0])
+
+
+def turned(before: Motion, after: Motion) -> float:
+    """Angle about the middle from one to the other, rad."""
+    return difference(after.theta, before.theta)
+
+
+class BallForces:
+    """Drag, pushes, wind and rocking on the ball; false if there are none."""
+
+    def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
+        self._settings, self._maze = settings, maze
+        self._mass, self._radius = maze.ball.mass, maze.ball.radius
+        self._inertia = settings.ball_inertia * self._mass * self._radius**2
+
+    def __bool__(self) -> bool:
+        s = self._settings
+        pushes = (s.ring_push_m_s2, s.imbalance_m_s2, s.ripple_m_s2, *s.draught_m_s2, *s.rocking_deg)
+        return any(value != 0.0 for value in (s.drag_per_s, s.drag_per_m, s.drag_growth_per_s2, *pushes))
+
+    def turns_per_turn(self, motion: Motion) -> float:
+        """Rolling angle of the ball per angle along its ring; 0 in the disc."""
+        ring = self._maze.ring(self._maze.ring_at(motion.radius))
+        return 0.0 if ring.is_disc else ring.track_radius / self._radius
+
+    def on(self, t: float, motion: Motion, plate: Array, rolled: float) -> tuple[Array, Array]:
+        """Force (N) and torque (N m) in the room, (3,) each, t s after the start.
+
+        plate: its rotation (3, 3); rolled: angle by which the ball has rolled along its ring, rad."""
+        s = self._settings
+        rate = s.drag_per_s + s.drag_growth_per_s2 * t + s.drag_per_m * float(np.linalg.norm(motion.velocity))
+        faster, spun = -rate * motion.velocity, -rate * motion.spin
+        push = self._push(motion, rolled)
+        if push != 0.0:
+            along = motion.along
+            faster = faster + push * along
+            spun = spun + push * self._spin_of_rolling(motion, along)
+        force = plate @ (self._mass * faster) + self._mass * (self._wind() + self._leaning(t))
+        return force, plate @ (self._inertia * spun)
+
+    def _push(self, motion: Motion, rolled: float) -> float:
+        """Acceleration along the ring, m/s^2."""
+        s = self._settings
+        if self._maze.ring(self._maze.ring_at(motion.radius)).is_disc:
+            return 0.0
+        ripple = s.ripple_m_s2 * math.sin(s.ripple_waves * (motion.theta - math.radians(s.ripple_deg)))
+        return s.ring_push_m_s2 + ripple + s.imbalance_m_s2 * math.sin(rolled + math.radians(s.imbalance_phase_deg))
+
+    def _spin_of_rolling(self, motion: Motion, along: Array) -> Array:
+        """Spin (3,) per speed of a ball that rolls along the ring, 1/m: about the ring's radius by the floor, about
+        the vertical by a wall."""
+        speed, most = float(motion.velocity @ along), 1.0 / self._radius
+        upright = float(motion.spin[2]) * speed / (speed * speed + SLOW * SLOW)
+        return np.array([-along[1] * most, along[0] * most, min(max(upright, -most), most)])
+
+    def _wind(self) -> Array:
+        """m/s^2 in the room, (3,)."""
+        return np.array([*self._settings.draught_m_s2, 0.0])
+
+    def _leaning(self, t: float) -> Array:
+        """Change of gravity in the room by rocking, m/s^2, (3,)."""
+        s = self._settings
+        swing = math.sin(math.tau * s.rocking_hz * t + math.radians(s.rocking_phase_deg))
+        b, c = (math.radians(amplitude) * swing for amplitude in s.rocking_deg)
+        down = math.cos(b) * math.cos(c)
+        return GRAVITY * np.array([math.sin(b), -math.sin(c) * math.cos(b), 1.0 - down])
+
+
+class FloorFriction:
+    """Additional rolling friction by place and direction; false if there is none.
+
+    Raises SettingsError for a ring that the maze does not have."""
+
+    def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
+        self._settings, self._maze = settings, maze
+        self._metres = maze.ball.radius * (1.0 + settings.ball_inertia) / GRAVITY  # per m/s^2 of a ball on the floor
+        start, end = (math.radians(angle) for angle in settings.sticky_deg)
+        self._start, self._span = start, (end - start) % math.tau
+        if settings.sticky_m_s2 > 0.0:
+            _check_ring("sticky_ring", settings.sticky_ring, maze)
+
+    def __bool__(self) -> bool:
+        return self._settings.sticky_m_s2 > 0.0 or self._settings.nap_m_s2 != 0.0
+
+    def extra(self, motion: Motion, gravity: Array) -> float:
+        """Additional rolling friction of the floor, m; gravity: (3,) m/s^2, in the plate's frame."""
+        s, slows = self._settings, 0.0
+        if (
+            s.sticky_m_s2 > 0.0
+            and self._maze.ring_at(motion.radius) == s.sticky_ring
+            and (motion.theta - self._start) % math.tau <= self._span
+        ):
+            slows += s.sticky_m_s2
+        if s.nap_m_s2 != 0.0:
+            along = motion.along
+            speed = float(motion.velocity @ along)
+            if abs(speed) < SLOW:  # at rest gravity decides whether it leans against the nap
+                speed = float(gravity @ along)
+            slows += abs(s.nap_m_s2) if speed * s.nap_m_s2 > 0.0 else 0.0
+        return slows * self._metres
+
+
+class Kerb:
+    """A ridge across a ring that takes a share of the ball's speed; left: the remaining share. False if there is none.
+
+    Raises SettingsError for a ring that the maze does not have."""
+
+    def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
+        self._settings, self._maze, self.left = settings, maze, 1.0 - settings.kerb_loss
+        self._at = math.radians(settings.kerb_deg)
+        if self:
+            _check_ring("kerb_ring", settings.kerb_ring, maze)
+
+    def __bool__(self) -> bool:
+        return self._settings.kerb_loss > 0.0
+
+    def passed(self, before: Motion, after: Motion) -> bool:
+        """Whether the ball crossed it."""
+        if not self or self._maze.ring_at(after.radius) != self._settings.kerb_ring:
+            return False
+        was, way = difference(before.theta, self._at), turned(before, after)
+        return (was < 0.0 <= was + way) or (was + way < 0.0 <= was)
+
+
+def _check_ring(key: str, ring: int, maze: Maze) -> None:
+    if ring > len(maze.rings):
+        raise SettingsError(f"got {ring}, expected 1 to {len(maze.rings)}", key=key)

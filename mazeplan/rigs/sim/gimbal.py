@@ -1,0 +1,163 @@
+"""Plate, servos and ball in a MuJoCo model.
+
+Positions and velocities of the ball are in the room's frame, relative to the plate's centre. `machine` converts them to
+the plate's frame.
+"""
+
+from __future__ import annotations
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module has no types)
+import math
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from mazeplan.core.errors import RigError
+from mazeplan.core.records import Array
+from mazeplan.rigs.sim.mjcf import PLUG_OFF, PLUG_ON, plug_name
+from mazeplan.rigs.sim.nearwalls import OPEN, NearWalls
+
+
+class Gimbal:
+    """Plate and ball of the model that `mjcf` writes: joints beta, gamma, then the ball's; two actuators in that order.
+
+    steps: MuJoCo's steps in one chunk; ball: the ball's body, and where its free joint begins in qpos and in qvel."""
+
+    def __init__(self, model: mujoco.MjModel, steps: int, ball: tuple[int, int, int] | None = None) -> None:
+        self.model, self.data, self.steps = model, mujoco.MjData(model), steps
+        self._body, self._q, self._v = ball or (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball"), 2, 2)
+
+    def reset(self, position: Array) -> None:
+        """Level plate, everything at rest, time 0, the ball at a position (3,) in the plate's frame, m."""
+        self._to_start(position)
+        mujoco.mj_forward(self.model, self.data)
+
+    def _to_start(self, position: Array) -> None:
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[2:5] = position
+        self.data.qpos[5] = 1.0
+
+    def drive(self, tilt: Array) -> None:
+        """Set points of the servos: beta, gamma, rad, (2,)."""
+        self.data.ctrl[:] = tilt
+
+    def advance(self) -> None:
+        """Simulate one chunk."""
+        mujoco.mj_step(self.model, self.data, nstep=self.steps)
+
+    def plug(self, opening: str, there: bool) -> None:
+        """Close an opening with a plug, or open it again."""
+        geom = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_GEOM, plug_name(opening))
+        self.model.geom_contype[geom] = self.model.geom_conaffinity[geom] = PLUG_ON if there else PLUG_OFF
+
+    def settle(self) -> None:
+        """Update what depends on a state that was set from outside. Here: nothing."""
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """beta, gamma, rad."""
+        return float(self.data.qpos[0]), float(self.data.qpos[1])
+
+    def plate(self) -> tuple[Array, Array]:
+        """Rotation (3, 3) from the plate frame to the room, and the plate's angular velocity (3,) in its own frame."""
+        data = self.data
+        b, c = float(data.qpos[0]), float(data.qpos[1])
+        cb, sb, cc, sc = math.cos(b), math.sin(b), math.cos(c), math.sin(c)
+        plate = np.array([[cb, sb * sc, sb * cc], [0.0, cc, -sc], [-sb, cb * sc, cb * cc]])
+        # gamma turns about x, beta about the y axis outside
+        return plate, np.array([data.qvel[1], cc * data.qvel[0], -sc * data.qvel[0]])
+
+    def drawn(self) -> Array:
+        """The rotation (3, 3) at the beginning of MuJoCo's last step."""
+        return self.data.body("plate").xmat.reshape(3, 3)
+
+    def place(self) -> Array:
+        """Position of the ball, (3,), m."""
+        return self.data.qpos[2:5]
+
+    def velocity(self) -> Array:
+        """Velocity of the ball, (3,), m/s."""
+        return self.data.qvel[2:5]
+
+    def spin(self) -> Array:
+        """Angular velocity of the ball, (3,), rad/s."""
+        return self._ball_rotation() @ self.data.qvel[self._v + 3 : self._v + 6]
+
+    def put(self, place: Array, velocity: Array, spin: Array) -> None:
+        """Set the ball's state, (3,) each."""
+        data, v = self.data, self._v
+        data.qpos[self._q : self._q + 3] = self._centre() + place
+        data.qvel[v : v + 3] = velocity + self._drift()
+        data.qvel[v + 3 : v + 6] = self._ball_rotation().T @ spin
+
+    def rest(self, place: Array) -> None:
+        """Put the ball at a place, (3,), without speed."""
+        self.data.qpos[self._q : self._q + 3] = self._centre() + place
+        self.data.qvel[self._v : self._v + 6] = 0.0
+
+    def kick(self, x: float, y: float) -> None:
+        """Add to the ball's velocity, m/s."""
+        self.data.qvel[self._v] += x
+        self.data.qvel[self._v + 1] += y
+
+    def pull(self, force: Array) -> None:
+        """Force on the ball from now on, (3,), N."""
+        self.data.xfrc_applied[self._body, :3] = force
+
+    def twist(self, torque: Array) -> None:
+        """Torque on the ball from now on, (3,), N m."""
+        self.data.xfrc_applied[self._body, 3:] = torque
+
+    def roughen(self, friction_m: float) -> None:
+        """Additional rolling friction of the floor from now on, m. Raises RigError if the model cannot change it."""
+        raise RigError("the floor of this model has one rolling friction, which stays")
+
+    def _centre(self) -> Array | float:
+        """Middle of the maze's floor in the room, m."""
+        return 0.0
+
+    def _drift(self) -> Array | float:
+        """Velocity of that point, m/s."""
+        return 0.0
+
+    def _ball_rotation(self) -> Array:
+        """Rotation (3, 3) of the ball."""
+        out = np.empty(9)
+        mujoco.mju_quat2Mat(out, self.data.qpos[self._q + 3 : self._q + 7])
+        return out.reshape(3, 3)
+
+
+class MazeGimbal(Gimbal):
+    """The same with only the walls near the ball. The motion is the same to the last bit, in less than half the time.
+
+    rougher: makes the walls of a floor with so much more rolling friction, m."""
+
+    def __init__(self, walls: NearWalls, steps: int, rougher: Callable[[float], NearWalls] | None = None) -> None:
+        super().__init__(walls.any, steps)
+        self._walls, self._blocked, self._rougher = walls, OPEN, rougher
+        self._by_friction = {0.0: walls}
+
+    def reset(self, position: Array) -> None:
+        """See `Gimbal`; no opening has a plug."""
+        self._blocked, self._walls = OPEN, self._by_friction[0.0]
+        self._to_start(position)
+        mujoco.mj_forward(self._walls.at(float(position[0]), float(position[1])), self.data)
+
+    def advance(self) -> None:
+        """See `Gimbal`."""
+        self._walls.step(self.data, self.steps, self._blocked)
+
+    def plug(self, opening: str, there: bool) -> None:
+        """See `Gimbal`."""
+        self._blocked = self._blocked | {opening} if there else self._blocked - {opening}
+
+    def roughen(self, friction_m: float) -> None:
+        """See `Gimbal`."""
+        if friction_m not in self._by_friction:
+            if self._rougher is None:
+                super().roughen(friction_m)
+                return
+            self._by_friction[friction_m] = self._rougher(friction_m)
+        self._walls = self._by_friction[friction_m]

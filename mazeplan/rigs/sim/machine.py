@@ -1,0 +1,251 @@
+"""The machine of the simulated rig on MuJoCo: contacts, a gimbal with servos, a ball that rolls and spins.
+
+It simulates and gives the true state. Sensors are elsewhere (`simulated`, `emulation.world`). It shares no equation
+with the planner's models. Time advances in chunks, `CHUNKS` per sample, so that slew limit, command delay and faults
+act on a finer grid than the samples.
+"""
+
+from __future__ import annotations
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module has no types)
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mazeplan.core.errors import RigError
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, Motion, PlateForces, turned
+from mazeplan.rigs.sim.gimbal import Gimbal, MazeGimbal
+from mazeplan.rigs.sim.machine_faults import FaultBox
+from mazeplan.rigs.sim.mjcf import SUBSTEPS
+from mazeplan.rigs.sim.nearwalls import NearWalls, near_walls
+from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
+
+CHUNKS = 5  # per sample; 1/150 s at 30 Hz
+AXES = ("beta", "gamma")
+_WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """MuJoCo's state; of the servos target, set point, set point after the play, and delayed commands; the angle by
+    which the ball has rolled, rad."""
+
+    state: Array
+    target: Array
+    ctrl: Array
+    played: Array
+    queue: tuple[tuple[float, Array], ...]
+    rolled: float = 0.0
+
+
+class Machine:
+    """Plate, servos and ball of a maze. Call `reset` first.
+
+    chunk_s: duration of one `step`, s; data: MuJoCo's data; build: makes the model, by default from the map."""
+
+    def __init__(self, maze: Maze, settings: SimulatedSettings, build: Callable[[], Gimbal] | None = None) -> None:
+        self.maze, self.settings, self._build = maze, settings, build or self._from_map
+        self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)
+        self._gimbal: Gimbal | None = None
+
+    def _from_map(self) -> Gimbal:
+        return MazeGimbal(near_walls(self.maze, self.settings), SUBSTEPS // CHUNKS, self._rougher)
+
+    def _rougher(self, friction_m: float) -> NearWalls:
+        more = {"rolling_friction_m": self.settings.rolling_friction_m + friction_m}
+        return near_walls(self.maze, self.settings.model_copy(update=more))
+
+    # -- life -------------------------------------------------------------------------------------------------------
+
+    def reset(self, *, ring: int, theta: float) -> None:
+        """Put the ball to rest in the middle of a ring, level the plate, set time to 0."""
+        if self._gimbal is None:
+            self._gimbal = self._build()
+        radius, theta = self.maze.track_radius(ring), self.maze.clear_angle(ring, theta)
+        place = np.array([radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius])
+        self._gimbal.reset(place)
+        self._target = self._ctrl = np.zeros(2)
+        self._queue: deque[tuple[float, Array]] = deque()
+        self._played = np.zeros(2)
+        both = self.settings.backlash_axis == "both"
+        play = [
+            math.radians(self.settings.backlash_deg) * (both or self.settings.backlash_axis == axis) for axis in AXES
+        ]
+        self._half_play = 0.5 * np.array(play)
+        self._forces = PlateForces(self.settings, self.maze)
+        self._hidden, self._floor = BallForces(self.settings, self.maze), FloorFriction(self.settings, self.maze)
+        self._kerb = Kerb(self.settings, self.maze)
+        self._rolled = math.atan2(place[1], place[0]) * radius / self.maze.ball.radius
+        self._mixed = np.array([[1.0, self.settings.servo_coupling[0]], [self.settings.servo_coupling[1], 1.0]])
+        self._gain = np.array(self.settings.servo_gain)
+        self._faults = FaultBox(self.settings.faults, self._gimbal, self.maze)
+
+    def close(self) -> None:
+        """Release memory. A second call does nothing."""
+        self._gimbal = None
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's data. Raises RigError before reset() and after close()."""
+        return self.gimbal.data
+
+    @property
+    def gimbal(self) -> Gimbal:
+        """The model. Raises RigError before reset() and after close()."""
+        self.check()
+        assert self._gimbal is not None
+        return self._gimbal
+
+    def check(self) -> None:
+        """Raises RigError before reset() and after close()."""
+        if self._gimbal is None:
+            raise RigError("the simulated rig was used before reset() or after close()")
+
+    @property
+    def ready(self) -> bool:
+        """Whether reset() was called and close() was not."""
+        return self._gimbal is not None
+
+    @property
+    def time(self) -> float:
+        """s since reset."""
+        return float(self.data.time)
+
+    # -- motion -----------------------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        """Simulate `chunk_s`."""
+        gimbal, now = self.gimbal, self.time
+        while self._queue and self._queue[0][0] <= now + 1e-9:
+            self._target = self._queue.popleft()[1]
+        most = math.radians(self.settings.servo_slew_deg_s) * self.chunk_s
+        # np.clip takes many times as long for two numbers
+        self._ctrl = self._ctrl + np.minimum(np.maximum(self._target - self._ctrl, -most), most)
+        self._played = np.minimum(np.maximum(self._played, self._ctrl - self._half_play), self._ctrl + self._half_play)
+        led = self._played if self.settings.servo_gain == (1.0, 1.0) else self._gain * self._played
+        gimbal.drive(self._faults.servo(now, led))
+        self._faults.before_step(now)
+        if self._forces:
+            plate, _ = gimbal.plate()
+            gimbal.pull(plate @ self._forces.on(plate.T @ gimbal.place()))
+        if self._hidden or self._floor or self._kerb:
+            self._advance_hidden(now)
+        else:
+            gimbal.advance()
+        self._faults.after_step(self.time)
+
+    def _advance_hidden(self, now: float) -> None:
+        """Simulate one chunk with the effects of `forces`."""
+        gimbal = self.gimbal
+        plate, _ = gimbal.plate()
+        before = Motion(*self.ball())
+        if self._floor:
+            gimbal.roughen(self._floor.extra(before, plate.T @ gimbal.model.opt.gravity))
+        if self._hidden:
+            force, torque = self._hidden.on(now + 0.5 * self.chunk_s, before, plate, self._rolled)
+            gimbal.pull(force + plate @ self._forces.on(before.place) if self._forces else force)
+            gimbal.twist(torque)
+        gimbal.advance()
+        after = Motion(*self.ball())
+        self._rolled += turned(before, after) * self._hidden.turns_per_turn(after)
+        if self._kerb.passed(before, after):
+            self.set_ball(after.place, self._kerb.left * after.velocity, self._kerb.left * after.spin)
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Make the servos hold this tilt, rad, after the command delay."""
+        wanted = np.array([u_beta, u_gamma], dtype=float)
+        if self.settings.servo_coupling != (0.0, 0.0):
+            wanted = self._mixed @ wanted
+        last = self._queue[-1][1] if self._queue else self._target
+        band = math.radians(self.settings.deadband_deg)
+        wanted = np.where(np.abs(wanted - last) < band, last, wanted) if band > 0.0 else wanted
+        self._queue.append((self.time + 1e-3 * self.settings.command_delay_ms, wanted))
+
+    def aim(self, beta: float, gamma: float) -> None:
+        """Set the target of the servos now, rad, without the limits of commands."""
+        self._target = np.array([beta, gamma])
+
+    def level(self) -> None:
+        """Level the plate, now. Delayed commands are dropped."""
+        self._queue.clear()
+        self._target = np.zeros(2)
+
+    def inject(self, fault: Fault) -> None:
+        """Add a fault from its `at_s` on, at once if that time is over.
+
+        Raises SettingsError for an opening or ring that the maze does not have."""
+        self.check()
+        self._faults.add(fault)
+
+    # -- what only a simulation knows ------------------------------------------------------------------------------
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """beta, gamma, rad."""
+        return self.gimbal.tilt
+
+    @property
+    def position(self) -> Array:
+        """x, y of the ball in the plate frame, m, (2,); NaN for a ball that is taken out."""
+        return self.scene()[:2]
+
+    def scene(self) -> Array:
+        """x, y (NaN for a ball that is taken out), z of the ball in the plate frame, m, beta, gamma, rad; (5,)."""
+        gimbal = self.gimbal
+        plate, _ = gimbal.plate()
+        out = np.empty(5)
+        out[:3] = plate.T @ gimbal.place()
+        if self._faults.out(self.time):
+            out[:2] = math.nan
+        out[3:] = gimbal.tilt
+        return out
+
+    def blind(self, t: float) -> bool:
+        """Whether a fault blinds the camera at time t."""
+        return self._faults.blackout(t)
+
+    def truth(self) -> Array:
+        """x, y, z (m), x_dot, y_dot (m/s) of the ball in the plate frame, beta, gamma (rad): shape (7,)."""
+        position, velocity, _ = self.ball()
+        return np.array([*position, velocity[0], velocity[1], *self.tilt])
+
+    def ball(self) -> tuple[Array, Array, Array]:
+        """Position (m), velocity (m/s) and spin (rad/s) of the ball in the plate frame, (3,) each."""
+        gimbal = self.gimbal
+        plate, omega = gimbal.plate()
+        position = plate.T @ gimbal.place()
+        velocity = plate.T @ gimbal.velocity() - _cross(omega, position)
+        return position, velocity, plate.T @ gimbal.spin() - omega
+
+    def set_ball(self, position: Array, velocity: Array, spin: Array) -> None:
+        """Set the state of the ball, (3,) each, in the plate frame."""
+        gimbal = self.gimbal
+        plate, omega = gimbal.plate()
+        gimbal.put(plate @ position, plate @ (velocity + _cross(omega, position)), plate @ (spin + omega))
+
+    def snapshot(self) -> Snapshot:
+        """State of the machine, for `restore`. Old pictures and random numbers of the camera are not in it."""
+        gimbal = self.gimbal
+        state = np.empty(mujoco.mj_stateSize(gimbal.model, _WHOLE))
+        mujoco.mj_getState(gimbal.model, gimbal.data, state, _WHOLE)
+        return Snapshot(state, self._target, self._ctrl, self._played, tuple(self._queue), self._rolled)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Return to a snapshot of this rig. Faults injected since then stay."""
+        mujoco.mj_setState(self.gimbal.model, self.gimbal.data, snapshot.state, _WHOLE)
+        self.gimbal.settle()
+        self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
+        self._queue, self._rolled = deque(snapshot.queue), snapshot.rolled
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product (3,) of two vectors; NumPy's takes many times as long for one pair."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

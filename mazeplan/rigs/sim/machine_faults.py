@@ -1,0 +1,118 @@
+"""Faults of the simulated machine, on a schedule. They test the recoveries of a behaviour tree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mazeplan.core.errors import SettingsError
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.sim.gimbal import Gimbal
+from mazeplan.rigs.sim.settings import Fault
+
+ASIDE = 0.1  # m beside and above the plate's rim: place of a ball that is taken out
+
+
+class FaultBox:
+    """Applies the faults of one run to a MuJoCo model. Raises SettingsError for an unknown opening or ring."""
+
+    def __init__(self, faults: Sequence[Fault], gimbal: Gimbal, maze: Maze) -> None:
+        self._faults, self._gimbal, self._maze = list(faults), gimbal, maze
+        for i, fault in enumerate(faults):
+            self._check(fault, f"faults[{i}]")
+        self._done: set[int] = set()
+        self._held: Array | None = None  # (3,) place in the plate of a ball that is held
+        self._taken_from: Array | None = None
+        self._reached = np.zeros(2)  # set points of the servos after their faults
+        self._at = 0.0
+
+    def _check(self, fault: Fault, key: str) -> None:
+        names = [opening.name for opening in self._maze.openings]
+        if fault.kind == "blocked" and fault.opening not in names:
+            raise SettingsError(f"got {fault.opening!r}, expected one of {', '.join(names)}", key=f"{key}.opening")
+        if fault.kind == "teleport" and fault.ring > len(self._maze.rings):
+            raise SettingsError(f"got {fault.ring}, expected 1 to {len(self._maze.rings)}", key=f"{key}.ring")
+
+    def add(self, fault: Fault) -> None:
+        """Add a fault, also while running. Raises SettingsError as the constructor does."""
+        self._check(fault, "fault")
+        self._faults.append(fault)
+
+    def active(self, kind: str, t: float) -> list[Fault]:
+        """Faults of a kind that act at time t."""
+        return [f for f in self._faults if f.kind == kind and f.at_s <= t < f.at_s + f.duration_s]
+
+    def blackout(self, t: float) -> bool:
+        """Whether the camera sees nothing."""
+        return bool(self.active("blackout", t))
+
+    def out(self, t: float) -> bool:
+        """Whether the ball is taken out."""
+        return bool(self.active("removed", t))
+
+    def servo(self, t: float, wanted: Array) -> Array:
+        """Set points that reach the servos, (2,) rad. A dead axis keeps its last one, at first the middle."""
+        out, dt, last = np.array(wanted, dtype=float), t - self._at, self._reached
+        for fault in self.active("slow_axis", t):
+            most = math.radians(fault.slew_deg_s) * dt
+            for axis in _axes(fault):
+                out[axis] = min(max(out[axis], last[axis] - most), last[axis] + most)
+        for fault in self.active("dead_axis", t):
+            for axis in _axes(fault):
+                out[axis] = last[axis]
+        for fault in self.active("brown_out", t):
+            for axis in _axes(fault):
+                out[axis] = 0.0
+        self._reached, self._at = out.copy(), t
+        for fault in self.active("offset_axis", t):
+            for axis in _axes(fault):
+                out[axis] += math.radians(fault.offset_deg)
+        return out
+
+    def before_step(self, t: float) -> None:
+        """Plugs, kicks, and a ball in another place."""
+        blocked = {fault.opening for fault in self.active("blocked", t)}
+        for fault in self._faults:
+            if fault.kind == "blocked" and fault.opening is not None:
+                self._gimbal.plug(fault.opening, fault.opening in blocked)
+        for i, fault in enumerate(self._faults):
+            if fault.kind in ("push", "teleport") and i not in self._done and t >= fault.at_s:
+                self._done.add(i)
+                angle = math.radians(fault.direction_deg)
+                if fault.kind == "push":
+                    self._gimbal.kick(fault.speed_m_s * math.cos(angle), fault.speed_m_s * math.sin(angle))
+                else:
+                    radius = self._maze.track_radius(fault.ring)
+                    self._put(np.array([radius * math.cos(angle), radius * math.sin(angle), self._maze.ball.radius]))
+
+    def _put(self, position: Array) -> None:
+        """Put the ball to rest at a position (3,), m, in the plate's frame."""
+        self._gimbal.rest(self._gimbal.drawn() @ position)
+
+    def after_step(self, t: float) -> None:
+        """Move a ball that is glued or held with the plate: restore its place in the plate after each step."""
+        glued, out = bool(self.active("stuck", t)), self.out(t)
+        if not (glued or out) and self._taken_from is None:
+            self._held = None
+            return
+        here = self._gimbal.drawn().T @ self._gimbal.place()
+        if out and self._taken_from is None:
+            self._taken_from = here
+        elif not out and self._taken_from is not None:
+            self._put(self._taken_from)
+            self._taken_from = None
+        if not (glued or out):
+            self._held = None
+            return
+        held = here if self._held is None else self._held
+        if out:
+            held = np.array([self._maze.walls[0].outer_radius + ASIDE, 0.0, ASIDE])
+        self._held = held
+        self._put(held)
+
+
+def _axes(fault: Fault) -> tuple[int, ...]:
+    return {"beta": (0,), "gamma": (1,), "both": (0, 1)}[fault.axis]

@@ -1,0 +1,222 @@
+"""The MuJoCo model (MJCF) of a maze on its gimbal, generated from the map and the settings.
+
+The plate is a real two-hinge gimbal, pitch beta about y outside and roll gamma about x inside, R = Ry(beta) Rx(gamma),
+with position actuators. The floor is a box, as a plane must not move. MuJoCo has no arcs: a wall is a row of boxes that
+touch at their edges. Beside an opening the boxes are narrower, do not reach into it, and end at a flat box, the cheek.
+So the opening has the map's width from the wall's inner circle to its outer one, without hollows beside it. The ball's
+own friction is 0: MuJoCo takes the larger of two, so floor and walls set it. Gravity is not vertical on a table that
+leans.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.maths.angles import difference
+from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
+from mazeplan.rigs.sim.settings import SimulatedSettings
+
+SUBSTEPS = 20  # per sample; at 30 Hz a time step of 1/600 s
+ARMATURE = 0.05  # kg m^2 per axis; with less the ball's weight tilts the plate
+CHEEK = 1.5e-4  # m, half thickness of the box at the side of an opening; a thick one leaves the wall's arc
+SHOULDER = 2e-4  # m of arc per box beside an opening; a cheek covers the gap between them
+# collision bits; the ball has 1. Without any bit a plug would not be in MuJoCo's search tree
+PLUG_ON, PLUG_OFF = 1, 2
+FLOOR = 0.005  # m, half thickness of the floor
+TORSIONAL = 2e-5  # m, friction against spinning on a spot
+SOLID = 0.4  # inertia of a solid sphere over m r^2
+SOLIMP = "0.95 0.99 0.0005 0.5 2"
+TIME_CONSTANT = 0.004  # s, of contacts
+
+
+def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
+    """MJCF text. Bodies: plate, ball; joints: beta, gamma; actuators in that order; a plug geom `plug:NAME` per
+    opening."""
+    geoms: list[str] = []
+    for wall in maze.walls:
+        geoms += _wall(wall, maze.wall_height, settings)
+    geoms += [_across(maze, wall, settings) for wall in maze.radial_walls]
+    geoms += [_plug(maze, opening) for opening in maze.openings]
+    return _document(maze, settings, geoms)
+
+
+def bare_mjcf(maze: Maze, settings: SimulatedSettings) -> str:
+    """The same without walls and plugs."""
+    return _document(maze, settings, [])
+
+
+def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
+    """MJCF text: boxes stand on the plate's floor."""
+    wn, zeta = settings.servo_frequency_rad_s, settings.servo_damping
+    kp, kv = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
+    wn, zeta = settings.servo_gamma_frequency_rad_s or wn, settings.servo_gamma_damping or zeta
+    kp2, kv2 = ARMATURE * wn**2, 2.0 * zeta * wn * ARMATURE
+    x, y = math.radians(settings.table_x_deg), math.radians(settings.table_y_deg)
+    gravity = f"{GRAVITY * math.sin(y)} {-GRAVITY * math.sin(x) * math.cos(y)} {-GRAVITY * math.cos(x) * math.cos(y)}"
+    timestep = 1.0 / (settings.rate_hz * SUBSTEPS)
+    half = maze.walls[0].outer_radius + 0.01
+    floor = f'friction="{settings.floor_friction} {TORSIONAL} {settings.rolling_friction_m}"'
+    geoms = [f'<geom name="floor" type="box" size="{half} {half} {FLOOR}" pos="0 0 {-FLOOR}" {floor}/>', *boxes]
+    radius, mass = maze.ball.radius, maze.ball.mass
+    inertia = ""  # MuJoCo's own, of a solid sphere
+    if settings.ball_inertia != SOLID:
+        about = settings.ball_inertia * mass * radius**2
+        inertia = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
+    return f"""<mujoco model="{_safe(maze.name)}">
+<compiler angle="radian"/>
+<option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="elliptic" impratio="10"
+ noslip_iterations="3" gravity="{gravity}"/>
+<default><geom condim="6" solref="{TIME_CONSTANT} 1" solimp="{SOLIMP}"/></default>
+<worldbody>
+<body name="gimbal"><inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+<joint name="beta" type="hinge" axis="0 1 0" armature="{ARMATURE}"/>
+<body name="plate"><inertial pos="0 0 0" mass="0.5" diaginertia="1e-3 1e-3 2e-3"/>
+<joint name="gamma" type="hinge" axis="1 0 0" armature="{ARMATURE}"/>
+{chr(10).join(geoms)}
+</body></body>
+<body name="ball">{inertia}<freejoint name="ball"/>
+<geom name="ball" type="sphere" size="{radius}" mass="{mass}" friction="0 0 0"/></body>
+</worldbody>
+<actuator><position joint="beta" kp="{kp}" kv="{kv}"/><position joint="gamma" kp="{kp2}" kv="{kv2}"/></actuator>
+</mujoco>"""
+
+
+def _safe(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_ " else "_" for c in name)
+
+
+def _box(x: float, y: float, angle: float, along: float, across: float, height: float, more: str) -> str:
+    """A standing box, turned by `angle`: half sizes along and across that direction."""
+    return (
+        f'<geom type="box" size="{along:.8g} {across:.8g} {0.5 * height:.8g}" pos="{x:.8g} {y:.8g} {0.5 * height:.8g}" '
+        f'euler="0 0 {angle:.8g}" {more}/>'
+    )
+
+
+def _wall(wall: Wall, height: float, settings: SimulatedSettings) -> list[str]:
+    """Boxes of one wall: rows between openings, and the sides of the openings."""
+    friction = _surface(settings)
+    step = math.tau / settings.wall_segments
+    openings = sorted(wall.openings, key=lambda o: o.angle % math.tau)
+    if not openings:
+        return _row(wall, _even(0.0, math.tau, step), height, friction)
+    geoms: list[str] = []
+    for opening, following in zip(openings, openings[1:] + openings[:1], strict=True):
+        apart = (following.angle - opening.angle) % math.tau or math.tau
+        geoms += _row(wall, _edges(wall, opening, following, apart, step), height, friction, (opening, following))
+        geoms += _cheeks(wall, opening, height, friction)
+    return geoms
+
+
+def _surface(settings: SimulatedSettings) -> str:
+    """Attributes of all walls."""
+    friction = f"{settings.wall_grip} {TORSIONAL} {settings.wall_rolling_friction_m}"
+    return f'friction="{friction}" {_bounce(settings.contact_damping_ratio)}'
+
+
+def _across(maze: Maze, wall: RadialWall, settings: SimulatedSettings) -> str:
+    """The box of a radial wall, from the ring's inner wall to its outer one."""
+    ring, half = maze.ring(wall.ring), 0.5 * wall.thickness
+    near, far = math.sqrt(ring.inner_radius**2 - half**2), ring.outer_radius
+    x, y = 0.5 * (near + far) * math.cos(wall.angle), 0.5 * (near + far) * math.sin(wall.angle)
+    return _box(x, y, wall.angle, 0.5 * (far - near), half, maze.wall_height, _surface(settings))
+
+
+def _bounce(damping_ratio: float) -> str:
+    """Attributes of a wall with little damping and the usual stiffness: the ball bounces off.
+
+    MuJoCo's stiffness is proportional to 1 / (time constant x damping ratio)^2. With only the ratio lowered it would be
+    too stiff for the time step, and every contact would add energy. Without priority MuJoCo would take the mean of wall
+    and ball."""
+    if damping_ratio >= 1.0:
+        return f'solref="{TIME_CONSTANT} {damping_ratio}" priority="1"'
+    return f'solref="{TIME_CONSTANT / damping_ratio:.8g} {damping_ratio}" priority="1"'
+
+
+def _even(start: float, end: float, step: float) -> list[float]:
+    """Angles from start to end, evenly and at most a step apart; empty if end is not past start."""
+    n = math.ceil((end - start) / step)
+    return [start + (end - start) * i / n for i in range(n + 1)]
+
+
+def _edges(wall: Wall, opening: Opening, following: Opening, apart: float, step: float) -> list[float]:
+    """Angles of the edges of the boxes from one opening to the following, `apart` rad further on.
+
+    Beside an opening the boxes are SHOULDER wide, up to the angle at which boxes of a full step do not reach into
+    it."""
+    shoulder = SHOULDER / wall.outer_radius
+    halves = [0.5 * o.width + CHEEK for o in (opening, following)]
+    outer = [math.asin(half / wall.outer_radius) for half in halves]
+    inner = [_clear_from(wall, half, step) for half in halves]
+    if inner[0] + inner[1] >= apart:  # openings so close that no full box fits between them
+        edges = _even(outer[0], apart - outer[1], shoulder)
+    else:
+        edges = _even(outer[0], inner[0], shoulder)[:-1] + _even(inner[0], apart - inner[1], step)
+        edges += _even(apart - inner[1], apart - outer[1], shoulder)[1:]
+    return [opening.angle + edge for edge in edges]
+
+
+def _clear_from(wall: Wall, half: float, step: float) -> float:
+    """Angle from an opening's middle line at which a row of boxes of this step may begin.
+
+    Its first box, whole from inner to outer circle, then stays `half` away from that line."""
+    across = wall.outer_radius * math.tan(0.5 * step)  # the box's side is parallel to its own middle line
+    corner = math.hypot(wall.inner_radius, across)
+    return math.asin(min(1.0, half / corner)) + math.atan2(across, wall.inner_radius) - 0.5 * step
+
+
+def _row(
+    wall: Wall, edges: Sequence[float], height: float, friction: str, between: Sequence[Opening] = ()
+) -> list[str]:
+    """Boxes from edge to edge (angles, rad). Their faces touch the wall's circles in the middle; boxes that would reach
+    into an opening are cut off on the inside."""
+    boxes = []
+    for start, end in pairwise(edges):
+        angle, half_across = 0.5 * (start + end), wall.outer_radius * math.tan(0.5 * (end - start))
+        near = max([wall.inner_radius, *(_cut(opening, angle, half_across) for opening in between)])
+        if near < wall.outer_radius:
+            along, half_along = 0.5 * (wall.outer_radius + near), 0.5 * (wall.outer_radius - near)
+            c, s = math.cos(angle), math.sin(angle)
+            boxes.append(_box(along * c, along * s, angle, half_along, half_across, height, friction))
+    return boxes
+
+
+def _cut(opening: Opening, angle: float, half_across: float) -> float:
+    """Radius, m, outside which a box at this angle is inside the cheek's middle; 0 far from the opening."""
+    turn = abs(difference(angle, opening.angle))
+    if turn >= 0.5 * math.pi:
+        return 0.0
+    return (0.5 * opening.width + CHEEK + half_across * math.cos(turn)) / math.sin(turn)
+
+
+def _cheeks(wall: Wall, opening: Opening, height: float, friction: str) -> list[str]:
+    """The two flat sides of an opening, parallel to its middle line, exactly its width apart.
+
+    They end before their back would leave the wall's outer circle: the edge is rounded by less than their thickness."""
+    half = 0.5 * opening.width
+    near = math.sqrt(wall.inner_radius**2 - half**2)
+    far = math.sqrt(wall.outer_radius**2 - (half + 2.0 * CHEEK) ** 2)
+    c, s = math.cos(opening.angle), math.sin(opening.angle)
+    along, boxes = 0.5 * (near + far), []
+    for side in (-1.0, 1.0):
+        across = side * (half + CHEEK)
+        x, y = c * along - s * across, s * along + c * across
+        boxes.append(_box(x, y, opening.angle, 0.5 * (far - near), CHEEK, height, friction))
+    return boxes
+
+
+def _plug(maze: Maze, opening: Opening) -> str:
+    """A box that fills an opening; it touches nothing unless a fault switches it on."""
+    near, far = maze.ring(opening.inner).outer_radius, maze.ring(opening.outer).inner_radius
+    along = 0.5 * (near + far)
+    x, y = along * math.cos(opening.angle), along * math.sin(opening.angle)
+    more = f'name="plug:{_safe(opening.name)}" contype="{PLUG_OFF}" conaffinity="{PLUG_OFF}" rgba="1 0 0 0.2"'
+    return _box(x, y, opening.angle, 0.5 * (far - near), 0.5 * opening.width, maze.wall_height, more)
+
+
+def plug_name(opening: str) -> str:
+    """Name of the plug geom of an opening."""
+    return f"plug:{_safe(opening)}"

@@ -1,0 +1,179 @@
+"""A simulated rig: the machine of `machine`, and a camera with delay and noise.
+
+Time is the simulation's. Samples come `rate_hz` times a second.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mazeplan.core.errors import RigError
+from mazeplan.core.records import Array, Observation
+from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.sim.gimbal import Gimbal
+from mazeplan.rigs.sim.machine import CHUNKS, Machine, Snapshot
+from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
+from mazeplan.rigs.sim.surprise import answer, surprised
+
+if TYPE_CHECKING:
+    from mazeplan.rigs.camera.sensing import CameraSense
+
+TOLERANCE = 1e-9  # rad, of the tilt limit
+
+
+class SimulatedRig:
+    """See `interface.Rig`. settings: keys of a file such as ideal.yaml, or SimulatedSettings; build: see `Machine`."""
+
+    realtime = False  # its time advances only in observe(): no watchdog
+
+    def __init__(
+        self,
+        maze: Maze,
+        settings: Mapping[str, Any] | SimulatedSettings | None = None,
+        build: Callable[[], Gimbal] | None = None,
+    ) -> None:
+        self.maze = maze
+        given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
+        self.surprise = answer(given, maze)
+        self.settings = self._at_first = surprised(given, maze)
+        self.rate_hz = self.settings.rate_hz
+        self.machine = Machine(maze, self.settings, build)
+        self._samples = 0
+        self._rng = np.random.default_rng(0)
+        self._sense: CameraSense | None = None
+
+    def begin_run(self, number: int) -> None:
+        """Take the settings of a run of a campaign (`changes`) from the next `reset` on; the first run is 1."""
+        settings = self._at_first.in_run(number)
+        if settings != self.settings:
+            self.machine.close()
+            self.settings, self.machine = settings, Machine(self.maze, settings)
+
+    # -- life -------------------------------------------------------------------------------------------------------
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """Place the ball at rest in the middle of a ring, level the plate, time 0."""
+        self.machine.reset(ring=ring, theta=theta)
+        self._rng, self._samples, self._lost = rng, 0, 0
+        self._seen: deque[Array] = deque(maxlen=self.settings.camera_delay_frames + 1)
+        late = 1e-3 * self.settings.camera_late_ms * self.rate_hz * CHUNKS
+        self._late = late - math.floor(late)  # of a chunk
+        self._path = deque([self.machine.scene()] * (math.floor(late) + 2), maxlen=math.floor(late) + 2)
+        if self.settings.sense == "camera":
+            self._light = rng.spawn(1)[0]  # only for pictures: the other noise stays the same
+
+    def close(self) -> None:
+        """Release memory. A second call does nothing."""
+        self.machine.close()
+
+    # -- the loop ---------------------------------------------------------------------------------------------------
+
+    def observe(self) -> Observation:
+        """The next sample. The first is at time 0, the others follow 1 / rate_hz apart."""
+        machine = self.machine
+        machine.check()
+        if self._samples > 0:
+            for _ in range(CHUNKS):
+                machine.step()
+                self._path.append(self.machine.scene())
+        t = self._samples / self.rate_hz
+        self._samples += 1
+        self._seen.append((1.0 - self._late) * self._path[1] + self._late * self._path[0])
+        x, y = self._picture(t)
+        noise = math.radians(self.settings.tilt_noise_deg) * self._rng.standard_normal(2)
+        beta, gamma = machine.tilt
+        if self.settings.tilt_scale != (1.0, 1.0):
+            beta, gamma = self.settings.tilt_scale[0] * beta, self.settings.tilt_scale[1] * gamma
+        return Observation(t, x, y, float(beta + noise[0]), float(gamma + noise[1]))
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit."""
+        self.machine.check()
+        limit = self.maze.tilt_limit + TOLERANCE
+        for name, value in (("u_beta", u_beta), ("u_gamma", u_gamma)):
+            if not -limit <= value <= limit:  # also refuses NaN
+                raise RigError(f"{name}: got {value} rad, expected at most {self.maze.tilt_limit:.4f} rad either way")
+        self.machine.command(u_beta, u_gamma)
+
+    def level(self) -> None:
+        """Level the plate, now. Delayed commands are dropped."""
+        if self.machine.ready:
+            self.machine.level()
+
+    # -- camera -----------------------------------------------------------------------------------------------------
+
+    def _picture(self, t: float) -> tuple[float | None, float | None]:
+        """Measured x, y of the ball, m, or None. Each sample draws the same random numbers, whatever the settings."""
+        settings, rng = self.settings, self._rng
+        noise, wrong = rng.standard_normal(2), rng.standard_normal(2)
+        lost, outlier = rng.random(2)
+        if self._lost > 0:
+            self._lost -= 1
+        elif lost < settings.ball_lost_probability:
+            self._lost = settings.ball_lost_frames
+        if self._lost > 0 or self.machine.blind(t):
+            return None, None
+        turn = math.radians(settings.camera_rotation_deg)
+        place: tuple[float, float] | None = (float(self._seen[0][0]), float(self._seen[0][1]))
+        if settings.sense == "camera":
+            place, noise, outlier = self._found(), np.zeros(2), 1.0
+        if place is None or math.isnan(place[0]):  # the picture has no ball
+            return None, None
+        x, y = (settings.camera_scale * part for part in place) if settings.camera_scale != 1.0 else place
+        position = np.array([math.cos(turn) * x - math.sin(turn) * y, math.sin(turn) * x + math.cos(turn) * y])
+        position = position + 1e-3 * (np.array(settings.camera_offset_mm) + settings.camera_noise_mm * noise)
+        if settings.lens_per_m2 != 0.0:
+            position = position + self._bent(position - 1e-3 * settings.camera_noise_mm * noise)
+        if outlier < settings.outlier_probability:
+            position = position + 1e-3 * settings.outlier_mm * wrong
+        return float(position[0]), float(position[1])
+
+    def _bent(self, position: Array) -> Array:
+        """Shift (2,) of a position by the lens, m."""
+        away = position - 1e-3 * np.array(self.settings.lens_mm)
+        return self.settings.lens_per_m2 * float(away @ away) * away
+
+    def _found(self) -> tuple[float, float] | None:
+        """x, y of the ball in a rendered picture, or None."""
+        if self._sense is None:
+            from mazeplan.rigs.camera.sensing import CameraSense
+
+            self._sense = CameraSense(self.maze)
+        x, y, z, beta, gamma = (float(value) for value in self._seen[0])
+        sighting = self._sense.look(None if math.isnan(x) else np.array([x, y, z]), beta, gamma, self._light)
+        return None if sighting.x is None or sighting.y is None else (sighting.x, sighting.y)
+
+    def inject(self, fault: Fault) -> None:
+        """See `Machine.inject`."""
+        self.machine.inject(fault)
+
+    # -- what only a simulation knows ------------------------------------------------------------------------------
+
+    def truth(self) -> Array:
+        """See `Machine.truth`."""
+        return self.machine.truth()
+
+    def pictured(self) -> Array:
+        """The scene in the picture of the last sample, with its delay: see `Machine.scene`, (5,)."""
+        return self._seen[0].copy()
+
+    def ball(self) -> tuple[Array, Array, Array]:
+        """See `Machine.ball`."""
+        return self.machine.ball()
+
+    def set_ball(self, position: Array, velocity: Array, spin: Array) -> None:
+        """See `Machine.set_ball`."""
+        self.machine.set_ball(position, velocity, spin)
+
+    def snapshot(self) -> Snapshot:
+        """See `Machine.snapshot`."""
+        return self.machine.snapshot()
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """See `Machine.restore`."""
+        self.machine.restore(snapshot)

@@ -1,0 +1,346 @@
+"""Plate, servos and ball in a user's own MuJoCo model: finds them by the names in the rig's file, and checks them.
+
+The plate's frame is that of a body or site: x and y as in the map, z up from the floor, origin in the middle of the
+maze. beta = sign (q - zero) of its joint, gamma likewise. The set point of a position actuator is scale times the
+joint's angle; the default of scale is the actuator's gear.
+"""
+
+from __future__ import annotations
+
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's compiled module has no types)
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.core.records import Array
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.yamltree import shown
+from mazeplan.rigs.files import RigSection
+from mazeplan.rigs.sim.gimbal import Gimbal
+
+NUDGE = 1e-3  # rad: a small turn of each joint shows what it does
+AWRY = 0.02  # of a nudge, or rad of a level plate: more is no rounding error
+ALIKE = 0.02  # relative difference allowed between the ball's radius and the map's
+LYING_S, SUNK = 0.2, 0.5  # s for which a ball must lie still; of its radius, by which it may rise or sink
+WHOLE = 1e-6  # relative difference allowed between a number of steps and a whole one
+JOINT, ACTUATOR, BODY, SITE = (
+    getattr(mujoco.mjtObj, f"mjOBJ_{name}") for name in ("JOINT", "ACTUATOR", "BODY", "SITE")
+)
+OBJECTS = {"joint": JOINT, "actuator": ACTUATOR, "body": BODY, "site": SITE}
+UNSTABLE = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+
+
+class AxisSection(RigSection):
+    """A joint and its actuator (None: the only one of that joint).
+
+    sign: -1 if it turns the other way; scale: set point per rad of the joint (None: by the gear); zero_deg: the joint's
+    angle at a level plate."""
+
+    joint: str
+    actuator: str | None = None
+    sign: int = Field(default=1, ge=-1, le=1)
+    scale: float | None = Field(default=None, gt=0.0)
+    zero_deg: float = Field(default=0.0, ge=-90.0, le=90.0)
+
+
+class ModelSection(RigSection):
+    """Keys of the rig's file that describe the model: its file, axes, the ball's body, the plate's body or site, and
+    the floor's height in the plate's frame."""
+
+    mjcf: str
+    beta: AxisSection
+    gamma: AxisSection
+    ball: str
+    plate: str
+    floor_mm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """An axis as MuJoCo's numbers: address of the joint in qpos, the actuator, and its set point per rad."""
+
+    q: int
+    actuator: int
+    sign: float
+    zero: float
+    scale: float
+
+
+def read_model(path: Path) -> mujoco.MjModel:
+    """A model from a file. Raises SettingsError in one line."""
+    if not path.is_file():
+        raise SettingsError(f"no such file: {path}", key="mjcf")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except Exception as problem:  # the types of MuJoCo's errors differ from version to version
+        raise SettingsError(f"{path}: {' '.join(str(problem).split())}", key="mjcf") from None
+
+
+class UserGimbal(Gimbal):
+    """See `Gimbal`; chunks: per second. Raises SettingsError, with its key, if the model does not fit the names."""
+
+    def __init__(self, model: mujoco.MjModel, names: ModelSection, maze: Maze, chunks: float) -> None:
+        super().__init__(model, _steps(model, chunks), _ball(model, names.ball, maze))
+        self._names, self._floor = names, 1e-3 * names.floor_mm
+        self._frame = _find(model, "plate", names.plate, "body", "site")
+        beta, gamma = self._drives = tuple(
+            _drive(model, key, axis, maze) for key, axis in (("beta", names.beta), ("gamma", names.gamma))
+        )
+        for key, shared in (("joint", beta.q == gamma.q), ("actuator", beta.actuator == gamma.actuator)):
+            if shared:
+                raise SettingsError("is that of beta, too; expected another", key=f"gamma.{key}")
+        self._check_level()
+        for i in range(2):
+            self._check_axis(i)
+        self._check_floor(maze)
+
+    # -- checks -----------------------------------------------------------------------------------------------------
+
+    def _check_level(self) -> None:
+        """The plate's z axis points up when both joints are at their zeros."""
+        self._pose((0.0, 0.0))
+        up = self.drawn()[:, 2]
+        gravity = np.array(self.model.opt.gravity)
+        if not np.linalg.norm(gravity) > 0.0:
+            raise SettingsError("this model has no gravity", key="mjcf")
+        off = math.degrees(math.acos(float(np.clip(-up @ gravity / np.linalg.norm(gravity), -1.0, 1.0))))
+        if off > 10.0:  # a table may lean by a few degrees
+            what = f"the frame of {self._names.plate!r} has its z axis {off:.0f} deg off the vertical at level joints"
+            raise SettingsError(f"{what}, expected it to point up", key="plate")
+
+    def _check_axis(self, i: int) -> None:
+        """Positive beta lowers the +x side, positive gamma lifts the +y side, and neither does the other's."""
+        name, other = ("beta", "gamma")[i], ("gamma", "beta")[i]
+        axis = (self._names.beta, self._names.gamma)[i]
+        self._pose((0.0, 0.0))
+        level = self.drawn()
+        self._pose((NUDGE, 0.0) if i == 0 else (0.0, NUDGE))
+        turn = level.T @ self.drawn()
+        got = (-turn[2, 0] / NUDGE, turn[2, 1] / NUDGE)  # how far +x went down, +y up
+        joint, alone = shown(axis.joint), abs(got[1 - i]) < AWRY
+        if abs(got[i] - 1.0) < AWRY and alone:
+            return
+        if abs(got[i] + 1.0) < AWRY and alone:
+            does = "lifts the +x side" if i == 0 else "lowers the +y side"
+            raise SettingsError(f"with this sign joint {joint} {does}; expected {-axis.sign}", key=f"{name}.sign")
+        if abs(abs(got[1 - i]) - 1.0) < AWRY and abs(got[i]) < AWRY:
+            what = f"joint {joint} tilts the plate as {other} does; expected the other joint, or a turned frame"
+            raise SettingsError(what, key=f"{name}.joint")
+        about = "beta about y, " if i == 0 else "gamma about x, "
+        down, up = (round(one, 2) + 0.0 for one in got)  # without -0
+        what = f"1 rad of joint {joint} lowers the +x side by {down} rad and lifts the +y side by {up} rad"
+        raise SettingsError(f"{what}; expected {about}1 and 0 of the other", key=f"{name}.joint")
+
+    def _check_floor(self, maze: Maze) -> None:
+        """A ball in the middle of each ring stays on the floor of the level plate."""
+        radius = maze.ball.radius
+        for ring in maze.rings:
+            far, theta = ring.track_radius, maze.clear_angle(ring.number, 0.0)
+            self.reset(np.array([far * math.cos(theta), far * math.sin(theta), radius]))
+            mujoco.mj_step(self.model, self.data, nstep=max(1, round(LYING_S / float(self.model.opt.timestep))))
+            if self._unstable():  # a run reports that
+                return
+            self.settle()
+            above = float(self.drawn()[:, 2] @ self.place()) - radius
+            if not abs(above) < SUNK * radius:
+                where = f"{1e3 * abs(above):.1f} mm {'above' if above > 0.0 else 'below'} it after {LYING_S:g} s"
+                what = f"a ball that is put on the floor in the middle of ring {ring.number} is {where}"
+                raise SettingsError(f"{what}; expected a floor at {self._names.floor_mm:g} mm", key="floor_mm")
+
+    # -- as the machine needs it ------------------------------------------------------------------------------------
+
+    def reset(self, position: Array) -> None:
+        """Level plate, everything at rest, time 0, the ball at a position (3,) in the plate's frame, m."""
+        model, data = self.model, self.data
+        mujoco.mj_resetData(model, data)
+        self._pose((0.0, 0.0))
+        self.drive(np.zeros(2))
+        data.qvel[:] = 0.0
+        data.qpos[self._q : self._q + 3] = self._centre() + self.drawn() @ position
+        data.qpos[self._q + 3 : self._q + 7] = 1.0, 0.0, 0.0, 0.0
+        mujoco.mj_forward(model, data)
+
+    def drive(self, tilt: Array) -> None:
+        """See `Gimbal`."""
+        for drive, angle in zip(self._drives, tilt.tolist(), strict=True):
+            self.data.ctrl[drive.actuator] = drive.scale * (drive.zero + drive.sign * angle)
+
+    def advance(self) -> None:
+        """See `Gimbal`. Raises RigError if the model becomes unstable."""
+        super().advance()
+        if self._unstable():
+            raise RigError(f"the model became unstable at t = {self.data.time:.3f} s; expected a smaller time step")
+        self.settle()
+
+    def _unstable(self) -> bool:
+        return any(self.data.warning[int(kind)].number for kind in UNSTABLE)
+
+    def settle(self) -> None:
+        """Update the frames from the joints."""
+        mujoco.mj_kinematics(self.model, self.data)
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """beta, gamma, rad."""
+        beta, gamma = (drive.sign * (float(self.data.qpos[drive.q]) - drive.zero) for drive in self._drives)
+        return beta, gamma
+
+    def plate(self) -> tuple[Array, Array]:
+        """See `Gimbal`."""
+        turned = self.drawn()
+        return turned, turned.T @ self._motion()[:3]
+
+    def drawn(self) -> Array:
+        """The rotation now, (3, 3)."""
+        kind, number = self._frame
+        return np.array((self.data.xmat if kind == BODY else self.data.site_xmat)[number]).reshape(3, 3)
+
+    def place(self) -> Array:
+        """See `Gimbal`."""
+        return self.data.qpos[self._q : self._q + 3] - self._centre()
+
+    def velocity(self) -> Array:
+        """See `Gimbal`."""
+        return self.data.qvel[self._v : self._v + 3] - self._drift()
+
+    # -- frames -----------------------------------------------------------------------------------------------------
+
+    def _pose(self, tilt: tuple[float, float]) -> None:
+        """Joints at a tilt, and the frames with them."""
+        for drive, angle in zip(self._drives, tilt, strict=True):
+            self.data.qpos[drive.q] = drive.zero + drive.sign * angle
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def _centre(self) -> Array:
+        kind, number = self._frame
+        origin = (self.data.xpos if kind == BODY else self.data.site_xpos)[number]
+        return origin + self._floor * self.drawn()[:, 2]
+
+    def _motion(self) -> Array:
+        """Angular and linear velocity (6,) of the plate's frame, in the room."""
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_comVel(self.model, self.data)
+        kind, number = self._frame
+        out = np.empty(6)
+        of = mujoco.mjtObj.mjOBJ_XBODY if kind == BODY else SITE
+        mujoco.mj_objectVelocity(self.model, self.data, of, number, out, 0)
+        return out
+
+    def _drift(self) -> Array:
+        motion, up = self._motion(), self.drawn()[:, 2]
+        return motion[3:] + np.cross(motion[:3], self._floor * up)
+
+
+# -- names to numbers ------------------------------------------------------------------------------------------------
+
+
+def _names(model: mujoco.MjModel, kind: str) -> str:
+    """Names of all objects of a kind, for a message."""
+    count = {"joint": model.njnt, "actuator": model.nu, "body": model.nbody, "site": model.nsite}[kind]
+    names = (mujoco.mj_id2name(model, OBJECTS[kind], i) for i in range(count))
+    return ", ".join(name for name in names if name and name != "world") or "none with a name"
+
+
+def _find(model: mujoco.MjModel, key: str, name: str, *kinds: str) -> tuple[Any, int]:
+    """MuJoCo's kind and number of a name. Raises SettingsError with the existing names."""
+    for kind in kinds:
+        number = mujoco.mj_name2id(model, OBJECTS[kind], name)
+        if number >= 0:
+            return OBJECTS[kind], number
+    existing = "; ".join(f"{kind}: {_names(model, kind)}" for kind in kinds)
+    raise SettingsError(f"got {shown(name)}, which the model does not have; {existing}", key=key)
+
+
+def _steps(model: mujoco.MjModel, chunks: float) -> int:
+    """MuJoCo's steps in a chunk; chunks: per second."""
+    step, exact = float(model.opt.timestep), 1.0 / (chunks * float(model.opt.timestep))
+    count = max(1, round(exact))
+    if abs(exact - count) > WHOLE * count:
+        near = 1.0 / (chunks * count)
+        what = f"its timestep is {step:g} s, of which {exact:.4g} are in 1/{chunks:g} s; expected a whole number"
+        raise SettingsError(f"{what}, such as a timestep of {near:.12g} s", key="mjcf")
+    return count
+
+
+def _ball(model: mujoco.MjModel, name: str, maze: Maze) -> tuple[int, int, int]:
+    """The ball's body, and where its free joint begins in qpos and in qvel."""
+    _, body = _find(model, "ball", name, "body")
+    joint = int(model.body_jntadr[body])
+    free = int(mujoco.mjtJoint.mjJNT_FREE)
+    if model.body_jntnum[body] != 1 or int(model.jnt_type[joint]) != free:
+        bodies = [int(model.jnt_bodyid[j]) for j in range(model.njnt) if int(model.jnt_type[j]) == free]
+        others = ", ".join(mujoco.mj_id2name(model, BODY, b) or f"number {b}" for b in bodies) or "none"
+        raise SettingsError(f"body {shown(name)} has no free joint; bodies with one: {others}", key="ball")
+    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    spheres = [g for g in range(first, first + count) if int(model.geom_type[g]) == int(mujoco.mjtGeom.mjGEOM_SPHERE)]
+    if not spheres:
+        raise SettingsError(f"body {shown(name)} has no geom of type sphere", key="ball")
+    radius, wanted = float(model.geom_size[spheres[0]][0]), maze.ball.radius
+    if abs(radius - wanted) > ALIKE * wanted:
+        what = f"its radius is {1e3 * radius:.3f} mm, expected {1e3 * wanted:.3f} mm as in map {maze.name!r}"
+        raise SettingsError(what, key="ball")
+    return body, int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+
+
+def _drive(model: mujoco.MjModel, key: str, axis: AxisSection, maze: Maze) -> _Drive:
+    """An axis as MuJoCo's numbers."""
+    if axis.sign not in (-1, 1):
+        raise SettingsError(f"got {axis.sign}, expected 1 or -1", key=f"{key}.sign")
+    _, joint = _find(model, f"{key}.joint", axis.joint, "joint")
+    if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
+        raise SettingsError(f"joint {shown(axis.joint)} is no hinge", key=f"{key}.joint")
+    number, scale = _actuator(model, key, axis, joint), axis.scale
+    if scale is None:
+        if int(model.actuator_trntype[number]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+            what = "is missing: the actuator's set point per rad of the joint, which its transmission does not give"
+            raise SettingsError(what, key=f"{key}.scale")
+        scale = -float(model.actuator_gear[number][0] * model.actuator_biasprm[number][1])
+        scale /= float(model.actuator_gainprm[number][0])
+    drive = _Drive(int(model.jnt_qposadr[joint]), number, float(axis.sign), math.radians(axis.zero_deg), scale)
+    _check_reach(model, key, axis, joint, drive, maze.tilt_limit)
+    return drive
+
+
+def _actuator(model: mujoco.MjModel, key: str, axis: AxisSection, joint: int) -> int:
+    """The position actuator of an axis."""
+    if axis.actuator is not None:
+        _, number = _find(model, f"{key}.actuator", axis.actuator, "actuator")
+    else:
+        kind = int(mujoco.mjtTrn.mjTRN_JOINT)
+        of = [
+            i for i in range(model.nu) if int(model.actuator_trntype[i]) == kind and model.actuator_trnid[i][0] == joint
+        ]
+        if len(of) != 1:
+            what = f"joint {shown(axis.joint)} has {len(of)} actuators; expected the name of one"
+            raise SettingsError(f"{what}: {_names(model, 'actuator')}", key=f"{key}.actuator")
+        number = of[0]
+    affine = int(model.actuator_biastype[number]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    if not (affine and model.actuator_biasprm[number][1] < 0.0 and model.actuator_gainprm[number][0] > 0.0):
+        raise SettingsError("this actuator holds no position, expected one of kind position", key=f"{key}.actuator")
+    return number
+
+
+def _check_reach(model: Any, key: str, axis: AxisSection, joint: int, drive: _Drive, limit: float) -> None:
+    """Raises SettingsError if joint or actuator do not reach the map's tilt limit."""
+    ends = [drive.zero - limit, drive.zero + limit]
+    if model.jnt_limited[joint] and not _within(ends, model.jnt_range[joint]):
+        low, high, first, last = (math.degrees(float(end)) for end in (*model.jnt_range[joint], *ends))
+        what = f"joint {shown(axis.joint)} goes from {low:.3g} to {high:.3g} deg"
+        what = f"{what}, expected {first:.3g} to {last:.3g} deg: the map's tilt limit"
+        raise SettingsError(what, key=f"{key}.joint")
+    first, last = sorted(drive.scale * end for end in ends)
+    allowed = model.actuator_ctrlrange[drive.actuator]
+    if model.actuator_ctrllimited[drive.actuator] and not _within([first, last], allowed):
+        what = f"its ctrlrange is {allowed[0]:.4g} to {allowed[1]:.4g}, expected {first:.4g} to {last:.4g}"
+        raise SettingsError(f"{what}: the map's tilt limit", key=f"{key}.actuator")
+
+
+def _within(ends: list[float], allowed: Any) -> bool:
+    return bool(allowed[0] <= ends[0] + WHOLE and ends[1] - WHOLE <= allowed[1])

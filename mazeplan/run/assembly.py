@@ -1,0 +1,63 @@
+"""From maze, model and settings to the parts that a run is made of."""
+
+from __future__ import annotations
+
+from mazeplan.behavior.context import LeafOptions, RunContext
+from mazeplan.control.cost import CostParameters
+from mazeplan.control.deadline import Stopwatch
+from mazeplan.control.opening_rollout import OpeningRollout
+from mazeplan.control.ring_planner import RingPlanner
+from mazeplan.control.tilt import Plate
+from mazeplan.learning.modelfile import RigModel
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.planar import PlanarModel
+from mazeplan.physics.dynamics.ring_parameters import RingParameters
+
+
+def plate_of(maze: Maze, model: RigModel) -> Plate:
+    """Limits of the maze and the table's tilt by the model."""
+    ball = model.ball(1)
+    return Plate(
+        maze.tilt_limit,
+        ball.parameter("tilt_offset", "beta", 0.0),
+        ball.parameter("tilt_offset", "gamma", 0.0),
+    )
+
+
+def planners_of(
+    maze: Maze,
+    model: RigModel,
+    cost: CostParameters,
+    watch: Stopwatch | None = None,
+    *,
+    late_s: float | None = None,
+) -> dict[int, RingPlanner]:
+    """A planner for each channel; watch: for their deadlines; late_s: after what was seen a command acts so much later
+    (None: as the model has it)."""
+    cost = cost.seen_late(model.late_s if late_s is None else late_s)
+    return {
+        ring.number: RingPlanner(
+            RingParameters.from_model(model, ring.number, ring.track_radius),
+            maze.tilt_limit,
+            cost=cost,
+            process=model.processes.get(ring.number),
+            watch=watch,
+        )
+        for ring in maze.rings
+        if not ring.is_disc
+    }
+
+
+def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float) -> OpeningRollout | None:
+    """The roll-outs that try commands in front of openings; None where samples are too late for them."""
+    if late_s > options.rollout.late_s:
+        return None
+    planar = PlanarModel.build(maze, model)
+    return OpeningRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout)
+
+
+def passed_by(run: RunContext, before: int, ring: int) -> str | None:
+    """Name of the opening by which the ball changed its ring: the nearest that joins the two, if any does."""
+    joining = [o for o in run.maze.openings if {o.outer, o.inner} == {before, ring}]
+    nearest = min(joining, key=lambda o: abs(run.turn_to(o)), default=None)
+    return None if nearest is None else nearest.name

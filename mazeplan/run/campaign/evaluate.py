@@ -1,0 +1,138 @@
+"""Many navigations: success, times, failures by kind.
+
+Start angles: the first 16 are theta = pi k / 8 + pi / 16 (facts of the published evaluation), further ones are
+drawn by the run's seed. Each run has a seed of its own, so that the results are the same for any number of workers,
+wherever they are (`campaign`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.core.display import NullDisplay
+from mazeplan.core.errors import RigError
+from mazeplan.core.maths.spread import spread
+from mazeplan.core.records import NavigationResult
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import make_rig, rig_label, runs_of_change
+from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
+from mazeplan.run.campaign.one_run import (
+    FIXED_STARTS,
+    Campaign,
+    job_of,
+    rig_failed,
+    run_one,
+    setup_of,
+    start_angle,
+)
+from mazeplan.run.campaign.parcel import Parcel, packed
+from mazeplan.run.campaign.store import Store
+from mazeplan.run.campaign.worker import Ran, run_packed
+from mazeplan.run.loop import Run
+from mazeplan.run.specification import log_header
+
+__all__ = [
+    "FIXED_STARTS", "Campaign", "evaluate", "job_of", "rig_failed", "run_one", "setup_document", "setup_of",
+    "start_angle", "summary",
+]  # fmt: skip
+
+
+def evaluate(
+    campaign: Campaign,
+    *,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+    executor: Executor | None = None,
+    store: Store | None = None,
+) -> list[NavigationResult]:
+    """All results of a campaign in the order of their runs; `progress(finished)` is called after each.
+
+    executor: where they are done (`campaign.executor.open_executor`), in the place of `workers`; store: runs that are
+    there are not done again, and others are kept as they end."""
+    if executor is None:
+        with open_executor(workers) as own:
+            return evaluate(campaign, progress=progress, executor=own, store=store)
+    done = {} if store is None else {k: r for k, r in store.results.items() if k < campaign.runs}
+    missing = [index for index in range(campaign.runs) if index not in done]
+    if missing and (executor.apart or store is not None):
+        check(campaign)
+    parcel = store.parcel if store is not None else packed(campaign) if executor.apart else Parcel()
+    campaign = replace(campaign, own_process=campaign.own_process or executor.apart)
+    shared = executor.share(parcel) if missing else parcel
+    tasks = [(shared, campaign, index) for index in missing]
+    for k, ran in each(run_packed, tasks, executor, lambda k, lost: _lost(campaign, missing[k], lost)):
+        done[missing[k]] = ran.result
+        if store is not None:
+            store.keep(missing[k], ran)
+        if progress is not None:
+            progress(len(done))
+    return [done[index] for index in range(campaign.runs)]
+
+
+def check(campaign: Campaign) -> None:
+    """Make everything of a run but the run. Raises InputError, with names of files as they are here and not where they
+    are unpacked."""
+    maze = load_map(campaign.map)
+    rig = make_rig(campaign.rig, maze, campaign.sense)
+    Run(rig, setup_of(campaign, maze), job_of(campaign, 0, maze), None, NullDisplay())
+
+
+def process_ended(campaign: Campaign, index: int, lost: Lost) -> NavigationResult:
+    """The result of a run that ended its process, whoever did it."""
+    job = job_of(campaign, index, load_map(campaign.map))
+    problem = RigError(f"the worker process ended in the midst of the run, {lost.deaths} times")
+    return rig_failed(problem, job, rig_label(campaign.rig))
+
+
+def _lost(campaign: Campaign, index: int, lost: Lost) -> Ran:
+    return Ran(process_ended(campaign, index, lost), 0.0, 0.0, "")
+
+
+def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
+    """The document that `evaluate --json` prints. Times are of the runs that arrived; null when none did."""
+    times = np.array([outcome.time_s for outcome in outcomes if outcome.success])
+    failures = Counter(str(failure.kind) for outcome in outcomes for failure in outcome.failures)
+    if times.size:
+        p50, p95 = np.percentile(times, [50.0, 95.0])
+        figures = {"mean": times.mean(), "best": times.min(), "p50": p50, "p95": p95, "worst": times.max()}
+        time_s: dict[str, float | None] = {key: round(float(value), 4) for key, value in figures.items()}
+    else:
+        time_s = dict.fromkeys(("mean", "best", "p50", "p95", "worst"))
+    return {
+        "runs": len(outcomes),
+        "success": sum(outcome.success for outcome in outcomes),
+        "time_s": time_s,
+        "failures": dict(sorted(failures.items())),
+        "planner_ms": worst(outcomes, "planner_ms"),
+        "tick_ms": worst(outcomes, "tick_ms"),
+        "results": [outcome.to_json() for outcome in outcomes],
+    }
+
+
+def setup_document(campaign: Campaign) -> dict[str, Any]:
+    """The setup of a campaign, for readers of its document: program, rig, map (its text) and the rest by name;
+    changes: from which runs on the rig is otherwise, effects: of a user; both are left out where there is none."""
+    maze = load_map(campaign.map)
+    job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
+    header = log_header(setup, job, 0.0)
+    names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")
+    changes = runs_of_change(campaign.rig)
+    more = {"changes": changes, "effects": campaign.effects}
+    return {**{name: header[name] for name in (*names, "time_limit_s")}, **{k: v for k, v in more.items() if v}}
+
+
+def worst(outcomes: list[NavigationResult], which: str) -> dict[str, float]:
+    """Median of the runs' medians; worst p99 and worst maximum over the runs."""
+    spreads = [getattr(outcome, which) for outcome in outcomes]
+    if not spreads:
+        return spread([])
+    return {
+        "p50": round(float(np.median([s["p50"] for s in spreads])), 4),
+        "p99": max(s["p99"] for s in spreads),
+        "max": max(s["max"] for s in spreads),
+    }

@@ -1,0 +1,92 @@
+"""The identity of a campaign: a document of everything that determines the result of a run with a given number.
+
+The number of runs and the places of files are not in it: the same command with more runs goes on with the same
+campaign.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from mazeplan.core import resources
+from mazeplan.core.maths.fingerprint import fingerprint
+from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.rigs.files import read_rig_file
+from mazeplan.rigs.registry import rig_file, rig_label
+from mazeplan.run.campaign.one_run import Campaign, effect_modules, job_of, setup_of
+from mazeplan.run.campaign.parcel import Parcel, installed, module_file, rig_modules
+from mazeplan.run.campaign.versions import program
+from mazeplan.run.specification import Setup, file_sha256, installed_leaves
+
+LETTERS = 16  # of a SHA-256 that is compared among a few
+
+
+def identity(campaign: Campaign, parcel: Parcel) -> dict[str, Any]:
+    """Everything that determines the results of a campaign, as a document of names, numbers and texts.
+
+    Raises InputError for what cannot be used."""
+    maze = load_map(campaign.map)
+    setup, job = setup_of(campaign, maze), job_of(campaign, 0, maze)
+    behavior = resources.find("behaviors", campaign.behavior, ".xml")
+    known_by_content = {name.partition("@")[0] for _, name in parcel.names}
+    return {
+        "program": dict(program()),
+        "rig": _rig_of(campaign),
+        "map": dump_map(maze),
+        "model": fingerprint(setup.model),
+        "behavior": behavior.read_text(encoding="utf-8", errors="replace"),
+        "settings": asdict(setup.settings),
+        "start_ring": job.start,
+        "goal_ring": job.goal,
+        "seed": campaign.seed,
+        "time_limit_s": campaign.time_limit,
+        "modules": _modules_of(campaign),
+        "packages": _packages_of(campaign, setup),
+        "files": {
+            name: digest
+            for name, digest in parcel.digests.items()
+            if name not in known_by_content and not name.startswith("model/")
+        },
+    }
+
+
+def _rig_of(campaign: Campaign) -> dict[str, Any]:
+    path = rig_file(campaign.rig)
+    if path is None:
+        return {"name": campaign.rig, "class": campaign.rig, "sense": campaign.sense}
+    kind, data = read_rig_file(path)
+    settings = {key: value for key, value in data.items() if key != "model"}
+    return {"name": rig_label(campaign.rig), "class": kind, "settings": settings, "sense": campaign.sense}
+
+
+def _modules_of(campaign: Campaign) -> dict[str, str]:
+    """{module of a user: SHA-256 of its file}, also of installed modules."""
+    names = [*campaign.behavior_modules, *effect_modules(campaign), *rig_modules(campaign.rig)]
+    return {name: file_sha256(module_file(name) or Path()) for name in names}
+
+
+def _packages_of(campaign: Campaign, setup: Setup) -> dict[str, list[str]]:
+    """{plug-in of an installed package that the campaign uses: package and version, SHA-256 of its file}."""
+    rig = installed(campaign.rig)
+    used = [*installed_leaves(setup), *([] if rig is None else [rig])]
+    return {found.name: [found.source, file_sha256(found.file() or Path())] for found in used}
+
+
+def digest_of(document: Mapping[str, Any]) -> str:
+    """A short digest of a document."""
+    return hashlib.sha256(text_of(document).encode()).hexdigest()[:LETTERS]
+
+
+def text_of(document: Mapping[str, Any]) -> str:
+    """The document as JSON, always in the same order."""
+    return json.dumps(document, sort_keys=True, default=str, ensure_ascii=False)
+
+
+def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Names of the parts in which two documents differ."""
+    return ", ".join(key.removesuffix("_s").replace("_", " ") for key in one if one[key] != other.get(key))

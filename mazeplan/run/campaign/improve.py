@@ -1,0 +1,138 @@
+"""Close the loop: excite the rig, diagnose it, update the model, navigate with the old one and the new one.
+
+The model keeps its kind. What a process adds was learned on top of the old effects, mostly at edges and joints, which
+have not moved; an effect that is set on its own is one readable entry, needs a few minutes of record instead of 25, and
+leaves everything else as it was. (Learning everything anew, with `learn`, is what remains to be done when the verdict
+is `unknown_effect`.)
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mazeplan.core.logs.table import Table, read_table
+from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
+from mazeplan.diagnosis.rig.reference import RigReference, reference_of
+from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
+from mazeplan.diagnosis.rig.result import RigVerdict, advice
+from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
+from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.learning.modelfile import RigModel, save_model
+from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.effect import Effect
+from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
+from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
+from mazeplan.run.collect import Collection, run_collection
+from mazeplan.run.resolve import model_source, resolve_model
+
+WORSE = 1.05  # times the mean time of navigation, from which it got worse
+
+
+@dataclass(frozen=True)
+class Options:
+    """rounds of collecting and updating; runs of navigation before and after; seconds of record a round; seed of
+    commands, places and noise (navigations: their usual starts, seeded by it); workers: processes; own_process: whether
+    the watchdog may end it; effects: MODULE:FUNCTION of a user's own, for the navigations."""
+
+    rounds: int = 1
+    runs: int = 16
+    seconds: float = 400.0
+    seed: int = 0
+    workers: int = 1
+    map: str = "cme"
+    own_process: bool = False
+    effects: str | None = None
+
+
+def improve(
+    rig: str,
+    folder: Path,
+    options: Options,
+    *,
+    model: str | None = None,
+    reference: Sequence[Table] = (),
+    own: Sequence[Effect] = (),
+    tell: Words | None = None,
+    working: Words | None = None,
+    advance: Advance | None = None,
+) -> list[dict[str, Any]]:
+    """The rounds, as in the JSON of the command; logs, models and reports are left in the folder.
+
+    model: a name or folder (None: the rig's own); reference: logs of when the model was right (none: what the model's
+    folder keeps of that time); own: effects looked for beside the packaged ones; tell gets findings, working the
+    step under way, advance the progress of a record or of the navigations. Raises InputError, RigError."""
+    tell, working, advance = tell or no_words, working or no_words, advance or no_advance
+    maze = load_map(options.map)
+    known = resolve_model(model, rig, maze)
+    working("what the rig was like")
+    was = reference_of(reference, maze, known) if reference else known_reference(model_source(model, rig), known, maze)
+    rounds: list[dict[str, Any]] = []
+    path, before = model, None
+    for number in range(1, options.rounds + 1):
+        here = folder / f"round{number}"
+        here.mkdir(parents=True, exist_ok=True)
+        log = here / "record.mcap"
+        tell(f"round {number}: {options.seconds:g} s of record")
+        rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
+        plan = Collection(options.seconds, rings, 1000 * number + options.seed, rig_given=rig, map_given=options.map)
+        machine = watched(make_rig(rig, maze), own_process=options.own_process)
+        collected = of_total(advance, math.ceil(options.seconds))
+        run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
+        done = verdict_on(read_table(log), maze, was, working, own=own)
+        document: dict[str, Any] = done.document() | {"model": None, "report": None}
+        tell(document["sentence"])
+        if changes_model(done.effects):
+            known, was = moved_model(known, done.effects, done.searched.fit), reference_after(done)
+            document["model"] = _saved(known, was, here / "model")
+            document["advice"] = advice(done, document["model"])
+        new = document["model"]
+        before = before or _navigate(rig, path, options, tell, "before", working, advance)
+        after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)
+        document["advice"] += _looked_at(done, before, after)
+        rounds.append({"diagnosis": document, "navigation": {"before": before, "after": after}})
+        (here / "round.json").write_text(json.dumps(rounds[-1], indent=1) + "\n")
+        path, before = new or path, after
+    return rounds
+
+
+def _navigate(
+    rig: str, model: str | None, options: Options, tell: Words, when: str, working: Words, advance: Advance
+) -> dict[str, Any]:
+    working(f"navigating {when}")
+    how: dict[str, Any] = {"own_process": options.own_process, "effects": options.effects}
+    campaign = Campaign(options.runs, rig, options.map, model, seed=options.seed, **how)
+    done = evaluate(campaign, workers=options.workers, progress=of_total(advance, options.runs))
+    document = summary(done)
+    del document["results"]
+    mean = document["time_s"]["mean"]
+    tell(f"{when}: {document['success']} of {options.runs} arrived" + (f", mean {mean:.2f} s" if mean else ""))
+    return document
+
+
+def _saved(known: RigModel, was: RigReference, folder: Path) -> str:
+    """Write a model, and what the rig is like beside it; returns the folder."""
+    path = save_model(known, folder).parent
+    if not was.body.open:
+        save_reference(was, known, path)
+    return str(path)
+
+
+def _looked_at(done: RigVerdict, before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+    """Where navigation is not well: what was looked at, and what to do."""
+    mean = [n["time_s"]["mean"] for n in (before, after)]
+    lost = after["success"] < after["runs"]
+    worse = None not in mean and mean[1] > WORSE * mean[0]
+    if not lost and not worse and after["success"] >= before["success"]:
+        return []
+    how = f"{after['success']} of {after['runs']} runs arrived" if lost else "navigation is slower than before"
+    found = "nothing that differs was found" if not done.effects else "with what was found"
+    return [
+        f"But {how}, {found}: servos, tilt sensor, camera, table, friction, ball and floor were compared. "
+        "Try a longer record (--seconds 800), a second round (--rounds 2), or learn the model again (mazeplan learn)."
+    ]

@@ -1,0 +1,141 @@
+"""One run of a campaign, from nothing."""
+
+from __future__ import annotations
+
+import gc
+import math
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import count
+
+from mazeplan.core.errors import RigError
+from mazeplan.core.logs.run_log import Sink
+from mazeplan.core.maths.spread import spread
+from mazeplan.core.records import Failure, FailureKind, NavigationResult
+from mazeplan.learning.modelfile import RigModel, model_stamp
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.registry import own_effects
+from mazeplan.rigs.interface import Rig, traits
+from mazeplan.rigs.registry import make_rig, rig_label
+from mazeplan.rigs.watchdog import watched
+from mazeplan.run.execution import attempt_job
+from mazeplan.run.resolve import model_from, model_source, ring_number
+from mazeplan.run.settings import load_settings
+from mazeplan.run.specification import TIME_LIMIT, Job, Setup
+
+FIXED_STARTS = 16
+COLLECT = 16  # runs
+NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
+_runs = count(1)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What to evaluate; plain names, so that a worker process can build everything itself."""
+
+    runs: int
+    rig: str = "toy"
+    map: str = "cme"
+    model: str | None = None
+    behavior: str = "navigate"
+    start: int | str = 1
+    goal: int | str | None = None  # None: the centre
+    seed: int = 0
+    time_limit: float = TIME_LIMIT
+    settings: str | None = None
+    behavior_modules: tuple[str, ...] = ()
+    own_process: bool = False  # whether the watchdog may end it
+    sense: str | None = None  # how a simulated rig sees the ball
+    deadline: bool = True  # whether plans must be ready in time by the clock on the wall
+    effects: str | None = None  # module:function of effects of a user that the model has
+
+
+def effect_modules(campaign: Campaign) -> list[str]:
+    """The module of a user whose effects the model has."""
+    return [] if campaign.effects is None else [campaign.effects.partition(":")[0]]
+
+
+def start_angle(index: int) -> float | None:
+    """Start angle of run `index`, rad; None: drawn by the run's seed."""
+    return math.pi * index / 8.0 + math.pi / 16.0 if index < FIXED_STARTS else None
+
+
+def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:
+    """Run number `index` of a campaign."""
+    return Job(
+        ring_number(campaign.start, maze),
+        len(maze.rings) if campaign.goal is None else ring_number(campaign.goal, maze),
+        start_angle(index),
+        campaign.seed + index,
+        campaign.time_limit,
+    )
+
+
+def setup_of(campaign: Campaign, maze: Maze) -> Setup:
+    """With what its runs are done."""
+    own_effects(campaign.effects)
+    source = model_source(campaign.model, campaign.rig)
+    model = RigModel.nominal(maze) if source is None else _model(source, maze, model_stamp(source))
+    how, modules = load_settings(campaign.settings), campaign.behavior_modules
+    if not campaign.deadline:
+        how = how.with_values(NO_DEADLINE)
+    return Setup(
+        maze,
+        model,
+        campaign.behavior,
+        rig_label(campaign.rig),
+        settings=how,
+        behavior_modules=modules,
+        effects=campaign.effects,
+    )
+
+
+@lru_cache(maxsize=4)
+def _model(source: str, maze: Maze, stamp: object) -> RigModel:
+    """Read once for all runs of a process; stamp: of its files."""
+    return model_from(source, maze)
+
+
+def run_one(
+    campaign: Campaign, index: int, model: RigModel | None = None, feed: Sink | None = None
+) -> NavigationResult:
+    """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result.
+
+    model: in the place of the campaign's own; feed: gets what a log would get."""
+    maze = load_map(campaign.map)
+    job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
+    setup = setup if model is None else replace(setup, model=model)
+    rig = watched(rig_of_run(campaign, index, maze), own_process=campaign.own_process)
+    try:
+        return attempt_job(rig, setup, job, feed=feed)[0]
+    except RigError as problem:  # it did not even become level
+        return rig_failed(problem, job, setup.rig_name)
+    finally:
+        with suppress(RigError):  # the first error matters
+            rig.close()
+        collect()
+
+
+def collect() -> None:
+    """Have the collector look at everything, after every so many runs of this process: the parts of a run know one
+    another, and by itself it would come when there are a GB of them."""
+    if next(_runs) % COLLECT == 0:
+        gc.collect()
+
+
+def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
+    """The rig; a rig with `begin_run` gets the number of its run."""
+    rig = make_rig(campaign.rig, maze, campaign.sense)
+    begin = traits(rig).begin_run
+    if begin is not None:
+        begin(index + 1)
+    return rig
+
+
+def rig_failed(problem: RigError, job: Job, rig_name: str) -> NavigationResult:
+    """The result of a run of which the rig let nothing be known but that it failed."""
+    failure = Failure(FailureKind.RIG_FAILED, "rig", 0.0, str(problem))
+    reason, none = str(FailureKind.RIG_FAILED), spread([])
+    return NavigationResult(False, reason, 0.0, job.seed, rig_name, (), (failure,), 0, none, None, none)

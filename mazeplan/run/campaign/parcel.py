@@ -1,0 +1,323 @@
+"""Packs the user's files that a run needs into a parcel, for a machine that has none of them.
+
+A parcel holds map, behaviour, settings, rig and model that are not packaged, the files that the rig's file names by
+relative paths, and the modules of rig and behaviour in the working folder, with the modules that they import there.
+It does not hold files that the user's code opens itself, files with absolute paths, and installed modules: these must
+be on the other machine.
+
+A parcel is made once: later edits of the files do not change a campaign that is under way.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+import importlib.util
+import os
+import re
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from mazeplan.core import resources
+from mazeplan.core.errors import InputError
+from mazeplan.core.plugins import RIGS, Plugin, plugin
+from mazeplan.core.records import NavigationResult
+from mazeplan.core.user_modules import desks, user_module
+from mazeplan.learning.modelfile import model_names
+from mazeplan.maze.mapfile import find_map
+from mazeplan.rigs.files import read_rig_file
+from mazeplan.rigs.registry import rig_file, rig_names, seeded
+from mazeplan.run.campaign.one_run import Campaign, effect_modules
+from mazeplan.run.resolve import model_source
+
+MODULES = "modules"
+MODEL_FILES = {".yaml", ".npz"}
+MOST_BYTES = 512 << 20
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """files: (path in it, content); names: (field of a campaign, what it is called in the parcel); origins: (path in
+    it, where that file is where it was packed)."""
+
+    files: tuple[tuple[str, bytes], ...] = ()
+    names: tuple[tuple[str, str], ...] = ()
+    origins: tuple[tuple[str, str], ...] = ()
+
+    @cached_property
+    def digests(self) -> dict[str, str]:
+        """{path: SHA-256 (hex) of the content}."""
+        return {name: hashlib.sha256(content).hexdigest() for name, content in self.files}
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 (hex) of all of it."""
+        return hashlib.sha256(repr(sorted(self.digests.items())).encode()).hexdigest()
+
+
+def packed(campaign: Campaign) -> Parcel:
+    """The parcel of a campaign. Raises InputError for missing files, or too many bytes."""
+    files: dict[str, Path] = {}
+    names: dict[str, str] = {}
+    modules = [*campaign.behavior_modules, *effect_modules(campaign)]
+    places = {"map": find_map(campaign.map), "behavior": resources.find("behaviors", campaign.behavior, ".xml")}
+    places |= {} if campaign.settings is None else {"settings": Path(campaign.settings)}
+    for field, path in places.items():
+        if not _packaged(path):
+            names[field] = f"{field}/{path.name}"
+            files[names[field]] = path
+    rig = None if installed(campaign.rig) else rig_file(campaign.rig)
+    modules += rig_modules(campaign.rig)
+    if rig is not None and not _packaged(rig):
+        data = read_rig_file(rig)[1]
+        place, beside = _rig_files(rig, data)
+        names["rig"] = place + _seed_of(campaign.rig)
+        files |= beside
+    model = model_source(campaign.model, campaign.rig)
+    if model is not None and not (not Path(model).exists() and model in model_names()) and not _packaged(Path(model)):
+        names["model"], of_model = _model_files(Path(model))
+        files |= of_model
+    files |= _module_files(modules)
+    contents = {name: _content(path) for name, path in sorted(files.items())}
+    if (size := sum(map(len, contents.values()))) > MOST_BYTES:
+        raise InputError(f"the files of this campaign have {size >> 20} MiB, expected at most {MOST_BYTES >> 20}")
+    origins = tuple((name, str(path)) for name, path in files.items())
+    return Parcel(tuple(contents.items()), tuple(names.items()), origins)
+
+
+def installed(rig: str) -> Plugin | None:
+    """The plug-in of an installed package with the name of this rig; None for any other rig."""
+    name = seeded(rig)[0]
+    if ":" in name or name in rig_names() or Path(name).suffix in (".yaml", ".yml") or Path(name).is_file():
+        return None
+    return plugin(RIGS, name)
+
+
+def rig_modules(rig: str) -> list[str]:
+    """The user's module with the class of a rig; none for a rig of an installed package."""
+    path = rig_file(rig)
+    kind = seeded(rig)[0] if path is None else read_rig_file(path)[0]
+    return [kind.partition(":")[0]] if kind is not None and ":" in kind else []
+
+
+def _packaged(path: Path) -> bool:
+    places = (resources.PACKAGE, resources.share("maps"), resources.share("behaviors"))
+    return any(path.resolve().is_relative_to(place.resolve()) for place in places)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as problem:
+        raise InputError(f"cannot be read: {problem.strerror}", file=path) from None
+
+
+def _seed_of(rig: str) -> str:
+    seed = seeded(rig)[1]
+    return "" if seed is None else f"@{seed}"
+
+
+def _rig_files(rig: Path, data: Mapping[str, Any]) -> tuple[str, dict[str, Path]]:
+    """Where the rig's file is in the parcel, and all files: its own, and those that it names by relative paths.
+
+    The model has a place of its own. Names with .. still work: the folder is as deep as they need."""
+    found: dict[str, Path] = {}
+    for text in _texts({key: value for key, value in data.items() if key != "model"}):
+        name = os.path.normpath(text)
+        if os.path.isabs(name) or len(name) > 250 or "\0" in name:
+            continue
+        path = next((base / name for base in (rig.parent, Path()) if (base / name).is_file()), None)
+        if path is not None:
+            found[PurePosixPath(name).as_posix()] = path
+    for name, path in list(found.items()):
+        if path.suffix == ".xml":
+            found |= _of_model(name, path)
+    depth = max((name.split("/").count("..") for name in found), default=0)
+    folder = "rig" + "/in" * depth
+    files = {os.path.normpath(f"{folder}/{name}"): path for name, path in found.items()}
+    place = f"{folder}/{rig.name}"
+    return place, {**files, place: rig}
+
+
+def _of_model(name: str, model: Path) -> dict[str, Path]:
+    """Files that a MuJoCo model names: meshes, pictures, and further models, beside it or in the folders it says."""
+    found: dict[str, Path] = {}
+    waiting, folders = [model], [""]
+    while waiting:
+        text = waiting.pop().read_text(encoding="utf-8", errors="replace")
+        folders += re.findall(r'\b(?:meshdir|texturedir|assetdir)\s*=\s*"([^"]+)"', text)
+        for file in re.findall(r'\bfile\s*=\s*"([^"]+)"', text):
+            for folder in folders:
+                place = os.path.normpath(os.path.join(os.path.dirname(name), folder, file))
+                path = model.parent / folder / file
+                if os.path.isabs(place) or place in found or not path.is_file():
+                    continue
+                found[place] = path
+                waiting += [path] if path.suffix == ".xml" else []
+    return found
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from _texts(item)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _texts(item)
+
+
+def _model_files(model: Path) -> tuple[str, dict[str, Path]]:
+    """What the model is called in the parcel, and its files."""
+    folder = model.parent if model.is_file() else model
+    place = f"model/{folder.absolute().name or 'model'}"
+    if not folder.is_dir():
+        return place, {}
+    found = [path for path in folder.iterdir() if path.is_file() and path.suffix in MODEL_FILES]
+    files = {f"{place}/{path.name}": path for path in found}
+    return (f"{place}/{model.name}" if model.is_file() else place), files
+
+
+# -- modules --------------------------------------------------------------------------------------------------------
+
+
+def _module_files(names: Iterable[str]) -> dict[str, Path]:
+    """Those of modules in the folder where one works, and of what they import there."""
+    files: dict[str, Path] = {}
+    seen: set[str] = set()
+    waiting = list(names)
+    for name in waiting:
+        user_module(name, f"module {name!r}")  # looks into this folder; raises InputError
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        if not _of_the_desk(name.partition(".")[0]):  # asked of the first word: to look into a package imports it
+            continue
+        path = module_file(name)
+        if path is None:
+            continue
+        place = f"{MODULES}/{name.replace('.', '/')}"
+        files[f"{place}/__init__.py" if path.name == "__init__.py" else f"{place}.py"] = path
+        waiting += [name.rpartition(".")[0]] if "." in name else []
+        waiting += _imports(_content(path), name if path.name == "__init__.py" else name.rpartition(".")[0])
+    return files
+
+
+def module_file(name: str) -> Path | None:
+    """The source file of a module, if it has one."""
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError, AttributeError):
+        return None
+    return Path(spec.origin) if spec is not None and spec.origin and spec.origin.endswith(".py") else None
+
+
+def _of_the_desk(name: str) -> bool:
+    """Whether a module is in the folder where one works or beside the file that names it, and neither installed nor of
+    this program."""
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError):
+        return False
+    places = [] if spec is None else [spec.origin or "", *(spec.submodule_search_locations or ())]
+    path = next((Path(place).resolve() for place in places if os.path.exists(place)), None)
+    installed = [Path(sysconfig.get_path(kind)).resolve() for kind in ("purelib", "stdlib")]
+    if path is None or any(path.is_relative_to(place) for place in (*installed, resources.PACKAGE)):
+        return False
+    return any(path.is_relative_to(place) for place in desks())
+
+
+def _imports(source: bytes, package: str) -> list[str]:
+    """Names that may be modules, of all imports in a source."""
+    found: list[str] = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package.rsplit(".", node.level - 1)[0] if node.level else ""
+            base = ".".join(part for part in (above, node.module) if part)
+            found += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+    return [name for name in found if name and name.partition(".")[0] not in sys.stdlib_module_names]
+
+
+# -- unpacking ------------------------------------------------------------------------------------------------------
+
+_site: list[tuple[str, tempfile.TemporaryDirectory[str]]] = []  # digest and folder of the unpacked parcel
+
+
+def unpacked(parcel: Parcel, campaign: Campaign) -> Campaign:
+    """The campaign with the names of files as they lie here; they stay until another parcel comes."""
+    if not parcel.files:
+        return campaign
+    if not _site or _site[0][0] != parcel.digest:
+        _clear()
+        folder = tempfile.TemporaryDirectory(prefix="mazeplan-")
+        for name, content in parcel.files:
+            path = Path(folder.name) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        _site.append((parcel.digest, folder))
+        _import_from(Path(folder.name) / MODULES)
+    folder_name = Path(_site[0][1].name)
+    return replace(campaign, **{field: str(folder_name / name) for field, name in parcel.names})
+
+
+def without_site(result: NavigationResult) -> NavigationResult:
+    """The result with file names that do not depend on the folder of the parcel."""
+    if not _site:
+        return result
+    here = f"{_site[0][1].name}{os.sep}"
+    return replace(result, failures=tuple(replace(f, detail=f.detail.replace(here, "")) for f in result.failures))
+
+
+@contextmanager
+def errors_name_origins(parcel: Parcel) -> Iterator[None]:
+    """Errors about a file of the parcel name the file that was packed."""
+    try:
+        yield
+    except Exception as problem:  # a user's leaf may raise anything; a note names the place
+        if _site:
+            here = f"{_site[0][1].name}{os.sep}"
+
+            def of_origin(text: str) -> str:
+                for name, origin in parcel.origins:
+                    text = text.replace(f"{here}{name}", origin)
+                return text
+
+            problem.args = tuple(of_origin(arg) if isinstance(arg, str) else arg for arg in problem.args)
+            if notes := getattr(problem, "__notes__", []):
+                notes[:] = map(of_origin, notes)
+            if isinstance(problem, InputError) and problem.file is not None:
+                problem.file = of_origin(str(problem.file))
+        raise
+
+
+def _import_from(folder: Path) -> None:
+    if os.getcwd() not in sys.path:  # or `user_module` would put it before the parcel
+        sys.path.insert(0, os.getcwd())
+    if folder.is_dir():
+        sys.path.insert(0, str(folder))
+        importlib.invalidate_caches()
+
+
+def _clear() -> None:
+    """Forget the last parcel and its modules: another may have others of the same names."""
+    while _site:
+        _, folder = _site.pop()
+        modules = os.path.join(folder.name, MODULES)
+        sys.path[:] = [place for place in sys.path if place != modules]
+        for name, module in list(sys.modules.items()):
+            if (getattr(module, "__file__", None) or "").startswith(modules + os.sep):
+                del sys.modules[name]
+        folder.cleanup()

@@ -1,0 +1,225 @@
+"""A folder with the runs of campaigns (Parquet, one row a run), kept as they end.
+
+    runs/toy/campaign-4f1c09aa0b7e2d13.parquet             what was there when the last command ended
+    runs/toy/campaign-4f1c09aa0b7e2d13.run-00000042.parquet   a run that has ended since then
+
+The letters tell one campaign from another (`identity`). Each file is written beside its place and then put there, so
+that there is never a broken one; at the end the many become one. `pandas.read_parquet("runs/toy")` reads them all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from mazeplan.core.errors import InputError
+from mazeplan.core.records import NavigationResult
+from mazeplan.core.resources import to_install
+from mazeplan.rigs.registry import rig_label
+from mazeplan.run.campaign.identity import difference, digest_of, identity, text_of
+from mazeplan.run.campaign.lock import alone
+from mazeplan.run.campaign.one_run import Campaign
+from mazeplan.run.campaign.parcel import Parcel, packed
+from mazeplan.run.campaign.worker import Ran
+from mazeplan.run.resolve import model_source
+
+TOGETHER = 1000  # runs, each in a file of its own, that are put together on the way
+SPREADS = ("p50", "p99", "max")
+
+
+def columns() -> Any:
+    """The columns, as pyarrow's schema; docs/campaigns.md explains them. Raises InputError without pyarrow."""
+    try:
+        import pyarrow as pa
+    except ImportError:
+        raise InputError(f"--store needs pyarrow: {to_install('campaign')}") from None
+    text, number, words = pa.string(), pa.float64(), pa.list_(pa.string())
+    return pa.schema(
+        {
+            "campaign": text, "index": pa.int32(), "seed": pa.int64(), "rig": text, "map": text, "model": text,
+            "behavior": text, "start_ring": pa.int16(), "start_theta": number, "goal_ring": pa.int16(),
+            "time_limit_s": number, "fault": text, "success": pa.bool_(), "reason": text, "time_s": number,
+            "replans": pa.int32(), "failures": words, "recoveries": words, "rings": pa.list_(pa.int16()),
+            "ring_s": pa.list_(number), "openings": words, **{f"planner_ms_{key}": number for key in SPREADS},
+            **{f"tick_ms_{key}": number for key in SPREADS}, "wall_s": number, "cpu_s": number, "host": text,
+            "ended": pa.timestamp("ms", tz="UTC"), "version": text, "settings": text, "setup": text, "result": text,
+        }
+    )  # fmt: skip
+
+
+class Store:
+    """The runs of one campaign in a folder. documents: {number of the run: its result as JSON has it} of those that are
+    there; results: the same as results."""
+
+    def __init__(self, folder: Path, campaign: Campaign, parcel: Parcel, setup: Mapping[str, Any]) -> None:
+        self._columns = columns()
+        self.folder, self.parcel = folder, parcel
+        self._setup, self._text, self.name = setup, text_of(setup), digest_of(setup)
+        self._rows: list[Any] = []  # tables of those that are there
+        self._single: list[Path] = []
+        model = model_source(campaign.model, campaign.rig)
+        self._same = {
+            "campaign": self.name, "rig": rig_label(campaign.rig), "map": Path(campaign.map).stem,
+            "model": "nominal" if model is None else Path(model).name, "behavior": Path(campaign.behavior).stem,
+            "start_ring": setup["start_ring"], "goal_ring": setup["goal_ring"],
+            "time_limit_s": campaign.time_limit, "fault": (setup["fault"] or {}).get("name"),
+            "version": setup["program"]["mazeplan"], "settings": json.dumps(setup["settings"]), "setup": self._text,
+        }  # fmt: skip
+        self.documents: dict[int, dict[str, Any]] = {}
+        self._read()
+
+    @property
+    def results(self) -> dict[int, NavigationResult]:
+        """Of the runs that are there."""
+        return {index: NavigationResult.from_json(document) for index, document in self.documents.items()}
+
+    @property
+    def whole(self) -> Path:
+        """The file of all runs."""
+        return self.folder / f"campaign-{self.name}.parquet"
+
+    def _read(self) -> None:
+        import pyarrow as pa
+
+        for path in [self.whole, *sorted(self.folder.glob(f"campaign-{self.name}.run-*.parquet"))]:
+            if not path.exists():
+                continue
+            table = _table(path)
+            if table.schema != self._columns:
+                raise InputError("got other columns than this program writes, expected another folder", file=path)
+            fresh = [number not in self.documents for number in table["index"].to_pylist()]
+            table = table.filter(pa.array(fresh, pa.bool_()))  # twice where the last command was killed at its very end
+            for number, text in zip(table["index"].to_pylist(), table["result"].to_pylist(), strict=True):
+                self.documents[number] = json.loads(text)
+            self._rows.append(table)
+            self._single += [path] if path != self.whole else []
+
+    def keep(self, index: int, ran: Ran, document: dict[str, Any] | None = None) -> None:
+        """Keep a run, now. document: in the place of its result's own, with more in it."""
+        import pyarrow as pa
+
+        document = ran.result.to_json() if document is None else document
+        row = {**self._same, **row_of(index, ran), "result": json.dumps(document)}
+        table = pa.Table.from_pylist([row], schema=self._columns)
+        path = self.folder / f"campaign-{self.name}.run-{index:08d}.parquet"
+        self._write(table, path)
+        self._rows.append(table)
+        self._single.append(path)
+        self.documents[index] = document
+        if len(self._single) >= TOGETHER:
+            self.put_together()
+
+    def put_together(self) -> None:
+        """One file out of many, in the order of the runs."""
+        import pyarrow as pa
+
+        if not self._single:
+            return
+        table = pa.concat_tables(self._rows).sort_by("index")
+        self._write(table, self.whole)
+        for path in self._single:
+            path.unlink(missing_ok=True)
+        self._rows, self._single = [table], []
+
+    def _write(self, table: Any, path: Path) -> None:
+        import pyarrow.parquet as pq
+
+        beside = path.with_name(f".{path.name}.{os.getpid()}")  # readers of the folder leave out what begins with a dot
+        try:
+            with beside.open("wb") as file:
+                pq.write_table(table, file, compression="zstd", write_statistics=False)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
+
+    def others(self, known: Iterable[str] = ()) -> list[str]:
+        """A line for each other campaign in the folder but those of known names, and in what it differs."""
+        found: dict[str, Path] = {}
+        for path in sorted(self.folder.glob("campaign-*.parquet")):
+            name = path.name.split(".")[0].removeprefix("campaign-")
+            if name not in {self.name, *known}:
+                found.setdefault(name, path)
+        return [f"{name} (other {difference(self._setup, _setup_in(path))})" for name, path in found.items()]
+
+
+def row_of(index: int, ran: Ran) -> dict[str, Any]:
+    """The columns of a row that differ from run to run."""
+    result = ran.result
+    return {
+        "index": index,
+        "seed": result.seed,
+        "start_theta": None if result.start is None else result.start.theta,
+        "success": result.success,
+        "reason": result.reason,
+        "time_s": result.time_s,
+        "replans": result.replans,
+        "failures": [str(failure.kind) for failure in result.failures],
+        "recoveries": [failure.recovery for failure in result.failures],
+        "rings": [passage.ring for passage in result.rings],
+        "ring_s": [passage.time_s for passage in result.rings],
+        "openings": [passage.opening for passage in result.rings],
+        **{f"planner_ms_{key}": result.planner_ms.get(key) for key in SPREADS},
+        **{f"tick_ms_{key}": result.tick_ms.get(key) for key in SPREADS},
+        "wall_s": ran.wall_s,
+        "cpu_s": ran.cpu_s,
+        "host": ran.host,
+        "ended": datetime.now(UTC),
+    }
+
+
+def _table(path: Path, only: list[str] | None = None) -> Any:
+    """The rows of a file. Raises InputError for any other file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            return file.read(only).replace_schema_metadata()
+    except (pa.ArrowException, OSError) as problem:
+        why = " ".join(str(problem).split())
+        problem = f"cannot be read as runs of a campaign: {why}; without this file its runs are done again"
+        raise InputError(problem, file=path) from None
+
+
+def _setup_in(path: Path) -> Mapping[str, Any]:
+    with suppress(InputError, LookupError, ValueError, AttributeError):
+        return dict(json.loads(_table(path, ["setup"])["setup"][0].as_py()))
+    return {}
+
+
+@contextmanager
+def open_store(folder: Path, campaign: Campaign) -> Iterator[Store]:
+    """The runs of a campaign in a folder, which is made; for one process at a time. Whatever happens, the runs are one
+    file afterwards. Raises InputError for a folder that cannot be used, or a campaign that is under way."""
+    with open_stores(folder, campaign, [None]) as (store,):
+        yield store
+
+
+@contextmanager
+def open_stores(
+    folder: Path, campaign: Campaign, faults: Sequence[Mapping[str, Any] | None]
+) -> Iterator[tuple[Store, ...]]:
+    """The same for runs with faults, each a campaign of its own; faults: documents with the `name` of what goes
+    wrong, None: nothing."""
+    columns()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise InputError(f"--store: got {folder}: {problem.strerror}; expected a folder that can be made") from None
+    parcel = packed(campaign)
+    setups = [{**identity(campaign, parcel), "fault": fault} for fault in faults]
+    with ExitStack() as stack:
+        stores = []
+        for setup in setups:
+            lock = folder / f".campaign-{digest_of(setup)}.lock"
+            stack.enter_context(alone(lock, "--store", "this campaign"))
+            stores.append(Store(folder, campaign, parcel, setup))
+            stack.callback(stores[-1].put_together)
+        yield tuple(stores)

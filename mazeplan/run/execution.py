@@ -1,0 +1,97 @@
+"""Executes one job: opens the log, makes and drives the run, and levels the plate afterwards, whatever happens."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from mazeplan.core.display import Display, NullDisplay
+from mazeplan.core.errors import RigError
+from mazeplan.core.logs.run_log import RunLogWriter, RunMessages, Sink
+from mazeplan.core.records import NavigationResult
+from mazeplan.learning.modelfile import ATTACHED, MEDIA_TYPE
+from mazeplan.rigs.interface import Rig
+from mazeplan.run.goals import Goals
+from mazeplan.run.loop import Run
+from mazeplan.run.specification import Job, Setup, log_header, model_to_keep
+
+
+def run_job(
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
+    goals: Goals | None = None, feed: Sink | None = None,
+) -> NavigationResult:  # fmt: skip
+    """Do one job on a rig. The plate is level and the log complete afterwards, whatever happens. Raises RigError when
+    the rig failed.
+
+    goals: requests from other threads; feed: gets every message of the log, in the thread of the run, which waits."""
+    result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals, feed=feed)
+    if problem is not None:
+        problem.result = result
+        raise problem
+    return result
+
+
+def attempt_job(
+    rig: Rig, setup: Setup, job: Job, *, log: str | Path | None = None, display: Display | None = None,
+    goals: Goals | None = None, prepare: Callable[[Run], None] | None = None, feed: Sink | None = None,
+) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
+    """As `run_job`, but returns the result of a rig that fails with its error; `prepare` gets the run beforehand."""
+    setup = setup.on(rig)
+    with ExitStack() as stack:
+        if goals is not None:
+            goals.begin(setup.maze)
+            stack.callback(goals.end)
+        messages = _messages(rig, setup, job, log, feed, stack)
+        run = Run(rig, setup, job, messages, display or NullDisplay(), requests=goals)
+        # a garbage collection of the whole program takes 0.1 s, in the middle of a tick: only new objects count
+        gc.freeze()
+        stack.callback(gc.unfreeze)
+        ended: list[tuple[NavigationResult, RigError | None]] = []
+        stack.callback(_level, rig, ended)
+        if prepare is not None:
+            prepare(run)
+        try:
+            ended.append((run.drive(), None))
+        except RigError as error:
+            ended.append((run.broken(error), error))
+        except BaseException as error:
+            if isinstance(error, KeyboardInterrupt):
+                messages.result(run.result(False, "interrupted").to_json())
+            elif isinstance(error, Exception):
+                messages.result(run.broke_off(error).to_json())
+            raise
+        messages.result(ended[0][0].to_json())
+        return ended[0]
+
+
+def _level(rig: Rig, ended: list[tuple[NavigationResult, RigError | None]]) -> None:
+    """Level the plate. If that fails, too, the error names the first cause and holds the result."""
+    try:
+        rig.level()
+    except RigError as error:
+        result, cause = ended[-1] if ended else (None, None)
+        if cause is not None and str(cause) not in str(error):
+            error = RigError(f"{cause}; then {error}")
+        error.result = result if result is not None and not result.success else None
+        raise error from None
+
+
+def _messages(
+    rig: Rig, setup: Setup, job: Job, log: str | Path | None, feed: Sink | None, stack: ExitStack
+) -> RunMessages:
+    """Messages of the run, to log and feed."""
+    if log is None and feed is None:
+        return RunMessages()
+    header = log_header(setup, job, rig.rate_hz)
+    sinks: list[Sink] = []
+    if log is not None:
+        writer = stack.enter_context(RunLogWriter(log, header))
+        sinks.append(writer.write)
+        if (model := model_to_keep(setup)) is not None:
+            writer.attach(ATTACHED, MEDIA_TYPE, model)
+    if feed is not None:
+        feed("/header", 0.0, header)
+        sinks.append(feed)
+    return RunMessages(*sinks, path=None if log is None else str(log))

@@ -1,0 +1,350 @@
+"""One run, tick by tick, with everything wired together.
+
+    Observation -> estimator -> State -> tree -> Command -> Rig, and every tick into the log.
+
+The rig owns the clock; the only wall time read here is the stopwatch around a tick, which decides nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from time import perf_counter
+
+import numpy as np
+
+from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.leaf import blames_a_leaf, fault
+from mazeplan.behavior.ownleaves import registry_with
+from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.treefile import read_tree
+from mazeplan.behavior.winding import WindDown
+from mazeplan.control.backlash import Gears
+from mazeplan.control.deadline import Live, Stopwatch
+from mazeplan.control.estimation.delay_bank import estimator_for
+from mazeplan.control.estimation.sample_check import Scrutiny
+from mazeplan.core.display import Display
+from mazeplan.core.errors import RigError
+from mazeplan.core.events import (
+    DoubtRaised,
+    GoalChanged,
+    OpeningClosed,
+    OpeningReopened,
+    RunEvent,
+    StopRequested,
+)
+from mazeplan.core.logs.run_log import RunMessages
+from mazeplan.core.records import (
+    LEVEL,
+    Command,
+    Failure,
+    FailureKind,
+    GoalGiven,
+    NavigationResult,
+    Observation,
+    Plan,
+    Start,
+)
+from mazeplan.maze.graph import RouteGraph
+from mazeplan.maze.memory import OpeningMemory
+from mazeplan.rigs.interface import Rig
+from mazeplan.run.assembly import planners_of, plate_of, rollout_of
+from mazeplan.run.goals import Requests
+from mazeplan.run.recorder import RunRecorder
+from mazeplan.run.specification import Job, Setup
+
+CRASHED = "crashed"  # the reason where the program itself raised what it should not
+HALTED = "HALTED"  # in the log, the status of a tree in whose place a tick levels the plate
+
+
+class Run:
+    """One run in progress: estimator, planners and a tree with a goal, ticked once for each observation.
+
+    `drive` does a whole navigation. For any other order, place the ball and call `tick` and `aim`.
+    segment: number of the uninterrupted stretch, for the log; None leaves it out. slew: rad/s, the fastest change of
+    the tree's commands; watch: for the planner's deadlines; requests: what `drive` reads at each
+    tick."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        setup: Setup,
+        job: Job,
+        log: RunMessages | None,
+        display: Display,
+        *,
+        segment: int | None = None,
+        slew: float = math.inf,
+        requests: Requests | None = None,
+        watch: Stopwatch | None = None,
+    ) -> None:
+        self._rig, self._setup, self._job = rig, setup, job
+        self._model = model = setup.driving_model
+        self._record = RunRecorder(log or RunMessages(), display, segment)
+        self._most, self.sent = slew / rig.rate_hz, LEVEL
+        self._gears = Gears(model.stage, setup.maze.tilt_limit)
+        self._estimator = estimator_for(setup.maze, model, setup.settings.estimator, rig.rate_hz)
+        self._scrutiny = Scrutiny(rig.rate_hz)
+        # a plate that is kept from moving fast answers later, by half its range on average
+        self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
+        self._watch = watch or Live()
+        cost = setup.settings.leaves.cost
+        self._planners = planners_of(setup.maze, model, cost, self._watch, late_s=self._late_s)
+        self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
+        self._memory = OpeningMemory() if setup.memory is None else setup.memory
+        self._held = LEVEL  # the last command of the rig
+        self._seen_at = 0.0  # when the ball was seen last
+        self._requests, self._goals = requests, [GoalGiven(job.goal, 0.0)]
+        self._leaves = registry_with(setup.behavior_modules)
+        self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
+        self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)
+        self._warm_up()
+
+    def _towards(
+        self, goal: int, closed: Collection[str], t: float = 0.0, via: Sequence[int] = ()
+    ) -> tuple[RunContext, BehaviorTree]:
+        """A tree that has not begun, with openings closed and failures of its own; what openings did is kept."""
+        setup = self._setup
+        graph = RouteGraph(setup.maze, memory=self._memory)
+        for name in closed:
+            graph.close(name)
+        context = RunContext(
+            maze=setup.maze,
+            graph=graph,
+            plate=plate_of(setup.maze, self._model),
+            goal=goal,
+            planners=self._planners,
+            ahead=self._estimator.ahead,
+            report=self._report,
+            options=setup.settings.leaves,
+            late_s=self._late_s,
+            rollout=self._rollout,
+        )
+        tree = self._tree_file.build(self._leaves, context)
+        tree.blackboard.set("goal", goal)
+        tree.blackboard.set("waypoints", [*via, goal])
+        self._record.tree(t, tree)
+        if setup.watch is not None:
+            setup.watch(tree, context)
+        return context, tree
+
+    def _warm_up(self) -> None:
+        """Compile and load everything before the rig moves."""
+        self._estimator.warm_up()
+        for planner in self._planners.values():
+            planner.warm_up()
+        if self._rollout is not None:
+            self._rollout.warm_up()
+        self._watch.taken()
+
+    def aim(self, goal: int, closed: Collection[str] = ()) -> None:
+        """Begin anew towards a ring from where the ball is, not using the openings `closed`.
+
+        Tree, closed openings and budgets of recoveries start afresh. The estimates of ball and plate, the memory of
+        openings and the last command stay: the plate is not levelled."""
+        before = self.context
+        self._tree.halt()
+        self.context, self._tree = self._towards(goal, closed, before.now)
+        self.context.carry_on(before)
+
+    def _serve_requests(self, t: float) -> bool:
+        """Serve the requests from outside at the time of this tick; whether one was to stop. A sample that is not newer
+        than the last one is no tick: a replay would not find its place."""
+        new = math.isfinite(t) and (t > self.context.now or not self._record.began)
+        requests = self._requests.take(t) if self._requests is not None and new else ()
+        if not requests:
+            return False
+        run, goal, closed = self.context, None, {}
+        run.now = run.graph.now = t
+        for request in requests:
+            self._report(request)
+            match request:
+                case StopRequested():
+                    return True
+                case OpeningClosed(opening):
+                    closed[opening] = True
+                case OpeningReopened(opening):
+                    closed[opening] = False
+                case GoalChanged(goal, more):
+                    closed |= dict.fromkeys(more, True)
+        run.edit(closed)
+        if goal is not None:
+            self._preempt(goal, t)
+        return False
+
+    def _preempt(self, goal: int, t: float) -> None:
+        """Another goal, now, with the openings closed that are closed."""
+        closed = self.context.graph.closed
+        self.aim(goal, closed)
+        for name in self.context.graph.closed - closed:  # those that the map calls closed and somebody opened
+            self.context.graph.reopen(name)
+        self._goals.append(GoalGiven(goal, t))
+
+    def drive(self) -> NavigationResult:
+        """Place the ball and run until the tree has succeeded, the time is over, the tree gave up, or somebody stopped
+        it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
+        job, rng = self._job, np.random.default_rng(self._job.seed)
+        theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
+        theta = self._setup.maze.clear_angle(job.start, theta)
+        self._report(Start(job.start, theta))
+        self._rig.reset(ring=job.start, theta=theta, rng=rng)
+        began = False
+        while True:
+            observation = self._admit(self._rig.observe())
+            if observation is None:
+                continue
+            if not began and observation.t >= job.time_limit:
+                raise RigError(
+                    f"the rig's first sample after reset() is at t = {observation.t:.1f} s, expected about 0"
+                )
+            began = True
+            if self._serve_requests(observation.t):
+                return self._end(False, "stopped", observation)
+            status = self._answer(observation)
+            if self._unseen_for_long(observation):
+                return self._end(False, str(FailureKind.BALL_LOST))
+            late = observation.t - self._goals[-1].t >= job.time_limit
+            if (status == "RUNNING" and not late) or not (self._requests is None or self._requests.over()):
+                continue
+            if status == "SUCCESS":
+                return self._succeeded()
+            if status == "SKIPPED":  # its preconditions let it do nothing: it would not do better at the next tick
+                return self._end(False, "skipped")
+            if status == "FAILURE":
+                last = self.context.last_failure
+                return self._end(False, str(last.kind) if last else "failed")
+            detail = f"not in ring {self.context.goal} after {job.time_limit:g} s"
+            self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
+            return self._end(False, str(FailureKind.OUT_OF_TIME))
+
+    def _unseen_for_long(self, observation: Observation) -> bool:
+        """Whether the ball was not seen for as long as the rig allows: it may lie beside the plate."""
+        if observation.seen:
+            self._seen_at = observation.t
+        limit = self._setup.unseen_s
+        if limit is None or observation.t - self._seen_at < limit:
+            return False
+        detail = f"not seen for {observation.t - self._seen_at:.1f} s"
+        self.context.failed(Failure(FailureKind.BALL_LOST, "run", observation.t, detail))
+        return True
+
+    def _succeeded(self) -> NavigationResult:
+        """The tree says that all is done: it is where the ball was measured in the ring of the newest goal."""
+        run, measured = self.context, self.context.measured
+        lost = measured is None or measured.lost or not math.isfinite(measured.r)
+        ring = None if measured is None or lost else measured.ring
+        if ring == run.goal:
+            return self._end(True, "arrived")
+        where = "nobody knows where" if ring is None else f"in ring {ring}"
+        detail = f"the tree succeeded with the ball {where}, the goal is ring {run.goal}"
+        run.failed(Failure(FailureKind.ELSEWHERE, "run", run.now, detail))
+        return self._end(False, str(FailureKind.ELSEWHERE))
+
+    def _end(self, success: bool, reason: str, observation: Observation | None = None) -> NavigationResult:
+        """Halt the tree, wind down and level; what has happened until now. observation: one that no tick has taken,
+        for the first one in which the plate goes level."""
+        result = self.result(success, reason)
+        winding = WindDown(self._tree, self.sent, self.context.plate)
+        while winding.going or observation is not None:
+            seen, observation = observation or self._admit(self._rig.observe()), None
+            if seen is None:
+                continue
+            began = perf_counter()
+            self._see(seen)
+            winding.tick()
+            self._send(seen, self._slewed(winding.towards_level(self.context.command)), HALTED, began)
+        self._rig.level()
+        return result
+
+    def broken(self, error: RigError) -> NavigationResult:
+        """What has happened until the rig failed."""
+        self.context.failed(Failure(FailureKind.RIG_FAILED, "rig", self.context.now, str(error)))
+        return self.result(False, str(FailureKind.RIG_FAILED))
+
+    def broke_off(self, error: Exception) -> NavigationResult:
+        """What has happened until a leaf, or the program itself, could not go on."""
+        if not blames_a_leaf(error):
+            return self.result(False, CRASHED)
+        self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, fault(error)))
+        return self.result(False, str(FailureKind.LEAF_FAILED))
+
+    def tick(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
+        """Take in an observation, command the rig, write the log; the tree's status: SUCCESS, FAILURE, RUNNING or
+        SKIPPED.
+
+        A command `given` by something else, named in `by`, goes out instead while the tree rests: RUNNING. A sample
+        that is not newer than the last one changes nothing. Raises RigError when what the rig measures cannot be used
+        for too long (`Scrutiny`)."""
+        admitted = self._admit(observation)
+        return "RUNNING" if admitted is None else self._answer(admitted, given, by)
+
+    def _admit(self, observation: Observation) -> Observation | None:
+        """What of a sample may be used; where nothing, the rig keeps its command."""
+        admitted = self._scrutiny.admit(observation)
+        if admitted is None:
+            self._rig.command(self._held.u_beta, self._held.u_gamma)
+        return admitted
+
+    def _answer(self, observation: Observation, given: Command | None = None, by: str = "") -> str:
+        """One tick, with a sample that was admitted."""
+        began = perf_counter()
+        run = self.context
+        self._see(observation)
+        if given is None:
+            status, command = self._tree.tick().name, self._slewed(run.command or LEVEL)
+        else:
+            status, command, run.plan, run.opening, run.goal_theta = "RUNNING", given, None, None, None
+            run.steer(by, given)
+        self._send(observation, command, status, began, lead=given is None)
+        return status
+
+    def _see(self, observation: Observation) -> None:
+        """Take in an observation and begin the tick."""
+        state = self._estimator.update(observation)
+        doubts = self._scrutiny.judge(self._estimator.doubts, observation.t)
+        measured = self._estimator.filtered or state
+        self.context.begin(observation.t, state, measured)
+        for doubt in doubts:
+            self._report(DoubtRaised(doubt.what))
+        self._record.in_ring(self.context, observation.t, state.ring, lost=state.lost)
+
+    def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
+        """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
+        self.sent = command
+        passed_on = command
+        if self._gears.loose:
+            command = self._gears.lead(command) if lead else command
+            passed_on = self._gears.sent(command)
+        self._held = command
+        self._rig.command(command.u_beta, command.u_gamma)
+        self._estimator.sent(passed_on, observation.t)
+        self._record.tick(
+            self.context,
+            observation,
+            command,
+            status=status,
+            ms=1e3 * (perf_counter() - began),
+            cut_off=self._watch.taken(),
+            doubts=" ".join(sorted(self._scrutiny.found)) or None,
+        )
+        self._record.statuses(observation.t, self._tree)
+        self._record.openings(observation.t, self._memory)
+        self._record.took(1e3 * (perf_counter() - began))
+
+    def _slewed(self, wanted: Command) -> Command:
+        """As far towards the command wanted as one sample allows."""
+        last, most = self.sent, self._most
+        return Command(
+            min(max(wanted.u_beta, last.u_beta - most), last.u_beta + most),
+            min(max(wanted.u_gamma, last.u_gamma - most), last.u_gamma + most),
+        )
+
+    def _report(self, event: RunEvent | Plan) -> None:
+        self._record.event(self.context.now, event)
+
+    def result(self, success: bool, reason: str) -> NavigationResult:
+        """What has happened until now."""
+        return self._record.result(
+            self.context, self._job, success, reason,
+            rig=self._setup.rig_name, goals=self._goals, doubts=self._scrutiny.doubts,
+        )  # fmt: skip

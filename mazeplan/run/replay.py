@@ -1,0 +1,391 @@
+"""A recorded run once more, without its rig: the observations of the log go through estimator and tree, and each tick
+must decide as it did.
+
+What decides is all in the log's header: map, settings, memory of openings, goal and seed as such, tree, modules and
+packaged models by name and SHA-256; another model is in the log itself. The planner's deadlines, the only thing that
+wall time has a say in, end each search where they ended it then (`control.deadline`). The events repeat the
+requests from outside (`goals`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mazeplan.behavior.palette import without_model
+from mazeplan.behavior.treefile import tree_files
+from mazeplan.control.deadline import Recorded
+from mazeplan.core import resources
+from mazeplan.core.display import NullDisplay
+from mazeplan.core.errors import LogError, ModelError, SettingsError, TreeError
+from mazeplan.core.events import TimedEvent
+from mazeplan.core.logs.run_log import RunMessages, encode
+from mazeplan.core.logs.run_log_reader import read_attachment, read_messages
+from mazeplan.core.maths.fingerprint import fingerprint
+from mazeplan.core.plugins import LEAVES, plugin
+from mazeplan.core.progress import Advance, no_advance
+from mazeplan.core.records import FailureKind, Observation
+from mazeplan.core.user_modules import user_module
+from mazeplan.learning.modelfile import ATTACHED, RigModel, unpacked_model
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import check_text
+from mazeplan.maze.memory import memory_from_document
+from mazeplan.physics.registry import own_effects
+from mazeplan.run.goals import RecordedRequests
+from mazeplan.run.loop import CRASHED, Run
+from mazeplan.run.resolve import model_from
+from mazeplan.run.settings import settings_from_text
+from mazeplan.run.specification import REPLAY_FORMAT, Job, ReplayFacts, Setup, file_sha256, replay_facts
+
+Message = tuple[str, dict[str, Any]]
+
+NEAR = 1e-9  # relative, and absolute in rad and m: processors may round differently, decisions are coarser
+LAST_DIGIT = 1.5e-6  # of a plan's trajectory, which the log holds with six digits
+CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "planned_theta", "ring")  # of a tick
+MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # fields of other messages that are no decisions
+UNCOMPARED = ("/header", "/tree", "/status", "/openings")  # the tick shows their effect
+# reasons of runs that stopped anywhere in a tick
+UNFINISHED = ("interrupted", CRASHED, str(FailureKind.RIG_FAILED), str(FailureKind.LEAF_FAILED))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a replay first decides otherwise: rig time t (s) and number of the tick, from 0; what kind of message, and
+    which of its fields; the tick's decisions, then and now, and the messages themselves (None: there was none)."""
+
+    t: float
+    tick: int
+    what: str
+    fields: tuple[str, ...]
+    recorded: dict[str, Any]
+    replayed: dict[str, Any]
+    messages: tuple[dict[str, Any] | None, dict[str, Any] | None]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What was compared: ticks, plans (of which `cut_off` met their deadline) and events, until the difference; with
+    what version the log was written."""
+
+    ticks: int
+    plans: int
+    events: int
+    cut_off: int
+    reason: str
+    recorded_by: str
+    difference: Difference | None
+
+    @property
+    def identical(self) -> bool:
+        """Whether all decisions were the same."""
+        return self.difference is None
+
+
+class _OverError(Exception):
+    """There are no more observations, or none that could still be answered alike."""
+
+
+def replay(
+    log: str | Path, *, model: str | Path | RigModel | None = None, behavior: str | None = None,
+    advance: Advance = no_advance,
+) -> Replay:  # fmt: skip
+    """Run the tree again on a recorded run of `navigate`.
+
+    model, behavior: the present places of model and tree, if they moved; advance gets the number of the tick, and of
+    all ticks. Raises LogError when the log is cut, damaged, not of a navigation, or older than replays, and when
+    model, tree or modules have changed since; InputError when they cannot be read."""
+    path = Path(log)
+    header, messages, complete = read_messages(path)
+    _check_kind(header, complete, path)
+    try:
+        facts = replay_facts(header["replay"])
+        script = _Script([m for m in messages if m[0] not in UNCOMPARED], facts.rate_hz, advance)
+        setup = _setup_of(header, facts, path, model, behavior)
+        job = _job_of(header, facts, setup.maze)
+        events = (TimedEvent.from_document(document) for topic, document in messages if topic == "/event")
+        requests = RecordedRequests(events, setup.maze)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
+        raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
+    compared = RunMessages(script.keep)
+    run = Run(script, setup, job, compared, NullDisplay(), watch=script.watch, requests=requests)
+    with suppress(_OverError):
+        compared.result(run.drive().to_json())
+    return script.outcome(str(header.get("version", "")))
+
+
+def _check_kind(header: dict[str, Any], complete: bool, path: Path) -> None:
+    if "excitation" in header:
+        raise LogError(
+            "got a log of `collect`, expected one of `navigate --log`: here no tree decided alone", file=path
+        )
+    kept = header.get("replay")
+    if kept is None:
+        raise LogError("was written before runs could be replayed: its header does not hold what decided", file=path)
+    if not isinstance(kept, dict) or kept.get("format") != REPLAY_FORMAT:
+        raise LogError("what it holds for a replay is of another version", file=path, key="header.replay")
+    if not complete:
+        raise LogError("cut off: the program did not finish it; expected a whole log", file=path)
+
+
+# -- from the header to the run ------------------------------------------------------------------------------------
+
+
+def _job_of(header: dict[str, Any], facts: ReplayFacts, maze: Maze) -> Job:
+    start, goal, seed = (int(header[name]) for name in ("start_ring", "goal_ring", "seed"))
+    if not {start, goal} <= {ring.number for ring in maze.rings} or seed < 0:
+        raise ValueError(f"from ring {start} to {goal}, seed {seed}")
+    for name in facts.closed:
+        maze.opening(name)
+    via = tuple(int(ring) for ring in header.get("via_rings", ()))
+    return Job(start, goal, facts.start_theta, seed, float(header["time_limit_s"]), facts.closed, via)
+
+
+def _setup_of(
+    header: dict[str, Any], facts: ReplayFacts, path: Path, model: str | Path | RigModel | None, behavior: str | None
+) -> Setup:
+    checked = check_text(str(header["map"]), file=f"{path}: header.map")
+    if checked.maze is None:
+        raise checked.errors[0]
+    tree = _tree_of(facts, path, behavior or str(header["behavior"]), given=behavior is not None)
+    for name, module in facts.modules.items():
+        file = user_module(name, "--behavior-module").__file__ or ""
+        _check_file("module", f"{name} ({file})", file, module.sha256, path)
+    for name, leaf in (facts.leaves or {}).items():
+        found = plugin(LEAVES, name)
+        file = str((found and found.file()) or "")
+        _check_file("leaf", f"{name} ({file or leaf.file})", file, leaf.sha256 if found else None, path)
+    if facts.effects is not None:
+        own_effects(facts.effects.spec)
+        file = user_module(facts.effects.spec.partition(":")[0], "--effects").__file__ or ""
+        _check_file("module", file, file, facts.effects.sha256, path)
+    try:
+        settings = settings_from_text(facts.settings)
+    except (ValueError, SettingsError) as problem:
+        what = f"of another version: {problem}"
+        raise LogError(what, file=path, key="header.replay.settings") from None
+    return Setup(
+        checked.maze,
+        _model_of(facts, path, checked.maze, model),
+        tree,
+        str(header.get("rig", "")),
+        settings=settings,
+        behavior_modules=tuple(facts.modules),
+        memory=None if facts.memory is None else memory_from_document(facts.memory),
+        latency=facts.latency,
+        unseen_s=facts.unseen_s,
+        effects=None if facts.effects is None else facts.effects.spec,
+    )
+
+
+def _tree_of(facts: ReplayFacts, path: Path, behavior: str, given: bool) -> str:
+    file = Path(facts.behavior_file)
+    if given or not file.is_file():  # a packaged tree may be elsewhere by now
+        file = resources.find("behaviors", behavior, ".xml")
+    if file.is_file():
+        advice = "; --behavior FILE: where it is now"
+        _check_tree(str(file), facts.behavior_sha256, path, advice)
+    return str(file)
+
+
+def _model_of(facts: ReplayFacts, path: Path, maze: Maze, given: str | Path | RigModel | None) -> RigModel:
+    if isinstance(given, RigModel):
+        found, where = given, "the model given"
+    elif given is None and (attached := read_attachment(path, ATTACHED)) is not None:
+        found, where = _unpacked(attached, path), "in the log"
+    elif (source := given or facts.model) is not None:
+        found, where = model_from(source, maze), str(source)
+    else:
+        found, where = RigModel.nominal(maze), "nominal physics (the run had one that no file holds)"
+    if fingerprint(found) != facts.model_sha256:
+        raise _changed("model", where, path, "; --model PATH: where it is now")
+    return found
+
+
+def _unpacked(attached: bytes, path: Path) -> RigModel:
+    try:
+        return unpacked_model(attached)
+    except ModelError as problem:
+        raise LogError(f"the model in it {problem}", file=path) from None
+
+
+def _check_file(what: str, name: str, file: str | Path, sha256: str | None, path: Path, advice: str = "") -> None:
+    if file_sha256(file) != sha256:
+        raise _changed(what, name, path, advice)
+
+
+def _check_tree(name: str, sha256: str, path: Path, advice: str) -> None:
+    """The tree's file, with those that it includes."""
+    try:
+        files = tree_files(name)
+    except TreeError:
+        files = (Path(name),)
+    if file_sha256(*files) == sha256:
+        return
+    with suppress(OSError, ValueError):  # the model of the leaves may be new: only editors read it
+        text = "".join(without_model(file.read_text(encoding="utf-8")) for file in files)
+        if hashlib.sha256(text.encode()).hexdigest() == sha256:
+            return
+    raise _changed("behaviour tree", name, path, advice)
+
+
+def _changed(what: str, name: str, path: Path, advice: str) -> LogError:
+    return LogError(f"the {what} {name} is not that of the run, by its SHA-256{advice}", file=path)
+
+
+# -- the run -------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Script:
+    """A rig that repeats the recorded observations, and compares the decisions with the recorded ones."""
+
+    recorded: list[Message]
+    rate_hz: float
+    advance: Advance = no_advance
+    replayed: list[Message] = field(default_factory=list)
+    watch: Recorded = field(default_factory=Recorded)
+    _given: int = 0
+    _same: int = 0  # messages that were compared and are alike
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.rate_hz) and self.rate_hz > 0.0):
+            raise ValueError(f"rate_hz {self.rate_hz}")
+        self._ticks = [document for topic, document in self.recorded if topic == "/tick"]
+        self._observed = [_observation(document) for document in self._ticks]
+        self._result = next((document for topic, document in self.recorded if topic == "/result"), None)
+        self._reason = str((self._result or {}).get("reason", ""))
+        for document in self._ticks:
+            self.watch.load(document.get("cut_off"))  # raises ValueError for what cannot be read
+
+    # a rig
+
+    def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
+        """Nothing: the ball was placed then."""
+
+    def observe(self) -> Observation:
+        """What was observed next. Raises _OverError when there is no more, or the last tick decided otherwise."""
+        if self._given == len(self._ticks) or not self._alike():
+            raise _OverError
+        self.watch.load(self._ticks[self._given].get("cut_off"))
+        self._given += 1
+        self.advance(self._given, len(self._ticks))
+        return self._observed[self._given - 1]
+
+    def command(self, u_beta: float, u_gamma: float) -> None:
+        """Nothing: the log has it."""
+
+    def level(self) -> None:
+        """Nothing."""
+
+    def close(self) -> None:
+        """Nothing."""
+
+    # the comparison
+
+    def keep(self, topic: str, t: float, document: dict[str, Any]) -> None:
+        """Keep a message of the replay as a reader of its log would find it."""
+        if topic not in UNCOMPARED:
+            self.replayed.append((topic, json.loads(encode(document))))
+
+    def _alike(self) -> bool:
+        """Whether all messages until now are those of the recorded run."""
+        now = self.replayed
+        while self._same < min(len(now), len(self.recorded)):
+            if _differing(self.recorded[self._same], now[self._same]):
+                return False
+            self._same += 1
+        return self._same == len(now)
+
+    def outcome(self, recorded_by: str) -> Replay:
+        """The whole comparison."""
+        difference = self._difference()
+        topics = [topic for topic, _ in self.replayed[: self._same]]
+        cut_off = sum(len(_cuts(tick)) for tick in self._ticks[: topics.count("/tick")])
+        ticks, plans, events = (topics.count(topic) for topic in ("/tick", "/plan", "/event"))
+        return Replay(ticks, plans, events, cut_off, self._reason, recorded_by, difference)
+
+    def _difference(self) -> Difference | None:
+        alike, then = self._alike(), self.recorded
+        if self._reason in UNFINISHED or self._result is None:  # what is behind its last tick belongs to none
+            last = max((i for i, (topic, _) in enumerate(then) if topic == "/tick"), default=-1)
+            if self._same > last:
+                return None
+        elif alike and self._same == len(then):
+            return None
+        index = self._same
+        a = then[index] if index < len(then) else None
+        b = self.replayed[index] if index < len(self.replayed) else None
+        kind = (a or b or ("", {}))[0].removeprefix("/")
+        number = sum(topic == "/tick" for topic, _ in then[:index])
+        number = min(number, max(len(self._ticks) - 1, 0))
+        t = self._ticks[number]["t"] if self._ticks else 0.0
+        documents = (None if a is None else a[1], None if b is None else b[1])
+        decided = _decided(then, number), _decided(self.replayed, number)
+        return Difference(t, number, kind, _differing(a, b), *decided, documents)
+
+
+def _observation(document: dict[str, Any]) -> Observation:
+    doubts = str(document.get("doubts", "")).split()  # a log holds only finite numbers
+    untold = {"beta": math.nan, "gamma": math.nan} if "tilt" in doubts else {}
+    t, beta, gamma = (float({**untold, **document}[name]) for name in ("t", "beta", "gamma"))
+    unseen = math.nan if "position" in doubts else None
+    x, y = (unseen if document.get(name) is None else float(document[name]) for name in ("x", "y"))
+    if not math.isfinite(t) or not (untold or (math.isfinite(beta) and math.isfinite(gamma))):
+        raise ValueError("a tick without t, beta or gamma")
+    return Observation(t, x, y, beta, gamma)
+
+
+def _cuts(tick: dict[str, Any]) -> list[str]:
+    return [cut for cut in str(tick.get("cut_off", "")).split() if cut.isdigit()]
+
+
+def _decided(messages: Sequence[Message], number: int) -> dict[str, Any]:
+    """What a tick decided; nothing when it was not reached."""
+    ticks = [document for topic, document in messages if topic == "/tick"]
+    return {name: ticks[number].get(name) for name in CHOSEN[:5]} if number < len(ticks) else {}
+
+
+def _differing(a: Message | None, b: Message | None) -> tuple[str, ...]:
+    """Names of the fields in which two messages decide otherwise."""
+    if a is None or b is None or a[0] != b[0]:
+        return ("message",)
+    (topic, then), (_, now) = a, b
+    if topic == "/result":  # an older log has fewer fields
+        now = _known_fields(then, now)
+    names = CHOSEN if topic == "/tick" else [name for name in {**then, **now} if name not in MEASURED]
+    near = LAST_DIGIT if topic == "/plan" else NEAR
+    return tuple(name for name in names if not _near(then.get(name), now.get(name), near))
+
+
+def _known_fields(then: Any, now: Any) -> Any:
+    """Only those of the fields now that the recorded message has, too."""
+    if isinstance(then, dict) and isinstance(now, dict):
+        return {name: _known_fields(then[name], value) for name, value in now.items() if name in then}
+    if isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        return [_known_fields(a, b) for a, b in zip(then, now, strict=True)]
+    return now
+
+
+def _near(a: Any, b: Any, near: float) -> bool:
+    """Equal, but for the rounding of numbers."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_near(a[key], b[key], near) for key in a)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(_near(x, y, near) for x, y in zip(a, b, strict=True))
+    if isinstance(a, float) and isinstance(b, float):  # JSON holds a float as one, 0.0 for 0
+        return math.isclose(a, b, rel_tol=NEAR, abs_tol=near)
+    return type(a) is type(b) and a == b
+
+
+def told_by_another_version(outcome: Replay) -> bool:
+    """Whether the log was written by another version of the program than this one."""
+    return outcome.recorded_by != version("mazeplan")

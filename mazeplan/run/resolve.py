@@ -1,0 +1,57 @@
+"""Resolves the names that a user gives: rings, and the model that goes with a rig."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from mazeplan.core.errors import InputError
+from mazeplan.learning.modelfile import RigModel, load_model, model_names
+from mazeplan.learning.rig_model import carried_over
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import rig_model_hint
+
+HOME = "cme"  # the map on which the packaged models were fitted
+
+
+def ring_number(ring: int | str, maze: Maze) -> int:
+    """1 for 1, "1" and "ring1". Raises InputError when the maze has no such ring."""
+    text = str(ring).removeprefix("ring")
+    if text.isdecimal() and 1 <= int(text) <= len(maze.rings):
+        return int(text)
+    raise InputError(f"got {ring!r}, expected ring1 to ring{len(maze.rings)}", key="ring")
+
+
+def check_start_angle(degrees: float, ring: int, maze: Maze, key: str) -> None:
+    """Raises InputError where a radial wall is in the way of a ball at that angle."""
+    if not maze.has_room(ring, math.radians(degrees)):
+        raise InputError(f"got {degrees:g}, where a radial wall leaves the ball no room in ring {ring}", key=key)
+
+
+def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Maze) -> RigModel:
+    """The model asked for; else the rig's own; else a packaged one of the rig's name; else nominal physics.
+
+    Of a packaged one only the physics, where the maze has other rings than the one it was fitted on."""
+    if isinstance(model, RigModel):
+        return model
+    source = model_source(model, rig)
+    return RigModel.nominal(maze) if source is None else model_from(source, maze)
+
+
+def model_from(source: str | Path, maze: Maze) -> RigModel:
+    """The model in a folder, or what of the packaged one of that name is true of a maze. Raises ModelError."""
+    model = load_model(source)
+    packaged = str(source) in model_names() and not Path(source).exists()
+    return carried_over(model, load_map(HOME), maze) if packaged else model
+
+
+def model_source(model: str | Path | None, rig: str | None) -> str | None:
+    """Absolute folder, or packaged name, of the model; None: nominal physics."""
+    if model is None and rig is not None:
+        model = rig_model_hint(rig)
+        if model is None and rig in model_names():
+            model = rig
+    if model is None:
+        return None
+    return str(Path(model).absolute()) if Path(model).exists() else str(model)

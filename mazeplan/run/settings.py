@@ -1,0 +1,101 @@
+"""How the ball is driven: costs, gains and windows of a run, from one YAML file (settings.yaml explains every key).
+
+A file says only what it wants otherwise than the packaged one. Sections are the frozen options that sit with their
+algorithms; their fields are the keys.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from mazeplan.behavior.context import LeafOptions
+from mazeplan.control.estimation.estimator import EstimatorOptions
+from mazeplan.core.errors import SettingsError
+from mazeplan.maze.yamltree import Tree, key_path, parse_yaml, read_yaml, shown
+
+PACKAGED = Path(__file__).resolve().parent / "settings.yaml"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of the leaves (and the planner and gate behind them), and of the estimator."""
+
+    leaves: LeafOptions = field(default_factory=LeafOptions)
+    estimator: EstimatorOptions = field(default_factory=EstimatorOptions)
+
+    def with_values(self, sections: dict[str, dict[str, Any]]) -> Settings:
+        """With some keys of some sections otherwise. Raises SettingsError, its key `section.name`."""
+        leaves, estimator = self.leaves, self.estimator
+        for section, values in sections.items():
+            try:
+                if section == "estimator":
+                    estimator = replace(estimator, **values)
+                else:
+                    leaves = replace(leaves, **{section: replace(getattr(leaves, section), **values)})
+            except SettingsError as problem:
+                raise SettingsError(problem.problem, key=f"{section}.{problem.key}") from None
+        return Settings(leaves, estimator)
+
+    def text(self) -> str:
+        """All of them in one line (JSON), to the last bit; see `settings_from_text`."""
+        return json.dumps(asdict(self))
+
+
+def settings_from_text(text: str) -> Settings:
+    """Read `Settings.text`. Raises ValueError for any other text, or one of another version's,
+    SettingsError for values out of their range."""
+    return _filled(Settings(), json.loads(text))
+
+
+def _filled(options: Any, values: Any) -> Any:
+    names = {f.name for f in fields(options)}
+    if not isinstance(values, dict) or values.keys() != names:
+        raise ValueError(f"expected {', '.join(sorted(names))}")
+    nested = {name: getattr(options, name) for name in names}
+    return replace(options, **{n: _filled(o, values[n]) if is_dataclass(o) else values[n] for n, o in nested.items()})
+
+
+def load_settings(source: str | Path | None = None) -> Settings:
+    """The packaged settings, with what a file says otherwise. Raises SettingsError with file, line and key."""
+    packaged = _packaged()
+    if source is None:
+        return packaged
+    path = Path(source)
+    return _apply(packaged, read_yaml(path, error=SettingsError, what="settings (YAML)"), path)
+
+
+@cache
+def _packaged() -> Settings:
+    text = PACKAGED.read_text(encoding="utf-8")
+    return _apply(Settings(), parse_yaml(text, file=PACKAGED, error=SettingsError), PACKAGED)
+
+
+def _apply(base: Settings, tree: Tree, path: Path) -> Settings:
+    sections = [*(f.name for f in fields(base.leaves)), "estimator"]
+    data = _mapping(tree.data, tree, path, ())
+    for section, values in data.items():
+        if section not in sections:
+            expected = f"unknown section, expected one of {', '.join(sections)}"
+            raise SettingsError(expected, file=path, line=tree.line((section,)), key=key_path((section,)))
+        options = base.estimator if section == "estimator" else getattr(base.leaves, section)
+        known = [f.name for f in fields(options) if f.type in ("int", "float", "bool")]
+        for name in _mapping(values, tree, path, (section,)):
+            if name not in known:
+                problem = f"unknown key, expected one of {', '.join(known)}"
+                raise SettingsError(problem, file=path, line=tree.line((section, name)), key=key_path((section, name)))
+    try:
+        return base.with_values(data)
+    except SettingsError as problem:
+        key = tuple((problem.key or "").split("."))
+        raise SettingsError(problem.problem, file=path, line=tree.line(key), key=problem.key) from None
+
+
+def _mapping(value: Any, tree: Tree, path: Path, key: tuple[str, ...]) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        expected = f"got {shown(value)}, expected `key: value` lines"
+        raise SettingsError(expected, file=path, line=tree.line(key), key=key_path(key) or None)
+    return value

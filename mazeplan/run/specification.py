@@ -1,0 +1,218 @@
+"""Job and setup of a run, and the header of its log."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.ownleaves import installed_in
+from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.treefile import nodes_named, tree_files
+from mazeplan.core import resources
+from mazeplan.core.errors import ModelError, TreeError
+from mazeplan.core.maths.fingerprint import fingerprint
+from mazeplan.core.plugins import Plugin
+from mazeplan.core.records import Latency
+from mazeplan.core.user_modules import user_module
+from mazeplan.learning.modelfile import RigModel, model_names, packed_model, unpacked_model
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import dump_map
+from mazeplan.maze.memory import OpeningMemory
+from mazeplan.rigs.interface import traits
+from mazeplan.run.settings import Settings, load_settings
+
+REPLAY_FORMAT = 1  # of what the header holds for `replay`
+TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
+
+
+@dataclass(frozen=True)
+class Job:
+    """One navigation to do: from a ring and angle (rad; None: drawn by seed) to a ring, within time_limit s. via: rings
+    to visit before."""
+
+    start: int
+    goal: int
+    theta: float | None = None
+    seed: int = 0
+    time_limit: float = TIME_LIMIT
+    closed: tuple[str, ...] = ()
+    via: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The means of a job.
+
+    model: of ball and stage; behavior: name or file of the tree; behavior_modules: of the user, with leaves; memory: of
+    openings, which the run adds to; model_source: where to load the model from again; watch: called with each tree
+    before it begins; latency: measured on the rig, in place of the model's; unseen_s: the run ends after so many
+    seconds without the ball, None: never; effects: MODULE:FUNCTION of the user."""
+
+    maze: Maze
+    model: RigModel
+    behavior: str = "navigate"
+    rig_name: str = ""
+    model_name: str = ""
+    settings: Settings = field(default_factory=load_settings)
+    behavior_modules: tuple[str, ...] = ()
+    memory: OpeningMemory | None = None
+    model_source: str | None = None
+    watch: Callable[[BehaviorTree, RunContext], None] | None = None
+    latency: Latency | None = None
+    unseen_s: float | None = None
+    effects: str | None = None
+
+    def on(self, rig: Any) -> Setup:
+        """With the latency and the limit without the ball that the rig states (`interface.Rig`)."""
+        own = traits(rig)
+        if own.latency is None and own.unseen_s is None:
+            return self
+        return replace(self, latency=own.latency or self.latency, unseen_s=own.unseen_s or self.unseen_s)
+
+    @property
+    def driving_model(self) -> RigModel:
+        """The model with the delays of the rig."""
+        return self.model if self.latency is None else self.model.late_by(self.latency)
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file of the user, and its SHA-256."""
+
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class OwnEffects:
+    """Effects of the user: MODULE:FUNCTION, and the SHA-256 of the module's file."""
+
+    spec: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class ReplayFacts:
+    """The part `replay` of a log's header: whatever decides and is not in the header itself.
+
+    modules, leaves: of the user and of installed packages, by name; model: folder or packaged name, None where the log
+    holds the model or it is the nominal one; start_theta: rad, None if drawn by the seed."""
+
+    format: int
+    rate_hz: float
+    closed: tuple[str, ...]
+    settings: str
+    model_sha256: str
+    behavior_file: str
+    behavior_sha256: str
+    modules: dict[str, SourceFile]
+    leaves: dict[str, SourceFile] | None = None
+    memory: dict[str, Any] | None = None
+    start_theta: float | None = None
+    model: str | None = None
+    unseen_s: float | None = None
+    latency: Latency | None = None
+    effects: OwnEffects | None = None
+
+
+@cache
+def facts_adapter() -> TypeAdapter[ReplayFacts]:
+    """Writes and reads the part `replay` of a log's header."""
+    return TypeAdapter(ReplayFacts)
+
+
+def replay_facts(document: Any) -> ReplayFacts:
+    """Read the part `replay` of a log's header. Raises ValueError, which names the first field that does not fit."""
+    try:
+        return facts_adapter().validate_python(document)
+    except ValidationError as problem:
+        first = problem.errors()[0]
+        name = ".".join(map(str, first["loc"]))
+        raise ValueError(f"'{name}': {first['msg'].lower()}") from None
+
+
+def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
+    """The header of a log: facts for readers, and for `replay`."""
+    return {
+        "program": "mazeplan",
+        "version": version("mazeplan"),
+        "rig": setup.rig_name,
+        "map": dump_map(setup.maze),
+        "map_name": setup.maze.name,
+        "model": setup.model_name or setup.model.kind,
+        "behavior": setup.behavior,
+        "behavior_modules": list(setup.behavior_modules),
+        "start_ring": job.start,
+        "goal_ring": job.goal,
+        **({"via_rings": list(job.via)} if job.via else {}),
+        "seed": job.seed,
+        "time_limit_s": job.time_limit,
+        "replay": facts_adapter().dump_python(_facts_for_replay(setup, job, rate_hz), mode="json", exclude_none=True),
+    }
+
+
+def model_to_keep(setup: Setup) -> bytes | None:
+    """The model, packed, for a log: None for a packaged or nominal model, or one that files cannot hold to the last bit
+    (a model made in a program has more digits)."""
+    source, sha256 = setup.model_source, fingerprint(setup.model)
+    if source is not None and source in model_names() and not Path(source).exists():
+        return None
+    if source is None and sha256 == fingerprint(RigModel.nominal(setup.maze)):
+        return None
+    try:
+        packed = packed_model(setup.model)
+        return packed if fingerprint(unpacked_model(packed)) == sha256 else None
+    except ModelError:
+        return None
+
+
+def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
+    behavior = resources.find("behaviors", setup.behavior, ".xml")
+    modules = [(name, user_module(name, "--behavior-module").__file__ or "") for name in setup.behavior_modules]
+    installed = [(plugin.name, str(plugin.file() or "")) for plugin in installed_leaves(setup)]
+    return ReplayFacts(
+        format=REPLAY_FORMAT,
+        rate_hz=rate_hz,
+        closed=tuple(job.closed),
+        settings=setup.settings.text(),
+        model_sha256=fingerprint(setup.model),
+        behavior_file=str(behavior.absolute()),
+        behavior_sha256=file_sha256(*tree_files(setup.behavior)),
+        modules={name: SourceFile(file, file_sha256(file)) for name, file in modules},
+        leaves={name: SourceFile(file, file_sha256(file)) for name, file in installed} or None,
+        memory=None if setup.memory is None else setup.memory.document(),
+        start_theta=job.theta,
+        model=setup.model_source,
+        unseen_s=setup.unseen_s,
+        latency=setup.latency,
+        effects=None if setup.effects is None else OwnEffects(setup.effects, effects_sha256(setup.effects)),
+    )
+
+
+def effects_sha256(spec: str) -> str:
+    """SHA-256 of the file that defines a user's effects, MODULE:FUNCTION."""
+    return file_sha256(user_module(spec.partition(":")[0], "--effects").__file__ or "")
+
+
+def installed_leaves(setup: Setup) -> tuple[Plugin, ...]:
+    """Entry points of the leaves of installed packages that the tree names; none for a tree that cannot be read."""
+    try:
+        return installed_in(nodes_named(setup.behavior), setup.behavior_modules)
+    except TreeError:
+        return ()
+
+
+def file_sha256(*paths: str | Path) -> str:
+    """SHA-256 of one file, or of several one after the other; empty where one cannot be read."""
+    try:
+        return hashlib.sha256(b"".join(Path(path).read_bytes() for path in paths)).hexdigest()
+    except (OSError, ValueError):
+        return ""

@@ -1,0 +1,54 @@
+"""Each node, attribute and part of the script language does what BehaviorTree.CPP does: the trees of cases.txt, with
+what the original did with them in expected.txt (tools/btcpp_conformance.py writes it)."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from mazeplan.behavior.builtin_leaves import BUILTIN_LEAVES
+from mazeplan.behavior.conditions import CONDITIONS
+from mazeplan.behavior.controls import CONTROLS
+from mazeplan.behavior.decorators import DECORATORS
+from mazeplan.behavior.script import ASSIGNMENTS, POWERS, PREFIXES
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools"))
+import btcpp_conformance  # pyright: ignore[reportMissingImports]  # a script
+from btcpp_reference import ours  # pyright: ignore[reportMissingImports]
+
+CASES = dict(btcpp_conformance.cases())
+EXPECTED = btcpp_conformance.expected()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_tree_does_what_the_original_does(name):
+    assert btcpp_conformance.in_lines(ours(CASES[name])) == EXPECTED[name]
+
+
+def test_there_are_enough_cases_and_none_without_an_answer():
+    assert len(CASES) >= 150
+    assert set(CASES) == set(EXPECTED)
+    assert sum(lines == ["refused"] for lines in EXPECTED.values()) < 20
+
+
+def test_every_node_and_attribute_occurs():
+    text = " ".join(case.xml for case in CASES.values())
+    kinds = {*CONTROLS, *DECORATORS, *BUILTIN_LEAVES, "SubTree"} - {"ManualSelector"}  # which asks at a terminal there
+    assert {kind for kind in kinds if f"<{kind}" not in text} == set()
+    assert {name for name in (*CONDITIONS, "_autoremap") if f"{name}=" not in text} == set()
+
+
+def test_every_operator_occurs():
+    scripts = " ".join(re.findall(r'(?:code|if|_[a-zA-Z]+)="([^"]*)"', " ".join(c.xml for c in CASES.values())))
+    scripts = scripts.replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">")
+    signs = (*POWERS, *ASSIGNMENTS, *PREFIXES, "?", ";", "0x", "true", "'")
+    assert {sign for sign in signs if sign not in scripts} == set()
+
+
+def test_every_node_and_attribute_is_in_the_documentation():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "tree-nodes.md").read_text()
+    names = {*CONTROLS, *DECORATORS, *BUILTIN_LEAVES, *CONDITIONS, "SubTree"} - {f"Switch{n}" for n in (3, 4, 5)}
+    assert {name for name in names if f"`{name}`" not in text} == set()

@@ -1,0 +1,232 @@
+"""Models of the published kind, trained here on a recording that is known, and what the importer makes of them."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import pickle
+
+import numpy as np
+import pytest
+from cme_models import ENDING, RATE, record, train
+
+from mazeplan.core.errors import ModelError
+from mazeplan.core.logs.table import read_table
+from mazeplan.learning.published_rig import PREFIX, find_models, import_ring, read_model, write_ring
+from mazeplan.learning.published_samples import BREAK_COST, _cheapest, recover, sampling_step, segment_starts
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return record()
+
+
+@pytest.fixture(scope="module")
+def published(recording, tmp_path_factory):
+    """A folder with a model of every second sample, and its noise variance."""
+    folder = tmp_path_factory.mktemp("models")
+    return folder, train(recording.rows(2), folder)
+
+
+@pytest.fixture
+def model(published, tmp_path):
+    """A copy of that folder, to be spoilt."""
+    for path in published[0].iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    return tmp_path
+
+
+def path_of(folder, name, ring=1):
+    return folder / (PREFIX[name] + ENDING.format(ring))
+
+
+def imported(folder, ring=1):
+    return import_ring(read_model(folder, ring, find_models(folder)[ring]))
+
+
+def test_the_training_data_come_back(recording, published):
+    folder, noise_variance = published
+    got, rows = imported(folder), recording.rows(2)
+    assert (got.ring, got.step, got.segments, got.published) == (1, 2, 4, len(rows))
+    assert got.noise_variance == pytest.approx(noise_variance, rel=1e-6)
+    assert got.noise == pytest.approx(np.sqrt(noise_variance) * rows.theta_ddot.std(), rel=1e-6)
+    assert max(got.checks[name] for name in ("weights", "noise", "input_scales")) < 1e-6
+    measured = got.columns["measured"] == 1
+    turns = (got.columns["theta"][measured] - rows.angles[:, 0]) / (2 * np.pi)
+    assert np.allclose(turns, np.round(turns), atol=1e-9)
+    assert np.allclose(got.columns["beta"][measured], rows.angles[:, 1], atol=1e-9)
+    assert np.allclose(got.columns["gamma"][measured], rows.angles[:, 2], atol=1e-9)
+    assert np.allclose(got.columns["theta_ddot_pub"][measured], rows.theta_ddot, atol=1e-5)
+    for i, axis in enumerate(("theta", "beta", "gamma")):
+        assert np.allclose(got.columns[f"{axis}_dot_pub"][measured], rows.rates[:, i], atol=1e-9)
+        assert np.isnan(got.columns[f"{axis}_dot_pub"][~measured]).all()
+
+
+def test_the_samples_between_come_back(recording, published):
+    columns = imported(published[0]).columns
+    for number, samples in enumerate(recording.thinned(2)[1]):
+        mine = columns["segment"] == number
+        assert mine.sum() == len(samples)
+        assert np.allclose(columns["t"][mine], (samples - samples[0]) / RATE)
+        truth = recording.angles[samples]
+        theta = columns["theta"][mine]
+        assert 0.0 <= theta[0] < 2 * np.pi
+        assert np.allclose(theta - theta[0], truth[:, 0] - truth[0, 0], atol=1e-6)
+        inner = slice(0, -20)  # the rates tell nothing of what follows them, so tilt is vague at the end
+        assert np.allclose(columns["beta"][mine][inner], truth[inner, 1], atol=1e-5)
+        assert np.allclose(columns["gamma"][mine][inner], truth[inner, 2], atol=1e-5)
+        assert np.allclose(columns["theta_ddot"][mine][3:-3], recording.theta_ddot[samples][3:-3], atol=1e-3)
+        for i, axis in enumerate(("theta", "beta", "gamma")):  # slope and bend of the parabola through seven samples
+            for k in range(3, len(samples) - 20, 10):
+                bend, slope, _ = np.polyfit(np.arange(-3, 4) / RATE, truth[k - 3 : k + 4, i], 2)
+                assert columns[f"{axis}_dot"][mine][k] == pytest.approx(slope, abs=2e-4)
+                assert columns[f"{axis}_ddot"][mine][k] == pytest.approx(2 * bend, abs=1e-2)
+        for name in ("theta_dot", "beta_dot", "gamma_dot", "theta_ddot", "beta_ddot", "gamma_ddot"):
+            empty = np.flatnonzero(np.isnan(columns[name][mine]))
+            assert empty.tolist() == [0, 1, 2, len(samples) - 3, len(samples) - 2, len(samples) - 1]
+
+
+@pytest.mark.parametrize(("step", "theta_error", "tilt_error"), [(1, 1e-14, 1e-14), (3, 1e-3, 1e-3), (4, 2e-3, 2e-3)])
+def test_other_steps(recording, step, theta_error, tilt_error):
+    rows = recording.rows(step)
+    assert sampling_step(rows) == step
+    starts = segment_starts(rows, step)
+    published, samples = recording.thinned(step)
+    assert starts.tolist() == np.cumsum([0, *(len(p) for p in published[:-1])]).tolist()
+    for start, all_of_them, few in zip(starts, samples, published, strict=True):
+        path = recover(rows[start : start + len(few)], step)
+        error = (path.angles - path.angles[0]) - (recording.angles[all_of_them] - recording.angles[few[0]])
+        assert np.allclose(error[::step], 0.0, atol=1e-12)
+        assert np.sqrt(np.mean(error[4:-8, 0] ** 2)) < theta_error
+        assert np.sqrt(np.mean(error[4:-8, 1:] ** 2)) < tilt_error
+        assert np.all(np.sqrt(path.squares / path.counts) < 1e-6)
+
+
+@pytest.mark.parametrize(("rows", "error"), [(1, 0.0), (2, 0.011), (3, 0.005)])
+def test_short_segments_are_smooth_between_their_rows(recording, rows, error):
+    for first in range(0, 90, 5):
+        piece = recording.rows(4)[first : first + rows]
+        path = recover(piece, 4)
+        assert path.angles.shape == (4 * rows - 3, 3)
+        assert np.array_equal(path.angles[::4, 1:], piece.angles[:, 1:])
+        truth = recording.angles[recording.inside[0][4 * first : 4 * (first + rows) - 3]]
+        assert np.allclose(path.angles - path.angles[0], truth - truth[0], atol=error)
+
+
+def test_breaks_are_those_of_least_cost():
+    """Against all ways to cut nine rows."""
+    rng = np.random.default_rng(3)
+    memory, count = 2, 9
+    for _ in range(20):
+        cost = rng.exponential(0.6 * BREAK_COST, (memory + 1, count))
+
+        def total(cuts, cost=cost):
+            starts = [0, *cuts]
+            going_on = (cost[min(k - max(s for s in starts if s <= k), memory), k] for k in range(count))
+            return BREAK_COST * len(cuts) + sum(c for k, c in enumerate(going_on) if k not in starts)
+
+        ways = (cuts for n in range(count) for cuts in itertools.combinations(range(1, count), n))
+        best = min(ways, key=total)
+        assert _cheapest(cost, BREAK_COST).tolist() == [0, *best]
+
+
+def test_the_longest_model_of_a_ring_is_taken(published, model):
+    for name in PREFIX:
+        path_of(model, name).rename(model / (PREFIX[name] + "_ring1_long.txt"))
+    short = "".join(path_of(published[0], "inputs").read_text().splitlines(keepends=True)[:20])
+    path_of(model, "inputs").write_text(short)
+    path_of(model, "inputs", 3).write_text(short)
+    assert find_models(model) == {1: "_ring1_long.txt", 3: "_ring3_toy.txt"}
+
+
+def test_the_table_is_one_that_mazeplan_reads(published, tmp_path):
+    got = imported(published[0])
+    write_ring(got, tmp_path / "new" / "ring1.csv")
+    text = (tmp_path / "new" / "ring1.csv").read_text()
+    assert text.startswith(
+        "ring,segment,t,measured,theta,beta,gamma,theta_dot,beta_dot,gamma_dot,theta_ddot,beta_ddot,gamma_ddot,"
+        "theta_dot_pub,beta_dot_pub,gamma_dot_pub,theta_ddot_pub\n1,0,0,1,"
+    )
+    assert "nan" not in text
+    table = read_table(tmp_path / "new" / "ring1.csv")
+    for name, values in got.columns.items():
+        assert np.allclose(table[name], values, rtol=1e-8, atol=1e-12, equal_nan=True)
+    with pytest.raises(ModelError, match="cannot be written"):
+        write_ring(got, tmp_path / "new" / "ring1.csv" / "ring1.csv")
+
+
+def line(text):
+    return lambda lines: lines.__setitem__(4, text)
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "message"),
+    [
+        ("alpha", line("one"), r"alpha_hat_SP_ring1_toy.txt:5: got 'one', expected a number"),
+        ("alpha", line("nan"), r"txt:5: got 'nan', expected finite numbers"),
+        ("alpha", line("1e400"), r"txt:5: got '1e400', expected finite"),
+        ("alpha", line("1 2"), r"txt:5: got 2 numbers, expected 1"),
+        ("alpha", line(""), r"txt:5: got 0 numbers, expected 1"),
+        ("alpha", line("1e300"), r"not finite at its own inputs"),
+        ("alpha", lambda lines: lines.pop(), r"got \d+ rows, expected \d+ as in .*data_X"),
+        ("inputs", line("1 2 3"), r"data_X.*txt:5: got 3 numbers, expected 9"),
+        ("inputs", line("0 0 0 9 9 0 1 0 1"), r"txt:5: columns 4 and 5: .* expected a sine and a cosine"),
+        ("inputs", lambda lines: lines.__delitem__(slice(5, None)), r"got 5 rows, expected 8 to 50000"),
+        ("weights", lambda lines: lines.pop(), r"w_hat.*txt: got 6 numbers, expected 7"),
+        ("weights", line("33"), r"w_hat_SP does not follow from alpha_hat_SP"),
+        ("target_scale", lambda lines: lines.__setitem__(0, "0.001"), r"no noise gives targets of 0.001 rad/s\^2"),
+        ("kernel_scale", lambda lines: lines.__setitem__(0, "-1"), r"kernel_scale: got -1, expected numbers > 0"),
+    ],
+)
+def test_a_spoilt_file_is_told_with_its_line(model, name, spoil, message):
+    lines = path_of(model, name).read_text().splitlines()
+    spoil(lines)
+    path_of(model, name).write_text("\n".join(lines) + "\n")
+    with pytest.raises(ModelError, match=message) as caught:
+        imported(model)
+    assert "\n" not in str(caught.value)
+    assert str(model) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [name for name in PREFIX if name != "inputs"])
+def test_a_file_that_is_missing_is_told(model, name):
+    path_of(model, name).unlink()
+    with pytest.raises(ModelError, match=rf"{PREFIX[name]}_ring1_toy.txt: {name}: no such file; ring 1 needs it"):
+        imported(model)
+
+
+def test_a_folder_without_models_is_told(tmp_path):
+    with pytest.raises(ModelError, match=r"no model in this folder, expected files data_X_f_acc_SP_ring1_NAME.txt"):
+        find_models(tmp_path)
+    with pytest.raises(ModelError, match="no such folder"):
+        find_models(tmp_path / "none")
+
+
+class Trap:
+    def __reduce__(self):
+        return (os.mkdir, (os.environ["CME_TRAP"],))
+
+
+def test_nothing_in_a_file_is_run(model, tmp_path, monkeypatch):
+    monkeypatch.setenv("CME_TRAP", str(tmp_path / "sprung"))
+    path_of(model, "alpha").write_bytes(pickle.dumps(Trap()))
+    with pytest.raises(ModelError, match="not a text file of numbers"):
+        imported(model)
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_the_published_models():
+    """Figures of the authors' files: each ring's step, how well the two ways to its noise agree, what its rates say."""
+    folder = os.environ.get("MAZEPLAN_CME_MODELS")
+    if not folder:
+        pytest.skip("MAZEPLAN_CME_MODELS does not name the folder of the published model files (not distributed)")
+    models = {ring: read_model(folder, ring, ending) for ring, ending in find_models(folder).items()}
+    assert sorted(models) == [1, 2, 3, 4]
+    noise = {1: 0.0795804, 2: 0.0811487, 3: 0.0469540, 4: 0.00217091}
+    for ring, step in ((1, 4), (2, 3), (3, 2), (4, 1)):
+        got = import_ring(models[ring])
+        assert got.step == step
+        assert got.noise_variance == pytest.approx(noise[ring], rel=1e-5)
+        assert got.checks["noise"] < 5e-5
+        assert max(got.checks[name] for name in ("weights", "input_scales", "rate_filter", "acceleration")) < 1e-6
+        assert got.published == len(models[ring].alpha)

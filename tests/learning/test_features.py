@@ -1,0 +1,176 @@
+"""Features and inputs against the equation they come from, and against the symmetry of the ring."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mazeplan.core.constants import GRAVITY
+from mazeplan.learning.features import (
+    EFFECTS,
+    FEATURES,
+    INPUTS,
+    LOCAL,
+    LOCAL_TERMS,
+    PAPER,
+    WALL,
+    effect_features,
+    inputs,
+    local_inputs,
+    paper_features,
+    wall_features,
+)
+from mazeplan.learning.samples import MatchedKinematics
+from mazeplan.physics.formulas.arrays import (
+    RingKinematics,
+    gravity_jacobian,
+    gravity_part,
+    kinematic_terms,
+)
+
+RADIUS = 0.0689
+NAMES = {"paper": PAPER, "effects": EFFECTS, "wall": WALL}
+SMALL = 1e-4  # rad of tilt at which turning the plate and turning the view are the same to 1e-12
+ODD = {"theta_dot", "sin_theta", "along", "along_dot", "sin_4theta"}  # of the local inputs, in a mirror
+
+
+def motion(seed=0, n=50, tilt=0.3, past=True):
+    """A ball anywhere in the ring, tilts up to `tilt` rad, with what they were before."""
+    rng = np.random.default_rng(seed)
+
+    def drawn(size):
+        return size * rng.uniform(-1.0, 1.0, n)
+
+    place = [drawn(np.pi), drawn(8.0)]
+    tilts = [drawn(tilt), drawn(10.0 * tilt), drawn(100.0 * tilt), drawn(tilt), drawn(10.0 * tilt), drawn(100.0 * tilt)]
+    if not past:
+        return RingKinematics(RADIUS, *place, *tilts)
+    return MatchedKinematics(RADIUS, *place, *tilts, beta_past=drawn(tilt), gamma_past=drawn(tilt))
+
+
+def mirrored(k):
+    """Seen in a mirror along the x axis: what is at 30 degrees is at -30, and gamma tilts the other way."""
+    turned = [f.name for f in fields(k) if f.name.startswith(("theta", "gamma"))]
+    return replace(k, **{name: -getattr(k, name) for name in turned})
+
+
+def turned(k):
+    """Everything a quarter turn on, ball and slope: what beta did, gamma does (small tilts). Built name by name."""
+    out = {"theta": k.theta + np.pi / 2.0}
+    for ending in ("", "_dot", "_ddot", "_past"):
+        if hasattr(k, f"beta{ending}"):
+            out |= {f"beta{ending}": getattr(k, f"gamma{ending}"), f"gamma{ending}": -getattr(k, f"beta{ending}")}
+    return replace(k, **out)
+
+
+def test_the_terms_of_the_equation_add_up_to_it():
+    k = motion()
+    weights = np.array([1.0, 1.0, 1.0, 1.0, GRAVITY / RADIUS, GRAVITY / RADIUS, 0.0])
+    np.testing.assert_allclose(paper_features(k) @ weights, kinematic_terms(k) + gravity_part(k), rtol=1e-12)
+    np.testing.assert_array_equal(paper_features(k)[:, 6], -k.theta_dot)
+
+
+def test_effects_are_gravity_its_changes_with_tilt_and_friction():
+    k = motion()
+    columns = dict(zip(EFFECTS, effect_features(k).T, strict=True))
+    slopes = gravity_jacobian(k)
+    np.testing.assert_allclose(columns["rolling_inertia.factor"], gravity_part(k), rtol=1e-12)
+    np.testing.assert_allclose(columns["tilt_offset.beta"], slopes[:, 2], rtol=1e-12)
+    np.testing.assert_allclose(columns["tilt_offset.gamma"], slopes[:, 4], rtol=1e-12)
+    np.testing.assert_array_equal(columns["viscous_friction.coefficient"], -k.theta_dot)
+    fast = np.abs(k.theta_dot) > 1.0
+    np.testing.assert_allclose(columns["dry_friction.coefficient"][fast], -np.sign(k.theta_dot[fast]), atol=1e-8)
+    tilted = gravity_part(k, 1e-5, -2e-5) - gravity_part(k)
+    np.testing.assert_allclose(
+        1e-5 * columns["tilt_offset.beta"] - 2e-5 * columns["tilt_offset.gamma"], tilted, atol=1e-7
+    )
+
+
+def test_the_wall_holds_back_by_what_presses_on_it():
+    k = motion()
+    columns = dict(zip(WALL, wall_features(k).T, strict=True))
+    np.testing.assert_array_equal(columns["gravity_beta"], paper_features(k)[:, 4])
+    np.testing.assert_array_equal(columns["gravity_gamma"], paper_features(k)[:, 5])
+    np.testing.assert_array_equal(columns["viscous"], -k.theta_dot)
+    np.testing.assert_array_equal(columns["dry"], effect_features(k)[:, 2])
+    np.testing.assert_allclose(columns["quadratic"], -np.abs(k.theta_dot) * k.theta_dot, atol=1e-4)
+    at = replace(k, theta=0.0 * k.theta)  # here the plate's slope outwards is beta alone
+    pressing = RADIUS * k.theta_dot**2 + 5.0 / 9.0 * GRAVITY * np.sin(k.beta)
+    np.testing.assert_allclose(wall_features(at)[:, 5], -np.abs(pressing) * np.tanh(k.theta_dot / 0.1), atol=1e-3)
+    for column in ("viscous", "dry", "quadratic", "wall"):
+        assert (columns[column] * k.theta_dot <= 0.0).all(), f"{column} friction drives the ball"
+
+
+def test_inputs_are_rates_and_sines():
+    k = motion()
+    expected = {"theta_dot": k.theta_dot, "beta_dot": k.beta_dot, "gamma_dot": k.gamma_dot}
+    for name, angle in (("theta", k.theta), ("beta", k.beta), ("gamma", k.gamma)):
+        expected |= {f"sin_{name}": np.sin(angle), f"cos_{name}": np.cos(angle)}
+    np.testing.assert_array_equal(inputs(k), np.stack([expected[name] for name in INPUTS], axis=1))
+    round_again = replace(k, theta=k.theta + 2.0 * np.pi)
+    np.testing.assert_allclose(inputs(round_again), inputs(k), atol=1e-12)
+    np.testing.assert_allclose(local_inputs(round_again), local_inputs(k), atol=1e-11)
+
+
+@pytest.mark.parametrize("past", [False, True])
+def test_local_inputs_do_not_see_a_quarter_turn(past):
+    k = motion(tilt=SMALL, past=past)
+    before, after = (dict(zip(LOCAL, local_inputs(state).T, strict=True)) for state in (k, turned(k)))
+    np.testing.assert_allclose(gravity_part(turned(k)), gravity_part(k), rtol=1e-6)  # it is the same thing to the ball
+    for name in LOCAL:
+        if name in ("sin_theta", "cos_theta"):
+            assert not np.allclose(before[name], after[name], atol=0.1)
+        else:
+            np.testing.assert_allclose(after[name], before[name], rtol=1e-6, atol=1e-11, err_msg=name)
+            assert np.ptp(before[name]) > 1e-5, name
+
+
+@pytest.mark.parametrize("past", [False, True])
+def test_a_mirror_flips_exactly_the_odd_local_inputs(past):
+    k = motion(past=past)
+    np.testing.assert_allclose(gravity_part(mirrored(k)), -gravity_part(k), rtol=1e-12)
+    before, after = (dict(zip(LOCAL, local_inputs(state).T, strict=True)) for state in (k, mirrored(k)))
+    for name in LOCAL:
+        np.testing.assert_allclose(after[name], (-1.0 if name in ODD else 1.0) * before[name], rtol=1e-12, err_msg=name)
+        assert np.abs(before[name]).max() > 0.01, name
+
+
+def test_the_odd_term_flips_what_a_mirror_flips_and_sees_no_place_but_that_in_a_quarter():
+    odd = [(columns, flip) for columns, flip in LOCAL_TERMS if flip]
+    assert len(odd) == 1
+    columns = [LOCAL[column] for column in odd[0][0]]
+    assert sorted(columns) == sorted(set(LOCAL) - {"sin_theta", "cos_theta", "along_dot", "across_dot"})
+    for column, sign in zip(*odd[0], strict=True):
+        assert sign == (-1.0 if LOCAL[column] in ODD else 1.0), LOCAL[column]
+        assert LOCAL[column] not in ("sin_theta", "cos_theta")
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_forces_along_the_ring_change_sign_in_a_mirror(name):
+    k = motion()
+    sign = np.full(len(NAMES[name]), -1.0)
+    if name == "effects":
+        sign[list(EFFECTS).index("tilt_offset.gamma")] = 1.0  # the offset itself stays where it is
+    np.testing.assert_allclose(FEATURES[name](mirrored(k)), sign * FEATURES[name](k), rtol=1e-9, atol=1e-12)
+
+
+def test_local_inputs_by_hand():
+    k: Any = motion()
+    columns = dict(zip(LOCAL, local_inputs(k).T, strict=True))
+    np.testing.assert_allclose(columns["along"] * GRAVITY / RADIUS, gravity_part(k), rtol=1e-12)
+    at = replace(k, theta=0.0 * k.theta)  # across is then along x, beta lowers that side
+    columns = dict(zip(LOCAL, local_inputs(at).T, strict=True))
+    np.testing.assert_allclose(columns["across"], np.sin(k.beta), rtol=1e-12)
+    np.testing.assert_allclose(columns["across_dot"], k.beta_dot, rtol=1e-12)
+    np.testing.assert_allclose(columns["along_dot"], -k.gamma_dot, rtol=1e-12)
+    np.testing.assert_allclose(columns["across_past"], k.beta_past, rtol=1e-12)
+    np.testing.assert_allclose(
+        columns["outward"], RADIUS * k.theta_dot**2 + 5.0 / 9.0 * GRAVITY * np.sin(k.beta), rtol=1e-12
+    )
+    at = replace(motion(past=False), theta=np.full(50, np.pi / 2.0))  # and along y, where gamma lifts
+    columns = dict(zip(LOCAL, local_inputs(at).T, strict=True))
+    np.testing.assert_allclose(columns["across"], -np.sin(at.gamma), atol=1e-12)
+    np.testing.assert_allclose(columns["across_past"], -at.gamma, atol=1e-12)

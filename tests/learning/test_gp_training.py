@@ -1,0 +1,274 @@
+"""Training finds what data were drawn from, is as good as another optimiser, and never computes approximately."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from gaussian_processes import log_likelihood, plain
+from scipy.stats import lognorm
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process import kernels as sklearn_kernels
+
+from mazeplan.core.errors import InputError, SettingsError
+from mazeplan.core.resources import to_install
+from mazeplan.learning import gp_training
+from mazeplan.learning.features import effect_features, inputs
+from mazeplan.learning.gaussian_process import FAMILIES, GaussianProcess, Hyperparameters, KernelTerm, kernel
+from mazeplan.learning.gp_training import (
+    LOG_SCALE,
+    LOG_WIDTH,
+    NOISE_FLOOR,
+    TrainingOptions,
+    exactly,
+    require_torch,
+    train,
+)
+from mazeplan.physics.formulas.arrays import RingKinematics
+
+KERNELS: Any = sklearn_kernels
+PLAIN = (((0, 1), ()),)
+ODD = (*PLAIN, ((1, 0), (1.0, -1.0)))
+QUICK = TrainingOptions(first=150, rows=150, starts=1, iterations=15, refinement=15, terms=PLAIN)
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    require_torch()
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def bare(n):
+    return np.zeros((n, 0))
+
+
+def draw(hyper, n, seed=0):
+    """Inputs (n, 2) of unlike units, features of unlike sizes, and values drawn from the process."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-1.0, 1.0, (n, 2)) * [3.0, 30.0] + [0.5, 100.0]
+    phi = rng.normal(size=(n, len(hyper.weight_sigma))) * ([10.0, 0.1] if len(hyper.weight_sigma) else 1.0)
+    C = kernel(x, x, hyper) + (phi * hyper.weight_sigma**2) @ phi.T + hyper.noise**2 * np.eye(n)
+    return x, phi, np.linalg.cholesky(C) @ rng.standard_normal(n)
+
+
+def likelihood(hyper, x, phi, y):
+    return log_likelihood(GaussianProcess.condition(hyper, x, phi, y), y)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_hyperparameters_come_back(family):
+    known = plain(np.array([1.0, 15.0]), 20.0, 6.0, family=family)
+    x, phi, y = draw(known, 300, seed=3)
+    found = train(x, phi, y, replace(QUICK, first=300, rows=300, family=family)).hyper
+    assert found.family == family
+    assert found.noise == pytest.approx(6.0, rel=0.15)
+    lengths, amplitude = found.only.lengthscales, found.only.amplitude
+    if family == "rbf":
+        assert amplitude == pytest.approx(20.0, rel=0.2)
+        np.testing.assert_allclose(lengths, [1.0, 15.0], rtol=0.2)
+    else:  # of a rough process a bounded place tells how fast it moves away, not how far it would get
+        np.testing.assert_allclose(amplitude**2 / lengths, 20.0**2 / np.array([1.0, 15.0]), rtol=0.3)
+    assert likelihood(found, x, phi, y) > likelihood(known, x, phi, y) - 1.0
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_as_likely_as_the_optimum_of_scikit_learn(family):
+    x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 1.0, family=family), 150, seed=1)
+    ours = train(x, phi, y, replace(QUICK, refinement=40, family=family)).hyper
+    shape = KERNELS.RBF([1.0, 10.0]) if family == "rbf" else KERNELS.Matern([1.0, 10.0], nu=0.5)
+    form = KERNELS.ConstantKernel(4.0) * shape + KERNELS.WhiteKernel(0.1)
+    fit: Any = GaussianProcessRegressor(form).fit(x, y)
+    best = fit.kernel_.get_params()
+    term = KernelTerm((0, 1), best["k1__k2__length_scale"], float(np.sqrt(best["k1__k1__constant_value"])))
+    theirs = Hyperparameters((term,), float(np.sqrt(best["k2__noise_level"])), np.zeros(0), family)
+    assert likelihood(ours, x, phi, y) > likelihood(theirs, x, phi, y) - 0.5  # for the priors; of about -200
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("terms", [PLAIN, ODD], ids=["plain", "odd"])
+@pytest.mark.parametrize("sigma", [np.zeros(0), np.array([0.2, 30.0])], ids=["bare", "features"])
+def test_reports_the_posterior_of_what_it_gives_back(family, terms, sigma):
+    """Kernel, units and priors of GPyTorch are those of our own process: two routes to one number."""
+    x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, sigma, family), 60)
+    found = train(x, phi, y, replace(QUICK, iterations=8, refinement=8, family=family, terms=terms))
+    spread = x.std(axis=0)
+    log_prior = sum(
+        np.sum(lognorm.logpdf(term.lengthscales / spread[list(term.columns)], LOG_WIDTH, scale=np.exp(LOG_SCALE)))
+        for term in found.hyper.terms
+    )
+    log_scale = len(y) * np.log(np.sqrt(np.mean(y**2)))  # the optimiser sees values of size one
+    assert [term.flip for term in found.hyper.terms] == [flip for _, flip in terms]
+    posterior = (likelihood(found.hyper, x, phi, y) + log_scale + log_prior) / len(y)
+    assert found.refined == pytest.approx(posterior, abs=1e-4)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("terms", [PLAIN, ODD], ids=["plain", "odd"])
+@pytest.mark.parametrize("sigma", [np.zeros(0), np.array([0.2, 30.0])], ids=["bare", "features"])
+def test_the_compiled_posterior_is_that_of_gpytorch(family, terms, sigma):
+    x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, sigma, family), 40)
+    options = replace(QUICK, terms=terms)
+    scale = gp_training._Scale.of(x, phi, y, options)
+    found = []
+    with exactly():
+        for route in (gp_training._torch_posterior, gp_training._compiled_posterior):
+            model = gp_training._model(scale.take(x, phi, y, slice(None)), options, family)
+            gp_training._scatter(model, np.random.default_rng(1), 1)
+            value = route(model.train())
+            value.backward()
+            found.append((value.item(), {name: p.grad.numpy().ravel() for name, p in model.named_parameters()}))
+    (theirs, by_theirs), (ours, by_ours) = found
+    assert ours == pytest.approx(theirs, abs=1e-6)  # its distances are kept off zero
+    assert len(by_ours) == 1 + 2 * len(terms) + bool(len(sigma))
+    for name, gradient in by_theirs.items():
+        np.testing.assert_allclose(by_ours[name], gradient, rtol=1e-4, atol=1e-6, err_msg=name)
+        assert np.abs(gradient).min() > 1e-6, name
+
+
+def test_weights_of_physics_come_back_with_their_units():
+    rng = np.random.default_rng(4)
+    n, known = 200, {"rolling": 0.58, "viscous": 0.35, "dry": 0.5, "beta": 0.004, "gamma": -0.006}
+    angle = rng.uniform(-np.pi, np.pi, n), rng.uniform(-0.09, 0.09, n), rng.uniform(-0.09, 0.09, n)
+    rate = rng.normal(0.0, 3.0, n), rng.normal(0.0, 0.3, n), rng.normal(0.0, 0.3, n)
+    k = RingKinematics(0.0892, angle[0], rate[0], angle[1], rate[1], 0.0 * rate[1], angle[2], rate[2], 0.0 * rate[2])
+    x, phi = inputs(k), effect_features(k)
+    weights = np.array([known["rolling"], known["viscous"], known["dry"], 0.58 * known["beta"], 0.58 * known["gamma"]])
+    ripple = 0.8 * np.sin(3.0 * k.theta)  # a force that no feature has
+    y = phi @ weights + ripple + rng.normal(0.0, 0.5, n)
+    options = TrainingOptions(first=n, rows=n, starts=1, iterations=15, refinement=15)
+    process = GaussianProcess.condition(train(x, phi, y, options).hyper, x, phi, y)
+    deviation = np.sqrt(np.diag(process.covariance))
+    assert (np.abs(process.weights - weights) < 3.0 * deviation).all()
+    assert (deviation < [0.1, 0.2, 0.3, 0.01, 0.01]).all(), "an interval as wide as the prior says nothing"
+    left = np.sqrt(np.mean((process.mean(x, phi) - phi @ weights - ripple) ** 2))
+    assert left < 0.3
+
+
+@pytest.mark.parametrize(("true", "other"), [FAMILIES, FAMILIES[::-1]])
+def test_auto_takes_the_likelier_family(true, other):
+    x, phi, y = draw(plain(np.array([1.0, 15.0]), 3.0, 0.6, family=true), 150, seed=5)
+    said, far = [], []
+    found = train(
+        x, phi, y, replace(QUICK, family="auto", refinement=2),
+        progress=said.append, advance=lambda done, total: far.append(done / total),
+    )  # fmt: skip
+    assert far == sorted(far)
+    assert far[-1] == pytest.approx(1.0)
+    assert sum(0.0 < done < 1.0 for done in far) > 5
+    assert found.hyper.family == true
+    assert len(found.starts) == 2
+    assert Counter(text.split(",")[0] for text in said) == {true: 2, other: 1}, "each is tried, the likelier refined"
+
+
+def test_the_same_seed_gives_the_same_and_starts_are_several():
+    x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5), 60)
+    short = replace(QUICK, starts=3, iterations=2, refinement=2)
+    first, again, other = (train(x, phi, y, replace(short, seed=seed)) for seed in (7, 7, 8))
+    assert first.starts == again.starts
+    assert first.refined == again.refined
+    np.testing.assert_array_equal(first.hyper.only.lengthscales, again.hyper.only.lengthscales)
+    assert len(set(first.starts)) == 3
+    assert first.starts[0] == other.starts[0], "the first start is a sensible place, not a drawn one"
+    assert set(first.starts[1:]).isdisjoint(other.starts[1:])
+    assert first.refined >= max(first.starts), "the best is carried on with"
+
+
+class ApproximationError(Exception):
+    """GPyTorch was about to compute approximately."""
+
+
+@pytest.fixture
+def no_approximation(monkeypatch):
+    from linear_operator import utils
+    from linear_operator.utils import lanczos, stochastic_lq
+
+    def refuse(*args, **named):
+        raise ApproximationError
+
+    for place in (utils, stochastic_lq, lanczos):
+        for name in ("linear_cg", "lanczos_tridiag"):
+            if hasattr(place, name):
+                monkeypatch.setattr(place, name, refuse)
+
+
+BIG = TrainingOptions(first=1, rows=810, starts=1, iterations=1, refinement=1, terms=PLAIN)
+
+
+def many():
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1.0, 1.0, (810, 2))
+    return x, bare(810), np.sin(3.0 * x[:, 0]) + rng.normal(0.0, 0.2, 810)
+
+
+@pytest.mark.parametrize("route", ["_compiled_posterior", "_torch_posterior"])
+def test_never_approximates_whatever_the_size(no_approximation, monkeypatch, route):
+    monkeypatch.setattr(gp_training, "_compiled_posterior", getattr(gp_training, route))
+    found = train(*many(), BIG)
+    assert found.rows == 810
+    assert np.isfinite(found.refined)
+
+
+@pytest.mark.parametrize("name", ["torch", "gpytorch"])
+def test_says_what_to_install(monkeypatch, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=re.escape(to_install("learn")) + ".*" + name):
+        train(np.zeros((5, 2)), bare(5), np.zeros(5), QUICK)
+
+
+def test_a_device_that_is_not_there(monkeypatch):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(InputError, match=r"--device: got cuda, .*expected cpu"):
+        train(np.zeros((5, 2)), bare(5), np.zeros(5), replace(QUICK, device="cuda"))
+
+
+def test_some_noise_is_always_left():
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (100, 2))
+    y = 5.0 * np.sin(3.0 * x[:, 0]) + x[:, 1]
+    noise = train(x, bare(100), y, QUICK).hyper.noise / np.sqrt(np.mean(y**2))
+    assert NOISE_FLOOR < noise < 1.1 * NOISE_FLOOR
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_values_that_are_none_are_refused(bad, which):
+    parts = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, np.array([1.0, 1.0])), 30)
+    parts[which][3] = bad
+    with pytest.raises(InputError, match=r"^sample 3: got a value that is not a finite number"):
+        train(*parts, QUICK)
+
+
+def test_a_column_that_never_changes_and_a_target_of_zeros_do_no_harm():
+    x, phi, y = draw(plain(np.array([1.5, 20.0]), 3.0, 0.5, np.array([0.2, 30.0])), 40)
+    x[:, 1], phi[:, 1] = 5.0, 0.0
+    for target in (y, np.zeros(40)):
+        hyper = train(x, phi, target, replace(QUICK, iterations=3, refinement=3)).hyper
+        assert np.isfinite(GaussianProcess.condition(hyper, x, phi, target).mean(x, phi)).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"rows": 0}, "rows"),
+        ({"first": 1.5}, "first"),
+        ({"starts": -1}, "starts"),
+        ({"iterations": 0}, "iterations"),
+        ({"refinement": "3"}, "refinement"),
+        ({"device": "tpu"}, "device"),
+        ({"family": "cubic"}, "family"),
+    ],
+)
+def test_bad_options_are_named(change, key):
+    with pytest.raises(SettingsError, match=f"^{key}: got .*expected"):
+        TrainingOptions(**change)

@@ -1,0 +1,217 @@
+"""Each kind of ball model: fitted to samples whose equation is known, and its derivatives by differences."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from mazeplan.core.errors import InputError
+from mazeplan.learning.ball_models import ForestBall, GaussianBall, LinearBall, PhysicsBall
+from mazeplan.learning.features import (
+    EFFECTS,
+    FEATURES,
+    INPUT_SETS,
+    LOCAL_TERMS,
+    PAPER,
+    STATE_TERMS,
+    WALL,
+    effect_features,
+    inputs,
+)
+from mazeplan.learning.fitting import KINDS, FitOptions, fit_kind, fit_process
+from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.gp_training import TrainingOptions, require_torch
+from mazeplan.learning.samples import MatchedKinematics, RingSamples
+from mazeplan.physics.formulas.arrays import RingKinematics, gravity_part, kinematic_terms
+
+RADIUS = 0.0892
+ROLLING, VISCOUS, DRY, NOISE = 0.58, 0.4, 0.5, 0.5
+QUICK = FitOptions(training=TrainingOptions(first=60, rows=100, starts=1, iterations=6, refinement=4))
+GAUSSIAN = [("np", "state"), ("np", "local"), ("sp", "state"), ("sp", "local")]
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    require_torch()
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def states(n, seed=0, past=True):
+    rng = np.random.default_rng(seed)
+    place = [rng.uniform(-np.pi, np.pi, n), rng.normal(0.0, 3.0, n)]
+    tilts = [rng.uniform(-0.09, 0.09, n), rng.normal(0.0, 0.5, n), rng.normal(0.0, 5.0, n)]
+    tilts += [rng.uniform(-0.09, 0.09, n), rng.normal(0.0, 0.5, n), rng.normal(0.0, 5.0, n)]
+    if not past:
+        return RingKinematics(RADIUS, *place, *tilts)
+    before = {"beta_past": rng.uniform(-0.09, 0.09, n), "gamma_past": rng.uniform(-0.09, 0.09, n)}
+    return MatchedKinematics(RADIUS, *place, *tilts, **before)
+
+
+def truth(k, ripple=0.0, dry=DRY, waves=4):
+    """A rolling ball with friction, and a force of the place that no feature has, rad/s^2, so often round the ring."""
+    friction = VISCOUS * k.theta_dot + dry * np.tanh(k.theta_dot / 0.1)
+    return kinematic_terms(k) + ROLLING * gravity_part(k) - friction + ripple * np.sin(waves * k.theta)
+
+
+def samples(n=150, seed=0, ripple=0.0, past=True, dry=DRY, waves=4, noise=NOISE):
+    k = states(n, seed, past)
+    target = truth(k, ripple, dry, waves) + np.random.default_rng(seed + 1).normal(0.0, noise, n)
+    rows = np.arange(n)
+    return RingSamples(1, 1 / 30, k, target, k.theta, np.zeros(n, dtype=np.int64), rows, np.ones(n, dtype=bool))
+
+
+def one(k, i):
+    return replace(k, **{f.name: getattr(k, f.name)[i : i + 1] for f in fields(k) if f.name != "radius"})
+
+
+def fitted(kind, part=None, options=QUICK):
+    part = part or samples(ripple=1.0)
+    return fit_kind(kind, part, np.arange(len(part)), options)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_p_is_the_equation_of_a_sliding_point():
+    model, k = fitted("p").model, states(30, 3)
+    assert isinstance(model, PhysicsBall)
+    np.testing.assert_allclose(model.mean(k), kinematic_terms(k) + gravity_part(k), rtol=1e-12)
+
+
+def test_pi_finds_the_weights():
+    part = samples(800, dry=0.0)
+    model = fitted("pi", part).model
+    assert isinstance(model, LinearBall)
+    pull = ROLLING * 9.81 / RADIUS
+    known = np.array([1.0, 1.0, 1.0, 1.0, pull, pull, VISCOUS])
+    names, off = list(PAPER), np.abs(model.fit.weights - known) / np.sqrt(np.diag(model.fit.covariance))
+    for name in ("gravity_beta", "gravity_gamma", "viscous", "turning"):
+        assert off[names.index(name)] < 4.0, name
+    assert model.fit.noise == pytest.approx(NOISE, rel=0.1)
+    assert model.fit.weights[4] == pytest.approx(pull, rel=0.02)
+    k = states(40, 5)
+    assert rms(model.mean(k) - truth(k, dry=0.0)) < 0.1
+    phi = FEATURES["paper"](k)
+    variance = np.diag(phi @ model.fit.covariance @ phi.T)
+    assert (np.abs(model.mean(k) - truth(k, dry=0.0)) < 4.5 * np.sqrt(variance)).all()
+
+
+@pytest.mark.parametrize("kind", ["np", "sp"])
+def test_with_heavy_tails_what_is_typical_is_fitted_too(kind):
+    """Every thirtieth row is struck, always in the same direction."""
+    part, at = samples(300, ripple=1.5), states(100, 5)
+    struck = replace(part, theta_ddot=part.theta_ddot + 40.0 * (np.arange(300) % 30 == 0))
+    training = TrainingOptions(first=150, rows=150, starts=1, iterations=8, refinement=4)
+    options = FitOptions(most=200, inputs="local", heavy_tails=True, training=training)
+    found = fit_kind(kind, struck, np.arange(300), options)
+    right = truth(at, 1.5)
+    assert np.mean(np.abs(found.typical.mean(at) - right)) < 0.8 * np.mean(np.abs(found.model.mean(at) - right))
+    plain = fit_kind(kind, struck, np.arange(300), replace(options, heavy_tails=False))
+    assert plain.typical is plain.model
+    np.testing.assert_array_equal(plain.model.mean(at), found.model.mean(at))
+
+
+def test_rf_learns_in_steps_the_same_each_time():
+    part, at = samples(400), states(100, 5)
+    model = fitted("rf", part).model
+    assert isinstance(model, ForestBall)
+    assert rms(model.mean(part.k) - part.theta_ddot) < 0.6 * np.std(part.theta_ddot)
+    assert rms(model.mean(at) - truth(at)) < 0.8 * np.std(truth(at))
+    assert not np.array_equal(fitted("rf", part, replace(QUICK, seed=1)).model.mean(at), model.mean(at))
+    np.testing.assert_array_equal(fitted("rf", part).model.mean(at), model.mean(at))
+
+
+@pytest.mark.parametrize(("kind", "seen"), GAUSSIAN)
+def test_processes_learn_what_the_turning_plate_leaves(kind, seen):
+    world = {"ripple": 1.5, "dry": 0.0, "waves": 2 if seen == "state" else 4}
+    part, at = samples(250, **world), states(100, 5)
+    training = TrainingOptions(first=250, rows=250, starts=1, iterations=12, refinement=6)
+    found = fit_kind(kind, part, np.arange(250), FitOptions(inputs=seen, training=training))
+    model = found.model
+    assert isinstance(model, GaussianBall)
+    assert found.training is not None
+    assert model.inputs == seen
+    assert model.features == ("" if kind == "np" else "effects" if seen == "state" else "wall")
+    right = truth(at, **world)
+    error, linear = model.mean(at) - right, fit_kind("pi", part, np.arange(250)).model.mean(at) - right
+    assert rms(error) < 0.5 * rms(linear)
+    seen_at = INPUT_SETS[seen](at), FEATURES[model.features](at) if model.features else None
+    assert 0.2 < rms(error / np.sqrt(model.process.variance(*seen_at))) < 2.0, "as sure as it should be"
+    x, phi = INPUT_SETS[seen](part.k), FEATURES[model.features](part.k) if model.features else np.zeros((250, 0))
+    rest = GaussianProcess.condition(found.training.hyper, x, phi, part.theta_ddot - kinematic_terms(part.k))
+    np.testing.assert_allclose(model.process.alpha, rest.alpha, rtol=1e-6, atol=1e-8)
+    none = replace(model.process, alpha=0.0 * model.process.alpha, weights=0.0 * model.process.weights)
+    np.testing.assert_allclose(replace(model, process=none).mean(at), kinematic_terms(at), rtol=1e-12)
+
+
+def test_sp_finds_the_physics_and_its_process_only_the_rest():
+    part = samples(300, ripple=0.5)
+    training = TrainingOptions(first=200, rows=300, starts=1, iterations=12, refinement=6)
+    model = fit_kind("sp", part, np.arange(300), FitOptions(training=training)).model
+    assert isinstance(model, GaussianBall)
+    process = model.process
+    deviation = dict(zip(EFFECTS, np.sqrt(np.diag(process.covariance)), strict=True))
+    weights = dict(zip(EFFECTS, process.weights, strict=True))
+    known = {
+        "rolling_inertia.factor": ROLLING,
+        "viscous_friction.coefficient": VISCOUS,
+        "dry_friction.coefficient": DRY,
+    }
+    for name in EFFECTS:
+        assert abs(weights[name] - known.get(name, 0.0)) < 3.0 * deviation[name] + 1e-9, name
+    assert deviation["rolling_inertia.factor"] < 0.1
+    k = states(50, 5)
+    weighted = effect_features(k) @ process.weights
+    np.testing.assert_allclose(
+        model.mean(k) - weighted, kinematic_terms(k) + process.mean(inputs(k)), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_only_the_rows_given_are_learned_from():
+    part, rows = samples(120), np.arange(0, 120, 2)
+    spoilt = part.theta_ddot.copy()
+    spoilt[1::2] = np.nan
+    other = replace(part, theta_ddot=spoilt)
+    for kind in KINDS:
+        a, b = (fit_kind(kind, each, rows, QUICK).model for each in (part, other))
+        np.testing.assert_array_equal(a.mean(part.k), b.mean(part.k), err_msg=kind)
+    assert np.isfinite(fit_kind("sp", other, rows, QUICK).model.mean(part.k)).all()
+
+
+def test_processes_keep_at_most_so_many_rows_spread_evenly():
+    part = samples(120)
+    said = []
+    found = fit_kind("np", part, np.arange(120), replace(QUICK, most=40), progress=said.append)
+    assert isinstance(found.model, GaussianBall)
+    np.testing.assert_array_equal(found.model.process.inputs, inputs(part.k)[1::3])
+    assert said[-1] == "conditioning on 40 rows"
+    assert len(said) == 3
+    assert fit_kind("p", part, np.arange(120)).training is None
+
+
+@pytest.mark.parametrize(
+    ("seen", "features", "terms", "width"),
+    [
+        ("state", "effects", STATE_TERMS, len(EFFECTS)),
+        ("local", "wall", LOCAL_TERMS, len(WALL)),
+        ("local", "", LOCAL_TERMS, 0),
+    ],
+)
+def test_the_kernel_goes_with_the_inputs(seen, features, terms, width):
+    k = states(50)
+    process, training = fit_process(k, truth(k), features, replace(QUICK, inputs=seen))
+    assert [(term.columns, term.flip) for term in training.hyper.terms] == list(terms)
+    assert len(process.weights) == width
+
+
+def test_an_unknown_kind_is_named():
+    with pytest.raises(InputError, match=r"^got kind 'xx', expected one of rf, p, pi, np, sp$"):
+        fitted("xx")

@@ -1,0 +1,210 @@
+"""Model folders: read, written, edited by a person, refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mazeplan.core.errors import ModelError
+from mazeplan.core.maths.fingerprint import fingerprint
+from mazeplan.learning.modelfile import RigModel, load_model, model_names, save_model
+from mazeplan.maze.mapfile import load_map
+from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.effects.ball import dry_friction, rolling_inertia
+from mazeplan.physics.registry import EFFECTS, make_term
+from mazeplan.physics.rig.stage import StageAxis, StageModel
+
+MAZE = load_map("cme")
+MODEL = RigModel(
+    StageModel(StageAxis(1.01, 24.0, 0.8, 0.02, 0.001, {"gain": 0.01}), StageAxis()),
+    {1: BallModel((rolling_inertia(0.58), dry_friction(0.3)), {"rolling_inertia": {"factor": 0.01}}), 3: BallModel()},
+    camera_delay=0.066,
+    camera_delay_stderr=0.002,
+    kind="pi",
+    data=({"file": "a.mcap", "sha256": "00"},),
+    scores={"ring1": 0.3},
+)
+
+
+def test_round_trip(tmp_path):
+    save_model(MODEL, tmp_path / "m")
+    again = load_model(tmp_path / "m")
+    assert again == MODEL
+    assert again.stage.beta.stderr == {"gain": 0.01}
+    assert again.balls[1].stderr["rolling_inertia"] == {"factor": 0.01}
+    assert load_model(tmp_path / "m" / "model.yaml") == MODEL
+
+
+def test_a_person_may_write_plain_numbers(tmp_path):
+    (tmp_path / "model.yaml").write_text(
+        "format: 1\nstage:\n  beta: {natural_frequency: 20}\n  gamma: {}\n"
+        "rings:\n  1:\n    rolling_inertia: {factor: 0.6}\n"
+    )
+    model = load_model(tmp_path)
+    assert model.stage.beta.natural_frequency == 20.0
+    assert model.ball(4).parameter("rolling_inertia", "factor", 1.0) == 0.6  # the nearest ring that has a model
+    assert model.camera_delay == 0.0
+
+
+HAND = """\
+format: 1
+kind: pi
+stage:
+  beta: {gain: 1.0, damping: 0.9}
+  gamma: {}
+rings:
+  1:
+    rolling_inertia: {factor: 0.6}
+    dry_friction: {coefficient: {value: 0.3, stderr: 0.1}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where", "said"),
+    [
+        ("format: 1\n", "", "1: ", "format is missing"),
+        ("format: 1", "format: 3", "1: format: ", "got 3, expected 1; it was written by a newer version"),
+        ("format: 1", "format: 0", "1: format: ", "got 0, expected 1"),
+        ("kind: pi", "kind: magic", "2: kind: ", "got 'magic', expected one of p, pi"),
+        ("kind: pi", "kind: [pi]", "2: kind: ", "got a list, expected one of p, pi"),
+        ("kind: pi", "kin: pi", "2: kin: ", "unknown key"),
+        ("gain: 1.0", "gain: {value: 1.0, unit: Hz}", "4: stage.beta.gain.unit: ", "got 'Hz', expected 1"),
+        ("value: 0.3", "value: 0.3, unit: kg", "9: rings.1.dry_friction.coefficient.unit: ", "expected rad/s^2"),
+        ("kind: pi", "rate_hz: 0", "2: rate_hz: ", "got 0, expected a number > 0"),
+        ("kind: pi", "data: 5", "2: data: ", "got 5, expected a list"),
+        ("kind: pi", "data: [log]", "2: data[0]: ", "got 'log', expected a mapping"),
+        ("kind: pi", "scores: [0.3]", "2: scores: ", "got a list, expected a mapping"),
+        ("kind: pi", "camera_delay_s: true", "2: camera_delay_s: ", "got true, expected a finite number"),
+        ("kind: pi", "camera_delay_s: -0.01", "2: camera_delay_s: ", "expected 0 to 0.5 s"),
+        ("kind: pi", "camera_delay_s: {stderr: 0.1}", "2: camera_delay_s: ", "value is missing"),
+        ("kind: pi", "camera_delay_s: {value: 0.1, error: 1}", "2: camera_delay_s.error: ", "unknown key, expected"),
+        ("  gamma: {}\n", "", "3: stage: ", "gamma is missing"),
+        ("gain: 1.0", "gain: 99", "4: stage.beta: ", "gain: got 99.0, expected 0.05 to 20.0"),
+        ("gain: 1.0", "gain: .nan", "4: stage.beta.gain: ", "expected a finite number"),
+        ("gain: 1.0", "strength: 1.0", "4: stage.beta.strength: ", "unknown key, expected one of gain"),
+        ("gamma: {}", "gamma: 3", "5: stage.gamma: ", "got 3, expected a mapping"),
+        ("  1:\n", "  0:\n", "7: rings.0: ", "got '0', expected a ring number"),
+        ("  1:\n", "  ²:\n", "7: rings.²: ", "expected a ring number"),
+        ("  1:\n", "  1: {}\n  01:\n", "8: rings.01: ", "expected a ring number"),
+        ("rolling_inertia:", "magic:", "8: rings.1.magic: ", "got effect 'magic', expected one of rolling_inertia"),
+        ("factor:", "mass:", "8: rings.1.rolling_inertia", "expected one of factor"),
+        ("factor: 0.6", "factor: .nan", "8: rings.1.rolling_inertia.factor: ", "expected a finite number"),
+        ("factor: 0.6", "factor: 60", "8: rings.1.rolling_inertia: ", "factor: got 60.0, expected 0.05 to 1.5"),
+        ("{factor: 0.6}", "0.6", "8: rings.1.rolling_inertia: ", "got 0.6, expected a mapping"),
+        ("value: 0.3", "value: [0.3]", "9: rings.1.dry_friction.coefficient: ", "got a list, expected a finite number"),
+        ("stderr: 0.1", "stderr: -1", "9: rings.1.dry_friction.coefficient.stderr: ", "got -1, expected a number >= 0"),
+        (
+            "stderr: 0.1",
+            "stderr: much",
+            "9: rings.1.dry_friction.coefficient.stderr: ",
+            "got 'much', expected a finite",
+        ),
+        (HAND, "[1, 2]\n", "1: ", "got a list, expected a mapping"),
+        (HAND, "format: [\n", "2: ", "not valid YAML"),
+        (HAND, "format: !!python/object/apply:os.getcwd []\n", "1: format: ", "not allowed"),
+    ],
+)
+def test_mistakes_of_a_person_name_file_line_and_key(tmp_path, old, new, where, said):
+    path = tmp_path / "model.yaml"
+    assert old in HAND
+    path.write_text(HAND)
+    load_model(tmp_path)
+    path.write_text(HAND.replace(old, new, 1))
+    with pytest.raises(ModelError) as error:
+        load_model(tmp_path)
+    assert str(error.value).startswith(f"{path}:{where}")
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_fingerprints_of_packaged_models_stay():
+    """Logs hold them, by name of class and field: a replay compares."""
+    assert fingerprint(load_model("toy"))[:16] == "5a38d2777ae12750"
+    assert fingerprint(load_model("rough"))[:16] == "5d17cfb6ad0c4385"
+
+
+def test_the_nearest_ring_stands_in():
+    model = RigModel(StageModel(), {1: BallModel((rolling_inertia(0.5),)), 4: BallModel((rolling_inertia(0.7),))})
+    factors = [model.ball(ring).parameter("rolling_inertia", "factor", 0.0) for ring in (1, 2, 3, 4, 5)]
+    assert factors == [0.5, 0.5, 0.7, 0.7, 0.7]
+
+
+def test_every_effect_survives_the_file(tmp_path):
+    rng, effects = np.random.default_rng(0), []
+    for name, kind in EFFECTS.items():
+        values = {key: float(f"{rng.uniform(p.low, p.high):.6g}") for key, p in kind.parameters.items()}
+        effects.append(make_term(name, values))
+    model = replace(MODEL, balls={2: BallModel(tuple(effects))})
+    save_model(model, tmp_path)
+    assert load_model(tmp_path) == model
+
+
+def test_what_is_saved_is_plain_and_rounded(tmp_path):
+    text = save_model(replace(MODEL, camera_delay=1.0 / 15.0, camera_delay_stderr=0.00123456), tmp_path).read_text()
+    assert "camera_delay_s: {value: 0.0666667, stderr: 0.0012, unit: s}" in text
+    assert "!!" not in text
+    assert text.startswith("format: 1\n")
+
+
+def test_what_is_not_there(tmp_path):
+    with pytest.raises(ModelError, match="ideal, rough, toy"):
+        load_model(tmp_path / "nowhere")
+    (tmp_path / "model.yaml").write_text("format: 1\nstage: {beta: {}, gamma: {}}\nrings: {}\n")
+    with pytest.raises(ModelError, match="at least one ring"):
+        load_model(tmp_path)
+    (tmp_path / "model.yaml").write_text("format: 1\nrings: {}\n")
+    with pytest.raises(ModelError, match="stage is missing"):
+        load_model(tmp_path)
+    with pytest.raises(ModelError, match="cannot be written"):
+        save_model(MODEL, tmp_path / "model.yaml" / "inside")
+
+
+def test_packaged_models_are_of_their_rigs():
+    assert model_names() == ("ideal", "rough", "toy")
+    toy, ideal = load_model("toy"), load_model("ideal")
+    assert toy.kind == "sp"
+    assert set(toy.processes) == {1, 2, 3, 4}
+    assert all(len(process) == 1000 for process in toy.processes.values())
+    assert toy.camera_delay == pytest.approx(2 / 30, abs=6e-3)
+    assert ideal.camera_delay == pytest.approx(0.0, abs=2e-3)
+    offset = toy.ball(1)
+    assert offset.parameter("tilt_offset", "gamma", 0.0) == pytest.approx(0.3 * 3.14159 / 180, abs=1.5e-3)
+    assert offset.parameter("tilt_offset", "beta", 0.0) == pytest.approx(0.15 * 3.14159 / 180, abs=1.5e-3)
+    assert toy.data[0]["sha256"]
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_packaged_models_are_whole(name):
+    model = load_model(name)
+    assert set(model.balls) == {ring.number for ring in MAZE.rings}
+    for axis in (model.stage.beta, model.stage.gamma):
+        assert set(axis.stderr) == {"gain", "natural_frequency", "damping", "dead_time", "offset"}
+        assert axis.gain == pytest.approx(1.0, abs=0.02)
+        assert axis.natural_frequency * axis.damping > 15.0  # 1/s: the servo settles within 0.2 s
+    for ring in (1, 2, 3, 4):
+        assert model.ball(ring).stderr["rolling_inertia"]["factor"] > 0.0
+        assert 0.4 < model.ball(ring).parameter("rolling_inertia", "factor", 0.0) < 5 / 7
+    assert all(len(entry["sha256"]) == 64 for entry in model.data)
+
+
+def test_nominal_model_knows_every_ring():
+    model = RigModel.nominal(MAZE)
+    assert set(model.balls) == {1, 2, 3, 4, 5}
+    assert [model.ball(ring).parameter("rolling_inertia", "factor", 0.0) for ring in (1, 4, 5)] == pytest.approx(
+        [5 / 9, 5 / 9, 5 / 7]
+    )
+    assert model.kind == "p"
+    assert model.camera_delay == 0.0
+    for ring in model.balls:
+        assert model.ball(ring).parameter("tilt_offset", "beta", 0.0) == 0.0
+        assert model.ball(ring).parameter("viscous_friction", "coefficient", 0.0) > 0.0
+
+
+def test_how_late_a_rig_is_by_its_model():
+    prompt = replace(MODEL, stage=StageModel(StageAxis(dead_time=0.001), StageAxis(dead_time=0.003)))
+    assert prompt.late_s == pytest.approx(0.066 + 0.003)
+    assert replace(prompt, camera_delay=0.0).late_s == pytest.approx(0.003), "identified, and found to be prompt"
+    assert RigModel.nominal(MAZE).late_s == math.inf, "nobody knows"

@@ -1,0 +1,293 @@
+"""From tables to samples: where stretches end, what is taken, what is computed; expectations are worked out here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ring_record import DT, RADII
+from sample_columns import MAZE, NUDGE, N, columns, samples_of
+
+from mazeplan.core.errors import SettingsError, TableError
+from mazeplan.core.logs.table import Table
+from mazeplan.learning.samples import (
+    FILTER,
+    SETTLING,
+    SHORTEST,
+    MatchedKinematics,
+    SampleOptions,
+    columns_of,
+    joined,
+    ring_samples,
+)
+from mazeplan.learning.smoothing import Smoothing, acceleration_kernel, derivatives
+
+
+def changed(name, value, at):
+    """The record's column with another value in some rows."""
+    column = columns()[name].copy()
+    column[at] = value
+    return column
+
+
+INTERRUPTIONS = {
+    "the ball goes to another ring": {"ring": changed("ring", 3.0, slice(30, None))},
+    "the ball is not seen": {"theta": changed("theta", np.nan, 30)},
+    "time jumps": {"t": columns()["t"] + 0.5 * (np.arange(N) >= 30)},
+    "a segment ends": {"segment": (np.arange(N) >= 30).astype(float)},
+    "the ball is in no ring": {"ring": changed("ring", 0.0, 30)},
+}
+
+
+@pytest.mark.parametrize("why", INTERRUPTIONS)
+def test_what_ends_a_stretch(why):
+    found = ring_samples(Table(columns(**INTERRUPTIONS[why])), MAZE)
+    two = found[2] if 3 not in found else joined([found[2], found[3]])
+    gap = why in ("the ball is not seen", "the ball is in no ring")
+    assert two.segment.tolist() == [0] * 30 + [1] * (29 if gap else 30)
+    if 3 not in found:
+        assert two.row.tolist() == [row for row in range(N) if not (gap and row == 30)]
+    # Savitzky and Golay over 7 samples: three at each end of a stretch have no acceleration
+    borders = [0, 1, 2, 27, 28, 29, 30, 31, 32, *(range(len(two) - 3, len(two)))]
+    assert np.flatnonzero(~two.good).tolist() == borders
+    assert np.isnan(two.theta_ddot[borders]).all()
+
+
+def test_short_stretches_are_left_out():
+    ring = np.concatenate([np.full(SHORTEST - 1, 2.0), np.full(SHORTEST, 3.0), np.full(N - 2 * SHORTEST + 1, 2.0)])
+    found = ring_samples(Table(columns(ring=ring)), MAZE)
+    assert found[2].row[0] == 2 * SHORTEST - 1
+    assert len(found[3]) == SHORTEST
+
+
+def test_theta_is_unwrapped_in_its_stretch():
+    turning = 2.0 * columns()["t"] + 3.0  # once past pi
+    wrapped = np.arctan2(np.sin(turning), np.cos(turning))
+    assert np.abs(np.diff(wrapped)).max() > 6.0
+    whole = samples_of(theta=wrapped)
+    assert whole.measured == pytest.approx(turning)
+    assert np.nanmax(np.abs(whole.k.theta_dot - 2.0)) < 1e-9
+    assert np.nanmax(np.abs(whole.theta_ddot)) < 1e-7
+    parts = samples_of(theta=wrapped, segment=(np.arange(N) >= 40).astype(float))
+    assert parts.measured[40:] == pytest.approx(wrapped[40:])  # anew in the next one
+
+
+# --- rings and radii
+
+
+def test_the_ring_is_that_of_the_column():
+    found = ring_samples(Table(columns(ring=np.repeat([1.0, 4.0], 30))), MAZE)
+    assert sorted(found) == [1, 4]
+    assert [found[ring].ring for ring in (1, 4)] == [1, 4]
+
+
+def test_the_ring_is_told_by_radius_and_map_with_the_ball_in_the_channel():
+    # on the track of ring 1; in the wall between 1 and 2; on the track of ring 2; in the disc
+    r = np.repeat([RADII[1], 0.079, RADII[2], 0.005], 15)
+    found = ring_samples(Table(columns(ring=None, r=r)), MAZE)
+    assert {ring: part.row.tolist() for ring, part in found.items()} == {
+        1: list(range(15)),
+        2: list(range(30, 45)),
+    }
+    # where the column says otherwise nothing is taken
+    found = ring_samples(Table(columns(ring=np.full(N, 2.0), r=r)), MAZE)
+    assert sorted(found) == [2]
+    assert found[2].row.tolist() == list(range(30, 45))
+
+
+def test_a_ball_half_in_an_opening_is_not_in_the_ring():
+    ring = MAZE.ring(2)
+    r = np.full(N, RADII[2])
+    r[20:40] = ring.outer_radius - 0.5 * MAZE.ball.radius  # half past the wall
+    found = ring_samples(Table(columns(r=r)), MAZE)[2]
+    assert found.row.tolist() == [*range(20), *range(40, 60)]
+
+
+def test_the_ring_given_is_that_of_all_rows_where_the_table_does_not_tell():
+    found = ring_samples(Table(columns(ring=None)), MAZE, options=SampleOptions(ring=3))
+    assert list(found) == [3]
+    assert len(found[3]) == N
+    assert found[3].k.radius == pytest.approx(RADII[3])
+    other = Table(columns(ring=None, r=np.full(N, 0.2)))  # a radius that is given says that the map is another
+    assert len(ring_samples(other, MAZE, options=SampleOptions(ring=3, radius=0.2))[3]) == N
+
+
+@pytest.mark.parametrize("radius", [None, 0.03])
+def test_the_ring_given_is_the_only_one_where_the_table_tells(radius):
+    ring = np.repeat([1.0, 4.0], 30)
+    options = SampleOptions(ring=4, radius=radius)
+    for more in ({"ring": ring}, {"ring": ring, "r": np.repeat([RADII[1], RADII[4]], 30)}):
+        found = ring_samples(Table(columns(**more)), MAZE, options=options)
+        assert list(found) == [4]
+        assert found[4].row.tolist() == list(range(30, 60))
+    by_radius = Table(columns(ring=None, r=np.repeat([RADII[1], RADII[4]], 30)))
+    if radius is None:
+        assert ring_samples(by_radius, MAZE, options=options)[4].row.tolist() == list(range(30, 60))
+
+
+def test_the_radius_is_the_maps_the_one_given_or_the_median():
+    assert samples_of().k.radius == pytest.approx(RADII[2])
+    assert samples_of(options=SampleOptions(radius=0.061)).k.radius == 0.061
+    r = np.concatenate([np.full(40, 0.07), np.full(20, np.nan)])
+    assert samples_of(None, r=r).k.radius == pytest.approx(0.07)
+    assert samples_of(None, r=r, options=SampleOptions(radius=0.061)).k.radius == 0.061
+    assert ring_samples(Table(columns(ring=np.full(N, 8.0), r=r)), None, options=SampleOptions(ring=8))[
+        8
+    ].k.radius == pytest.approx(0.07)
+
+
+def test_a_disc_has_no_track_to_be_on():
+    found = ring_samples(Table(columns(ring=np.repeat([2.0, 5.0], 30))), MAZE)
+    assert list(found) == [2]
+    with pytest.raises(TableError, match="ring 5 is a disc"):
+        ring_samples(Table(columns(ring=None)), MAZE, options=SampleOptions(ring=5))
+    for ring in (None, np.full(N, 5.0)):
+        table = Table(columns(ring=ring))
+        assert ring_samples(table, MAZE, options=SampleOptions(ring=5, radius=0.01))[5].k.radius == 0.01
+
+
+@pytest.mark.parametrize(
+    ("more", "options", "maze", "said"),
+    [
+        ({"ring": None}, None, MAZE, r"a\.csv: the ring of a row is unknown.* ring, or r .* --ring N"),
+        ({"ring": None, "r": np.full(N, 0.07)}, None, None, "the ring of a row is unknown"),
+        ({"ring": np.full(N, 7.0)}, None, MAZE, r"a\.csv: ring 7 is not in the map: its radius is needed"),
+        ({}, None, None, "ring 2 is not in the map"),
+        ({"n": SHORTEST - 1}, None, MAZE, r"a\.csv: no ring has enough samples in a row"),
+        ({"ring": np.zeros(N)}, None, MAZE, "no ring has enough"),
+        ({"theta": np.where(np.arange(N) % 6 < 3, 0.1, np.nan)}, None, MAZE, "no ring has enough"),
+    ],
+)
+def test_what_is_missing_is_said(more, options, maze, said):
+    with pytest.raises(TableError, match=said):
+        ring_samples(Table(columns(**more), {"file": "a.csv"}), maze, options=options)
+
+
+def test_wrong_options_are_named():
+    with pytest.raises(SettingsError, match="rates: got 'late', expected one of smoothed, delayed, filtered"):
+        SampleOptions(rates="late")
+    for delay in (-0.1, np.nan, np.inf):
+        with pytest.raises(SettingsError, match=r"delay: got .*, expected a finite number of s >= 0"):
+            SampleOptions(delay=delay)
+
+
+# --- derivatives
+
+
+def test_derivatives_that_the_table_brings_are_taken_as_they_are():
+    rng = np.random.default_rng(3)
+    names = [f"{angle}_{order}" for angle in ("theta", "beta", "gamma") for order in ("dot", "ddot")]
+    given = {name: rng.standard_normal(N) for name in names}
+    given["theta_ddot"][7] = np.nan
+    found = samples_of(**given)
+    for name in names:
+        column = found.theta_ddot if name == "theta_ddot" else getattr(found.k, name)
+        assert np.array_equal(column, given[name], equal_nan=True)
+    assert np.array_equal(found.k.theta, found.measured)
+    assert np.flatnonzero(~found.good).tolist() == [7]
+    anew = samples_of(**given, options=SampleOptions(recompute=True))
+    plain = samples_of()
+    for name in columns_of(plain.k):
+        assert np.array_equal(getattr(anew.k, name), getattr(plain.k, name), equal_nan=True)
+    assert np.array_equal(anew.theta_ddot, plain.theta_ddot, equal_nan=True)
+
+
+@pytest.mark.parametrize("smoothing", [Smoothing(), Smoothing("rts", model="snap"), Smoothing(window=9, order=4)])
+def test_what_is_missing_is_computed_with_the_smoothing_chosen(smoothing):
+    found, plain = samples_of(smoothing=smoothing), columns()
+    for name, found_rate, found_acceleration in (
+        ("theta", found.k.theta_dot, found.theta_ddot),
+        ("beta", found.k.beta_dot, found.k.beta_ddot),
+        ("gamma", found.k.gamma_dot, found.k.gamma_ddot),
+    ):
+        d = derivatives(plain[name], DT, smoothing)
+        assert found_rate == pytest.approx(d.rate, nan_ok=True, rel=1e-6, abs=1e-9)
+        assert found_acceleration == pytest.approx(d.acceleration, nan_ok=True, rel=1e-6, abs=1e-8)
+    t = plain["t"][5:-5]
+    assert found.k.theta_dot[5:-5] == pytest.approx(0.8 * np.cos(2.0 * t), abs=0.01)
+    assert found.theta_ddot[5:-5] == pytest.approx(-1.6 * np.sin(2.0 * t), abs=0.03)
+
+
+# --- the camera is late
+
+
+def test_the_tilt_is_taken_as_much_earlier_as_the_camera_is_late():
+    plain, late = samples_of(), samples_of(options=SampleOptions(delay=2.0 * DT - NUDGE))
+    for name in ("beta", "gamma", "beta_dot", "gamma_dot", "beta_ddot", "gamma_ddot"):
+        a, b = getattr(plain.k, name), getattr(late.k, name)
+        assert b[6:-6] == pytest.approx(a[4:-8], abs=1e-7)  # where both have derivatives
+        assert np.isnan(b[:2]).all()
+    for name in ("theta", "theta_dot"):
+        assert np.array_equal(getattr(plain.k, name), getattr(late.k, name), equal_nan=True)
+    ramp = 0.1 * columns()["t"]
+    between = samples_of(beta=ramp, options=SampleOptions(delay=0.05))  # a sample and a half: interpolated
+    assert between.k.beta[2:] == pytest.approx(ramp[2:] - 0.005)
+
+
+def test_the_tilt_of_the_segment_before_is_not_used():
+    segment = (np.arange(N) >= 30).astype(float)
+    late = samples_of(segment=segment, options=SampleOptions(delay=DT - NUDGE))
+    assert np.flatnonzero(np.isnan(late.k.beta)).tolist() == [0, 30]
+    # but that of another ring is: the plate knows no rings
+    ring = np.repeat([3.0, 2.0], 30)
+    late = ring_samples(Table(columns(ring=ring)), MAZE, options=SampleOptions(delay=2.0 * DT - NUDGE))[2]
+    assert late.k.beta == pytest.approx(columns()["beta"][28:58], abs=1e-7)
+
+
+# --- rates
+
+
+def test_delayed_rates_are_differences_of_samples_before_those_of_the_target():
+    theta = np.random.default_rng(5).uniform(-0.3, 0.3, N)
+    segment = (np.arange(N) >= 25).astype(float)
+    found = samples_of(theta=theta, segment=segment, options=SampleOptions(rates="delayed"))
+    for k in range(N):
+        first = 0 if k < 25 else 25
+        if k - 3 < first:
+            assert np.isnan(found.k.theta_dot[k])
+            assert not found.good[k]
+        else:
+            assert found.k.theta_dot[k] == pytest.approx((theta[k - 2] - theta[k - 3]) / DT)
+
+
+def by_hand(x):
+    """The rig's filter as facts about it have it, one sample after the other."""
+    v, out = [0.0, 0.0], []
+    for k in range(len(x)):
+        step = x[k] - x[k - 1] if k else 0.0
+        v.append(1.21647638 * v[-1] - 0.42187148 * v[-2] + 30.0 * 0.2053951 * step)
+        out.append(v[-1])
+    return np.array(out)
+
+
+def test_filtered_rates_are_those_of_the_rigs_recursion():
+    segment = (np.arange(N) >= 25).astype(float)
+    found = samples_of(segment=segment, options=SampleOptions(rates="filtered"))
+    for name, column in (("theta_dot", "theta"), ("beta_dot", "beta"), ("gamma_dot", "gamma")):
+        for part in (slice(0, 25), slice(25, N)):
+            rate, expected = getattr(found.k, name)[part], by_hand(columns()[column][part])
+            assert np.isnan(rate[:SETTLING]).all()
+            assert rate[SETTLING:] == pytest.approx(expected[SETTLING:], rel=1e-9)
+    assert sum(FILTER[:2]) + FILTER[2] == pytest.approx(1.0, abs=1e-6)  # of a ramp it gives the slope
+    ramp = samples_of(theta=0.5 * columns()["t"], options=SampleOptions(rates="filtered"))
+    assert ramp.k.theta_dot[SETTLING:] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_matched_tilt_is_averaged_as_the_target_is():
+    rng = np.random.default_rng(6)
+    beta = rng.uniform(-0.05, 0.05, N)
+    segment = (np.arange(N) >= 25).astype(float)
+    given = {"beta_dot": rng.standard_normal(N), "beta_ddot": rng.standard_normal(N)}
+    found = samples_of(beta=beta, segment=segment, **given, options=SampleOptions(rates="delayed"))
+    assert isinstance(found.k, MatchedKinematics)
+    weights = acceleration_kernel(7, 2)
+    for k in (0, 2, 12, 24, 25, 26, 40, N - 1):
+        first, last = (0, 25) if k < 25 else (25, N)
+        near = [(j, weights[j - k + 3]) for j in range(k - 3, k + 4) if first <= j < last]
+        for name, values in (("beta", beta), ("beta_dot", given["beta_dot"]), ("beta_ddot", given["beta_ddot"])):
+            expected = sum(w * values[j] for j, w in near) / sum(w for _, w in near)
+            assert getattr(found.k, name)[k] == pytest.approx(expected)
+        before = [beta[j] for j in range(k - 9, k - 2) if first <= j]
+        assert found.k.beta_past[k] == pytest.approx(np.mean(before) if before else beta[k])
+    plain = samples_of(beta=beta, segment=segment)
+    assert plain.k.beta_past[20] == pytest.approx(np.mean(beta[11:18]))
+    assert np.array_equal(plain.k.beta, beta)

@@ -1,0 +1,321 @@
+"""The firmware in simavr, over a serial port: what comes out of its pins, and what it does when things go wrong.
+
+Wall time is judged loosely here; the figures are in BENCHMARKS.md.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from bench_firmware import hostile
+from emulated_chip import chip
+
+from mazeplan.core.errors import RigError
+from mazeplan.rigs.emulation.chip import EmulatedChip, built
+from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.link.frames import FrameReader, encode
+from mazeplan.rigs.link.handshake import Patience
+from mazeplan.rigs.link.messages import AxisLimits, Flag, ServoLimits
+
+__all__ = ["chip"]
+
+BETA, GAMMA = AxisLimits(1100, 1900, 1480, 20000), AxisLimits(1000, 2000, 1530, 20000)
+LIMITS = ServoLimits(BETA, GAMMA)
+LEVEL = (BETA.level_us, GAMMA.level_us)
+QUICK = Patience(silence_s=0.4, reconnect_s=2.0)
+HARD = (800.0, 2200.0)
+
+COMMANDER = """
+import sys, time
+from mazeplan.rigs.link.board import Board
+from mazeplan.rigs.link.messages import AxisLimits, ServoLimits
+board = Board(sys.argv[1], ServoLimits(AxisLimits(1100, 1900, 1480, 20000), AxisLimits(1000, 2000, 1530, 20000)))
+board.open()
+while True:
+    board.command(1700.0, 1300.0)
+    time.sleep(1 / 30)
+"""
+
+
+def hold(board, beta, gamma, seconds):
+    """Command the same for a while; the last report."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        board.command(beta, gamma)
+        time.sleep(0.03)
+    return board.latest()
+
+
+def command_until(board, true):
+    """Command what is not level until this is so, or fail."""
+    end = time.monotonic() + 5
+    while not true():
+        assert time.monotonic() < end
+        board.command(1700, 1300)
+        time.sleep(0.02)
+
+
+def reach(chip, board, beta, gamma):
+    """Command until both pulses are there, or fail."""
+    for _ in range(60):
+        board.command(beta, gamma)
+        if chip.wait_for(beta, gamma, 0.05) is not None:
+            return
+    raise AssertionError(f"wanted {beta}, {gamma}, got {chip.pulses()}")
+
+
+def test_before_anybody_speaks_both_pulses_are_in_the_middle(chip):
+    assert chip.pulses()[:2] == pytest.approx((1500.0, 1500.0), abs=1.0)
+
+
+def test_the_pulse_on_the_pin_is_the_commanded_one(chip):
+    with Board(chip.port, LIMITS, QUICK) as board:
+        assert chip.wait_for(*LEVEL, 2.0, within_us=0.6) is not None
+        for beta, gamma in ((1100, 2000), (1333.5, 1777), (1500.5, 1499.5), (1900, 1000)):
+            reach(chip, board, beta, gamma)
+            got = chip.pulses()
+            assert got[:2] == pytest.approx((beta, gamma), abs=0.4)  # whole steps of the timer
+            assert hold(board, beta, gamma, 0.1).pulses_us == pytest.approx((beta, gamma), abs=0.06)
+
+
+def test_the_slew_rate_is_kept_and_levelling_does_not_wait_for_it(chip):
+    slow = ServoLimits(AxisLimits(1100, 1900, 1480, 1000), GAMMA)  # 20 us a pulse
+    with Board(chip.port, slow, QUICK) as board:
+        chip.wait_for(*LEVEL, 2.0)
+        before = len(chip.history)
+        reach(chip, board, 1680, 1530)
+        widths = [pulse.width_us for pulse in chip.history[before:] if pulse.axis == 0]
+        steps = np.diff([1480.0, *widths])
+        assert np.all(steps <= 20.6)
+        assert len([step for step in steps if step > 19]) >= 9
+        before = len(chip.history)
+        board.level()
+        assert chip.wait_for(*LEVEL, 1.0) is not None
+        assert len([pulse for pulse in chip.history[before:] if pulse.axis == 0]) <= 3
+
+
+@pytest.mark.parametrize("away_us", [(128, 0), (0, 128), (-128, 256)])
+def test_a_step_of_whole_high_bytes_of_the_timer_is_a_step(chip, away_us):
+    """Its registers count half microseconds: 128 us change the high byte alone."""
+    with Board(chip.port, LIMITS, QUICK) as board:
+        assert chip.wait_for(*LEVEL, 2.0) is not None
+        away = [level + more for level, more in zip(LEVEL, away_us, strict=True)]
+        reach(chip, board, *away)
+        board.level()
+        assert chip.wait_for(*LEVEL, 1.0) is not None
+        reach(chip, board, *away)  # the slew rate takes it there at once
+
+
+def test_volts_become_counts_with_a_stamp(chip):
+    chip.set_volts(2.0, 3.0)
+    with Board(chip.port, LIMITS, QUICK) as board:
+        chip.set_noise(0.01)
+        hold(board, *LEVEL, 0.2)
+        reports = [board.wait_newer(board.latest(), 1.0) for _ in range(20)]
+        means = np.mean([report.counts for report in reports], axis=0)
+        assert means == pytest.approx((2.0 / 5 * 1023, 3.0 / 5 * 1023), abs=1.0)
+        assert 0 < np.std([report.counts[0] for report in reports]) < 2
+        times = [report.time_s for report in reports]
+        assert all(late - early > 0.004 for early, late in itertools.pairwise(times))
+        hold(board, *LEVEL, 0.5)
+        times = [report.time_s for report in board.recent()]
+        assert min(np.diff(times)) < 0.008  # a command is confirmed by the next sample, and not after 10 ms
+        chip.set_volts(3.0, 2.0)
+        time.sleep(0.1)
+        assert board.latest().counts == pytest.approx((613, 409), abs=4)
+
+
+def test_a_killed_host_leaves_a_level_plate(chip):
+    process = subprocess.Popen([sys.executable, "-c", COMMANDER, chip.port])
+    try:
+        assert chip.wait_for(1700, 1300, 20.0) is not None
+        hold_on = time.monotonic() + 0.5
+        while time.monotonic() < hold_on:  # it goes on for as long as somebody commands
+            assert chip.pulses()[:2] == pytest.approx((1700, 1300), abs=1)
+            time.sleep(0.02)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        killed = time.monotonic()
+        process.wait()
+    level = chip.wait_for(*LEVEL, 2.0)
+    assert level is not None
+    assert level - killed < 0.5  # 0.25 s, and what a busy machine adds
+
+
+def test_the_watchdog_strikes_says_so_and_the_next_command_goes_on(chip):
+    with Board(chip.port, LIMITS, QUICK) as board:
+        reach(chip, board, 1700, 1300)
+        assert chip.wait_for(*LEVEL, 2.0) is not None
+        time.sleep(0.1)
+        report = board.latest()
+        assert report.flags == Flag.WATCHDOG | Flag.LEVEL
+        assert report.strikes >= 1
+        assert [event.word for event in board.events][-1] == "WATCHDOG"
+        reach(chip, board, 1650, 1350)
+        assert hold(board, 1650, 1350, 0.2).flags == Flag(0)
+
+
+def test_limits_wider_than_the_hard_ones_are_refused_and_raw_frames_do_not_get_past_them(chip):
+    wide = Board(chip.port, ServoLimits(AxisLimits(500, 2500, 1500, 20000), GAMMA), QUICK)
+    with pytest.raises(
+        RigError, match="got limits 500 to 2500 us, 20000 us/s for beta, the firmware allows 800 to 2200"
+    ):
+        wide.open()
+    raw = os.open(chip.port, os.O_RDWR | os.O_NOCTTY)
+    for axis in (0, 1):
+        os.write(raw, encode("L", 1, axis, 1, 65535, 15000, 65535))
+    for _ in range(20):
+        os.write(raw, encode("C", 1, 65535, 1))
+        time.sleep(0.02)
+    assert chip.pulses()[:2] == pytest.approx((2200, 800), abs=1)
+    os.close(raw)
+
+
+def test_any_bytes_may_come_and_it_still_answers(chip):
+    rng = np.random.default_rng(3)
+    raw = os.open(chip.port, os.O_RDWR | os.O_NOCTTY)
+    chip.pulses()
+    chip.order("fast 1")  # as fast as this machine can, at 115200 baud of the chip's own time
+    for _ in range(30):
+        os.write(raw, hostile(rng, 1000))
+        os.read(raw, 65536)
+    time.sleep(0.2)  # for what is under way
+    chip.order("fast 0")
+    os.close(raw)
+    widths = {round(pulse.width_us) for pulse in chip.history}
+    assert len(widths) > 4
+    assert min(widths) >= HARD[0]
+    assert max(widths) <= HARD[1]
+    with Board(chip.port, LIMITS, QUICK) as board:
+        reach(chip, board, 1700, 1300)
+    assert chip.resets == 0
+
+
+def test_a_flood_of_questions_does_not_hold_up_reports_and_commands(chip):
+    chip.pulses()
+    raw = os.open(chip.port, os.O_RDWR | os.O_NOCTTY)
+    for axis in (0, 1):
+        os.write(raw, encode("L", 1, axis, 12000, 18000, 15000, 20000))
+    chip.order("fast 1")
+    reader, frames = FrameReader(), []
+    for number in range(1, 41):
+        os.write(raw, encode("C", number, 16000, 14000) + encode("I", 7) * 60)  # 50 ms of the line
+        frames += reader.feed(os.read(raw, 65536))
+    end = time.monotonic() + 10
+    while not any(frame.kind == "T" and frame.fields[0] == "40" for frame in frames):  # the last one is obeyed, too
+        assert time.monotonic() < end
+        frames += reader.feed(os.read(raw, 65536))
+    os.close(raw)
+    reports = [frame.numbers(9) for frame in frames if frame.kind == "T"]
+    lasted = (reports[-1][1] - reports[0][1]) / 1e4
+    assert len(reports) / lasted > 50  # of 100 a second
+    assert not any(report[7] for report in reports)  # no strike of the watchdog
+    assert sum(frame.kind == "I" for frame in frames) > 100
+    assert chip.resets == 0
+
+
+def test_a_line_with_errors_still_carries_commands(chip):
+    with Board(chip.port, LIMITS, QUICK) as board:
+        chip.order("errors 0.002")
+        reach(chip, board, 1700, 1300)
+        hold(board, 1700, 1300, 1.0)
+        chip.order("errors 0")
+        report = hold(board, 1700, 1300, 0.1)
+        assert board.counts.bad_frames + report.bad_frames > 0
+        assert board.connected
+        assert chip.pulses()[:2] == pytest.approx((1700, 1300), abs=1)
+
+
+def test_unplugged_and_plugged_in_again(chip):
+    with Board(chip.port, LIMITS, QUICK) as board:
+        reach(chip, board, 1700, 1300)
+        chip.order("unplug")
+        assert chip.wait_for(*LEVEL, 2.0) is not None
+        chip.order("plug")
+        reach(chip, board, 1650, 1350)
+        assert board.counts.lost >= 1
+
+
+def test_unplugged_for_good_is_a_rig_error_with_the_port(chip):
+    board = Board(chip.port, LIMITS, Patience(silence_s=0.3, reconnect_s=0.5))
+    board.open()
+    chip.order("unplug")
+    with pytest.raises(RigError, match=f"^{chip.port}: was lost .*no such port; plug the board in"):
+        board.wait_confirmed(1, 5.0)
+    board.close()
+
+
+def test_a_port_that_is_there_but_dead_is_a_rig_error(chip):
+    board = Board(chip.port, LIMITS, Patience(silence_s=0.3, reconnect_s=0.5))
+    board.open()
+    chip.order("hold")
+    with pytest.raises(RigError, match=r"gave no report for 0.3 s and did not come back in 0.5 s"):
+        board.wait_confirmed(1, 5.0)
+    board.close()
+    chip.order("release")
+    with Board(chip.port, LIMITS, QUICK) as again:
+        assert again.connected
+
+
+def test_a_board_that_restarts_gets_its_limits_and_obeys_again(chip):
+    with Board(chip.port, LIMITS, QUICK) as board:
+        reach(chip, board, 1700, 1300)
+        early = board.latest().time_s
+        chip.order("reset")
+        command_until(board, lambda: board.counts.restarts)
+        reach(chip, board, 1650, 1350)
+        assert board.latest().time_s > early
+
+
+def test_a_board_that_restarts_into_its_boot_loader_is_left_alone_until_it_is_back(chip):
+    with Board(chip.port, LIMITS, QUICK) as board:
+        reach(chip, board, 1700, 1300)
+        chip.order("reset 300")
+        command_until(board, lambda: board.counts.lost)
+        reach(chip, board, 1650, 1350)
+        assert board.connected
+
+
+def test_a_boot_loader_that_stays_while_it_is_spoken_to_is_left_alone(chip):
+    chip.order("reset 700")
+    with Board(chip.port, LIMITS, Patience(again_s=0.1)) as board:
+        reach(chip, board, 1650, 1350)
+        assert board.connected
+
+
+def test_a_chip_that_hangs_is_restarted_by_its_own_watchdog_with_the_plate_level(chip):
+    with Board(chip.port, LIMITS, QUICK) as board:
+        reach(chip, board, 1700, 1300)
+        before = len(chip.history)
+        chip.order("stall")
+        command_until(board, lambda: chip.resets and board.counts.restarts)
+        assert board.events[-1].value & 8  # that is why it began anew
+        first = [pulse for pulse in chip.history[before:] if pulse.width_us > 0][:2]
+        assert [pulse.width_us for pulse in first] == pytest.approx(LEVEL, abs=1)  # the host's level, not the middle
+
+
+def test_nothing_to_start(tmp_path):
+    with pytest.raises(RigError, match="make emulator"):
+        built(tmp_path)
+    with pytest.raises(RigError, match="the emulator does not start: No such file"):
+        EmulatedChip(tmp_path / "none", tmp_path / "none")
+    with pytest.raises(RigError, match="the emulator does not start: it says nothing"):
+        EmulatedChip("/bin/true", tmp_path / "none")
+
+
+def test_ctrl_c_in_the_terminal_leaves_the_board_to_the_program(chip):
+    assert os.getpgid(chip._process.pid) != os.getpgid(0)
+
+
+def test_an_emulator_that_ended_is_a_rig_error(chip):
+    chip.close()
+    with pytest.raises(RigError, match="the emulated board ended with exit status 0"):
+        chip.set_volts(1.0, 1.0)
+    chip.close()

@@ -1,0 +1,243 @@
+"""Firmware, serial line, pixels and physics in one chain, in real time: run by themselves, as nothing may starve them.
+
+What must be true is judged here, not milliseconds; figures are in BENCHMARKS.md (tools/bench.py --only rig).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import itertools
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from commands import call
+from emulated_chip import NEEDED
+
+from mazeplan.core.errors import RigError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.emulation.chip import built
+from mazeplan.rigs.emulation.rig import EmulatedRig
+from mazeplan.rigs.hardware import check as hardware_check
+from mazeplan.rigs.registry import PACKAGED, make_rig
+from mazeplan.run.navigate import navigate
+
+pytestmark = pytest.mark.realtime
+MAZE = load_map("cme")
+
+
+@pytest.fixture(autouse=True)
+def _built():
+    try:
+        built()
+    except RigError as missing:
+        if NEEDED:
+            raise
+        pytest.skip(str(missing))
+
+
+def rig_file(folder: Path, **world) -> Path:
+    """The packaged emulated rig with another world."""
+    data = yaml.safe_load((PACKAGED / "emulated.yaml").read_text())
+    data["world"] |= world
+    (folder / "emulated.png").write_bytes((PACKAGED / "emulated.png").read_bytes())
+    (folder / "mine.yaml").write_text(yaml.safe_dump(data))
+    return folder / "mine.yaml"
+
+
+def trace(folder: Path) -> np.ndarray:
+    """t, pulse_beta_us, pulse_gamma_us, target_beta, target_gamma, beta, gamma, x, y: one row a step."""
+    with (folder / "trace.csv").open() as stream:
+        rows = list(csv.reader(stream))[1:]
+    return np.array([[float(v) for v in row] for row in rows if len(row) == 9])
+
+
+def test_the_ball_is_driven_through_the_whole_chain(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["navigate", "--rig", "emulated", "--from", "ring4", "--to", "ring5", "--json", "--log", "run.mcap"]
+    code, out, err = call(monkeypatch, capsys, *arguments)
+    result = json.loads(out)
+    assert (code, result["success"]) == (0, True), err
+    assert result["rig"] == "emulated"
+    code, out, _ = call(monkeypatch, capsys, "log", "replay", "run.mcap")
+    assert code == 0, out
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_it_arrives_from_ring_1(seed):
+    """At the second time where this machine was kept from giving pictures at the first: BENCHMARKS.md counts those."""
+    for last in (False, True):
+        rig = make_rig("emulated", MAZE)
+        try:
+            result = navigate("ring1", "ring5", rig=rig, model="toy", seed=seed)
+        except RigError:
+            if last:
+                raise
+            continue
+        finally:
+            rig.close()
+        if result.success:
+            break
+    assert result.success, (result.reason, result.failures)
+    assert [leg.ring for leg in result.rings][-1] == 5
+
+
+def test_the_walk_through_the_parts_and_what_it_measures(tmp_path, monkeypatch):
+    for name, seconds in (("LOOK_S", 0.2), ("SETTLE_S", 0.6), ("SWING_S", 5.0)):
+        monkeypatch.setattr(hardware_check, name, seconds)
+    rig = make_rig("emulated", MAZE)
+    assert isinstance(rig, EmulatedRig)
+    asked = []
+    try:
+        going = hardware_check.HardwareCheck(rig, lambda question: asked.append(question) or True)
+        results = list(going.steps())
+    finally:
+        rig.close()
+    names = [
+        "port",
+        "firmware",
+        "beta servo",
+        "gamma servo",
+        "calibrations",
+        "tilt sensor",
+        "camera",
+        "markers",
+        "beta moves",
+        "gamma moves",
+    ]
+    names += ["ball", "latency"]
+    assert [r.name for r in results] == names
+    assert [
+        r for r in results if not r.passed and r.name not in ("camera", "latency")
+    ] == []  # those need a quiet machine
+    assert len(asked) == 2
+    if going.latencies is not None:
+        assert going.latencies.camera.seconds == pytest.approx(0.05, abs=0.015)
+
+
+def test_a_program_that_is_killed_leaves_a_level_plate(tmp_path):
+    rig_file(tmp_path, trace=str(tmp_path / "trace.csv"), linger_s=1.5)
+    with subprocess.Popen(
+        [sys.executable, "-m", "mazeplan", "navigate", "--rig", "mine.yaml"], cwd=tmp_path, stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "in ring 1" in line:
+                break
+        time.sleep(0.6)
+        process.send_signal(signal.SIGKILL)
+        killed = time.monotonic()
+    time.sleep(2.5)
+    rows = trace(tmp_path)
+    tilted = np.degrees(np.abs(rows[:, 5:7]).max(axis=1))
+    assert tilted[(rows[:, 0] > killed - 0.5) & (rows[:, 0] < killed)].max() > 0.5  # it was driving
+    assert tilted[rows[:, 0] > killed + 0.8].size > 0
+    assert tilted[rows[:, 0] > killed + 0.8].max() < 0.3
+
+
+def test_what_tilt_the_servos_got_is_what_was_commanded(tmp_path):
+    """To a tenth of a degree by the calibrations, which know nothing of the true servos."""
+    rig = make_rig(str(rig_file(tmp_path, trace=str(tmp_path / "trace.csv"))), MAZE)
+    wanted = math.radians(3.0), math.radians(-2.0)
+    try:
+        for _ in range(45):
+            last = rig.observe()
+            rig.command(*wanted)
+    finally:
+        rig.close()
+    rows = trace(tmp_path)
+    held = rows[np.abs(rows[:, 3:5] - wanted).max(axis=1) < math.radians(0.1)]
+    assert len(held) > 100
+    assert np.degrees(np.abs(held[-40, 5:7] - wanted)).max() < 0.1
+    assert np.degrees(np.abs(np.array([last.beta, last.gamma]) - wanted)).max() < 0.15
+
+
+def group(rig) -> dict[str, int]:
+    """Processes of a rig's table by what they are: world, emulator."""
+    found = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            text = stat.read_text()
+            name, fields = text[text.index("(") + 1 : text.rindex(")")], text[text.rindex(")") + 2 :].split()
+            if int(fields[2]) == rig and fields[0] != "Z":
+                found["emulator" if name.startswith("emulator") else "world"] = int(stat.parent.name)
+    return found
+
+
+def test_a_table_that_is_frozen_or_killed_ends_soon_and_leaves_nothing():
+    """Each of its two processes, by each signal; what is left are neither processes nor files."""
+    for who, how in itertools.product(("world", "emulator"), (signal.SIGSTOP, signal.SIGKILL)):
+        rig = make_rig("emulated", MAZE)
+        assert isinstance(rig, EmulatedRig)
+        for _ in range(5):
+            rig.observe()
+        assert rig.table is not None
+        leader, folder = rig.table._process.pid, Path(rig.table.port).parent
+        processes = group(leader)
+        assert set(processes) == {"world", "emulator"}
+        assert folder.exists()
+        os.kill(processes[who], how)
+        began = time.monotonic()
+        with pytest.raises(RigError) as caught:
+            deque(iter(rig.observe, None), maxlen=0)
+        with contextlib.suppress(RigError):
+            rig.level()
+        rig.close()
+        assert time.monotonic() - began < 8.0, (who, how)
+        if how is signal.SIGKILL:
+            said = {"world": "the emulated table ended by SIGKILL", "emulator": "the emulated board ended by SIGKILL"}
+            assert str(caught.value) == said[who]
+        else:
+            assert str(caught.value).startswith("the emulated table hangs, or this machine is too slow for it: ")
+        time.sleep(0.2)
+        assert group(leader) == {}, (who, how)
+        assert not folder.exists(), (who, how)
+
+
+def test_a_program_that_ends_without_closing_leaves_nothing(tmp_path):
+    """Also where the table hangs: whatever keeps the program from closing its rig."""
+    script = """
+import os, signal, sys
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import make_rig
+rig = make_rig("emulated", load_map("cme"))
+rig.observe()
+print(rig.table._process.pid, rig.table.port, flush=True)
+os.kill(rig.table._process.pid, signal.SIGSTOP)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    leader, port = done.stdout.split()
+    time.sleep(0.2)
+    assert group(int(leader)) == {}
+    assert not Path(port).parent.exists()
+
+
+def test_what_ended_a_check_is_its_last_line(tmp_path):
+    """The table is killed in the midst of it: one line with the cause, exit status 3."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "mazeplan", "rig", "check", "emulated", "--yes"], cwd=tmp_path, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        line = next(line for line in process.stdout if "firmware" in line or not line)
+        assert line.startswith("ok")
+        worlds = [p for p in Path("/proc").glob("[0-9]*/stat") if f" {process.pid} " in p.read_text()[:60]]
+        os.kill(int(worlds[0].parent.name), signal.SIGKILL)
+        began = time.monotonic()
+        out, err = process.communicate(timeout=30)
+    assert time.monotonic() - began < 10.0
+    assert process.returncode == 3, (out, err)
+    assert err.splitlines()[-1] == "mazeplan: the emulated table ended by SIGKILL"
+    assert "Traceback" not in err

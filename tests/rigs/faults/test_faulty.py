@@ -1,0 +1,314 @@
+"""Each kind of fault does what it says: on a rig inside whose samples and commands are known."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.core.records import Observation
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.faults.faulty import FaultyRig, Orders
+from mazeplan.rigs.faults.kinds import KINDS
+from mazeplan.rigs.faults.schedule import Drawn, Entry, FaultTrial, every_kind
+from mazeplan.rigs.interface import Rig
+
+MAZE = load_map("cme")
+DT = 1.0 / 30.0
+AT, UNTIL = 10 * DT, 20 * DT  # s: samples 10 to 19
+
+
+class Scripted:
+    """Sample k: t = k / 30, x = 0.08 + k / 1e4, y = k / 1e4, beta = k / 1e3, gamma = -k / 1e3."""
+
+    rate_hz = 30.0
+
+    def __init__(self, maze=MAZE, settings=None):
+        self.commands, self.injected, self.k, self.levelled = [], [], 0, 0
+
+    def reset(self, *, ring, theta, rng):
+        self.k = 0
+
+    @staticmethod
+    def sample(k):
+        return Observation(k * DT, 0.08 + 1e-4 * k, 1e-4 * k, 1e-3 * k, -1e-3 * k)
+
+    def observe(self):
+        self.k += 1
+        return self.sample(self.k - 1)
+
+    def command(self, u_beta, u_gamma):
+        self.commands.append((self.k - 1, u_beta, u_gamma))
+
+    def level(self):
+        self.levelled += 1
+
+    def close(self):
+        pass
+
+
+class Machine(Scripted):
+    def inject(self, fault):
+        self.injected.append((self.k - 1, fault))
+
+
+def drawn(name, size=None, axes=(0,), until=UNTIL, seed=5):
+    kind = KINDS[name]
+    size = size if size is not None else kind.size[0] if kind.size else 0.0
+    return Drawn(kind, AT - 1e-6, until - 1e-6, size, axes, seed)
+
+
+def outer(*faults, inside=None, orders=None):
+    rig = FaultyRig(inside or Scripted(), MAZE, faults, orders)
+    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    return rig
+
+
+def seen(*faults, n=30):
+    rig = outer(*faults)
+    return [rig.observe() for _ in range(n)]
+
+
+def told(rig, n=30):
+    """Commands by number that reached the rig inside, as (sample, number), of one a sample."""
+    for k in range(n):
+        rig.observe()
+        rig.command(1e-4 * k, 0.0)
+    return [(k, round(1e4 * u)) for k, u, _ in rig.inside.commands]
+
+
+def outside_is_untouched(samples):
+    return all(sample == Scripted.sample(k) for k, sample in enumerate(samples) if not 10 <= k < 20)
+
+
+def test_it_is_a_rig_and_without_faults_nothing_changes():
+    assert isinstance(outer(), Rig)
+    assert seen() == [Scripted.sample(k) for k in range(30)]
+    assert told(outer()) == [(k, k) for k in range(30)]
+
+
+TRUE = Scripted.sample
+EXPECTED = {
+    "frames_lost": lambda k: replace(TRUE(k), x=None, y=None),
+    "frames_frozen": lambda k: replace(TRUE(k), x=TRUE(9).x, y=TRUE(9).y),
+    "frames_late": lambda k: replace(TRUE(k), x=TRUE(k - 3).x, y=TRUE(k - 3).y),
+    "axes_swapped": lambda k: replace(TRUE(k), x=TRUE(k).y, y=TRUE(k).x),
+    "tilt_frozen": lambda k: replace(TRUE(k), beta=TRUE(9).beta),
+    "tilt_drift": lambda k: replace(TRUE(k), beta=TRUE(k).beta + math.radians(1.0) * (k - 10) / 10),
+}
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_what_arrives(name):
+    samples = seen(drawn(name))
+    assert outside_is_untouched(samples)
+    for k in range(10, 20):
+        for field in ("t", "x", "y", "beta", "gamma"):
+            expected = getattr(EXPECTED[name](k), field)
+            got = getattr(samples[k], field)
+            assert got == (None if expected is None else pytest.approx(expected, abs=1e-6)), (k, field)
+
+
+@pytest.mark.parametrize(("name", "fields"), [("position_nan", ("x", "y")), ("tilt_nan", ("beta",))])
+def test_what_is_no_number(name, fields):
+    samples = seen(drawn(name))
+    assert outside_is_untouched(samples)
+    for sample in samples[10:20]:
+        for field in ("t", "x", "y", "beta", "gamma"):
+            assert math.isnan(getattr(sample, field)) == (field in fields)
+
+
+def test_faults_of_the_tilt_sensor_are_on_their_axes():
+    for axes, moved in (((0,), (True, False)), ((1,), (False, True)), ((0, 1), (True, True))):
+        sample = seen(drawn("tilt_frozen", axes=axes))[15]
+        assert (sample.beta != TRUE(15).beta, sample.gamma != TRUE(15).gamma) == moved
+
+
+@pytest.mark.parametrize("name", [kind.name for kind in KINDS.values() if math.isinf(kind.duration_s[0])])
+def test_faults_for_good_have_no_end(name):
+    (fault,) = FaultTrial("", (Entry(kind=name),)).draw(3)
+    assert fault.acts(1e9)
+    assert fault.to_json()["duration_s"] is None
+
+
+def test_flicker_is_a_share_of_pictures():
+    lost = [sample.x is None for sample in seen(drawn("frames_flicker", 0.6, until=300 * DT), n=310)]
+    assert not any(lost[:10])
+    assert not any(lost[300:])
+    assert 0.5 < np.mean(lost[10:300]) < 0.7
+
+
+def test_duplicated_and_out_of_order_samples_keep_their_time():
+    copies = seen(drawn("frames_duplicated", 0.5, until=300 * DT), n=310)
+    assert all(sample in (TRUE(k), TRUE(k - 1)) for k, sample in enumerate(copies))
+    assert 100 < sum(sample == TRUE(k - 1) for k, sample in enumerate(copies)) < 190
+    mixed = seen(drawn("frames_out_of_order", 3.0, until=300 * DT), n=310)
+    back = [k - round(sample.t / DT) for k, sample in enumerate(mixed)]
+    assert set(back[10:300]) == {0, 1, 2}
+    assert not any(back[:10] + back[300:])
+    assert sum(b.t < a.t for a, b in pairwise(mixed)) > 30
+
+
+def test_a_false_ball_stands_still_in_a_ring():
+    places = {(sample.x, sample.y) for sample in seen(drawn("false_ball"))[10:20]}
+    ((x, y),) = places
+    assert min(abs(math.hypot(x, y) - MAZE.track_radius(n)) for n in range(1, 5)) < 1e-9
+    others = {(s.x, s.y) for seed in range(6) for s in seen(drawn("false_ball", seed=seed))[10:11]}
+    assert len(others) == 6
+
+
+def test_spikes_are_few_and_of_their_size():
+    off = np.array(
+        [s.beta - TRUE(k).beta for k, s in enumerate(seen(drawn("tilt_spikes", 20.0, until=310 * DT), n=310))]
+    )
+    assert set(np.round(np.degrees(off), 6)) == {0.0, 20.0, -20.0}
+    assert 50 < np.count_nonzero(off) < 125
+
+
+def test_clocks():
+    late = [s.t - TRUE(k).t for k, s in enumerate(seen(drawn("clock_jitter", 5.0, until=300 * DT), n=310))]
+    assert np.std(late[10:300]) == pytest.approx(5e-3, rel=0.2)
+    assert not any(late[:10] + late[300:])
+    jumped = [s.t - TRUE(k).t for k, s in enumerate(seen(drawn("clock_jump", 0.7, until=math.inf)))]
+    assert jumped == pytest.approx([0.0] * 10 + [0.7] * 20)
+    stopped = [s.t for s in seen(drawn("clock_stopped", until=math.inf))]
+    assert stopped == pytest.approx([min(k, 9) * DT for k in range(30)])
+
+
+def test_commands_that_are_lost_or_late():
+    assert told(outer(drawn("commands_lost"))) == [(k, k) for k in range(30) if not 10 <= k < 20]
+    late = told(outer(drawn("commands_late", 3 * DT)))
+    assert [pair for pair in late if pair[0] < 20] == [(k, k) for k in range(10)] + [(k, k - 3) for k in range(13, 20)]
+    assert late[-1] == (29, 29)
+    assert [number for _, number in late] == sorted(number for _, number in late)  # never an older one after a newer
+
+
+@pytest.mark.parametrize("name", ["commands_late", "commands_lost"])
+def test_level_gets_through_and_nothing_comes_after_it(name):
+    rig = outer(drawn(name, 3 * DT))
+    for _ in range(12):
+        rig.observe()
+        rig.command(0.01, 0.0)
+    before = list(rig.inside.commands)
+    assert len(before) == 10
+    assert not rig.levelled
+    rig.level()
+    assert rig.levelled
+    assert rig.inside.levelled == 1
+    for _ in range(6):
+        rig.observe()
+    assert rig.inside.commands == before
+
+
+def test_commands_that_must_not_be_are_kept():
+    rig = outer()
+    rig.observe()
+    for command in ((0.05, -0.05), (math.nan, 0.0), (0.0, 0.2)):
+        rig.command(*command)
+    assert len(rig.beyond) == 2
+    assert math.isnan(rig.beyond[0][0])
+    assert rig.beyond[1] == (0.0, 0.2)
+
+
+def test_observe_raises_or_hangs():
+    rig = outer(drawn("observe_raises", until=math.inf))
+    for _ in range(10):
+        rig.observe()
+    with pytest.raises(RigError, match="injected"):
+        rig.observe()
+    rig = outer(drawn("observe_hangs", 30.0))
+    for _ in range(10):
+        rig.observe()
+    waiting = threading.Thread(target=rig.observe, daemon=True)
+    waiting.start()
+    waiting.join(0.2)
+    assert waiting.is_alive()
+    rig.close()  # lets go of it
+    waiting.join(5.0)
+    assert not waiting.is_alive()
+
+
+MACHINE = {
+    "ball_elsewhere": ["teleport"], "ball_taken_out": ["removed"], "ball_gone": ["removed"], "ball_stuck": ["stuck"],
+    "ball_pushed": ["push"], "gate_blocked": ["blocked"], "gates_blocked": ["blocked"] * 4,
+    "servo_stuck": ["dead_axis"], "servo_slow": ["slow_axis"], "servo_offset": ["offset_axis"],
+    "brown_out": ["brown_out"],
+}  # fmt: skip
+
+
+def test_every_fault_of_the_machine_is_known_here():
+    assert set(MACHINE) == {kind.name for kind in KINDS.values() if kind.place == "machine"}
+
+
+@pytest.mark.parametrize("name", MACHINE)
+def test_faults_of_the_machine_are_handed_to_it_when_they_begin(name):
+    rig = outer(drawn(name), inside=Machine())
+    for _ in range(30):
+        rig.observe()
+    assert [k for k, _ in rig.inside.injected] == [10] * len(MACHINE[name])
+    faults = [fault for _, fault in rig.inside.injected]
+    assert [fault.kind for fault in faults] == MACHINE[name]
+    assert faults[0].at_s == pytest.approx(AT)
+    if name not in ("ball_elsewhere", "ball_pushed"):
+        assert faults[0].duration_s == pytest.approx(UNTIL - AT, abs=1e-4)
+    if name == "ball_elsewhere":
+        assert faults[0].ring != 1
+    if name in ("servo_slow", "servo_offset"):
+        assert abs(faults[0].slew_deg_s if name == "servo_slow" else faults[0].offset_deg) == KINDS[name].size[0]
+    if "blocked" in name:
+        assert [fault.opening for fault in faults] == (
+            ["1-2@45"] if len(faults) == 1 else [o.name for o in MAZE.openings_between(1, 2)]
+        )
+
+
+def test_a_rig_that_cannot_be_broken_is_refused():
+    with pytest.raises(SettingsError, match=r"ball_stuck: this rig has no `inject`"):
+        FaultyRig(Scripted(), MAZE, [drawn("ball_stuck")])
+
+
+def test_openings_are_closed_by_order_and_the_one_that_is_next_is_meant():
+    closed = []
+    orders = Orders(lambda: "2-3@180", closed.append)
+    rig = outer(drawn("opening_closed"), orders=orders)
+    for _ in range(30):
+        rig.observe()
+    assert closed == ["2-3@180"]
+    rig = outer(drawn("openings_closed"), orders=orders)
+    for _ in range(30):
+        rig.observe()
+    assert sorted(closed[1:]) == sorted(o.name for o in MAZE.openings_between(2, 3))
+
+
+def test_a_reset_begins_the_schedule_anew():
+    rig = outer(drawn("frames_flicker", 0.5), drawn("opening_closed"))
+    first = [rig.observe() for _ in range(30)]
+    assert len(rig.begun) == 2
+    rig.reset(ring=1, theta=0.0, rng=np.random.default_rng(0))
+    assert rig.begun == []
+    assert [rig.observe() for _ in range(30)] == first
+    assert len(rig.begun) == 2
+
+
+def test_how_level_the_plate_is_afterwards_is_the_rigs_own_word():
+    rig = outer(drawn("tilt_nan", axes=(0, 1)))
+    for _ in range(15):
+        rig.observe()
+    # until the fault is over (sample 20) and a second more: samples 46 to 50, of which gamma is -k / 1000
+    assert rig.tilt_after(1.0) == pytest.approx(0.048, abs=1.1e-3)
+
+
+def test_every_kind_can_be_drawn_and_another_seed_is_another_fault():
+    trials = every_kind()
+    assert len(trials) >= 30
+    for trial in trials:
+        (one,), (again,), (other,) = trial.draw(1), trial.draw(1), trial.draw(2)
+        assert one == again
+        assert one.at_s != other.at_s
+        assert 0.3 <= one.at_s <= 1.5
+        if one.kind.size is not None:
+            assert one.kind.size[0] <= one.size <= one.kind.size[1]

@@ -1,0 +1,347 @@
+"""What a simulated rig may have that nobody told the planner: each kind shows in the rig as its truth says, and every
+effect that mazeplan names is in a kind. Nothing of mazeplan's physics is asked but the effects' names and bounds."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_rigs import BALL, BARE, MAZE, OUTER, R, asked, gained, gained_by, plain, rolled, started, thrown
+
+from mazeplan.core.errors import SettingsError
+from mazeplan.physics.registry import PACKAGED
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.sim.fleet import fits
+from mazeplan.rigs.sim.mjcf import mjcf
+from mazeplan.rigs.sim.settings import SimulatedSettings, settings_from
+from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.rigs.sim.surprise import DRAWN, KINDS, answer
+
+NO_KIND = dict.fromkeys(
+    ("outer_gates", "inner_gates", "outer_edges", "inner_edges"),
+    "edges of openings are walls, which every rig with contacts has: there is none without them to compare with",
+)
+
+
+RECORDED = (0.08046818087781167, -0.03449951043297629, -0.03890631491270837, -0.07122183153702902)
+DRAWN_NEXT = 396907082
+
+
+# -- the table of kinds ----------------------------------------------------------------------------------------------
+
+
+def test_every_effect_of_the_package_is_in_a_kind_or_has_a_reason():
+    told = {kind.effect for kind in KINDS.values()}
+    assert told.isdisjoint(NO_KIND)
+    assert told | NO_KIND.keys() == set(PACKAGED)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_is_told_in_parameters_of_its_effect_and_within_their_bounds(name):
+    for seed in range(5):
+        found = answer(settings_from({"surprise": name, "surprise_seed": seed}), MAZE)
+        assert found is not None
+        assert (found.kind, found.effect) == (name, KINDS[name].effect)
+        assert found.by_ring
+        assert found.by_ring.keys() >= found.known_before.keys()
+        for values in found.by_ring.values():
+            PACKAGED[found.effect](**values)  # raises for unknown names and beyond the bounds
+        assert found.by_ring != found.known_before, "something is otherwise"
+        after = SimulatedRig(MAZE, {"surprise": name, "surprise_seed": seed}).settings.model_dump()
+        settings_from({k: v for k, v in after.items() if v is not None})  # within the bounds of the settings
+    assert found.told() == {"effect": found.effect, "parameters": found.parameters}
+
+
+def test_kinds_are_those_that_settings_may_ask_for():
+    allowed = SimulatedSettings.model_json_schema()["properties"]["surprise"]["anyOf"][0]["enum"]
+    assert list(allowed) == ["drawn", *KINDS]
+    assert tuple(KINDS)[: len(DRAWN)] == DRAWN
+
+
+def test_seeds_draw_what_they_always_drew():
+    drawn = [make_rig(f"surprise@{seed}", MAZE).surprise.kind for seed in range(14)]  # pyright: ignore
+    assert drawn == [
+        "hollow", "backlash", "camera", "table", "warp", "magnet", "friction",
+        "backlash", "camera", "warp", "friction", "magnet", "hollow", "table",
+    ]  # fmt: skip
+
+
+def test_the_page_about_rigs_has_every_kind_with_its_effect_and_keys_that_exist():
+    page = (Path(__file__).resolve().parents[3] / "docs" / "rigs.md").read_text()
+    rows = [row.split("|") for row in page.splitlines() if re.match(r"\| `\w+` \|.*\|.*\|.*\|", row)]
+    told = {kind: re.findall(r"\w+", row[1])[0] for row in rows for kind in re.findall(r"`(\w+)`", row[4])}
+    assert told == {name: kind.effect for name, kind in KINDS.items()}
+    keys = {key for row in rows for key in re.findall(r"`(\w+)", row[2])}
+    assert keys <= SimulatedSettings.model_fields.keys()
+    changed = {key for name in KINDS for key in answer(settings_from({"surprise": name}), MAZE).changes}  # pyright: ignore
+    assert changed <= keys
+
+
+# -- without any -----------------------------------------------------------------------------------------------------
+
+
+def test_a_rig_without_any_is_built_and_runs_as_it_always_did():
+    """Recorded before there were such things: the text of the model, and a second of the toy."""
+    toy = make_rig("toy", MAZE)
+    text = mjcf(MAZE, toy.settings)  # pyright: ignore
+    assert hashlib.sha256(text.encode()).hexdigest()[:12] == "67e9fd24dec2"
+    rng = np.random.default_rng(5)
+    toy.reset(ring=1, theta=0.3, rng=rng)
+    for i in range(31):
+        seen = toy.observe()
+        toy.command(0.08 * math.sin(0.21 * i), 0.08 * math.cos(0.13 * i))
+    assert (seen.x, seen.y, seen.beta, seen.gamma) == pytest.approx(RECORDED, abs=1e-9)
+    assert rng.integers(1 << 32) == DRAWN_NEXT, "as many random numbers were drawn"
+
+
+def test_settings_without_effect_change_nothing_to_the_last_bit():
+    """A ripple without height, a kerb without loss: what has a size of 0 is not there."""
+    nothing = {"ripple_waves": 9, "sticky_ring": 3, "kerb_deg": 20.0, "rocking_hz": 7.0, "lens_mm": (3.0, 4.0)}
+    runs = []
+    for more in ({}, nothing):
+        rig = started(SimulatedRig(MAZE, {"wall_grip": 0.3, **more}))
+        runs.append(rolled(rig, 20, (0.05, -0.06)))
+    assert np.array_equal(runs[0], runs[1])
+
+
+# -- what slows and pushes the ball ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("upright", [0.0, 1.0])
+def test_drag_takes_its_share_of_the_speed_on_the_floor_and_along_a_wall(upright):
+    left = []
+    for settings in ({}, {"surprise": "viscous"}):
+        rig = started(SimulatedRig(MAZE, {"rolling_friction_m": 0.0, "wall_grip": upright, **settings}))
+        thrown(rig, 0.15, at=OUTER, upright=upright)
+        _, v = rolled(rig, 12)
+        left.append(v[-1])
+    assert math.log(left[0] / left[1]) / 0.4 == pytest.approx(0.3, rel=0.1)
+    assert rig.surprise.parameters == {"coefficient": 0.3}  # pyright: ignore
+
+
+def test_drag_of_air_grows_with_the_square_of_the_speed():
+    for speed in (0.1, 0.2):
+        slower, at, truth = gained_by("air", speed)
+        assert -slower / R == pytest.approx(truth["coefficient"] * (at / R) ** 2, rel=0.08)
+
+
+def test_drag_that_grows_is_larger_later():
+    rig, truth = asked("drift", **BARE)
+    other = plain(rig)
+    for machine in (rig, other):
+        started(machine)
+        machine.machine.data.time = 100.0
+        thrown(machine, 0.1)
+    slower = rolled(rig, 6)[1] / rolled(other, 6)[1]
+    assert -math.log(slower[-1]) / 0.2 == pytest.approx(100.0 * truth["rate"], rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_steady_push_is_as_large_everywhere_and_both_ways(seed):
+    for theta, speed in ((0.1, 0.1), (2.5, 0.1), (0.1, -0.1)):
+        faster, _, truth = gained_by("push", speed, seed, theta=theta)
+        assert faster / R == pytest.approx(truth["acceleration"], rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_nap_slows_the_ball_one_way_round_alone(seed):
+    """Rolling friction of the floor alone: 1e-5 m of it is MuJoCo's least."""
+    forwards, backwards = (gained_by("nap", speed, seed) for speed in (0.1, -0.1))
+    mean = 0.5 * (backwards[0] - forwards[0]) / R
+    more = 0.5 * (-backwards[0] - forwards[0]) / R
+    assert abs(more) == pytest.approx(mean, rel=0.1)
+    assert more == pytest.approx(forwards[2]["asymmetry"], rel=0.15)
+    assert mean == pytest.approx(forwards[2]["coefficient"], rel=0.15)
+
+
+def test_nap_holds_a_ball_that_leans_against_it_and_lets_go_of_one_that_does_not():
+    """0.4 deg are 0.05 m/s^2, the nap is 0.12."""
+    u, moved = math.radians(0.4), []
+    for settings in ({"nap_m_s2": 0.12}, {"nap_m_s2": -0.12}):
+        rig = started(SimulatedRig(MAZE, {**BARE, **settings}), theta=-math.pi / 2)
+        angle, _ = rolled(rig, 20, (u, 0.0))  # +x is down: counter-clockwise at -90 deg
+        moved.append(R * (angle[-1] - angle[0]))
+    assert abs(moved[0]) < 5e-6
+    assert moved[1] > 5e-3
+
+
+def test_a_sticky_part_of_a_ring_slows_and_holds_the_ball_there_alone():
+    for seed in range(10):
+        rig, truth = asked("sticky", seed, **BARE)
+        if truth["ring"] == 1:
+            break
+    middle = 0.5 * (truth["start"] + truth["end"])
+    slower, _, _ = gained_by("sticky", 0.1, seed, theta=middle - 0.15)
+    assert -slower / R == pytest.approx(truth["coefficient"], rel=0.1)
+    beside, _, _ = gained_by("sticky", 0.1, seed, theta=truth["end"] + 0.1)
+    assert beside == pytest.approx(0.0, abs=1e-9)
+    inside, _, _ = gained_by("sticky", 0.1, seed, theta=middle - 0.15, samples=40)
+    assert inside < 0.0
+    thrown(started(rig, middle), 0.0, middle)
+    u = 0.5 * 0.15 * 7.0 / 5.0 / 9.81  # half of what it holds
+    angle, v = rolled(rig, 20, (-u * math.sin(middle), -u * math.cos(middle)))
+    assert R * abs(angle[-1] - angle[0]) < 5e-6
+    thrown(started(rig, middle), 0.0, middle)
+    assert np.array_equal(rolled(rig, 20, (-u * math.sin(middle), -u * math.cos(middle))), (angle, v)), "begun anew"
+
+
+def test_a_ring_that_the_maze_does_not_have_is_refused():
+    for settings in ({"sticky_m_s2": 0.1, "sticky_ring": 6}, {"kerb_loss": 0.1, "kerb_ring": 6}):
+        with pytest.raises(SettingsError, match="got 6, expected 1 to 5"):
+            started(SimulatedRig(MAZE, settings))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_kerb_takes_its_share_once_where_it_is(way):
+    for seed in range(10):
+        rig, truth = asked("kerb", seed, **BARE)
+        if rig.settings.kerb_ring == 1:
+            break
+    there = truth["angle"] - way * 0.1
+    speeds = []
+    for machine in (rig, plain(rig)):
+        thrown(started(machine, there), way * 0.12, there)
+        angle, v = rolled(machine, 6)
+        speeds.append(v)
+    past = way * (angle - angle[0]) > 0.1 + 0.02
+    before = way * (angle - angle[0]) < 0.1 - 0.05
+    assert np.any(past)
+    assert speeds[0][before] == pytest.approx(speeds[1][before])
+    assert speeds[0][past] / speeds[1][past] == pytest.approx(1.0 - truth["loss"], abs=0.02)
+
+
+def test_a_wall_slows_a_ball_that_turns_against_it_by_what_presses_it():
+    """The faster it goes round, the more: with the square of the speed."""
+    for speed in (0.2, 0.3):
+        found = []
+        for settings in ({}, {"surprise": "wall"}):
+            rig = started(SimulatedRig(MAZE, {"rolling_friction_m": 0.0, "wall_grip": 1.0, **settings}))
+            thrown(rig, speed, at=OUTER, upright=1.0)
+            _, v = rolled(rig, 20)
+            found.append((v[-1] - v[3]) * 30.0 / 17.0)
+        truth = rig.surprise.parameters["coefficient"]  # pyright: ignore
+        assert found[0] - found[1] == pytest.approx(truth * float(np.mean(v[3:] ** 2)) / OUTER, rel=0.15)
+
+
+def test_a_draught_pushes_towards_one_side_of_the_room_as_a_slope_does():
+    rig, truth = asked("draught", 3, **BARE)
+    size = math.hypot(truth["x"], truth["y"])
+    where = math.atan2(truth["y"], truth["x"]) - math.pi / 2  # counter-clockwise is with the wind
+    there, _ = gained(rig, 0.05, theta=where)
+    back, _ = gained(rig, 0.05, theta=where + math.pi)
+    assert 0.5 * (there - back) == pytest.approx(5.0 / 7.0 * size, rel=0.05)
+    turned = started(SimulatedRig(MAZE, {"draught_m_s2": (0.0, 0.0), "table_y_deg": math.degrees(size / 9.81), **BARE}))
+    same, _ = gained(turned, 0.05, theta=-math.pi / 2)
+    assert 0.5 * (there - back) == pytest.approx(same - gained(SimulatedRig(MAZE, BARE), 0.05)[0], rel=0.05)
+
+
+def test_a_table_rocks_as_often_and_as_far_as_told_and_the_sensor_says_level():
+    rig, truth = asked("rocking", **BARE)
+    started(rig)
+    swings, times = [], []
+    for i in range(40):
+        hidden = rig.machine._hidden
+        times.append(i / 30.0)
+        swings.append(hidden._leaning(times[-1])[:2] / 9.81)
+    t = np.array(times)
+    wave = np.sin(math.tau * truth["frequency"] * t + truth["phase"])
+    assert np.array(swings)[:, 0] == pytest.approx(truth["beta"] * wave, abs=1e-4)
+    assert np.array(swings)[:, 1] == pytest.approx(-truth["gamma"] * wave, abs=1e-4)
+    angle, v = rolled(rig, 20)
+    pull = truth["beta"] * -np.sin(angle) - truth["gamma"] * np.cos(angle)
+    wave = np.sin(math.tau * truth["frequency"] * np.arange(21) / 30.0 + truth["phase"])
+    made = np.cumsum((9.81 * 5.0 / 7.0 / 30.0) * pull * wave)
+    assert np.corrcoef(v, made)[0, 1] > 0.9
+    assert np.ptp(v) == pytest.approx(np.ptp(made), rel=0.25)
+    assert abs(rig.observe().beta) < 1e-3
+
+
+def test_an_unbalanced_ball_is_pushed_once_forth_and_back_in_every_turn_of_its_own():
+    rig, truth = asked("unbalanced", **BARE)
+    for turn in (0.0, 0.25, 0.5):
+        theta = 2.5 + turn * math.tau * BALL / R
+        faster, _, _ = gained_by("unbalanced", 0.02, theta=theta, samples=1)
+        expected = truth["amplitude"] * math.sin(theta * R / BALL + truth["phase"])
+        assert faster / R == pytest.approx(expected, abs=0.25 * truth["amplitude"])
+    thrown(started(rig), 0.3)
+    far, _ = rolled(rig, 80)  # more than once around: the ball's own turns go on
+    assert np.ptp(far) > math.tau
+    now = np.unwrap([far[-1], math.atan2(rig.truth()[1], rig.truth()[0])])[-1]
+    assert rig.machine._rolled == pytest.approx(R / BALL * now, rel=1e-6)
+
+
+def test_how_far_the_ball_has_rolled_belongs_to_a_snapshot():
+    rig, _ = asked("unbalanced", **BARE)
+    started(rig)
+    thrown(rig, 0.1)
+    rolled(rig, 5)
+    then = rig.snapshot()
+    once = rolled(rig, 20)
+    rig.restore(then)
+    assert np.array_equal(rolled(rig, 20), once)
+
+
+def test_a_wavy_floor_pushes_off_its_crests():
+    rig, truth = asked("ripple", 2, **BARE)
+    n = rig.settings.ripple_waves
+    for part in (0.1, 0.25, 0.6):
+        theta = part * math.tau / n
+        faster, _, _ = gained_by("ripple", 0.02, 2, theta=theta, samples=1)
+        expected = truth[f"cos{n}"] * math.cos(n * theta) + truth[f"sin{n}"] * math.sin(n * theta)
+        assert faster / R == pytest.approx(expected, abs=0.2)
+    crest = math.radians(rig.settings.ripple_deg)
+    assert gained(rig, 0.0, 3, theta=crest + 0.1)[0] > 0.0
+    assert gained(rig, 0.0, 3, theta=crest - 0.1)[0] < 0.0
+
+
+# -- the seven that are drawn: their true values ---------------------------------------------------------------------
+
+
+def test_a_table_off_level_and_a_hollow_ball_are_told_as_they_pull():
+    rig, truth = asked("table", 4, **BARE)
+    assert rig.surprise.known_before[1] == {"beta": 0.0, "gamma": 0.0}  # pyright: ignore
+    for theta in (0.3, 1.8):
+        faster = gained(rig, 0.05, theta=theta)[0] - gained(SimulatedRig(MAZE, BARE), 0.05, theta=theta)[0]
+        pull = 9.81 * 5.0 / 7.0 * (-truth["beta"] * math.sin(theta + 0.05) - truth["gamma"] * math.cos(theta + 0.05))
+        assert faster == pytest.approx(pull, abs=0.01)
+    hollow, factor = asked("hollow", **BARE)
+    down = {"theta": math.pi / 2, "u": (-0.05, 0.0), "samples": 9}
+    ratio = gained(hollow, 0.0, **down)[0] / gained(plain(hollow), 0.0, **down)[0]
+    assert ratio == pytest.approx(factor["factor"] * 7.0 / 5.0, rel=0.05)
+
+
+def test_rolling_friction_a_magnet_and_a_saddle_are_told_as_they_push():
+    rough, told = asked("friction", wall_grip=0.0, rolling_friction_m=1e-4)
+    least = gained(SimulatedRig(MAZE, BARE))[0]  # 1e-5 m of MuJoCo's
+    assert (least - gained(rough)[0]) / R == pytest.approx(told["coefficient"], rel=0.08)
+    for seed in range(20):
+        magnet, bump = asked("magnet", seed, **BARE)
+        if 1 in magnet.surprise.by_ring:  # pyright: ignore
+            break
+    for side in (-1.0, 1.0):
+        theta = bump["centre"] + side * bump["width"]
+        pulled, _, _ = gained_by("magnet", 0.03, seed, theta=theta, samples=1)
+        assert pulled / R == pytest.approx(side * bump["height"], rel=0.07)
+    _, wave = asked("warp", 3)
+    for theta in (0.2, 1.0):
+        faster, _, _ = gained_by("warp", 0.03, 3, theta=theta, samples=3)
+        there = theta + 0.5 * 0.1 * 0.03 / R
+        pushed = wave["cos2"] * math.cos(2.0 * there) + wave["sin2"] * math.sin(2.0 * there)
+        assert faster / R == pytest.approx(pushed, abs=0.06)
+
+
+# -- who else has them -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_fleet_takes_only_what_it_has_itself(name):
+    """Those that are in MuJoCo's model, or that it works out beforehand."""
+    own = {
+        "table", "friction", "hollow", "camera", "backlash", "wall", "slow_servo", "late_command", "deadband",
+        "turned_camera", "shifted_camera",
+    }  # fmt: skip
+    assert fits(settings_from({"surprise": name}), MAZE) == (name in own)

@@ -1,0 +1,93 @@
+"""A rig whose model has only the walls near the ball is the rig with all of them, to the last bit."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.sim.fleet import Fleet
+from mazeplan.rigs.sim.gimbal import Gimbal
+from mazeplan.rigs.sim.machine import CHUNKS
+from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
+from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
+from mazeplan.rigs.sim.simulated import SimulatedRig
+
+CME = load_map("cme")
+TOY = make_rig("toy", CME).settings  # pyright: ignore[reportAttributeAccessIssue]
+OPENING = CME.openings[0]
+
+
+def whole(maze, settings):
+    """The rig with all its walls."""
+    model = mujoco.MjModel.from_xml_string(mjcf(maze, settings))
+    return SimulatedRig(maze, settings, lambda: Gimbal(model, SUBSTEPS // CHUNKS))
+
+
+def same_way(maze, settings, ring, theta, commands):
+    """Contacts at most, in one of CHUNKS, of both rigs, which must go the same way."""
+    rigs, touched = [whole(maze, settings), SimulatedRig(maze, settings)], []
+    for rig in rigs:
+        rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(3))
+    for command in commands:
+        one, other = (rig.observe() for rig in rigs)
+        assert one == other
+        first, second = (rig.machine.data for rig in rigs)
+        np.testing.assert_array_equal(first.qpos, second.qpos)
+        np.testing.assert_array_equal(first.qvel, second.qvel)
+        assert first.ncon == second.ncon
+        touched.append(second.ncon)
+        for rig in rigs:
+            rig.command(*command)
+    assert rigs[1].machine.data.model.ngeom < 0.3 * rigs[0].machine.data.model.ngeom
+    return max(touched)
+
+
+def drawn(maze, samples, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-1.0, 1.0, (samples // 5, 2)) * maze.tilt_limit, 5, axis=0)
+
+
+@pytest.mark.parametrize("ring", [1, 3, 5])
+def test_it_goes_the_same_way(ring):
+    assert same_way(CME, TOY, ring, 0.4, drawn(CME, 60)) >= 2  # the floor, and a wall
+
+
+def test_it_goes_the_same_way_among_radial_walls_and_with_a_pull():
+    maze = load_map("detour")
+    settings = SimulatedSettings(magnet_m_s2=0.5, magnet_mm=(40.0, 20.0), contact_damping_ratio=0.5)
+    assert same_way(maze, settings, 2, 1.0, drawn(maze, 60, 1)) >= 2
+
+
+def test_a_plug_holds_the_ball_and_is_taken_out_again():
+    """Before a plugged opening the plate is tilted towards it; later the plug is gone and the ball falls in."""
+    ring, inwards = OPENING.outer, OPENING.angle + np.pi
+    push = CME.tilt_limit * np.array([np.cos(inwards), -np.sin(inwards)])  # beta lowers +x, gamma lifts +y
+    fault = Fault(kind="blocked", at_s=0.0, duration_s=0.7, opening=OPENING.name)
+    settings = SimulatedSettings(faults=(fault,))
+    assert same_way(CME, settings, ring, OPENING.angle, [push] * 60) >= 2
+    rig = SimulatedRig(CME, settings)
+    rig.reset(ring=ring, theta=OPENING.angle, rng=np.random.default_rng(0))
+    inner = CME.ring(ring).inner_radius
+    for samples in (20, 40):  # .67 s with the plug, then without
+        for _ in range(samples):
+            rig.observe()
+            rig.command(*push)
+        radius = float(np.hypot(*rig.truth()[:2]))
+        assert (radius > inner) == (samples == 20), radius
+    rig.reset(ring=ring, theta=OPENING.angle, rng=np.random.default_rng(0))
+    for _ in range(20):
+        rig.observe()
+        rig.command(*push)
+    assert np.hypot(*rig.truth()[:2]) > inner  # a run that begins anew has its plug again
+
+
+def test_a_fleet_puts_no_ball_into_a_radial_wall():
+    maze, settings = load_map("detour"), SimulatedSettings()
+    wall = maze.radial_walls[0]
+    fleet, alone = Fleet(maze, settings, 1, threads=1), SimulatedRig(maze, settings)
+    got = fleet.reset(np.array([0]), [wall.ring], [wall.angle], [np.random.default_rng(0)])
+    alone.reset(ring=wall.ring, theta=wall.angle, rng=np.random.default_rng(0))
+    seen = alone.observe()
+    np.testing.assert_allclose([got.x[0], got.y[0]], [seen.x, seen.y], atol=1e-14)
+    assert abs(np.arctan2(got.y[0], got.x[0]) - wall.angle) * maze.track_radius(wall.ring) > maze.ball.radius

@@ -1,0 +1,296 @@
+"""A rig on a MuJoCo model that a user brings: the example, and what is said where a model cannot be as described."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import mujoco
+import numpy as np
+import pytest
+from commands import call
+from pages import ROOT
+
+from mazeplan import check_rig, navigate
+from mazeplan.core.errors import RigError, SettingsError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.faults.faulty import FaultyRig, impossible
+from mazeplan.rigs.faults.kinds import KINDS
+from mazeplan.rigs.faults.schedule import Drawn
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.sim.settings import Fault
+
+MAZE = load_map("cme")
+HERE = ROOT / "examples" / "own-model"
+QUIET = {"camera_noise_mm": 0.2, "camera_delay_frames": 1, "tilt_noise_deg": 0.02}
+
+# a plate without walls, turned by 90 deg and away from the origin, which springs a little; an actuator pulls at a cord
+SMALL = """<mujoco><option timestep="{timestep}" integrator="implicitfast"/>
+<default><geom condim="6" solref="0.004 1" friction="0.3 2e-5 2e-5"/></default>
+<worldbody><body name="a" pos="0.2 -0.1 0.5" euler="0 0 90">
+<inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+<joint name="first" axis="0 1 0" armature="0.05" {limits}/>
+<body name="b" euler="0 {tilted} 0"><inertial pos="0 0 0" mass="0.5" diaginertia="1e-3 1e-3 2e-3"/>
+<joint name="second" axis="1 0 0" armature="0.05"/>
+<joint name="lift" type="slide" axis="0 0 1" range="0 1e-5" limited="true" stiffness="1e5" damping="1e3"/>
+<geom type="box" size="0.12 0.12 0.005" pos="0 0 -0.005"/><site name="low" pos="0 0 -0.003"/>
+<site name="upside" euler="180 0 0"/><site name="skew" euler="0 0 45"/></body></body>
+<body name="marble" pos="0 0 1">{free}<geom type="{shape}" size="{radius} 0.01" mass="0.0084" friction="0 0 0"/></body>
+<body name="loose" pos="1 0 1"><freejoint/><geom size="0.01"/></body></worldbody>
+<tendon><fixed name="cord"><joint joint="second" coef="0.5"/></fixed></tendon>
+<actuator><position name="one" joint="first" kp="34" kv="2.3" {ctrl}/>
+<{kind} name="two" joint="second" {gains}/>
+<position name="pull" tendon="cord" {cord}/>{more}</actuator></mujoco>"""
+PLAIN = {
+    "timestep": 1 / 1500, "limits": "", "tilted": 0, "free": "<freejoint/>", "shape": "sphere", "radius": 0.00635,
+    "ctrl": "",
+    "kind": "position", "gains": 'kp="34" kv="2.3"', "cord": 'kp="1e-6"', "more": "",
+}  # fmt: skip
+FILE = """class: mazeplan.rigs.sim.usermodel:ModelRig
+mjcf: small.xml
+plate: b
+ball: marble
+beta: {joint: first}
+gamma: {joint: second, actuator: two}
+"""
+
+
+@pytest.fixture
+def made(tmp_path):
+    """A rig of a small model; changes of the model, and of lines of its file."""
+
+    def make(*lines, **changes):
+        (tmp_path / "small.xml").write_text(SMALL.format(**{**PLAIN, **changes}))
+        keys = {line.split(":")[0] for line in lines}
+        kept = [line for line in FILE.splitlines() if line.split(":")[0] not in keys]
+        (tmp_path / "small.yaml").write_text("\n".join([*kept, *lines]) + "\n")
+        return make_rig(str(tmp_path / "small.yaml"), MAZE)
+
+    return make
+
+
+def placed(rig, ring=1, theta=0.0):
+    rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(0))
+    return rig
+
+
+def driven(rig, seconds, u_beta=0.0, u_gamma=0.0):
+    true = []
+    for _ in range(round(30 * seconds)):
+        rig.observe()
+        rig.command(u_beta, u_gamma)
+        true.append(rig.truth())
+    return np.array(true)
+
+
+# -- the example -----------------------------------------------------------------------------------------------------
+
+
+def test_the_example_is_a_rig_and_the_ball_arrives():
+    rig = make_rig(str(HERE / "table.yaml"), MAZE)
+    assert [check for check in check_rig(rig, MAZE) if not check.passed] == []
+    assert {name: getattr(rig.settings, name) for name in QUIET} == QUIET  # pyright: ignore
+    result = navigate(1, 5, rig=str(HERE / "table.yaml"), seed=2)
+    assert result.success, result.reason
+    assert result.rig == "table"
+
+
+def test_walls_and_openings_of_the_example_are_where_the_map_has_them():
+    """The ball, set down at half a degree all round each wall, touches it but in the openings."""
+    model = mujoco.MjModel.from_xml_path(str(HERE / "table.xml"))
+    data = mujoco.MjData(model)
+    for wall in MAZE.walls:
+        middle, free = 0.5 * (wall.inner_radius + wall.outer_radius), []
+        for k in range(720):
+            angle = math.radians(0.5 * k)
+            data.qpos[2:5] = middle * math.cos(angle), middle * math.sin(angle), 0.12 + MAZE.ball.radius + 1e-4
+            data.qpos[5:9] = 1.0, 0.0, 0.0, 0.0
+            mujoco.mj_fwdPosition(model, data)
+            if not data.ncon:
+                free.append(0.5 * k)
+        for angle in free:
+            turns = [abs((angle - math.degrees(o.angle) + 180.0) % 360.0 - 180.0) for o in wall.openings]
+            assert min(turns) < 6.5
+        for opening in wall.openings:
+            assert any(abs((a - math.degrees(opening.angle) + 180.0) % 360.0 - 180.0) < 0.1 for a in free)
+
+
+# -- frames ----------------------------------------------------------------------------------------------------------
+
+
+def test_signs_hold_in_a_turned_and_moved_plate_and_with_a_rope_of_half_a_turn(made):
+    cord = "gamma: {joint: second, actuator: pull, scale: 0.5}"
+    for rig in (made(), made(cord, kind="motor", gains="", cord='kp="136" kv="9.2"')):
+        assert [check.name for check in check_rig(rig, MAZE) if not check.passed] == []
+        placed(rig, theta=0.5 * math.pi)
+        true = driven(rig, 0.8, 0.05, 0.03)
+        assert true[-1, 5:] == pytest.approx([0.05, 0.03], abs=2e-3)
+        assert true[-1, 0] > 0.01  # beta lowers +x
+        assert true[-1, 1] < MAZE.track_radius(1) - 5e-3  # gamma lifts +y
+
+
+def test_a_plate_that_is_level_where_its_joint_is_not_at_zero(made):
+    rig = placed(made("beta: {joint: first, zero_deg: 10.0}", tilted=-10), theta=0.5 * math.pi)
+    assert rig.truth()[:3] == pytest.approx([0.0, MAZE.track_radius(1), MAZE.ball.radius], abs=1e-9)
+    true = driven(rig, 0.8, 0.05, 0.0)
+    assert true[-1, 5:] == pytest.approx([0.05, 0.0], abs=2e-3)
+    assert true[-1, 0] > 0.01
+
+
+def test_a_frame_below_the_floor_is_raised(made):
+    rig = placed(made("plate: low", "floor_mm: 3.0"), ring=3, theta=1.0)
+    x, y, z = driven(rig, 0.3)[-1, :3]
+    assert (math.hypot(x, y), z) == pytest.approx((MAZE.track_radius(3), MAZE.ball.radius), abs=2e-4)
+    low = placed(made("plate: low"), ring=3, theta=1.0)
+    assert low.truth()[2] == pytest.approx(MAZE.ball.radius, abs=1e-6)  # stuck in the floor
+    assert driven(low, 0.3)[-1, 2] > MAZE.ball.radius + 2e-3
+
+
+def test_state_of_the_ball_goes_in_and_comes_out_while_the_plate_turns(made):
+    rig = placed(made("plate: low", "floor_mm: 3.0"), ring=2, theta=0.4)
+    driven(rig, 0.15, 0.08, -0.06)
+    wanted = (np.array([0.03, -0.06, 0.02]), np.array([0.1, 0.05, 0.0]), np.array([-7.9, 15.7, 3.0]))
+    rig.set_ball(*wanted)
+    for got, asked in zip(rig.ball(), wanted, strict=True):
+        assert got == pytest.approx(asked, abs=1e-9)
+    then, there = rig.snapshot(), rig.truth()
+    # velocities are what places and frames do within a microsecond
+    gimbal, (place, velocity, _), (turned, omega) = rig.machine.gimbal, rig.ball(), rig.machine.gimbal.plate()
+    mujoco.mj_integratePos(gimbal.model, gimbal.data.qpos, gimbal.data.qvel, 1e-6)
+    gimbal.settle()
+    assert (rig.ball()[0] - place) / 1e-6 == pytest.approx(velocity, abs=1e-4)
+    change = turned.T @ (gimbal.plate()[0] - turned) / 1e-6
+    assert [change[2, 1], change[0, 2], change[1, 0]] == pytest.approx(omega, abs=1e-4)
+    assert np.linalg.norm(omega) > 0.1
+    rig.restore(then)
+    once = driven(rig, 0.2, 0.02, 0.02)
+    rig.restore(then)
+    assert np.array_equal(rig.truth(), there)
+    assert np.array_equal(driven(rig, 0.2, 0.02, 0.02), once)
+
+
+def test_faults_act_on_it(made):
+    rig = placed(made(), theta=0.3)
+    driven(rig, 0.3, 0.02, -0.03)
+    rig.inject(Fault(kind="teleport", at_s=0.0, ring=3, direction_deg=100.0))
+    true = driven(rig, 0.1)
+    assert math.hypot(*true[1, :2]) == pytest.approx(MAZE.track_radius(3), abs=1e-3)
+    assert math.degrees(math.atan2(true[1, 1], true[1, 0])) == pytest.approx(100.0, abs=1.0)
+
+
+def test_an_opening_that_nothing_can_fill_is_refused(made):
+    rig = placed(made())
+    with pytest.raises(SettingsError, match="this model has no plugs"):
+        rig.inject(Fault(kind="blocked", at_s=0.0, opening="1-2@45"))
+    for name in ("gate_blocked", "gates_blocked"):
+        with pytest.raises(SettingsError, match=f"{name}: this rig cannot do that"):
+            FaultyRig(rig, MAZE, [Drawn(KINDS[name], 1.0, 2.0, 0.0, (0,), 3)])
+    assert impossible(rig) == {"gate_blocked", "gates_blocked"}
+    assert impossible(make_rig("toy", MAZE)) == set()
+
+
+def test_a_model_that_goes_wild_is_a_failure_of_the_rig(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log beside one
+    rig = placed(made(timestep=1 / 150, gains='kp="1e9" kv="0"'))
+    with pytest.raises(RigError, match="became unstable at t = 0"):
+        driven(rig, 2.0, 0.05, 0.05)
+
+
+# -- what cannot be --------------------------------------------------------------------------------------------------
+
+NONE = "which the model does not have; "
+NAMES = [  # lines of the file, what is said
+    ("beta: {joint: frist}", f"6: beta.joint: got 'frist', {NONE}joint: first, second, lift"),
+    ("beta: {joint: lift}", "beta.joint: joint 'lift' is no hinge"),
+    ("beta: {joint: second, actuator: one}", "gamma.joint: is that of beta, too; expected another"),
+    ("beta: {joint: first, actuator: two}", "gamma.actuator: is that of beta, too; expected another"),
+    (
+        "beta: {joint: second}\ngamma: {joint: first}",
+        "beta.joint: joint 'second' tilts the plate as gamma does; expected",
+    ),
+    ("beta: {joint: first, sign: -1}", "beta.sign: with this sign joint 'first' lifts the +x side; expected 1"),
+    (
+        "gamma: {joint: second, actuator: two, sign: -1}",
+        "gamma.sign: with this sign joint 'second' lowers the +y side;",
+    ),
+    ("beta: {joint: first, sign: 0}", "beta.sign: got 0, expected 1 or -1"),
+    ("beta: {joint: first, speed: 3}", "beta.speed: unknown key, expected one of joint, actuator, sign, scale, zero"),
+    ("beta: {joint: first, scale: 0.0}", "beta.scale: got 0.0, expected greater than 0"),
+    ("beta: first", "beta: got 'first', expected settings as `key: value`"),
+    ("beta: {joint: first, actuator: three}", f"beta.actuator: got 'three', {NONE}actuator: one, two, pull"),
+    ("gamma: {joint: second, actuator: pull}", "gamma.scale: is missing: the actuator's set point per rad"),
+    ("beta: {joint: first, zero_deg: 40.0}", "plate: the frame of 'b' has its z axis 40 deg off the vertical"),
+    ("ball: merble", f"ball: got 'merble', {NONE}body: a, b, marble, loose"),
+    ("ball: b", "ball: body 'b' has no free joint; bodies with one: marble, loose"),
+    ("plate: disc", f"plate: got 'disc', {NONE}body: a, b, marble, loose; site: low, upside, skew"),
+    ("plate: upside", "plate: the frame of 'upside' has its z axis 180 deg off the vertical"),
+    ("plate: skew", "beta.joint: 1 rad of joint 'first' lowers the +x side by 0.71 rad and lifts the +y side by "),
+    (
+        "plate: a",
+        "gamma.joint: 1 rad of joint 'second' lowers the +x side by 0.0 rad and lifts the +y side by 0.0 rad;",
+    ),
+    ("mjcf: none.xml", "mjcf: no such file: none.xml"),
+    ("mjcf: small.yaml", "mjcf: "),
+    ("mjcf: 3", "mjcf: got 3, expected text"),
+    ("servo_damping: 0.5", "servo_damping: belongs to the generated machine, expected one of mjcf, beta,"),
+    ("sense: camera", "sense: belongs to the generated machine"),
+    ("colour: red", "colour: unknown key, expected one of mjcf, beta,"),
+    ("camera_noise_mm: 50.0", "7: camera_noise_mm: got 50.0, expected less than or equal to 20"),
+    ("faults: [{kind: blocked, at_s: 0.0, opening: 1-2@45}]", "faults[0].kind: got blocked, expected another"),
+]
+MODELS = [  # what is else in the model, what is said
+    ({"kind": "motor", "gains": ""}, "gamma.actuator: this actuator holds no position, expected one of kind position"),
+    ({"ctrl": 'ctrlrange="-0.05 0.05"'}, "beta.actuator: its ctrlrange is -0.05 to 0.05, expected -0.08727 to 0.08727"),
+    ({"limits": 'range="-3 9"'}, "beta.joint: joint 'first' goes from -3 to 9 deg, expected -5 to 5 deg"),
+    (
+        {"more": '<position joint="first"/>'},
+        "beta.actuator: joint 'first' has 2 actuators; expected the name of one: one,",
+    ),
+    ({"free": ""}, "ball: body 'marble' has no free joint; bodies with one: loose"),
+    ({"shape": "cylinder"}, "ball: body 'marble' has no geom of type sphere"),
+    ({"radius": 0.008}, "ball: its radius is 8.000 mm, expected 6.350 mm as in map 'cme'"),
+    (
+        {"timestep": 0.002},
+        "of which 3.333 are in 1/150 s; expected a whole number, such as a timestep of 0.00222222222",
+    ),
+    ({"more": "<velocity/>"}, "mjcf: "),
+]
+WRONG = [(given, {}, said) for given, said in NAMES] + [("", changes, said) for changes, said in MODELS]
+
+
+@pytest.mark.parametrize(("lines", "changes", "said"), WRONG, ids=[said[:40] for _, _, said in WRONG])
+def test_what_cannot_be_is_one_line_with_its_place(made, tmp_path, lines, changes, said):
+    with pytest.raises(SettingsError) as problem:
+        made(*lines.splitlines(), **changes)
+    text = str(problem.value)
+    assert "\n" not in text
+    assert re.match(rf"{re.escape(str(tmp_path / 'small.yaml'))}:\d+: ", text), text
+    assert said in text
+
+
+@pytest.mark.parametrize(
+    ("words", "line", "said"),
+    [
+        ('<geom name="floor"', "", r"ring 1 is 19\d\.\d mm below it after 0.2 s; expected a floor at 0 mm$"),
+        ("", "floor_mm: 5\n", r"ring 1 is 5\.0 mm below it after 0.2 s; expected a floor at 5 mm$"),
+        ("", "floor_mm: -5\n", r"ring 1 is \d\.\d mm above it after 0.2 s; expected a floor at -5 mm$"),
+    ],
+)
+def test_a_floor_that_is_not_there_or_elsewhere_is_told(tmp_path, words, line, said):
+    text = (HERE / "table.xml").read_text()
+    rows = [row for row in text.splitlines() if not words or words not in row]
+    (tmp_path / "table.xml").write_text("\n".join(rows))
+    (tmp_path / "table.yaml").write_text((HERE / "table.yaml").read_text() + line)
+    with pytest.raises(
+        SettingsError, match=r"table\.yaml:\d+: floor_mm: a ball that is put .* in the middle of " + said
+    ):
+        make_rig(str(tmp_path / "table.yaml"), MAZE)
+
+
+@pytest.mark.parametrize("key", ["mjcf", "beta", "gamma", "ball", "plate"])
+def test_every_key_that_is_needed_is_named(tmp_path, monkeypatch, capsys, key):
+    (tmp_path / "small.yaml").write_text("\n".join(row for row in FILE.splitlines() if not row.startswith(key)))
+    code, _, err = call(monkeypatch, capsys, "rig", "check", tmp_path / "small.yaml")
+    assert code == 2
+    assert f"{key}: is missing" in err
+    assert len(err.strip().splitlines()) == 1

@@ -1,0 +1,130 @@
+"""Work in this process and in others: everything is done once, and whoever dies takes nothing with it."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaign_work import deadly, leave_something, refuse, square, wait_long
+from soon import soon
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from mazeplan.core.errors import InputError, RigError
+from mazeplan.run.campaign.executor import InProcess, Lost, each, open_executor
+from mazeplan.run.campaign.processes import Processes
+
+
+@pytest.fixture(scope="module")
+def pair():
+    with open_executor(2) as executor:
+        yield executor
+
+
+def tries(notes: Path) -> dict[str, int]:
+    """{task: how often it was begun}."""
+    first = [line.split()[0] for line in notes.read_text().splitlines()]
+    return {name: first.count(name) for name in first}
+
+
+def test_one_worker_is_this_process():
+    with open_executor(1) as executor:
+        assert isinstance(executor, InProcess)
+        assert dict(executor.each(square, [(2.0,), (3.0,)])) == {0: 4.0, 1: 9.0}
+
+
+def test_two_processes_do_everything_once(pair):
+    assert isinstance(pair, Processes)
+    assert dict(pair.each(square, [(float(x),) for x in range(9)])) == {x: float(x * x) for x in range(9)}
+
+
+def test_work_of_a_process_that_dies_is_done_again_and_nothing_else(pair, tmp_path):
+    notes = tmp_path / "notes"
+    notes.touch()
+    tasks = [(2 if x == 1 else 0, str(notes), x) for x in range(5)]
+    assert dict(pair.each(deadly, tasks)) == {x: x for x in range(5)}
+    assert tries(notes) == {"0": 1, "1": 3, "2": 1, "3": 1, "4": 1}
+
+
+def test_work_that_ends_its_process_again_and_again_ends(pair, tmp_path):
+    notes = tmp_path / "notes"
+    notes.touch()
+    tasks = [(99 if x == 0 else 0, str(notes), x) for x in range(3)]
+    found = dict(each(deadly, tasks, pair, lambda index, lost: -lost.deaths))
+    assert found == {0: -3, 1: 1, 2: 2}
+    assert tries(notes) == {"0": 3, "1": 1, "2": 1}
+
+
+def test_who_has_no_word_for_lost_work_gets_an_error():
+    class Losing(InProcess):
+        def each(self, work, tasks):
+            yield 0, Lost(3)
+
+    with pytest.raises(RigError, match="task 0: its worker process ended 3 times"):
+        list(each(square, [(1.0,)], Losing()))
+
+
+def test_what_work_raises_comes_out(pair):
+    with pytest.raises(ValueError, match="two"):
+        list(pair.each(refuse, [(x,) for x in range(4)]))
+    assert dict(pair.each(refuse, [(5,)])) == {0: 5}  # and others may follow
+
+
+def test_who_leaves_early_ends_the_workers_in_order(tmp_path):
+    notes = tmp_path / "ended"
+    with open_executor(2) as executor:
+        going = executor.each(wait_long, [(str(notes), 0), (str(notes), 1), (str(notes), 2)])
+        assert next(going) == (0, 0)
+        pids = [pid for worker in executor._workers for pid in worker._pool._processes]
+        while not all((tmp_path / f"ended-begun{x}").exists() for x in (1, 2)):
+            time.sleep(0.01)
+        going.close()
+    assert (tmp_path / "ended1").exists()
+    assert (tmp_path / "ended2").exists()
+    assert len(pids) == 2
+    assert soon(lambda: not any(map(running, pids)))
+
+
+def running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_linear_algebra_has_one_thread_while_work_is_done():
+    np.ones(1) @ np.ones(1)
+    with threadpool_limits(2):
+        (threads,) = {threads for _, threads in InProcess().each(blas_threads, [()])}
+    assert threads == 1
+
+
+def blas_threads() -> int:
+    return max(info["num_threads"] for info in threadpool_info() if info["user_api"] == "blas")
+
+
+def test_workers_of_a_scheduler_are_as_many_as_they_are():
+    with pytest.raises(InputError, match=r"--workers: got 3 with --dask tcp://127\.0\.0\.1:1"):
+        open_executor(3, "tcp://127.0.0.1:1")
+
+
+def test_what_is_no_address_is_refused_at_once():
+    for wrong in ("foo", "tcp://", "host:0", "host:99999", "host:x"):
+        with (
+            pytest.raises(InputError, match=f"--dask: got '{wrong}', expected local or an address"),
+            open_executor(None, wrong),
+        ):
+            pass
+
+
+def test_what_workers_left_in_their_folder_goes_with_them():
+    with open_executor(2) as executor:
+        folders = {str(Path(made).parent) for _, made in executor.each(leave_something, [(), ()])}
+        assert all(Path(folder).is_dir() for folder in folders)
+        assert dict(executor.each(square, [(2.0,)])) == {0: 4.0}
+    (folder,) = folders
+    assert Path(folder).name.startswith("mazeplan-")
+    assert not Path(folder).exists()

@@ -1,0 +1,61 @@
+"""What runs of one process share, and what they must not."""
+
+import gc
+import shutil
+import weakref
+from dataclasses import replace
+
+import numpy as np
+
+from mazeplan.learning import fast_gp
+from mazeplan.learning.modelfile import PACKAGED
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run.campaign.one_run import COLLECT, Campaign, job_of, run_one, setup_of
+from mazeplan.run.loop import Run
+
+MAZE = load_map("cme")
+SHORT = Campaign(1, "ideal", start=5, goal=5, time_limit=0.1, deadline=False)
+
+
+def test_a_model_is_read_once_and_again_when_it_was_edited(tmp_path):
+    folder = tmp_path / "mine"
+    shutil.copytree(PACKAGED / "toy", folder)
+    campaign = Campaign(3, "toy", model=str(folder))
+    first = setup_of(campaign, MAZE).model
+    assert setup_of(campaign, MAZE).model is first
+    file = folder / "model.yaml"
+    text = file.read_text()
+    file.write_text(text.replace("rate_hz: 30", "rate_hz: 25"))
+    assert file.read_text() != text
+    assert (first.rate_hz, setup_of(campaign, MAZE).model.rate_hz) == (30.0, 25.0)
+
+
+def test_what_a_planner_writes_into_its_packed_process_is_its_own():
+    process = setup_of(Campaign(1, "toy"), MAZE).model.processes[1]
+    mine, before = fast_gp.pack(process), fast_gp.pack(process)
+    mine[:] = np.nan
+    np.testing.assert_array_equal(fast_gp.pack(process), before)
+
+
+def test_a_long_campaign_keeps_nothing_of_its_runs(monkeypatch):
+    """The collector by itself would not come: it is switched off here."""
+    kept = []
+    monkeypatch.setattr(
+        "mazeplan.run.execution.Run", lambda *given, **more: kept.append(weakref.ref(run := Run(*given, **more))) or run
+    )
+    campaign = replace(SHORT, runs=2 * COLLECT)
+    gc.disable()
+    try:
+        for index in range(campaign.runs):
+            run_one(campaign, index)
+    finally:
+        gc.enable()
+    assert len(kept) == 2 * COLLECT
+    assert sum(ref() is not None for ref in kept) < COLLECT
+
+
+def test_runs_differ_in_seed_and_start_only():
+    campaign = Campaign(3, "toy", seed=7)
+    jobs = [job_of(campaign, index, MAZE) for index in (0, 1)]
+    assert [job.seed for job in jobs] == [7, 8]
+    assert jobs[0].theta != jobs[1].theta

@@ -1,0 +1,155 @@
+"""Runs that are kept: as they end, once, apart from those of other campaigns, and as they were."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mazeplan.core.errors import InputError
+from mazeplan.core.records import Doubt, Failure, FailureKind, GoalGiven, NavigationResult, RingPassage, Start
+from mazeplan.run.campaign.evaluate import Campaign, evaluate
+from mazeplan.run.campaign.store import open_store
+from mazeplan.run.campaign.worker import Ran
+
+LIGHT = Campaign(4, "mazeplan.apps.testing.lightrig:LightRig", start=4, seed=7, deadline=False)
+SPREAD = {"p50": 0.1, "p99": 1.0 / 3.0, "max": 7.25}
+FAILURE = Failure(FailureKind.STUCK, "Track", 0.1 + 0.2, "in ring 4", "shake", 1e-17, None)
+
+
+def run(seed: int = 7, success: bool = True) -> NavigationResult:
+    rings = (RingPassage(4, 1.0 / 3.0, "4-5@90"), RingPassage(5, 0.2, None))
+    return NavigationResult(
+        success, "arrived" if success else "stuck", 2.0 / 3.0, seed, "light", rings, (FAILURE,), 2, SPREAD, None,
+        SPREAD, (GoalGiven(5, 0.0),), (Doubt("ball", 0.4),), Start(4, math.pi / 16),
+    )  # fmt: skip
+
+
+def same(result: NavigationResult) -> NavigationResult:
+    """All but what the clock on the wall says."""
+    return replace(result, planner_ms={}, tick_ms={})
+
+
+def test_a_result_comes_back_to_the_last_bit():
+    for result in (run(), replace(run(), start=None, failures=(), tick_ms={})):
+        assert NavigationResult.from_json(json.loads(json.dumps(result.to_json()))) == result
+
+
+def test_a_row_is_pleasant_to_read(tmp_path):
+    with open_store(tmp_path, LIGHT) as store:
+        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
+        store.keep(0, Ran(run(7, success=False), 0.25, 0.125, "here:2"))
+        assert len(list(tmp_path.glob("*.run-*.parquet"))) == 2
+        assert len(pd.read_parquet(tmp_path)) == 2  # while it is under way, too
+    assert [path.name for path in tmp_path.glob("*.parquet")] == [f"campaign-{store.name}.parquet"]
+    table = pd.read_parquet(tmp_path)
+    assert list(table["index"]) == [0, 1]
+    assert list(table["seed"]) == [7, 8]
+    assert table["success"].dtype == bool
+    assert list(table["success"]) == [False, True]
+    assert list(table["wall_s"]) == [0.25, 0.5]
+    assert list(table["cpu_s"]) == [0.125, 0.125]
+    one = table.iloc[0]
+    assert (one["campaign"], one["rig"], one["map"], one["start_ring"], one["goal_ring"], one["time_limit_s"]) == (
+        store.name, LIGHT.rig, "cme", 4, 5, 20.0,
+    )  # fmt: skip
+    assert (one["time_s"], one["start_theta"], one["reason"], one["replans"]) == (2.0 / 3.0, math.pi / 16, "stuck", 2)
+    assert list(one["failures"]) == ["stuck"]
+    assert list(one["recoveries"]) == ["shake"]
+    assert list(one["rings"]) == [4, 5]
+    np.testing.assert_array_equal(one["ring_s"], [1.0 / 3.0, 0.2])
+    assert list(one["openings"]) == ["4-5@90", None]
+    assert (one["planner_ms_p99"], one["tick_ms_max"]) == (1.0 / 3.0, 7.25)
+    assert str(table["ended"].dtype) == "datetime64[ms, UTC]"
+    assert json.loads(one["settings"])["leaves"]["travel"]["deadline_ms"] == 1e6
+    assert json.loads(one["setup"])["seed"] == 7
+
+
+def test_the_same_campaign_goes_on_and_computes_nothing_twice(tmp_path):
+    alone = evaluate(LIGHT)
+    begun = []
+    with open_store(tmp_path, replace(LIGHT, runs=2)) as store:
+        evaluate(replace(LIGHT, runs=2), store=store, progress=begun.append)
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.parquet")}
+    with open_store(tmp_path, LIGHT) as store:
+        assert set(store.results) == {0, 1}
+        gone_on = evaluate(LIGHT, store=store, progress=begun.append)
+    assert begun == [1, 2, 3, 4]  # the third was the first that the second command did
+    assert [same(result) for result in gone_on] == [same(result) for result in alone]
+    assert kept
+    with open_store(tmp_path, LIGHT) as store:
+        assert evaluate(LIGHT, store=store, progress=begun.append) == gone_on
+    assert len(begun) == 4
+    assert list(pd.read_parquet(tmp_path)["index"]) == [0, 1, 2, 3]
+
+
+def test_other_campaigns_stay_apart_and_are_named(tmp_path):
+    other = replace(LIGHT, seed=8, start=3)
+    with open_store(tmp_path, other) as store:
+        store.keep(0, Ran(run(8), 0.5, 0.125, "here:1"))
+    with open_store(tmp_path, LIGHT) as store:
+        assert store.results == {}
+        (told,) = store.others()
+        assert told.endswith("(other start ring, seed)")
+        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
+    table = pd.read_parquet(tmp_path)
+    assert table.groupby("campaign").size().tolist() == [1, 1]
+    with open_store(tmp_path, other) as store:
+        assert [result.seed for result in store.results.values()] == [8]
+
+
+def test_a_command_that_was_killed_leaves_nothing_broken(tmp_path, monkeypatch):
+    with open_store(tmp_path, LIGHT) as store:
+        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
+        whole = next(tmp_path.glob("*.run-*.parquet")).read_bytes()
+        monkeypatch.setattr(os, "fsync", lambda number: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
+        monkeypatch.undo()
+        assert len(list(tmp_path.glob("*.parquet"))) == 1
+        assert [path.suffix for path in tmp_path.glob(".*")] == [".lock"]
+        (tmp_path / f".campaign-{store.name}.run-00000002.parquet.1").write_bytes(whole[:99])  # killed as it wrote
+        single = tmp_path / f"campaign-{store.name}.run-00000000.parquet"
+    single.write_bytes(whole)  # killed when all were one file, but the single ones were still there
+    with open_store(tmp_path, LIGHT) as store:
+        assert set(store.results) == {0}
+        store.keep(1, Ran(run(8), 0.5, 0.125, "here:1"))
+    assert list(pd.read_parquet(tmp_path)["index"]) == [0, 1]
+    assert not single.exists()
+
+
+def test_many_single_files_become_one_on_the_way(tmp_path, monkeypatch):
+    monkeypatch.setattr("mazeplan.run.campaign.store.TOGETHER", 3)
+    with open_store(tmp_path, LIGHT) as store:
+        for index in range(4):
+            store.keep(index, Ran(run(index), 0.5, 0.125, "here:1"))
+        assert len(list(tmp_path.glob("*.run-*.parquet"))) == 1
+        assert sorted(pd.read_parquet(tmp_path)["index"]) == [0, 1, 2, 3]
+
+
+def test_one_command_at_a_time(tmp_path):
+    with open_store(tmp_path, LIGHT):
+        with pytest.raises(InputError, match=r"this campaign is under way in .* already"), open_store(tmp_path, LIGHT):
+            pass
+        with open_store(tmp_path, replace(LIGHT, seed=1)):
+            pass
+
+
+def test_files_that_are_none_of_ours_are_named_and_folders_that_cannot_be_made(tmp_path):
+    with open_store(tmp_path, LIGHT) as store:
+        pass
+    store.whole.write_text("no parquet")
+    with pytest.raises(InputError, match=r"campaign-.*\.parquet: cannot be read as runs"), open_store(tmp_path, LIGHT):
+        pass
+    pd.DataFrame({"index": [0]}).to_parquet(store.whole)
+    with pytest.raises(InputError, match=r"\.parquet: got other columns"), open_store(tmp_path, LIGHT):
+        pass
+    (tmp_path / "file").touch()
+    for wrong in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match=r"--store: got .*file"), open_store(wrong, LIGHT):
+            pass

@@ -1,0 +1,209 @@
+"""Collecting: segments, safety, and tours that drive the ball from ring to ring."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planar_rig import PATIENT, PlanarRig, known
+
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.logs.table import read_table
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run.collect import (
+    BLEND_S,
+    DRIVE_SLEW,
+    EXCITE,
+    STRETCH_S,
+    Collection,
+    TourOptions,
+    left_alone,
+    run_collection,
+    run_tour,
+)
+from mazeplan.run.specification import Setup
+
+MAZE = load_map("cme")
+SETUP = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
+RINGS = (1, 2, 3, 4, 5)
+
+
+def test_each_placing_is_a_segment_and_time_goes_on(tmp_path):
+    rig, log = PlanarRig(MAZE), tmp_path / "log.mcap"
+    rows = run_collection(rig, MAZE, Collection(50.0, (1, 3), seed=2), log)
+    table = read_table(log)
+    assert rows == len(table) == 1500
+    assert list(np.unique(table.segment)) == [0, 1, 2]
+    assert np.all(np.diff(table["t"]) > 0.0)
+    starts = np.flatnonzero(np.diff(table.segment, prepend=-1.0))
+    assert [MAZE.ring_at(r) for r in table["r"][starts]] == [1, 3, 1]
+    assert table["t"][starts[1]] == pytest.approx(STRETCH_S)
+    assert rig.levelled
+    assert rig.closed
+    assert np.allclose(table["u_beta"], np.array(rig.commands)[:, 0])
+
+
+def test_an_interrupted_collection_levels_closes_and_keeps_what_it_has(tmp_path):
+    def fail(rig):
+        if rig.t > 1.0:
+            raise KeyboardInterrupt
+
+    rig, log = PlanarRig(MAZE, mishap=fail), tmp_path / "log.mcap"
+    with pytest.raises(KeyboardInterrupt):
+        run_collection(rig, MAZE, Collection(50.0, (1,)), log)
+    assert rig.levelled
+    assert rig.closed
+    assert 25 < len(read_table(log)) < 40
+
+
+class CountingRig(PlanarRig):
+    resets = 0
+
+    def reset(self, **more):
+        self.resets += 1
+        super().reset(**more)
+
+
+@pytest.fixture(scope="module")
+def tour(tmp_path_factory):
+    """Rig, what the tour counted, log and table of a tour through all rings."""
+    path = tmp_path_factory.mktemp("tour") / "log.mcap"
+    rig = CountingRig(MAZE)
+    done = run_tour(rig, SETUP, Collection(240.0, RINGS, seed=3), path)
+    return rig, done, read_log(path), read_table(path)
+
+
+def stretches(log):
+    """(kind, wanted ring, from, to) of each drive and each excitation."""
+    found = [(e.t, e.kind, e.detail["ring"]) for e in log.events if e.kind in ("drive", "excite")]
+    ends = [t for t, _, _ in found[1:]] + [math.inf]
+    return [(kind, ring, t, end) for (t, kind, ring), end in zip(found, ends, strict=True)]
+
+
+def test_a_tour_places_the_ball_once_and_logs_all_in_one_segment(tour):
+    rig, done, log, table = tour
+    assert rig.resets == 1
+    assert rig.levelled
+    assert rig.closed
+    assert log.complete
+    assert done.rows == len(table) == 7200
+    assert np.all(np.diff(table["t"]) > 0.0)
+    assert set(table.segment) == {0.0}
+    assert "segment" in table
+    assert np.array_equal(np.stack([table["u_beta"], table["u_gamma"]], axis=1), np.array(rig.commands))
+
+
+def test_a_tour_gives_each_ring_its_share(tour):
+    _, done, _, table = tour
+    channels = [done.ring_s[ring] for ring in RINGS[:-1]]
+    assert max(channels) < 2.0 * min(channels)
+    assert 0.25 * min(channels) < done.ring_s[5] < min(channels)
+    assert sum(done.ring_s.values()) == pytest.approx(240.0)
+    measured = np.array([MAZE.ring_at(r) for r in table["r"]])
+    for ring, time in done.ring_s.items():
+        assert time == pytest.approx(np.mean(measured == ring) * 240.0, abs=3.0)
+    assert done.changes == pytest.approx(np.count_nonzero(np.diff(measured)), abs=6)
+    assert sum(done.passed.values()) == done.changes
+    assert done.failed == 0
+
+
+def test_a_tour_drives_by_the_tree_and_excites_by_sines(tour):
+    _, done, log, table = tour
+    leaf, t = log.ticks["leaf"], log.ticks["t"]
+    kinds = stretches(log)
+    assert sum(kind == "drive" for kind, *_ in kinds) == done.drives >= 5
+    for kind, wanted, begin, end in kinds:
+        rows = (t > begin + 1e-9) & (t < end + 1e-9)
+        if kind == "drive":
+            assert EXCITE not in leaf[rows]
+            assert {"Track", "PassOpening", "Settle"} & set(leaf[rows])
+            if end < t[-1]:
+                assert MAZE.ring_at(float(table["r"][rows][-1])) == wanted
+        else:
+            assert set(leaf[rows]) <= {EXCITE}  # of a last one there may be no row
+            inside = np.array([MAZE.ring_at(r) == wanted for r in table["r"][rows]])
+            away = np.count_nonzero(rows) - np.flatnonzero(inside).max(initial=0)
+            assert away <= round((TourOptions().away_s + 0.2) * 30)
+            assert end - begin < TourOptions().dwell_s + 0.1 or not math.isfinite(end)
+    assert any(end - begin < 15.0 for kind, _, begin, end in kinds if kind == "excite")  # some ended early
+
+
+def test_a_tour_never_commands_jumps(tour):
+    """Else the slew limit of a servo would show in what its linear model is fitted to."""
+    _, _, log, table = tour
+    steps = np.abs(np.diff(np.stack([table["u_beta"], table["u_gamma"]]), axis=1)).max(axis=0)
+    driven = log.ticks["leaf"][1:] != EXCITE
+    assert steps[driven].max() <= DRIVE_SLEW * MAZE.tilt_limit / 30.0 + 1e-9
+    assert steps.max() < (DRIVE_SLEW + 2.0 / BLEND_S + 2.0) * MAZE.tilt_limit / 30.0
+
+
+def test_openings_passed_by_the_sines_are_told_in_the_log(tour):
+    _, done, log, _ = tour
+    named = [e.detail["opening"] for e in log.events if e.kind == "passed"]
+    assert set(named) <= set(done.passed)
+    assert 0.7 * done.changes < len(named) <= 1.2 * done.changes
+
+
+def test_drives_that_fail_are_counted_and_the_sines_go_on(tmp_path):
+    floor = MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3
+
+    def fence(rig):  # no way out of ring 1
+        r = math.hypot(rig.z[0], rig.z[1])
+        if r < floor:
+            rig.z[:2] *= floor / r
+            rig.z[2:4] = 0.0
+
+    rig = PlanarRig(MAZE, mishap=fence)
+    options = TourOptions(dwell_s=4.0, away_s=1.0, drive_s=3.0)
+    done = run_tour(rig, SETUP, Collection(30.0, (1, 2), seed=1), tmp_path / "log.mcap", options=options)
+    log = read_log(tmp_path / "log.mcap")
+    assert done.rows == 900
+    assert done.failed >= 4
+    assert done.failed >= done.drives - 1
+    assert (done.changes, done.ring_s[2]) == (0, 0.0)
+    gave_up = [e for e in log.events if e.kind == "drive_failed"]
+    assert len(gave_up) == done.failed
+    assert all(e.detail["ring"] == 2 for e in gave_up)
+    lengths = [end - begin for kind, _, begin, end in stretches(log) if kind == "drive" and math.isfinite(end)]
+    assert max(lengths) < 3.1
+    assert np.mean(log.ticks["leaf"] == EXCITE) > 0.2
+    closed = [e.detail["closed"] for e in log.events if e.kind == "drive"]
+    assert closed[0] == closed[1] == []  # right after a failure all may be tried
+    assert rig.closed
+
+
+def test_an_interrupted_tour_levels_closes_and_keeps_what_it_has(tmp_path):
+    def fail(rig):
+        if rig.t > 2.0:
+            raise KeyboardInterrupt
+
+    rig = PlanarRig(MAZE, mishap=fail)
+    with pytest.raises(KeyboardInterrupt):
+        run_tour(rig, SETUP, Collection(50.0, RINGS), tmp_path / "log.mcap")
+    assert rig.levelled
+    assert rig.closed
+    assert 58 < len(read_table(tmp_path / "log.mcap")) < 63
+
+
+def test_openings_passed_often_or_that_refused_the_ball_are_left_alone():
+    names = [opening.name for opening in MAZE.openings_between(1, 2)]
+    passed = {opening.name: 0 for opening in MAZE.openings}
+    assert left_alone(MAZE, passed, set(), 1) == ()
+    passed[names[0]], passed[names[1]] = 2, 1
+    assert left_alone(MAZE, passed, set(), 1) == (names[0],)
+    assert left_alone(MAZE, passed, set(), 2) == ()
+    assert set(left_alone(MAZE, passed, {names[2]}, 1)) == {names[0], names[2]}
+    assert set(left_alone(MAZE, passed, {names[2], names[3]}, 1)) == {names[2], names[3]}  # the others are even now
+    assert left_alone(MAZE, passed, set(names), 1) == ()
+    passed["4-5@180"] = 50  # the only one of its wall
+    assert left_alone(MAZE, passed, set(), 1) == (names[0],)
+
+
+def test_where_radial_walls_leave_one_way_its_openings_are_never_left_alone():
+    maze = load_map("detour")
+    passed = {opening.name: 0 for opening in maze.openings}
+    assert left_alone(maze, passed | {"1-2@60": 5}, set(), 1) == ()  # the other one leads into a dead end
+    twice = replace(maze, openings=(*maze.openings, replace(maze.opening("1-2@60"), name="more", angle=2.5)))
+    assert left_alone(twice, {**passed, "more": 0, "1-2@60": 5}, set(), 1) == ("1-2@60",)

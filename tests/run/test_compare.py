@@ -1,0 +1,381 @@
+"""Comparing kinds of models: known balls on two tracks, so that it is known what must come out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ring_record import DT, RADII, Ball, columns, ring_table
+
+from mazeplan.core.errors import InputError, TableError
+from mazeplan.core.logs.table import Table, read_table
+from mazeplan.learning import comparison as module
+from mazeplan.learning import ring_scores as comparison
+from mazeplan.learning.comparison import FEWEST, SPLIT, best_lag, compare
+from mazeplan.learning.confidence import ConfidenceOptions
+from mazeplan.learning.fitting import FitOptions
+from mazeplan.learning.gp_training import TrainingOptions
+from mazeplan.learning.ring_scores import PREDICTED, ROLLED, CompareOptions, nrmse
+from mazeplan.learning.samples import SampleOptions, ring_samples
+from mazeplan.learning.smoothing import Smoothing
+from mazeplan.maze.mapfile import load_map
+
+MAZE = load_map("cme")
+TRAINING = TrainingOptions(first=100, rows=150, starts=1, iterations=10, refinement=4)
+GUARD = SPLIT["guard"]
+FEW = ConfidenceOptions(200)
+QUICK = CompareOptions(
+    Smoothing("rts", model="snap"), delay=0.0, fit=FitOptions(most=250, training=TRAINING), bands=FEW
+)
+ONE = replace(QUICK, kinds=("p", "pi"))  # where processes are not what is looked at
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_thread():
+    torch = pytest.importorskip("torch")
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch):
+    """100 draws of a bootstrap are enough for tests."""
+    whole = comparison.block_bootstrap
+    monkeypatch.setattr(comparison, "block_bootstrap", lambda *a: whole(*a, draws=100))
+
+
+def first_rows(table, n):
+    """The beginning of a table."""
+    return Table({name: column[:n] for name, column in table.columns.items()})
+
+
+@pytest.fixture(scope="module")
+def table():
+    return ring_table((2, 3), 45.0)
+
+
+@pytest.fixture(scope="module")
+def scores(table):
+    return compare([table], [], MAZE, QUICK)
+
+
+# --- what the figures must be
+
+
+@pytest.mark.slow
+def test_each_ring_is_scored(scores):
+    assert [s.ring for s in scores] == [2, 3]
+    for s in scores:
+        assert s.rates == "delayed"  # the angle is clean
+        assert s.signs == (1, 1)
+        assert s.n_train == 250
+        assert 250 < s.n_test < 340
+        assert len(s.windows) > 10
+        assert tuple(s.nrmse_train) == tuple(s.nrmse_test) == PREDICTED
+        assert tuple(s.rollout) == ROLLED
+
+
+def test_what_knows_more_predicts_better(scores):
+    for s in scores:
+        x = s.nrmse_test
+        assert x["sp"] <= x["np"] + 0.05
+        assert x["sp"] < x["pi"] < x["p"]
+        assert x["sp"] < 0.15
+        assert 0.5 < x["p"] < 1.5
+        assert x["pi"] < 0.4
+        assert s.nrmse_train["rf"] < x["rf"]  # a forest remembers
+        for kind in PREDICTED:
+            assert s.nrmse_train[kind] < x[kind] + 0.1
+
+
+def test_roll_outs_grow_and_the_discrete_map_is_the_worst_process(scores):
+    for s in scores:
+        for errors in s.rollout.values():
+            assert 0.0 < errors["20"] < errors["40"]
+        assert s.rollout["sp"]["40"] < 0.5 * min(s.rollout["npd"]["40"], s.rollout["pi"]["40"])
+        assert s.rollout["sp"]["40"] < 0.05
+
+
+def test_intervals_hold_their_figures(scores):
+    for s in scores:
+        assert set(s.interval) == {"nrmse_test", "20", "40"}
+        assert set(s.interval["nrmse_test"]) == set(PREDICTED)
+        for n in ("20", "40"):
+            assert set(s.interval[n]) == set(ROLLED)
+        pairs = [(s.interval["nrmse_test"][kind], s.nrmse_test[kind]) for kind in PREDICTED]
+        pairs += [(s.interval[n][kind], s.rollout[kind][n]) for kind in ROLLED for n in ("20", "40")]
+        for (low, high), figure in pairs:
+            assert low <= figure <= high
+            assert low < high < 3.0 * figure
+
+
+def test_bands_hold_the_measured_angle_where_the_model_is_right(scores):
+    for s in scores:
+        assert set(s.confidence) == {"pi", "np", "sp"}
+        for kind, told in s.confidence.items():
+            assert (told["rollouts"], told["windows"]) == (200, 4)
+            assert told["below"][40] < 0.0 < told["above"][40], kind
+        assert s.confidence["sp"]["coverage_all"] > 0.6
+        assert s.confidence["sp"]["above"][40] < 0.5 * s.confidence["pi"]["above"][40]
+
+
+def test_the_document_is_plain(scores):
+    document = scores[0].document()
+    assert set(document) == {
+        "n_train", "n_test", "rates", "delay_s", "signs", "windows", "windows_chosen", "centre_m", "nrmse_train",
+        "nrmse_test", "rollout", "interval95", "bands", "confidence", "residual", "blocks",
+    }  # fmt: skip
+    assert document == json.loads(json.dumps(document))
+    assert set(document["nrmse_train"]) == set(document["nrmse_test"]) == {"rf", "p", "pi", "np", "sp"}
+    assert set(document["rollout"]) == {"pi", "np", "npd", "sp"}
+    for errors in document["rollout"].values():
+        assert set(errors) == {"20", "40"}
+    assert document["nrmse_test"]["sp"] == round(scores[0].nrmse_test["sp"], 4)
+    assert document["signs"] == {"beta": 1, "gamma": 1}
+
+
+def test_blocks_are_those_with_rows_and_windows(scores, table):
+    samples = ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(rates=scores[0].rates))[2]
+    data = module.prepare(samples, None, QUICK)
+    assert scores[0].blocks["test"] == len({int(b) for b in data.block[data.test_rows]})
+    assert scores[0].blocks["windows"] == len({int(data.block[row]) for row in scores[0].windows.start})
+
+
+def test_the_same_comes_out_again(table):
+    again = [compare([table], [], MAZE, ONE)[0].document() for _ in range(2)]
+    assert again[0] == again[1]
+
+
+# --- which rows are whose
+
+
+@pytest.mark.parametrize("rates", ["smoothed", "delayed", "filtered"])
+def test_no_row_is_trained_and_tested_on_and_the_guard_is_kept(table, rates):
+    for samples in ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(rates=rates)).values():
+        data = module.prepare(samples, None, QUICK)
+        assert data.test is data.train
+        assert len(data.train_rows) >= 700
+        assert len(data.test_rows) >= 200
+        apart = np.abs(data.train_rows[:, None] - data.test_rows[None, :]).min(axis=0)
+        assert apart.min() > GUARD
+        # the smoothing of a target, and the rate before it, reach from one to the other nowhere
+        assert GUARD >= 7
+        assert samples.good[data.train_rows].all()
+        assert samples.good[data.test_rows].all()
+
+
+def test_what_is_fitted_sees_no_test_row(table, monkeypatch):
+    seen = []
+
+    def spy(kind, samples, rows, *a, **more):
+        seen.append(rows)
+        return fit(kind, samples, rows, *a, **more)
+
+    fit = comparison.fit_kind
+    monkeypatch.setattr(comparison, "fit_kind", spy)
+    compare([table], [], MAZE, replace(ONE, samples=SampleOptions(ring=2), rates="smoothed"))
+    samples = ring_samples(table, MAZE, QUICK.smoothing, SampleOptions(ring=2))[2]
+    held = module.prepare(samples, None, QUICK).test_rows
+    assert len(seen) == len(ONE.kinds)
+    for rows in seen:
+        assert not set(rows.tolist()) & set(held.tolist())
+
+
+def test_accelerations_are_predicted_by_the_mean_and_roll_outs_by_what_is_typical(table, monkeypatch):
+    class Still:
+        """A ball that nothing moves."""
+
+        def mean(self, k):
+            return np.zeros(len(k.theta))
+
+    fit, asked = comparison.fit_kind, []
+
+    def other(kind, samples, rows, options):
+        asked.append(options.heavy_tails)
+        return replace(fit(kind, samples, rows, options), robust=Still())
+
+    plain = compare([table], [], MAZE, ONE)
+    monkeypatch.setattr(comparison, "fit_kind", lambda *a, progress, advance: other(*a))
+    moved = compare([table], [], MAZE, ONE)
+    assert asked
+    assert all(asked)
+    for before, after in zip(plain, moved, strict=True):
+        assert after.nrmse_test == before.nrmse_test
+        assert after.rollout["pi"]["40"] > 2.0 * before.rollout["pi"]["40"]
+
+
+def test_test_logs_are_what_is_scored(table):
+    """With a test log of rubbish the test scores are rubbish and the training scores are not."""
+    rng = np.random.default_rng(0)
+    part = first_rows(table, 900)
+    steps = 0.05 * rng.standard_normal(900)
+    rubbish = Table({**part.columns, "theta": np.cumsum(steps - steps.mean()) % 6.0 - 3.0})
+    options = replace(ONE, rates="smoothed")
+    good = compare([table], [ring_table((2, 3), 30.0, seed=1)], MAZE, options)
+    bad = compare([table], [rubbish], MAZE, options)
+    assert [s.ring for s in good] == [2, 3]
+    assert [s.ring for s in bad] == [2]  # only what both have
+    assert good[0].nrmse_test["pi"] < 0.4
+    assert bad[0].nrmse_test["pi"] > 0.9
+    assert bad[0].nrmse_train == good[0].nrmse_train
+    assert bad[0].n_train == good[0].n_train == 250
+    assert good[0].n_test > 850  # all of it
+    assert bad[0].rollout["pi"]["40"] > 3.0 * good[0].rollout["pi"]["40"]
+
+
+def test_several_logs_are_one_record(table):
+    first = first_rows(table, 700)
+    second = Table({name: column[700:1350] for name, column in table.columns.items()})
+    whole = replace(ONE, fit=replace(ONE.fit, most=5000))
+    both = compare([first, second], [], MAZE, whole)[0]
+    alone = compare([first], [], MAZE, whole)[0]
+    assert both.n_train + both.n_test > 1.9 * (alone.n_train + alone.n_test)
+
+
+# --- what is found out about the data
+
+
+@pytest.mark.parametrize("signs", [(-1, 1), (1, -1)])
+def test_a_tilt_counted_the_other_way_round_is_turned_and_told(table, signs):
+    table = first_rows(table, 1350)
+    turned = {"beta": signs[0] * table["beta"], "gamma": signs[1] * table["gamma"]}
+    plain = compare([table], [], MAZE, ONE)
+    found = compare([Table({**table.columns, **turned})], [], MAZE, ONE)
+    for a, b in zip(plain, found, strict=True):
+        assert b.document()["signs"] == {"beta": signs[0], "gamma": signs[1]}
+        assert b.nrmse_test == pytest.approx(a.nrmse_test)
+    # a test log is turned as the others are
+    held = compare([Table({**table.columns, **turned})], [Table({**table.columns, **turned})], MAZE, ONE)
+    assert held[0].nrmse_test["p"] == pytest.approx(plain[0].nrmse_test["p"], rel=0.3)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.04, 0.1])
+def test_the_delay_of_the_ball_is_found(delay):
+    ball = Ball(RADII[2], viscous=0.3, dry=0.3)
+    part = columns(ball, 40.0, seed=5, noise=2e-4, delay=delay)
+    late = Table({**part, "ring": np.full(len(part["t"]), 2.0)})
+    options = replace(ONE, delay=None)
+    assert best_lag([late], MAZE, options) == pytest.approx(delay, abs=0.006)
+    [s] = compare([late], [], MAZE, options)
+    assert s.document()["delay_s"] == pytest.approx(delay, abs=0.006)
+    [known] = compare([late], [], MAZE, replace(ONE, delay=0.02))
+    assert known.delay == 0.02
+    own = Table({**late.columns, "theta_dot": np.zeros(len(late)), "theta_ddot": np.zeros(len(late))})
+    assert best_lag([own], MAZE, options) == 0.0  # they have been brought together already
+
+
+def test_noisy_angles_are_not_differenced(table):
+    rng = np.random.default_rng(3)
+    noisy = Table({**table.columns, "theta": table["theta"] + 0.01 * rng.standard_normal(len(table))})
+    assert module._rates([table], MAZE, ONE) == "delayed"
+    assert module._rates([noisy], MAZE, ONE) == "smoothed"
+    first = first_rows(table, 1350)
+    for rates in ("smoothed", "delayed", "filtered"):
+        assert [s.rates for s in compare([first], [], MAZE, replace(ONE, rates=rates))] == [rates]
+
+
+def test_windows_end_before_openings_where_they_are_known(table):
+    for known, expected in ((False, "evenly spaced"), (True, "before openings")):
+        [s] = compare(
+            [table],
+            [first_rows(table, 1350)],
+            MAZE,
+            replace(ONE, rates="smoothed"),
+            openings_known=known,
+        )
+        assert s.windows.chosen == expected or len(s.windows) < 10
+    assert s.ring == 2
+
+
+def test_a_ring_that_the_ball_only_passes_through_is_left_out(table):
+    told = []
+    first = first_rows(table, 1350)
+    ring = first["ring"].copy()
+    ring[100:150] = 4.0
+    ring[200:210] = 3.0
+    options = replace(ONE, delay=None)
+    far = []
+    found = compare(
+        [Table({**first.columns, "ring": ring})], [], MAZE, options,
+        left_out=told.append, advance=lambda done, total: far.append(done / total),
+    )  # fmt: skip
+    assert far == sorted(far)
+    assert 0.0 < far[0] < 0.5
+    assert [s.ring for s in found] == [2]
+    assert any("ring 4 is left out" in text for text in told)
+
+
+def test_a_ball_at_rest_is_no_reason_to_stop(table):
+    still = first_rows(table, 1350)
+    still = Table({**still.columns, "theta": np.full(1350, 0.4)})
+    [s] = compare([still], [], MAZE, replace(ONE, kinds=("rf", "p", "pi", "np")))
+    assert math.isnan(s.nrmse_test["pi"])
+    assert s.rollout["pi"]["40"] < 1e-6
+
+
+def test_too_little_is_said(table):
+    for rows in (9, 30, FEWEST):
+        few = first_rows(table, rows)
+        with pytest.raises(InputError, match="no ring has samples both to train and to test on; ring 2"):
+            compare([few], [], MAZE, ONE)
+    with pytest.raises(InputError, match="no ring has samples both"):
+        compare(
+            [first_rows(table, 1350)],
+            [Table({name: column[1350:] for name, column in table.columns.items()})],
+            MAZE,
+            ONE,
+        )
+    with pytest.raises(InputError, match="got 0 rows to train"):  # the tilt is later than the record is long
+        compare([table], [], MAZE, replace(ONE, delay=100.0))
+    with pytest.raises(TableError, match="the ring of a row is unknown"):
+        compare([Table({name: table[name] for name in ("t", "theta", "beta", "gamma")})], [], MAZE, ONE)
+
+
+# --- learning curves and figures
+
+
+def test_learning_curves_grow_to_all_rows(table):
+    found = compare([table], [], MAZE, replace(ONE, curve=True, rates="smoothed"))[0]
+    assert set(found.curve) == {"pi"}  # p learns nothing
+    rows = [n for n, _ in found.curve["pi"]]
+    assert rows == [50, 62, 125]
+    assert all(0.0 < x < 1.5 for _, x in found.curve["pi"])
+    assert found.document()["curve"]["pi"][0][0] == 50
+
+
+def test_the_figure_by_hand():
+    truth = np.array([1.0, -1.0, 1.0, -1.0])
+    assert nrmse(truth, np.zeros(4)) == 1.0
+    assert nrmse(truth, truth) == 0.0
+    assert nrmse(truth + 5.0, truth + 4.5) == pytest.approx(0.5)
+    assert math.isnan(nrmse(np.ones(4), np.zeros(4)))
+    assert math.isnan(nrmse(np.zeros(0), np.zeros(0)))
+
+
+def measured(name):
+    """A table of the measured rig, or skip."""
+    root = Path(__file__).resolve().parents[2]
+    for home in (root, root.parent):
+        if (path := home / "shared" / "data" / name).is_file():
+            return read_table(path)
+    return pytest.skip(f"the measured data {name} are not here")
+
+
+def test_on_the_measured_rig_the_process_beats_the_linear_model():
+    table = measured("cme-rig/ring3.csv")
+    training = TrainingOptions(first=150, rows=300, starts=1, iterations=10, refinement=4, family="exponential")
+    options = replace(QUICK, kinds=("pi", "sp"), fit=FitOptions(most=600, training=training))
+    [s] = compare([table], [], MAZE, options)
+    assert s.ring == 3
+    assert s.rates == "delayed"
+    assert abs(s.n_test - 0.25 * len(table)) < 0.1 * len(table)
+    assert s.nrmse_test["sp"] < min(0.6, 0.9 * s.nrmse_test["pi"])
+    assert s.rollout["sp"]["40"] < s.rollout["pi"]["40"] + 0.05
+    assert RADII[3] == pytest.approx(MAZE.track_radius(3))
+    assert table.dt == pytest.approx(DT, rel=1e-3)

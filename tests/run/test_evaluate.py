@@ -1,0 +1,62 @@
+"""Many runs: start angles, seeds, summary, and the same results for any number of workers."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mazeplan.core.records import Failure, FailureKind, NavigationResult, RingPassage
+from mazeplan.run.campaign.evaluate import Campaign, evaluate, run_one, start_angle, summary
+
+
+def outcome(success=True, time_s=3.0, failures=(), planner=1.0):
+    spread = {"p50": planner, "p99": 2.0 * planner, "max": 3.0 * planner}
+    reason = "arrived" if success else "out_of_time"
+    return NavigationResult(
+        success, reason, time_s, 0, "r", (RingPassage(1, time_s, None),), tuple(failures), 0, spread, None, spread
+    )
+
+
+def test_first_sixteen_starts_are_those_of_the_published_evaluation():
+    assert [start_angle(k) for k in (0, 15)] == pytest.approx([math.pi / 16, math.pi * 15 / 8 + math.pi / 16])
+    assert start_angle(16) is None
+
+
+@pytest.mark.slow
+def test_results_do_not_depend_on_the_number_of_workers(tmp_path):
+    patient = tmp_path / "patient.yaml"
+    patient.write_text("travel: {deadline_ms: 1e6}\n")  # or plans would depend on how busy the machine is
+    campaign = Campaign(runs=3, rig="toy", start=3, seed=7, settings=str(patient))
+    finished = []
+
+    def same(result):  # all but what the clock on the wall says
+        return result.success, result.time_s, result.rings, result.failures, result.seed, result.replans
+
+    alone = evaluate(campaign, workers=1, progress=finished.append)
+    assert finished == [1, 2, 3]
+    assert [same(r) for r in evaluate(campaign, workers=2)] == [same(r) for r in alone]
+    assert [r.seed for r in alone] == [7, 8, 9]
+    assert all(r.success for r in alone)
+
+
+def test_further_starts_differ_by_seed():
+    one, other = (run_one(Campaign(runs=1, rig="ideal", start=4, seed=s), 20) for s in (0, 1))
+    assert one.time_s != other.time_s or one.rings != other.rings
+
+
+def test_summary_counts_and_times_only_those_that_arrived():
+    stuck = Failure(FailureKind.STUCK, "Track", 1.0)
+    runs = [outcome(time_s=2.0), outcome(time_s=4.0, failures=[stuck], planner=5.0), outcome(False, 20.0, [stuck])]
+    document = summary(runs)
+    assert (document["runs"], document["success"]) == (3, 2)
+    assert document["time_s"] == {"mean": 3.0, "best": 2.0, "p50": 3.0, "p95": 3.9, "worst": 4.0}
+    assert document["failures"] == {"stuck": 2}
+    assert document["planner_ms"] == {"p50": 1.0, "p99": 10.0, "max": 15.0}
+    assert len(document["results"]) == 3
+
+
+def test_summary_of_nothing_that_arrived_has_no_times():
+    document = summary([outcome(False)])
+    assert document["success"] == 0
+    assert set(document["time_s"].values()) == {None}

@@ -1,0 +1,222 @@
+"""Campaigns with faults: what a run with a fault becomes, what is counted, and what must never be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from planar_rig import PATIENT, PlanarRig, known
+
+from mazeplan.core.errors import RigError
+from mazeplan.core.records import Doubt, Failure, FailureKind, NavigationResult, RingPassage
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.faults.schedule import Entry, FaultTrial
+from mazeplan.run.campaign import faults as faultcampaign
+from mazeplan.run.campaign.evaluate import Campaign, evaluate
+from mazeplan.run.campaign.faults import Outcome, evaluate_faults, good, report, run_trial
+from mazeplan.run.execution import attempt_job, run_job
+from mazeplan.run.specification import Job, Setup
+
+MAZE = load_map("cme")
+SHORT = Campaign(runs=1, rig="ideal", start=3, seed=40)
+
+
+def trial(kind, name=None, **values):
+    return FaultTrial(name or kind, (Entry(kind=kind, **values),))
+
+
+def early(kind, **values):
+    """Soon enough for the short way from ring 3."""
+    return trial(kind, at_s=(0.2, 0.4), **values)
+
+
+@pytest.mark.parametrize(
+    ("kind", "noticed", "within"),
+    [
+        ("frames_lost", "ball_lost", 0.6),
+        ("position_nan", "doubt position", 0.04),
+        ("frames_duplicated", "doubt clock", 0.2),
+        ("tilt_nan", "doubt tilt", 0.04),
+        ("clock_jump", "doubt gap", 0.04),
+        ("ball_elsewhere", "doubt ball", 0.2),
+        ("brown_out", "doubt plate", 0.4),
+        ("opening_closed", "opening_closed", 0.04),
+    ],
+)
+def test_what_is_got_over_and_as_what_it_is_noticed(kind, noticed, within):
+    outcome = run_trial(SHORT, early(kind), 0)
+    assert outcome.result.success, outcome
+    assert outcome.wrong == ()
+    assert [fault.kind.name for fault in outcome.faults] == [kind]
+    assert outcome.noticed_as == noticed
+    assert 0.0 <= outcome.noticed_s <= within
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason", "within"),
+    [
+        ("tilt_dead", "rig_failed", 0.04),
+        ("clock_stopped", "rig_failed", 0.04),
+        ("observe_raises", "rig_failed", 0.04),
+        ("observe_hangs", "rig_failed", 2.0),  # by the wall: the watchdog waits for half a second
+        ("openings_closed", "no_route", 0.04),
+    ],
+)
+def test_what_ends_a_run_ends_it_with_its_reason_and_a_level_plate(kind, reason, within):
+    outcome = run_trial(SHORT, early(kind), 0)
+    assert not outcome.result.success
+    assert outcome.result.reason == reason
+    assert outcome.wrong == ()
+    assert outcome.noticed_s <= within
+    row = report(early(kind), [outcome])
+    assert (row["arrived"], row["stopped"], row["as_expected"]) == (0, {reason: 1}, 1)
+    assert good([row])
+    assert not row["survivable"]
+
+
+@pytest.mark.slow
+def test_the_same_for_any_number_of_workers_and_in_the_order_of_the_trials(tmp_path):
+    patient = tmp_path / "patient.yaml"
+    patient.write_text("travel: {deadline_ms: 1e6}\n")
+    campaign = replace(SHORT, runs=2, settings=str(patient))
+    trials, finished = (early("tilt_nan"), early("opening_closed")), []
+
+    def same(outcomes):
+        return [
+            [(o.result.time_s, o.result.rings, o.faults, o.noticed_s, o.result.seed) for o in of] for of in outcomes
+        ]
+
+    alone = evaluate_faults(campaign, trials, progress=finished.append)
+    assert finished == [1, 2, 3, 4]
+    assert same(evaluate_faults(campaign, trials, workers=2)) == same(alone)
+    assert [[o.faults[0].kind.name for o in of] for of in alone] == [["tilt_nan"] * 2, ["opening_closed"] * 2]
+    assert [o.result.seed for o in alone[0]] == [40, 41]
+
+
+class Restless(PlanarRig):
+    """Says that its plate is not level after `level`."""
+
+    def __init__(self, maze, settings=None):
+        super().__init__(maze)
+        self.tilt = 0.0
+
+    def level(self):
+        super().level()
+        self.tilt = 0.02
+
+    def observe(self):
+        return replace(super().observe(), beta=self.z[4] + self.tilt)
+
+
+def planar_campaign(monkeypatch, rig):
+    monkeypatch.setattr(faultcampaign, "make_rig", lambda spec, maze, sense=None: rig)
+    setup = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT)
+    monkeypatch.setattr(faultcampaign, "setup_of", lambda campaign, maze: setup)
+    return Campaign(runs=1, start=4, seed=3)
+
+
+def test_a_plate_that_is_not_level_afterwards_is_wrong(monkeypatch):
+    campaign = planar_campaign(monkeypatch, Restless(MAZE))
+    outcome = run_trial(campaign, early("commands_lost"), 0)
+    assert outcome.result.success
+    assert outcome.wrong == ("the plate was left at 1.15 deg",)
+    row = report(early("commands_lost"), [outcome])
+    assert row["wrong"] == ["seed 3: the plate was left at 1.15 deg"]
+    assert not good([row])
+
+
+def test_a_command_that_must_not_be_is_wrong(monkeypatch):
+    rig = PlanarRig(MAZE)
+    campaign = planar_campaign(monkeypatch, rig)
+    rig.command = lambda u_beta, u_gamma: None  # it would refuse them itself
+    monkeypatch.setattr("mazeplan.control.tilt.Plate.clip", lambda self, beta, gamma: faultcampaign_command())
+    outcome = run_trial(replace(campaign, time_limit=1.0), early("commands_lost"), 0)
+    assert any(what.startswith("command (0.2000, 0.0000)") for what in outcome.wrong)
+
+
+def faultcampaign_command():
+    from mazeplan.core.records import Command
+
+    return Command(0.2, 0.0)
+
+
+# -- the table -------------------------------------------------------------------------------------------------------
+
+
+def outcome(reason="arrived", failures=(), doubts=(), noticed=None, seed=0, wrong=(), fault="frames_lost"):
+    none = {"p50": 0.0, "p99": 0.0, "max": 0.0}
+    result = NavigationResult(
+        reason == "arrived", reason, 3.0, seed, "r", (RingPassage(1, 3.0, None),), tuple(failures), 0, none, None, none,
+        doubts=tuple(doubts),
+    )  # fmt: skip
+    drawn = trial(fault).draw(seed)
+    return Outcome(result, drawn, noticed, "ball_lost" if noticed is not None else "", tuple(wrong))
+
+
+def test_a_row_of_the_table():
+    lost = Failure(FailureKind.BALL_LOST, "x", 1.6, "", "level_plate")
+    before = Failure(FailureKind.STUCK, "x", 0.1, "", "dither")
+    runs = [
+        outcome(failures=[before, lost], noticed=0.5),
+        outcome(noticed=0.7, seed=1, doubts=[Doubt("ball", 2.0)]),
+        outcome("out_of_time", seed=2, wrong=("odd",)),
+    ]
+    row = report(trial("frames_lost", "blind"), runs)
+    assert (row["fault"], row["kinds"], row["survivable"]) == ("blind", ["frames_lost"], True)
+    assert (row["runs"], row["arrived"], row["stopped"], row["as_expected"]) == (3, 2, {"out_of_time": 1}, 2)
+    assert (row["noticed"], row["noticed_s"]) == (2, {"p50": 0.6, "worst": 0.7})
+    assert row["recoveries"] == ["level_plate"]  # what was done before the fault is not its recovery
+    assert row["wrong"] == ["seed 2: odd"]
+    assert not good([row])
+    assert good([{**row, "as_expected": 3, "wrong": []}])
+
+
+def test_a_run_that_cannot_arrive_must_end_with_a_reason_that_goes_with_it():
+    runs = [outcome("rig_failed", fault="tilt_dead"), outcome("stuck", fault="tilt_dead"), outcome(fault="tilt_dead")]
+    row = report(trial("tilt_dead"), runs)
+    assert row["because"] == "nothing measures whether the plate obeys"
+    assert row["as_expected"] == 2
+
+
+# -- rigs that fail --------------------------------------------------------------------------------------------------
+
+
+class Failing(PlanarRig):
+    def observe(self):
+        sample = super().observe()
+        if self.t > 0.5:
+            raise RigError("smoke")
+        return sample
+
+
+class DeadAtOnce(PlanarRig):
+    def reset(self, *, ring, theta, rng):
+        raise RigError("no power")
+
+    def level(self):
+        raise RigError("no power")
+
+    def close(self):
+        raise RigError("no power")
+
+
+def test_a_rig_that_fails_is_a_result_of_its_own():
+    setup, job = Setup(MAZE, known(MAZE), rig_name="planar", settings=PATIENT), Job(1, 5, 0.3)
+    result, problem = attempt_job(Failing(MAZE), setup, job)
+    assert (result.success, result.reason) == (False, "rig_failed")
+    assert result.failures[-1].detail == "smoke"
+    assert result.time_s == pytest.approx(0.5, abs=0.02)
+    with pytest.raises(RigError, match="smoke") as caught:
+        run_job(Failing(MAZE), setup, job)
+    assert str(caught.value) == str(problem)
+
+
+def test_a_campaign_goes_on_when_the_rig_fails():
+    results = evaluate(Campaign(runs=2, rig=f"{__name__}:Failing"))
+    assert [(r.reason, r.seed, r.rings[0].ring) for r in results] == [("rig_failed", 0, 1), ("rig_failed", 1, 1)]
+    (dead,) = evaluate(Campaign(runs=1, rig=f"{__name__}:DeadAtOnce", seed=5))
+    assert (dead.success, dead.reason, dead.seed) == (False, "rig_failed", 5)
+    assert dead.failures[-1].detail == "no power"
+    assert dead.to_json()["failures"][-1]["kind"] == "rig_failed"
+    assert math.isfinite(dead.time_s)

@@ -1,0 +1,262 @@
+"""What a run is told from outside: other goals, openings closed and opened, stop; seen at the next tick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planar_rig import PATIENT, PlanarRig, known
+from talking import FIRST, MAZE, SETUP, go, said
+
+from mazeplan.core.display import NullDisplay
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.run.execution import run_job
+from mazeplan.run.goals import Goals
+from mazeplan.run.loop import Run
+from mazeplan.run.specification import Job, Setup
+
+# -- another goal ------------------------------------------------------------------------------------------------------
+
+
+def test_another_goal_rules_the_command_of_the_same_tick_and_the_plate_is_not_levelled(tmp_path):
+    goals = Goals(MAZE)
+    acts = {5: lambda: goals.aim("ring2"), 10: lambda: goals.aim(4)}
+    result, rig = go(acts, goals=goals, log=tmp_path / "run.mcap")
+    log = read_log(tmp_path / "run.mcap")
+    assert result.success
+    assert rig.ring == 4
+    assert [g.ring for g in result.goals] == [5, 2, 4]
+    assert [g.t for g in result.goals] == pytest.approx([0.0, 5 / 30, 10 / 30])
+    assert [(kind, detail["ring"]) for _, kind, detail in said(log)] == [("goal", 2), ("goal", 4)]
+    for t, _, _ in said(log):
+        at = log.ticks["t"] == t
+        assert at.sum() == 1  # an event has the time of its tick
+        assert log.ticks["leaf"][at][0] == "Track"
+        routes = [e.t for e in log.events if e.kind == "route"]
+        assert t in routes  # planned by the new tree in that tick
+        k = int(np.flatnonzero(at)[0])
+        assert math.hypot(*rig.commands[k]) > 0.01
+    assert rig.levelled == 2  # at the end of the run, by the run and by its guard
+    assert result.to_json()["goals"] == [{"ring": g.ring, "t": g.t} for g in result.goals]
+
+
+def test_another_goal_on_the_same_way_costs_no_time():
+    goals = Goals(MAZE)
+    straight, _ = go({}, goal=5)
+    turned, _ = go({12: lambda: goals.aim(5)}, goals=goals, goal=3)
+    assert turned.success
+    assert turned.rings[0].opening == straight.rings[0].opening
+    assert abs(turned.time_s - straight.time_s) < 0.1
+    assert abs(turned.rings[0].time_s - straight.rings[0].time_s) < 0.1
+
+
+def test_a_goal_given_while_the_ball_falls_into_a_ring_is_planned_for_from_there(tmp_path):
+    """The ball is taken for one in the next ring already; the new tree takes it so, too."""
+    go({}, log=tmp_path / "plain.mcap")
+    log = read_log(tmp_path / "plain.mcap")
+    t = next(e.t for e in log.events if e.kind == "passed")
+    k = int(np.flatnonzero(log.ticks["t"] == t)[0]) + 1
+    rings = []
+    goals = Goals(MAZE)
+    go({k: lambda: goals.aim(4)}, lambda rig: rings.append(rig.ring), goals=goals, log=tmp_path / "run.mcap")
+    log = read_log(tmp_path / "run.mcap")
+    assert rings[k] == 1  # of the ball itself
+    assert log.ticks["ring"][k] == 2
+    route = next(e for e in log.events if e.kind == "route" and e.t == log.ticks["t"][k])
+    assert route.detail["openings"][0].startswith("2-3")
+
+
+@pytest.mark.parametrize(
+    ("hinder", "leaf"), [("glued", "Dither"), ("hidden", "LevelPlate")], ids=["in a dither", "while the ball is lost"]
+)
+def test_another_goal_in_the_middle_of_a_recovery(tmp_path, hinder, leaf):
+    def until_2_s(rig):
+        setattr(rig, hinder, 0.3 < rig.t < 2.0)
+
+    go({}, until_2_s, log=tmp_path / "plain.mcap")
+    plain = read_log(tmp_path / "plain.mcap")
+    k = int(np.flatnonzero(plain.ticks["leaf"] == leaf)[0]) + 4
+    assert plain.ticks["leaf"][k] == leaf  # it would have gone on
+    goals = Goals(MAZE)
+    result, rig = go({k: lambda: goals.aim(2)}, until_2_s, goals=goals, log=tmp_path / "run.mcap")
+    log = read_log(tmp_path / "run.mcap")
+    assert result.success
+    assert rig.ring == 2
+    if leaf == "Dither":
+        assert log.ticks["leaf"][k] == "Track"
+    else:  # the new tree does not see the ball either, and says so itself
+        failures = [e.t for e in log.events if e.kind == "failure"]
+        assert failures == [plain.events[0].t] or failures[-1] == log.ticks["t"][k]
+    assert len(result.failures) >= (1 if leaf == "Dither" else 2)  # of the whole run
+
+
+def test_recoveries_are_counted_anew_for_each_goal():
+    """back_off is for the second missed opening on the way to a goal."""
+    held = (MAZE.opening("1-2@45").angle, MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3)
+
+    def plug(rig):
+        r, theta = math.hypot(*rig.z[:2]), math.atan2(rig.z[1], rig.z[0])
+        if r < held[1] and abs(theta - held[0]) < 0.2 and r > MAZE.ring(2).outer_radius:
+            rig.z[:2] *= held[1] / r
+            rig.z[2:4] = 0.0
+
+    goals, acts = Goals(MAZE), {}
+    others = [name for name in FIRST if name != "1-2@45"]
+    first, _ = go({}, plug, theta=held[0], limit=4.0, closed=others)
+    assert [f.recovery for f in first.failures].count("back_off") == 1
+    acts[round(30 * first.failures[2].t) + 2] = lambda: goals.aim(4)
+    again, _ = go(acts, plug, goals=goals, theta=held[0], limit=4.0, closed=others)
+    assert [f.recovery for f in again.failures].count("back_off") == 2
+
+
+def test_each_goal_has_the_time_limit_of_its_own():
+    def glue(rig):
+        rig.glued = True
+
+    goals = Goals(MAZE)
+    result, rig = go({30: lambda: goals.aim(4), 60: lambda: goals.aim(3)}, glue, goals=goals, limit=1.5)
+    assert (result.success, result.reason) == (False, "out_of_time")
+    assert rig.t == pytest.approx(2.0 + 1.5, abs=0.04)
+    assert "ring 3" in result.failures[-1].detail
+
+
+def test_a_goal_that_waits_when_the_ball_arrives_is_not_lost():
+    plain, rig = go({}, goal=2)
+    last = len(rig.commands) - 1
+    goals, taken = Goals(MAZE), []
+
+    class AtTheLastMoment(PlanarRig):  # between the tick's look into the mailbox and its end
+        def command(self, u_beta, u_gamma):
+            super().command(u_beta, u_gamma)
+            if len(self.commands) - 1 == last:
+                taken.append(goals.aim(3))
+
+    rig = AtTheLastMoment(MAZE)
+    result = run_job(rig, SETUP, Job(1, 2, 0.3), goals=goals)
+    assert taken == [True]
+    assert result.success
+    assert rig.ring == 3
+    assert result.goals[-1].t == pytest.approx(plain.time_s + 1 / 30)
+    assert goals.aim(2) is False  # nobody reads any more
+
+
+def test_goals_before_the_run_begins_are_read_at_its_first_tick():
+    goals = Goals(MAZE)
+    assert goals.aim(4)
+    assert goals.aim(2, closed=FIRST[:1])
+    result, rig = go({}, goals=goals, theta=math.radians(45.0))
+    assert result.success
+    assert rig.ring == 2
+    assert [(g.ring, g.t) for g in result.goals] == [(5, 0.0), (2, 0.0)]
+    assert result.rings[0].opening not in FIRST[:1]
+
+
+def test_the_tree_file_may_be_gone_when_another_goal_comes(tmp_path):
+    from mazeplan.core import resources
+
+    tree = tmp_path / "tree.xml"
+    tree.write_text((resources.share("behaviors") / "navigate.xml").read_text())
+    goals = Goals(MAZE)
+    setup = Setup(MAZE, known(MAZE), str(tree), settings=PATIENT)
+
+    def now():
+        tree.unlink()
+        goals.aim(2)
+
+    result, _ = go({5: now}, goals=goals, setup=setup)
+    assert result.success
+
+
+# -- openings ----------------------------------------------------------------------------------------------------------
+
+
+def test_openings_stay_closed_for_later_goals_until_they_are_opened():
+    goals = Goals(MAZE)
+    acts = {
+        3: lambda: goals.close("1-2@45"),
+        6: lambda: goals.aim(2, closed=[n for n in FIRST if n not in ("1-2@45", "1-2@135")]),
+    }
+    result, _ = go(acts, goals=goals, theta=math.radians(15.0))
+    assert result.success
+    assert result.rings[0].opening == "1-2@135"
+    acts[9] = lambda: goals.open("1-2@45")
+    result, _ = go(acts, goals=goals, theta=math.radians(15.0))
+    assert result.success
+    assert result.rings[0].opening == "1-2@45"
+
+
+def test_an_opening_that_the_command_closed_can_be_opened_and_stays_so():
+    goals = Goals(MAZE)
+    acts = {2: lambda: goals.open("1-2@45"), 4: lambda: goals.aim(2)}
+    result, _ = go(acts, goals=goals, theta=math.radians(45.0), closed=FIRST[:1])
+    assert FIRST[0] == "1-2@45"
+    assert result.rings[0].opening == "1-2@45"
+
+
+def test_an_opening_that_the_map_closes_can_be_opened_for_this_goal_and_the_next():
+    openings = tuple(replace(o, closed=o.name in FIRST[:3]) for o in MAZE.openings)
+    maze = replace(MAZE, openings=openings)
+    assert FIRST[0] == "1-2@45"
+    setup, goals = Setup(maze, known(maze), settings=PATIENT), Goals(maze)
+    acts = {2: lambda: goals.aim(2)}
+    result, _ = go(acts, goals=goals, setup=setup)
+    assert result.rings[0].opening == FIRST[3]
+    acts[1] = lambda: goals.open("1-2@45")
+    result, _ = go(acts, goals=goals, setup=setup)
+    assert result.rings[0].opening == "1-2@45"
+
+
+# -- stop --------------------------------------------------------------------------------------------------------------
+
+
+def test_stop_ends_the_run_level_with_its_reason(tmp_path):
+    goals = Goals(MAZE)
+    result, rig = go({25: goals.stop, 26: lambda: pytest.fail("a tick after it")}, goals=goals, log=tmp_path / "a.mcap")
+    assert (result.success, result.reason) == (False, "stopped")
+    assert result.time_s == pytest.approx(25 / 30)
+    assert len(rig.commands) == 26
+    assert rig.commands[-1] == (0.0, 0.0)  # at once, in the tick in which it is heard
+    assert rig.levelled
+    log = read_log(tmp_path / "a.mcap")
+    assert said(log) == [(log.events[-1].t, "stopped", {})]
+    assert log.result is not None
+    assert log.result["reason"] == "stopped"
+    assert not goals.aim(3)
+
+
+def test_stop_goes_before_another_goal():
+    goals = Goals(MAZE)
+
+    def both():
+        goals.stop()
+        goals.aim(2)
+
+    result, _ = go({10: both}, goals=goals)
+    assert result.reason == "stopped"
+    assert [g.ring for g in result.goals] == [5]
+
+
+def test_nobody_reads_what_is_said_after_a_stop_that_was_read():
+    goals = Goals(MAZE)
+    goals.begin(MAZE)
+    assert goals.stop()
+    assert goals.aim(2)  # not read yet
+    assert len(goals.take(0.0)) == 2
+    assert not goals.aim(2)
+    assert goals.over()
+
+
+@pytest.mark.parametrize("t", [math.nan, math.inf, 1 / 30, 0.0])
+def test_a_sample_that_is_not_newer_is_no_tick_to_listen_in(t):
+    goals = Goals(MAZE)
+    rig = PlanarRig(MAZE)
+    run = Run(rig, SETUP, Job(1, 5, 0.3), None, NullDisplay(), requests=goals)
+    rig.reset(ring=1, theta=0.3, rng=None)
+    for _ in range(2):
+        run.tick(rig.observe())
+    goals.stop()
+    assert not run._serve_requests(t)
+    assert run.context.now == pytest.approx(1 / 30)
+    assert run._serve_requests(0.1)

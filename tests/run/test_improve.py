@@ -1,0 +1,98 @@
+"""The loop, closed on a simulated rig, and its parts on a rig of the tests' own with contact."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from contacteffects import changed
+from contactrig import Rig, record
+
+from mazeplan.core.errors import TableError
+from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.rig.reference import reference_of
+from mazeplan.diagnosis.rig.update import moved_model, reference_after
+from mazeplan.diagnosis.rig.verdict import verdict_on
+from mazeplan.learning.identification import fit_rig
+from mazeplan.learning.modelfile import load_model
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run.campaign.improve import Options, improve
+
+MAZE = load_map("cme")
+
+
+def table_of(rig, seed):
+    """Two minutes of a rig."""
+    columns = record(rig, 120.0, seed)
+    x, y = columns["x"], columns["y"]
+    return Table({**columns, "theta": np.arctan2(y, x), "r": np.hypot(x, y)})
+
+
+@cache
+def known():
+    """A healthy rig, what a record of it tells, and its model of kind pi."""
+    table = table_of(Rig(), 1)
+    model = fit_rig(table, MAZE, ()).model
+    return reference_of([table], MAZE, model), model
+
+
+@cache
+def seen(name):
+    """The verdict on two minutes of a rig in which one thing changed."""
+    rig = changed(Rig(), name, 1)
+    return verdict_on(table_of(rig, 2), MAZE, known()[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tilt_offset", "camera_offset", "dry_friction"])
+def test_what_changed_is_found_goes_into_the_model_and_is_no_news_then(name):
+    done, (_, model) = seen(name), known()
+    assert [e["name"] for e in done.effects] == [name]
+    assert done.after["rollout40"] < 0.8 * done.before["rollout40"]
+    new = moved_model(model, done.effects, done.searched.fit)
+    assert new != model
+    again = verdict_on(table_of(changed(Rig(), name, 1), 3), MAZE, reference_after(done))
+    assert again.verdict == "nothing_missing"
+
+
+def test_a_table_that_leans_leans_in_all_rings_of_the_new_model():
+    done, (was, model) = seen("tilt_offset"), known()
+    new = moved_model(model, done.effects, done.searched.fit)
+    (effect,) = done.effects
+    for axis in ("beta", "gamma"):
+        change = effect["parameters"][axis]["value"] - effect["known_before"][axis]
+        moved = [m.ball(ring).parameter("tilt_offset", axis, 0.0) for ring in (1, 4) for m in (model, new)]
+        assert [moved[1] - moved[0], moved[3] - moved[2]] == pytest.approx([change] * 2, abs=1e-6)
+    assert was.body.model.tilting.tilt_beta == effect["known_before"]["beta"]
+
+
+@pytest.mark.slow
+def test_a_rig_with_a_surprise_from_beginning_to_end(tmp_path):
+    rig = tmp_path / "rig.yaml"
+    rig.write_text("model: ideal\nrolling_friction_m: 2.0e-5\ntable_x_deg: 1.5\n")
+    told, doing, far = [], [], []
+    (entry,) = improve(
+        str(rig), tmp_path, Options(runs=2, seconds=60.0, seed=1),
+        tell=told.append, working=doing.append, advance=lambda *how: far.append(how),
+    )  # fmt: skip
+    assert far == [*((s, 60) for s in range(1, 61)), (1, 2), (2, 2), (1, 2), (2, 2)]
+    assert {"stage", "navigating before", "navigating after"} <= set(doing)
+    assert "tilt_offset" in [e["name"] for e in entry["diagnosis"]["effects"]]
+    new = load_model(entry["diagnosis"]["model"])
+    assert new.ball(1).parameter("tilt_offset", "gamma", 0.0) == pytest.approx(np.radians(1.5), abs=4e-3)
+    before, after = entry["navigation"]["before"], entry["navigation"]["after"]
+    assert "results" not in before
+    assert after["success"] == 2
+    assert after["success"] > before["success"] or after["time_s"]["mean"] < before["time_s"]["mean"]
+    assert json.loads((tmp_path / "round1" / "round.json").read_text())["navigation"]["after"] == after
+    assert (tmp_path / "round1" / "record.mcap").exists()
+    assert any(text.startswith("before: ") for text in told)
+
+
+def test_a_record_that_is_too_short_says_what_it_has_and_needs():
+    table = table_of(Rig(), 1)
+    short = Table({name: column[:600] for name, column in table.columns.items()})
+    with pytest.raises(TableError, match="got 600 pictures of the ball, expected 900 at least"):
+        verdict_on(short, MAZE, known()[0])

@@ -1,0 +1,293 @@
+"""The route is planned anew where something changed it, in the tick in which that is seen; and recoveries are bounded,
+for each kind and in total, by what stands in the tree."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from planar_rig import PATIENT, PlanarRig, known
+
+from mazeplan.core import resources
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.maths.angles import difference
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run.execution import run_job
+from mazeplan.run.goals import Goals
+from mazeplan.run.specification import Job, Setup
+
+MAZE = load_map("cme")
+PACKAGED = (resources.share("behaviors") / "navigate.xml").read_text(encoding="utf-8")
+FIRST = tuple(opening.name for opening in MAZE.openings_between(1, 2))
+
+
+class Recorded:
+    """A run and its log."""
+
+    def __init__(
+        self, path, mishap=None, start=1, goal=5, theta=0.3, limit=20.0, closed=(), behavior="navigate", act=None
+    ):
+        goals = Goals(MAZE)
+
+        def both(rig):
+            if mishap is not None:
+                mishap(rig)
+            if act is not None:
+                act(rig, goals)
+
+        self.rig = PlanarRig(MAZE, mishap=both)
+        setup = Setup(MAZE, known(MAZE), str(behavior), settings=PATIENT)
+        job = Job(start, goal, theta, 0, limit, closed)
+        self.result = run_job(self.rig, setup, job, log=path / "run.mcap", goals=goals)
+        self.log = read_log(path / "run.mcap")
+
+    def events(self, kind, t=None):
+        return [e.detail for e in self.log.events if e.kind == kind and (t is None or e.t == t)]
+
+    @property
+    def kinds(self):
+        return [str(failure.kind) for failure in self.result.failures]
+
+    @property
+    def recoveries(self):
+        return [failure.recovery for failure in self.result.failures]
+
+    def replanned(self, kind):
+        """The route and the opening that the first failure of this kind led to, in its own tick, and who commanded."""
+        t = next(failure.t for failure in self.result.failures if str(failure.kind) == kind)
+        (route,), (opening,) = self.events("route", t), self.events("opening", t)
+        leaf = str(self.log.ticks["leaf"][self.log.ticks["t"] == t][0])
+        return route["openings"], opening["opening"], leaf
+
+
+# -- four reasons for another route ----------------------------------------------------------------------------------
+
+
+def test_an_opening_that_fails_is_left_for_another_route(tmp_path):
+    """Three of the four openings are plugged, so that it happens more than once."""
+    angle, floor = MAZE.opening("1-2@45").angle, MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3
+    free = MAZE.opening("1-2@225").angle
+
+    def plug(rig):
+        r, theta = math.hypot(*rig.z[:2]), math.atan2(rig.z[1], rig.z[0])
+        if MAZE.ring(2).outer_radius < r < floor and abs(difference(theta, free)) > 0.2:
+            rig.z[:2] *= floor / r
+            rig.z[2:4] = 0.0
+
+    run = Recorded(tmp_path, plug, theta=angle)
+    assert run.result.success
+    assert run.recoveries[:3] == ["replan", "back_off", "avoid_opening"]
+    routes = [route["openings"][0] for route in run.events("route")]
+    assert routes[0] == "1-2@45"
+    assert routes[-1] != "1-2@45"
+    assert run.result.rings[0].opening == routes[-1]
+
+
+def test_a_ball_that_falls_back_is_routed_from_there(tmp_path):
+    done = []
+
+    def knock(rig):
+        if rig.ring == 3 and not done:
+            done.append(rig.t)
+            rig.place(1, 2.0)
+
+    run = Recorded(tmp_path, knock)
+    assert run.result.success
+    route, opening, leaf = run.replanned("fell_back")
+    assert route[0].startswith("1-2")
+    assert len(route) == 4
+    assert opening.startswith("1-2")
+    assert leaf == "Track"
+    assert run.recoveries == ["replan"]
+    assert run.result.failures[0].t - done[0] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "at", "to", "kind", "legs"),
+    [(1, 5, 1, 3, "wrong_ring", 2), (3, 1, 3, 4, "fell_back", 3), (2, 5, 2, 1, "fell_back", 4)],
+)
+def test_another_ring_entered_by_accident_is_where_the_route_begins(tmp_path, start, goal, at, to, kind, legs):
+    done = []
+
+    def slip(rig):
+        if rig.ring == at and rig.t > 0.2 and not done:
+            done.append(rig.t)
+            rig.place(to, 0.9)
+
+    run = Recorded(tmp_path, slip, start, goal)
+    assert run.result.success
+    assert run.kinds == [kind]
+    route, opening, leaf = run.replanned(kind)
+    assert len(route) == legs
+    assert str(to) in opening.split("@")[0]
+    assert leaf in ("Track", "Align", "PassOpening")  # where it was put an opening may be near
+    assert run.result.failures[0].t - done[0] < 0.1
+
+
+def at_tick(k, deed):
+    return lambda rig, goals: deed(goals) if len(rig.commands) == k else None
+
+
+def test_the_opening_ahead_closed_from_outside(tmp_path):
+    run = Recorded(tmp_path, theta=0.3, act=at_tick(5, lambda goals: goals.close("1-2@45")))
+    assert run.events("opening")[0]["opening"] == "1-2@45"
+    assert run.result.success
+    assert run.kinds == ["opening_closed"]
+    assert run.recoveries == ["replan"]
+    assert run.result.failures[0].t == pytest.approx(5 / 30)  # in the tick in which it was heard
+    route, opening, leaf = run.replanned("opening_closed")
+    assert "1-2@45" not in (opening, *route)
+    assert leaf == "Track"
+    assert run.result.rings[0].opening == opening
+
+
+def test_an_opening_further_on_closed_from_outside(tmp_path):
+    plain = Recorded(tmp_path)
+    later = plain.events("route")[0]["openings"][2]
+    run = Recorded(tmp_path, act=at_tick(5, lambda goals: goals.close(later)))
+    assert run.result.success
+    assert run.kinds == ["route_changed"]
+    assert run.recoveries == ["replan"]
+    route, _, leaf = run.replanned("route_changed")
+    assert later not in route
+    assert leaf == "Track"
+    assert later not in [passage.opening for passage in run.result.rings]
+
+
+def test_an_opening_off_the_route_closed_from_outside_changes_nothing(tmp_path):
+    plain = Recorded(tmp_path)
+    run = Recorded(tmp_path, act=at_tick(5, lambda goals: goals.close("2-3@270")))
+    assert "2-3@270" not in plain.events("route")[0]["openings"]
+    assert run.events("closed") == [{"opening": "2-3@270"}]
+    assert run.rig.commands == plain.rig.commands
+
+
+def test_a_nearer_opening_opened_from_outside(tmp_path):
+    act = at_tick(3, lambda goals: goals.open("1-2@45"))
+    run = Recorded(tmp_path, closed=[name for name in FIRST if name != "1-2@225"], act=act)
+    assert run.events("opening")[0]["opening"] == "1-2@225"
+    assert run.result.success
+    assert run.kinds == ["route_changed"]
+    route, opening, _ = run.replanned("route_changed")
+    assert route[0] == opening == "1-2@45"
+    assert run.result.rings[0].opening == "1-2@45"
+
+
+def test_every_way_closed_from_outside_ends_the_run_at_once(tmp_path):
+    run = Recorded(tmp_path, act=at_tick(5, lambda goals: [goals.close(name) for name in FIRST]))
+    assert (run.result.success, run.result.reason) == (False, "no_route")
+    assert run.result.time_s == pytest.approx(5 / 30, abs=1e-6)
+    assert run.rig.levelled
+
+
+def test_openings_closed_from_outside_while_the_ball_is_lost(tmp_path):
+    """Heard during a recovery: the next route knows it."""
+
+    def hide(rig):
+        rig.hidden = rig.glued = 0.1 < rig.t < 1.5
+
+    closing = [opening.name for opening in MAZE.openings_between(1, 2)][:2]
+    run = Recorded(tmp_path, hide, act=at_tick(30, lambda goals: [goals.close(name) for name in closing]))
+    assert run.result.success
+    assert set(run.kinds) == {"ball_lost"}
+    chosen = [e.detail["opening"] for e in run.log.events if e.kind in ("opening", "passed") and e.t >= 1.0]
+    assert any(name.startswith("1-2") for name in chosen)
+    assert not set(chosen) & set(closing)
+
+
+# -- budgets ---------------------------------------------------------------------------------------------------------
+
+
+def tree_with(path, *changes):
+    text = PACKAGED
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    file = path / "tree.xml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def glue(rig):
+    rig.glued = True
+
+
+def hide(rig):
+    rig.hidden = rig.t > 0.3
+
+
+def throw_back(rig):
+    if rig.ring > 1:
+        rig.place(1, 2.0)
+
+
+def plug_all(rig):
+    floor = MAZE.ring(1).inner_radius + MAZE.ball.radius - 1e-3
+    r = math.hypot(*rig.z[:2])
+    if r < floor:
+        rig.z[:2] *= floor / r
+        rig.z[2:4] = 0.0
+
+
+def test_every_recovery_of_the_packaged_tree_has_a_budget_in_the_file():
+    recover = PACKAGED.split('<BehaviorTree ID="Recover">')[1].split("</BehaviorTree>")[0]
+    conditions, branches = re.findall(r"<FailureIs [^>]*>", recover), re.findall(r"<Sequence ", recover)
+    assert len(conditions) == len(branches) == 6
+    budgets = [int(re.search(r'at_most="(\d+)"', condition).group(1)) for condition in conditions]
+    total = int(re.search(r'num_attempts="(\d+)"', PACKAGED).group(1))
+    assert all(0 < budget < total for budget in budgets)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mishap", "old", "new", "recovery", "times"),
+    [
+        (glue, 'kinds="stuck" at_most="6"', 'kinds="stuck" at_most="2"', "dither", 2),
+        (
+            glue,
+            'kinds="missed_opening;stuck" at_most="12"',
+            'kinds="missed_opening;stuck" at_most="9"',
+            "avoid_opening",
+            3,
+        ),
+        (hide, 'kinds="ball_lost" at_most="8"', 'kinds="ball_lost" at_most="2"', "level_plate", 2),
+        (plug_all, 'kinds="missed_opening" at_most="2"', 'kinds="missed_opening" at_most="4"', "back_off", 3),
+        (throw_back, 'out_of_time" at_most="12"', 'out_of_time" at_most="3"', "replan", 3),
+    ],
+)
+def test_each_budget_of_a_kind_binds(tmp_path, mishap, old, new, recovery, times):
+    run = Recorded(tmp_path, mishap, limit=19.0, behavior=tree_with(tmp_path, (old, new)))
+    assert not run.result.success
+    assert run.recoveries.count(recovery) == times
+    assert len(run.result.failures) > times  # there were more, for which it was not used
+
+
+@pytest.mark.parametrize(("mishap", "kind"), [(glue, "stuck"), (throw_back, "fell_back")])
+@pytest.mark.parametrize("attempts", [1, 4])
+def test_the_budget_of_attempts_binds(tmp_path, mishap, kind, attempts):
+    tree = tree_with(tmp_path, ('num_attempts="20"', f'num_attempts="{attempts}"'))
+    run = Recorded(tmp_path, mishap, behavior=tree)
+    assert run.kinds == [kind] * attempts
+    assert (run.result.success, run.result.reason) == (False, kind)
+    assert run.rig.levelled
+
+
+def test_a_ball_that_is_gone_ends_the_run_when_its_budget_is_used_up(tmp_path):
+    tree = tree_with(tmp_path, ('kinds="ball_lost" at_most="8"', 'kinds="ball_lost" at_most="1"'))
+    run = Recorded(tmp_path, hide, behavior=tree)
+    assert run.result.reason == "ball_lost"
+    assert run.result.time_s < 7.0
+
+
+def test_edits_of_openings_come_out_of_the_budget_of_attempts_too(tmp_path):
+    """Somebody who opens and closes an opening at every tick does not keep the run from ending."""
+    run = Recorded(
+        tmp_path,
+        glue,
+        limit=19.0,
+        act=lambda rig, goals: (goals.close if len(rig.commands) % 2 else goals.open)("1-2@45"),
+    )
+    assert not run.result.success
+    assert len(run.result.failures) <= 20
+    assert set(run.kinds) <= {"opening_closed", "route_changed"}
