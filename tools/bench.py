@@ -24,6 +24,7 @@ from bench_batch import batch_section
 from bench_body import body_section
 from bench_camera import camera_section
 from bench_campaign import campaign_section
+from bench_closed_loop import closed_loop_section
 from bench_contact import contact_section
 from bench_contactplant import contactplant_section
 from bench_diagnose import diagnose_section
@@ -203,7 +204,8 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "measured": lambda quick: measured_section(mazeplan), "toy": lambda quick: toy_section(mazeplan, quick),
     "predictability": predictability_section, "diagnose": diagnose_section, "emps": emps_section,
     "plant": lambda quick: plant_section(quick, keep=True),
-    "baselines": baselines_section, "improve": improve_section, "effects": effects_section, "body": body_section,
+    "baselines": baselines_section, "improve": improve_section, "effects": effects_section,
+    "closedloop": closed_loop_section, "body": body_section,
     "contact": contact_section,
     "contactplant": contactplant_section,  # hours, so only when it is asked for: it is not in `models_sections`
     "learning": learning_section, "real": real_section,

@@ -12,9 +12,11 @@ import pytest
 from commands import call
 from contacteffects import EFFECTS, changed, truth
 from contactrig import Rig, record
+from planar_rig import PATIENT
 
 import mazeplan
 from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.rig import verdict
 from mazeplan.diagnosis.rig.reference import reference_of, textbook
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.verdict import verdict_on
@@ -85,6 +87,23 @@ def test_what_predicts_the_ball_no_better_is_not_called_found(monkeypatch):
     assert "looks like servo gain, but predicts the ball no better" in done.sentences()[0]
 
 
+def test_a_changed_gain_that_only_the_tilt_shows_has_to_predict_the_tilt(tmp_path, monkeypatch, capsys):
+    logs = [str(tmp_path / f"{seed}.mcap") for seed in range(16)]
+    for seed, log in enumerate(logs):
+        mazeplan.navigate(1, rig="surprise@gain", model="toy", seed=seed, log=log, settings=PATIENT)
+
+    def effects():
+        code, out, err = call(monkeypatch, capsys, "diagnose", *logs, "--model", "toy", "--json")
+        assert code == 0, err
+        return {e["name"]: e["parameters"] for e in json.loads(out)["effects"]}
+
+    ((name, numbers),) = effects().items()
+    assert name == "servo_gain"
+    assert numbers["gamma"]["value"] == pytest.approx(0.85, abs=0.03)
+    monkeypatch.setattr(verdict, "nearer_tilt", lambda *arguments: verdict.BETTER - 0.1)
+    assert "servo_gain" not in effects()
+
+
 def test_a_healthy_rig_that_loses_pictures_is_left_alone():
     table = table_of(Rig(), 3)
     lost = np.random.default_rng(0).random(len(table)) < 0.2
@@ -122,8 +141,7 @@ def test_many_logs_of_navigation_are_one_record(tmp_path, monkeypatch, capsys):
     logs = []
     for seed in range(14):
         logs.append(str(tmp_path / f"{seed}.mcap"))
-        call(monkeypatch, capsys, "navigate", "--rig", str(rig), "--seed", str(seed), "--start-angle", str(25 * seed),
-             "--log", logs[-1])  # fmt: skip
+        mazeplan.navigate(1, rig=str(rig), seed=seed, start_angle_deg=25 * seed, log=logs[-1], settings=PATIENT)
     code, out, err = call(
         monkeypatch, capsys, "diagnose", *logs, "--model", "toy", "-o", str(tmp_path / "out"), "--json"
     )

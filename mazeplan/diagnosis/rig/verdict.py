@@ -19,7 +19,7 @@ from mazeplan.control.estimation.rigid_body_fit import fit_body
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.effect_entry import Entry, values_of, with_plan
-from mazeplan.diagnosis.record import record_of
+from mazeplan.diagnosis.record import RingRecord, record_of
 from mazeplan.diagnosis.rig.camera import check_map
 from mazeplan.diagnosis.rig.candidates import CANDIDATES, Candidate
 from mazeplan.diagnosis.rig.record import body_filter, filter_of, left_over
@@ -29,6 +29,7 @@ from mazeplan.diagnosis.rig.result import REMAINS, RigVerdict, Unknown
 from mazeplan.diagnosis.rig.scores import HeldOut, held_out, on_test
 from mazeplan.diagnosis.rig.search import ENOUGH, NEEDED, NOISE, POLISH, Reference, Searched, moved, search_rig
 from mazeplan.diagnosis.stage.comparison import AXES, DECISIVE, changed_gain, stage_effects
+from mazeplan.diagnosis.stage.held_out import nearer_tilt
 from mazeplan.diagnosis.stage.plate_motion import Stage
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
@@ -56,7 +57,7 @@ def verdict_on(
     tell("stage")
     body, stage = body_filter(table, maze)
     check_map(body, maze, table.source.get("file"))
-    servo, sensor = _gain(body, stage, was)
+    servo, sensor = _gain(body, record_of(table), stage, was)
     searched = search_rig(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
     tell("held-out part")
     # with another scale of the sensor, the old model would believe the measured tilts
@@ -75,14 +76,17 @@ def verdict_on(
     unknown = _unknown(searched, found, memory, remaining, was)
     if unknown is None and not effects and not (stage is not None and stage.hurried):
         unknown = _worse_than_before(held, was)
-    if effects and not held.better:
-        names = ", ".join(e["name"].replace("_", " ") for e in effects)
+    # the ball's prediction starts from measured tilt then, and cannot judge the servos: `_gain` has
+    by_tilt = ("servo_gain",) if stage is not None and stage.hurried else ()
+    judged = [e for e in effects if e["name"] not in by_tilt]
+    if judged and not held.better:
+        names = ", ".join(e["name"].replace("_", " ") for e in judged)
         looks = f"it looks like {names}, but predicts the ball no better"
-        if all(_small(e) for e in effects):
+        if all(_small(e) for e in judged):
             refused.append(looks)
         else:
             unknown = Unknown(looks, ("tilt",))
-        effects, alike = [], []
+        effects, alike = [e for e in effects if e["name"] in by_tilt], []
     done = RigVerdict(
         tuple(effects), tuple(alike), unknown, held, memory, remaining, searched, body, stage, was,
         (*_notes(stage, was), *refused),
@@ -154,14 +158,18 @@ def _notes(stage: Stage | None, was: RigReference) -> list[str]:
     return notes
 
 
-def _gain(body: BodyFilter, stage: Stage | None, was: RigReference) -> tuple[Entry | None, Entry | None]:
+def _gain(
+    body: BodyFilter, record: RingRecord, stage: Stage | None, was: RigReference
+) -> tuple[Entry | None, Entry | None]:
     """A changed gain as an effect of the servo, or of the tilt sensor if the ball felt tilts of the old size."""
     servo, sensor = changed_gain(stage, was.stage)
     if stage is None or servo is None or sensor is None:
         return None, None
     if stage.hurried:
-        ratios = [value / servo["known_before"][key] for key, value in values_of(servo).items()]
-        return (servo if max(abs(ratio - 1.0) for ratio in ratios) > CLEAR_GAIN else None), None
+        had = servo["known_before"]
+        clear = max(abs(value / had[key] - 1.0) for key, value in values_of(servo).items()) > CLEAR_GAIN
+        sure = clear and nearer_tilt(record, stage, (had[AXES[0]], had[AXES[1]])) > BETTER
+        return (servo if sure else None), None
     if was.body.start is not None:
         return servo, None
     by_servo, by_sensor = (body.run(model).minus2 for model in (was.body.model, _felt(was, sensor).model))
