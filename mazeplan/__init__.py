@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.behavior.decorators import Decorator
     from mazeplan.behavior.mazeleaf import MazeLeaf
     from mazeplan.behavior.ports import Port
-    from mazeplan.behavior.status import Status
+    from mazeplan.behavior.status import SKIPPED, Status
     from mazeplan.core.records import NavigationResult, Observation
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.mapfile import load_map
@@ -40,6 +40,7 @@ _HOMES = {
     "Observation": "mazeplan.core.records",
     "Port": "mazeplan.behavior.ports",
     "Rig": "mazeplan.rigs.interface",
+    "SKIPPED": "mazeplan.behavior.status",
     "Status": "mazeplan.behavior.status",
     "check_rig": "mazeplan.rigs.conformance",
     "load_map": "mazeplan.maze.mapfile",
@@ -47,8 +48,8 @@ _HOMES = {
 }
 
 __all__ = [
-    "Control", "Decorator", "Goals", "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig", "Status",
-    "check_rig", "load_map", "navigate",
+    "SKIPPED", "Control", "Decorator", "Goals", "Maze", "MazeLeaf", "NavigationResult", "Observation", "Port", "Rig",
+    "Status", "check_rig", "load_map", "navigate",
 ]  # fmt: skip
 
 

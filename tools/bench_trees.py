@@ -19,7 +19,7 @@ from time import process_time
 
 from fuzzing import DAMAGE_TO_XML, DAMAGE_TO_YAML, LEAVES, DiceRun, random_tree, run_tree
 
-from mazeplan.behavior.drawing import tree_text
+from mazeplan.behavior.outline import tree_text
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core import resources

@@ -99,10 +99,23 @@ KNOWN = (
         lambda case, found: found.category == "load" and "children" in found.ours and "expected" in found.ours,
     ),
     Known(
-        "text for a port that is a number",
-        "a port of a number makes a number of any text that its entry is set to in BehaviorTree.CPP, in mazeplan when "
-        "it reads it",
-        lambda case, found: re.search(r'(num_\w+|\b[idb])="\{(text|word)\}"', case.xml) is not None,
+        "a limit that falls",
+        "Repeat and RetryUntilSuccessful whose limit falls to their count halt a child that runs; in BehaviorTree.CPP "
+        "it runs on, and goes on where it was when the node is ticked again",
+        lambda case, found: (
+            re.search(r'num_(cycles|attempts)="{', case.xml) is not None
+            and found.category in ("halts", "order", "blackboard")
+            and (re.search("[^:]n:?=[01]", case.xml) is not None or any(key == "n" for _, key, _ in case.sets))
+        ),
+        shrunk=True,
+    ),
+    Known(
+        "a script that fails while nodes are halted",
+        "mazeplan halts all other nodes, then tells the error; BehaviorTree.CPP leaves the others as they are",
+        lambda case, found: (
+            (": _onHalted: " in found.ours or "catch_on_halt" in case.xml)
+            and re.search("rror in script|not found", found.theirs) is not None
+        ),
         shrunk=True,
     ),
     Known(
@@ -168,7 +181,10 @@ KNOWN = (
     Known(
         "Sleep after a halt",
         "Sleep ends at once in BehaviorTree.CPP if it was halted shortly before: its timer runs in a thread",
-        lambda case, found: "<Sleep" in case.xml and "SUCCESS" in found.theirs,
+        lambda case, found: (
+            "<Sleep" in case.xml
+            and ("SUCCESS" in found.theirs or (bool(case.halt_before) and "_onSuccess" in case.xml))
+        ),
         shrunk=True,
     ),
     Known(

@@ -20,23 +20,24 @@ EMPTY = _Empty()  # the value of an entry that is declared, but was never set
 
 
 class Entry:
-    """One value, and how often it was set."""
+    """One value, and how often it was set. number: whether a port for numbers names it."""
 
-    __slots__ = ("changes", "value")
+    __slots__ = ("changes", "number", "value")
 
     def __init__(self, value: Any = EMPTY) -> None:
-        self.value = value
+        self.value, self.number = value, False
         self.changes = 0 if value is EMPTY else 1
 
     def put(self, value: Any) -> None:
-        """Set the value."""
-        self.value = value
+        """Set the value. A float stays one: scripts may then set it to what is no whole number."""
+        self.value = float(value) if type(value) is int and type(self.value) is float else value
         self.changes += 1
 
 
 class Blackboard:
     """One scope. `remap`: {name here: name outside}; `values`: what it starts with; `autoremap`: names that are not
-    known here are those outside, except private ones, which begin with _."""
+    known here are those outside, except private ones, which begin with _; enums: {name: number} that scripts know
+    besides the entries, the same in all scopes."""
 
     def __init__(
         self,
@@ -45,9 +46,11 @@ class Blackboard:
         values: Mapping[str, Any] | None = None,
         *,
         autoremap: bool = False,
+        enums: Mapping[str, int] | None = None,
     ) -> None:
         self._entries = {name: Entry(value) for name, value in (values or {}).items()}
         self._outside, self._remap, self._autoremap = outside, dict(remap or {}), autoremap
+        self.enums: Mapping[str, int] = outside.enums if outside is not None else dict(enums or {})
 
     def _home(self, name: str) -> tuple[Blackboard, str]:
         """The scope in which a name stands, and the name that it has there."""

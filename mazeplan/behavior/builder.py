@@ -17,7 +17,7 @@ from typing import Any
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.builtin_leaves import BUILTIN_LEAVES
 from mazeplan.behavior.conditions import CONDITIONS, Conditions
-from mazeplan.behavior.controls import CONTROLS, Control
+from mazeplan.behavior.controls import CONTROLS
 from mazeplan.behavior.decorators import DECORATORS, SubTree
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import Node, Place, TreeNode
@@ -164,11 +164,12 @@ class Builder:
             name = next(iter(self._trees))
         if name not in self._trees:
             raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self._trees)}")
+        enums = getattr(self._registry, "enums", None)
         for other in self._trees:  # trees that are not used are checked all the same
             if other != name:
-                self._content(other, Blackboard(), other, (other,))
+                self._content(other, Blackboard(enums=enums), other, (other,))
         self._count = 0
-        board = Blackboard()
+        board = Blackboard(enums=enums)
         content = self._content(name, board, name, (name,))
         return BehaviorTree(content, board, name, getattr(self._context, "again", None))
 
@@ -235,8 +236,8 @@ class Builder:
             raise self.error(element, above, f"<{element.tag}> without ID")
         known = BUILTIN.get(kind) or (self._class(element, above, kind, above) if kind in self._registry else None)
         if known is not None:
-            real = "Control" if issubclass(known, Control) else "Decorator" if issubclass(known, Node) else "Action"
-            if not (element.tag == real or (real == "Action" and element.tag == "Condition")):
+            real = known.category
+            if element.tag != real and {element.tag, real} != {"Action", "Condition"}:
                 raise self.error(element, above, f'got <{element.tag} ID="{kind}">, expected <{real} ID="{kind}">')
         return kind, attributes
 
@@ -248,7 +249,7 @@ class Builder:
         for name in CONDITIONS:
             if name in attributes:
                 given[name] = self._script(element, path, name, attributes.pop(name))
-        return Conditions(given, Scope(board, getattr(self._context, "enums", {}))) if given else None
+        return Conditions(given, Scope(board)) if given else None
 
     def _script(self, element: Element, path: str, name: str, text: str) -> Script:
         try:
@@ -312,7 +313,8 @@ class Builder:
                         self._script(element, path, attribute, text)
                     continue
                 values[attribute] = key
-                board.declare(key.name)
+                entry = board.declare(key.name)
+                entry.number = entry.number or port.type in (int, float)
                 if port.direction != "out" and key.name in board:
                     given = board.get(key.name)
                     port.accept(given, self._context)

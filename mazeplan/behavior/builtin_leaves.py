@@ -44,7 +44,7 @@ class Sleep(Leaf):
 
 
 class _Scripted(Leaf):
-    """A leaf with a script. enums: {name: number} that it knows besides the blackboard."""
+    """A leaf with a script."""
 
     ports: ClassVar[dict[str, Port]] = {"code": Port(str, REQUIRED, "the script")}
     _script: Script | None = None
@@ -55,7 +55,7 @@ class _Scripted(Leaf):
         script = self._script
         if script is None or script.text != text:
             script = self._script = self._tried(lambda: parse_script(text))
-        return script, Scope(self._board, getattr(self.context, "enums", {}))
+        return script, Scope(self._board)
 
     def _tried(self, action: Any) -> Any:
         try:

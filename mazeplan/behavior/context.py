@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mazeplan.behavior.leaf import CommandError
+from mazeplan.behavior.blame import CommandError
 from mazeplan.behavior.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.opening import OpeningOptions

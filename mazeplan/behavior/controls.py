@@ -21,6 +21,8 @@ from mazeplan.behavior.status import FAILURE, INVALID, RUNNING, SKIPPED, SUCCESS
 class Control(Node):
     """Base of the control nodes, also of a user's own: `run` does one tick, `on_halt` forgets what it keeps."""
 
+    category: ClassVar[str] = "Control"
+
 
 class _Ordered(Control):
     """Children in order. go_on: the result of a child after which the next one is ticked, as it is after SKIPPED;
@@ -299,8 +301,8 @@ class _Switch(Control):
         return result
 
     def _match(self) -> int:
-        """The number of the case that equals the variable, as text or as a number; that of the last child if none does,
-        or the variable was never set."""
+        """The number of the case that equals the variable, as text, number or enum; the last child if none does, or
+        the variable was never set."""
         value = self._values["variable"]
         if isinstance(value, Key) and value.name not in self._board:
             return self.cases
@@ -309,7 +311,7 @@ class _Switch(Control):
             case = self._values[f"case_{i + 1}"]
             if isinstance(case, Key) and case.name not in self._board:
                 continue
-            if _equal(found, _text(self.get(f"case_{i + 1}"))):
+            if _equal(found, _text(self.get(f"case_{i + 1}")), self._board.enums):
                 return i
         return self.cases
 
@@ -323,10 +325,10 @@ def _text(value: Any) -> str:
     return text_of(value) if isinstance(value, bool | int | float) else str(value)
 
 
-def _equal(a: str, b: str) -> bool:
+def _equal(a: str, b: str, enums: Mapping[str, int]) -> bool:
     if a == b:
         return True
-    x, y = (number_of(text, {}) if text not in ("true", "false") else None for text in (a, b))
+    x, y = (number_of(text, enums) if text not in ("true", "false") else None for text in (a, b))
     return x is not None and y is not None and math.fabs(x - y) <= EPSILON
 
 
@@ -377,6 +379,7 @@ class TryCatch(Control):
     def on_halt(self) -> None:
         """With catch_on_halt the last child gets one tick, unless it is running already."""
         if self.get("catch_on_halt") and not self._catching:
+            self._catching = True  # once, whatever its tick raises
             for child in self.parts[:-1]:
                 child.reset()
             self.tick_child(len(self.parts) - 1)

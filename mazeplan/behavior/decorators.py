@@ -19,6 +19,7 @@ RESULTS = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED")
 class Decorator(Node):
     """Base of the decorators, also of a user's own: `run` does one tick, `on_halt` forgets what it keeps."""
 
+    category: ClassVar[str] = "Decorator"
     most: ClassVar[int | None] = 1
 
     def execute(self) -> Result:

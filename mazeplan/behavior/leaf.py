@@ -7,39 +7,19 @@ has a `wind_down` (see `winding`).
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from py_trees.common import Status
 
 from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.blame import CommandError, blame
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.ports import shown
 from mazeplan.behavior.status import FINISHED, RUNNING, Result
-from mazeplan.core.errors import MazeplanError, RigError, TreeError
 from mazeplan.core.records import Failure
 
 Returned = TypeVar("Returned")
-
-
-class CommandError(Exception):
-    """A command that cannot go out; the leaf that gives it makes it a TreeError at its own line."""
-
-
-BLAME = "raised by the leaf at "
-
-
-def blames_a_leaf(problem: BaseException) -> bool:
-    """Whether an exception came out of a leaf, which then stands in it by file and line."""
-    return isinstance(problem, TreeError) or any(n.startswith(BLAME) for n in getattr(problem, "__notes__", ()))
-
-
-def fault(problem: BaseException) -> str:
-    """What came out of a leaf, in a line: what, and which leaf."""
-    told = str(problem) if isinstance(problem, MazeplanError) else f"{type(problem).__name__}: {problem}"
-    return " ".join(", ".join((told, *getattr(problem, "__notes__", ()))).split())
 
 
 class Context(Protocol):
@@ -119,25 +99,11 @@ class Leaf(TreeNode):
             return method()
         except CommandError as problem:
             raise self.wrong(str(problem)) from None
-        except RigError:  # the rig's, or the watchdog's, that interrupts whatever goes on
-            raise
-        except SystemExit as problem:
-            if type(problem) is not SystemExit:  # that of a signal, wherever it comes
+        except (Exception, SystemExit) as problem:
+            ended = blame(problem, self.where)
+            if ended is problem:
                 raise
-            ended = RuntimeError(f"sys.exit({problem.code!r}) in a leaf, which ends no run")
-            self._blame(ended, problem)
             raise ended from None
-        except Exception as problem:
-            if not blames_a_leaf(problem):
-                self._blame(problem, problem)
-            raise
-
-    def _blame(self, problem: Exception, raised: BaseException) -> None:
-        """Note on a problem where in the tree and in the code something was raised."""
-        place = self.place
-        where = self.name if place is None else f"{place.file}:{place.line}: {place.path}"
-        code = traceback.extract_tb(raised.__traceback__)[-1]  # which the way to another process does not keep
-        problem.add_note(f"{BLAME}{where} ({Path(code.filename).name}:{code.lineno})")
 
     def checked(self, status: Any, method: str) -> Status:
         """What a method returned. Raises TreeError where that is no status."""

@@ -18,10 +18,11 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.blame import blame
 from mazeplan.behavior.conditions import Conditions
 from mazeplan.behavior.ports import Key, Port, shown
 from mazeplan.behavior.script import ScriptError
-from mazeplan.behavior.status import FINISHED, INVALID, RUNNING, SKIPPED, Result
+from mazeplan.behavior.status import FINISHED, INVALID, RESULTS, RUNNING, SKIPPED, Result
 from mazeplan.core.errors import TreeError
 
 
@@ -64,6 +65,7 @@ class TreeNode(Behaviour):
     INVALID before the first one and after it was halted."""
 
     ports: ClassVar[dict[str, Port]] = {}
+    category: ClassVar[str] = ""  # Action, Condition, Control or Decorator: the element of the explicit form
     place: Place | None = None
     conditions: Conditions | None = None
     probe: Probe | None = None
@@ -115,6 +117,12 @@ class TreeNode(Behaviour):
         if self.place is None:
             return TreeError(problem, key=self.name)
         return TreeError(problem, file=self.place.file, line=self.place.line, key=self.place.path)
+
+    @property
+    def where(self) -> str:
+        """File, line and path in the tree; its name if it stands in no file."""
+        place = self.place
+        return self.name if place is None else f"{place.file}:{place.line}: {place.path}"
 
     @property
     def result(self) -> Result:
@@ -215,10 +223,21 @@ class Node(TreeNode):
         """One tick, children first."""
         self.fresh = self.status is not RUNNING
         self.status = RUNNING
-        return self.run()
+        try:
+            result = self.run()
+        except (Exception, SystemExit) as problem:
+            ended = blame(problem, self.where, "node")
+            if ended is problem:
+                raise
+            raise ended from None
+        if result not in RESULTS:
+            what = f"{type(self).__name__}.run returned {shown(result)}"
+            raise self.wrong(f"{what}, expected RUNNING, SUCCESS, FAILURE or SKIPPED")
+        return result
 
     def run(self) -> Result:
-        """One tick of the node. `tick_child` ticks a child; a child that has finished is to be `reset`."""
+        """One tick of the node: RUNNING, SUCCESS, FAILURE or SKIPPED. `tick_child` ticks a child; children that have
+        finished are to be reset before the node finishes (`reset_children`)."""
         # a node without a run is a mistake in the program, as a leaf without a step is
         raise NotImplementedError(f"{type(self).__name__} has no run")
 

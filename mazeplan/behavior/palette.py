@@ -1,4 +1,4 @@
-"""The leaves as a TreeNodesModel, which Groot2 reads as its palette."""
+"""Leaves, and control nodes and decorators of a user's own, as a TreeNodesModel: Groot2 reads it as its palette."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key
 
 MODEL = re.compile(r"^[ \t]*<TreeNodesModel(?:/>|>.*?</TreeNodesModel>)[ \t]*\n?", re.DOTALL | re.MULTILINE)
@@ -16,17 +16,17 @@ TAGS = {"in": "input_port", "out": "output_port", "inout": "inout_port"}
 TYPES = {int: "int", float: "double", bool: "bool", str: "std::string", list: "std::vector<std::string>"}  # C++ names
 
 
-def write_palette(registry: Mapping[str, type[Leaf]]) -> str:
-    """TreeNodesModel of all leaves: Action or Condition, with typed ports, defaults and what they are for.
+def write_palette(registry: Mapping[str, type[TreeNode]]) -> str:
+    """TreeNodesModel of leaves and of users' own control nodes and decorators, with typed ports, defaults and what they
+    are for.
 
-    Control nodes, decorators and preconditions are left out, as BehaviorTree.CPP leaves them out: the editor has its
-    own."""
+    The nodes of BehaviorTree.CPP are left out, as it leaves them out: the editor has its own."""
     root = etree.Element("root", BTCPP_format="4")
     add_models(etree.SubElement(root, "TreeNodesModel"), registry)
     return etree.tostring(root, pretty_print=True, encoding="unicode")
 
 
-def renewed(text: str, registry: Mapping[str, type[Leaf]]) -> str:
+def renewed(text: str, registry: Mapping[str, type[TreeNode]]) -> str:
     """A tree's file with the model of the leaves that it uses: its own one is replaced, or one is added at the end.
     All else stays as it is. Raises ValueError where the file has no end."""
     found = MODEL.search(text)
@@ -49,8 +49,8 @@ def without_model(text: str) -> str:
     return text if found is None or "<SubTree" in found.group() else text[: found.start()] + text[found.end() :]
 
 
-def add_models(model: Any, registry: Mapping[str, type[Leaf]]) -> None:
-    """Add leaves to a TreeNodesModel element."""
+def add_models(model: Any, registry: Mapping[str, type[TreeNode]]) -> None:
+    """Add nodes to a TreeNodesModel element."""
     for name, leaf in sorted(registry.items()):
         entry = etree.SubElement(model, leaf.category, ID=name)
         for port_name, port in leaf.ports.items():

@@ -61,10 +61,14 @@ class ScriptError(ValueError):
 
 @dataclass(frozen=True)
 class Scope:
-    """Where the names of a script stand: the enums {name: number} first, then the blackboard."""
+    """Where the names of a script stand: the enums of the blackboard first, then its entries."""
 
     board: Blackboard = field(default_factory=Blackboard)
-    enums: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def enums(self) -> Mapping[str, int]:
+        """{name: number}."""
+        return self.board.enums
 
 
 Evaluate = Callable[[Scope], Any]
@@ -386,6 +390,11 @@ def _assigned(scope: Scope, name: str, sign: str, value: Evaluate) -> Value:
 def _fitting(name: str, entry: Entry, value: Value, scope: Scope) -> Value:
     """A value in the kind that an entry has; any kind if it has no value yet."""
     old = entry.value
+    if old is EMPTY and entry.number and isinstance(value, str):
+        number = number_of(value, scope.enums)
+        if number is not None:
+            return float(number)
+        raise ScriptError(f"got {_short(value)} for {name}, which is a number in a port")
     if old is EMPTY or isinstance(old, str) is isinstance(value, str) is True:
         return value
     if isinstance(old, bool | int | float):

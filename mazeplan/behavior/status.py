@@ -20,6 +20,7 @@ Result = Status | Skipped
 SKIPPED = Skipped.SKIPPED
 RUNNING, SUCCESS, FAILURE, INVALID = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.INVALID
 FINISHED = (SUCCESS, FAILURE)
+RESULTS = (RUNNING, SUCCESS, FAILURE, SKIPPED)
 
 
 def result_named(name: str) -> Result:

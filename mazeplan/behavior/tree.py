@@ -76,7 +76,7 @@ class BehaviorTree:
             kinds=tuple(type(node).__name__ for node in nodes),
             names=tuple(node.name for node in nodes),
             parents=tuple(parents),
-            conditions=tuple(i for i, node in enumerate(nodes) if getattr(node, "category", "") == "Condition"),
+            conditions=tuple(i for i, node in enumerate(nodes) if node.category == "Condition"),
         )
 
     def results(self) -> list[str]:

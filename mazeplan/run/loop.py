@@ -13,9 +13,9 @@ from time import perf_counter
 
 import numpy as np
 
+from mazeplan.behavior.blame import blames_a_node, fault
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.leaf import blames_a_leaf, fault
-from mazeplan.behavior.ownleaves import registry_with
+from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.behavior.winding import WindDown
@@ -263,7 +263,7 @@ class Run:
 
     def broke_off(self, error: Exception) -> NavigationResult:
         """What has happened until a leaf, or the program itself, could not go on."""
-        if not blames_a_leaf(error):
+        if not blames_a_node(error):
             return self.result(False, CRASHED)
         self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, fault(error)))
         return self.result(False, str(FailureKind.LEAF_FAILED))

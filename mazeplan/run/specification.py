@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.ownleaves import installed_in
+from mazeplan.behavior.own_nodes import installed_in
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import nodes_named, tree_files
 from mazeplan.core import resources

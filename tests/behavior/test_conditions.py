@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import pytest
 
-from mazeplan.behavior.drawing import save_tree_drawing, tree_text
+from mazeplan.apps.report.tree_picture import save_tree_picture
 from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.outline import tree_text
 from mazeplan.behavior.ports import Port
 from mazeplan.behavior.status import FAILURE, INVALID, RUNNING, SKIPPED, SUCCESS
 from mazeplan.behavior.treefile import load_tree
@@ -160,7 +161,7 @@ def test_conditions_are_shown(tmp_path):
     content = '<Wait _skipIf="n &lt; 2 &amp;&amp; s == \'a$\'" _while="go"/>'
     tree, _ = load(tmp_path, f"<Sequence>{content}</Sequence>")
     assert tree_text(tree).splitlines()[1] == '└── Wait _skipIf="n < 2 && s == \'a$\'" _while="go"'
-    save_tree_drawing(tree, tmp_path / "tree.svg")
+    save_tree_picture(tree, tmp_path / "tree.svg")
     assert "_skipIf=" in "".join((tmp_path / "tree.svg").read_text().split("<!-- ")[1:])
 
 

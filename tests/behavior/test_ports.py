@@ -8,8 +8,9 @@ from typing import ClassVar
 import pytest
 from py_trees.common import Status
 
-from mazeplan.behavior.drawing import save_tree_drawing, tree_text
+from mazeplan.apps.report.tree_picture import save_tree_picture
 from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.outline import tree_text
 from mazeplan.behavior.palette import write_palette
 from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.behavior.treefile import load_tree
@@ -219,7 +220,7 @@ def test_drawing_takes_any_words(tmp_path):
     assert len(tree_text(tree).splitlines()) == 4
     for kind, start in (("png", b"\x89PNG"), ("svg", b"<?xml")):
         picture = tmp_path / f"tree.{kind}"
-        save_tree_drawing(tree, picture)
+        save_tree_picture(tree, picture)
         assert picture.read_bytes().startswith(start)
 
 
@@ -230,7 +231,7 @@ def test_drawing_is_as_wide_as_its_words(tmp_path):
     for name in ("a", "a" * 100):
         tree, _ = load(tmp_path, f'<Wait name="{name}"/>')
         picture: Path = tmp_path / "tree.png"
-        save_tree_drawing(tree, picture)
+        save_tree_picture(tree, picture)
         pixels = matplotlib.image.imread(picture)[:, :, :3].min(axis=(0, 2))  # darkest of each column
         widths.append(pixels.size)
         assert pixels[-10:].min() == 1.0  # a margin, and nothing cut off

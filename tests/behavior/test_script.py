@@ -17,7 +17,7 @@ ENUMS = {"RED": 1, "GREEN": 2}
 
 
 def scope():
-    return Scope(Blackboard(values=VALUES), ENUMS)
+    return Scope(Blackboard(values=VALUES, enums=ENUMS))
 
 
 def value(text):

@@ -8,8 +8,9 @@ from typing import ClassVar
 import pytest
 from py_trees.common import Status
 
-from mazeplan.behavior.drawing import save_tree_drawing, tree_text
+from mazeplan.apps.report.tree_picture import save_tree_picture
 from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.outline import tree_text
 from mazeplan.behavior.palette import write_palette
 from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.behavior.registry import REGISTRY
@@ -247,7 +248,7 @@ def test_packaged_trees_load_and_can_be_shown(tmp_path):
         assert "PassOpening opening={opening}" in text
         assert len(text.splitlines()) == len(list(tree.nodes()))
         picture = tmp_path / f"{name}.png"
-        save_tree_drawing(tree, picture)
+        save_tree_picture(tree, picture)
         assert picture.read_bytes().startswith(b"\x89PNG")
 
 

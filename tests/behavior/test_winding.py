@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_rig import PATIENT, PlanarRig, known
 
-from mazeplan.behavior.ownleaves import MOST_WIND_DOWN, registry_with
+from mazeplan.behavior.own_nodes import MOST_WIND_DOWN, registry_with
 from mazeplan.core.errors import InputError, TreeError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.maze.mapfile import load_map

@@ -133,7 +133,10 @@ def changed(old, new):
         ("def broken(:\n", "mine.py:1: SyntaxError: invalid syntax"),
         ("import sys\nsys.exit('off')\n", "mine.py:2: SystemExit: off"),
         ("from mazeplan import NoLeaf\n", "mine.py:1: ImportError: cannot import name 'NoLeaf'"),
-        (IMPORT, "there is no leaf in module 'mine'; expected a class derived from mazeplan.MazeLeaf that has a step"),
+        (
+            IMPORT,
+            "there is no node in module 'mine'; expected a class derived from mazeplan.MazeLeaf that has a step, or ",
+        ),
         (changed("GiveUp", "Track"), "mine.Track: this name is taken; expected another"),
         (changed("GiveUp", "Sequence"), "mine.Sequence: this name is taken"),
         (changed("GiveUp", "SubTree"), "mine.SubTree: this name is taken"),

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from planar_rig import PlanarRig
 
-from mazeplan.behavior.ownleaves import registry_with
+from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.core.logs.run_log import STATUSES, read_log
 from mazeplan.core.logs.run_log_reader import read_messages
 from mazeplan.learning.modelfile import RigModel

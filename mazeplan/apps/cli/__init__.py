@@ -188,9 +188,9 @@ def _run(received: list[int]) -> int:
             raise
         end_unwritable(problem)
     except Exception as problem:
-        from mazeplan.behavior.leaf import blames_a_leaf, fault
+        from mazeplan.behavior.blame import blames_a_node, fault
 
-        if not blames_a_leaf(problem):
+        if not blames_a_node(problem):
             raise
         return _fail(fault(problem), InputError.exit_status)
     if status == INTERRUPTED and received:

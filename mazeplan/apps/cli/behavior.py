@@ -9,10 +9,11 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say, write_text
-from mazeplan.core.errors import TreeError
+from mazeplan.apps.cli.progress import log_read
+from mazeplan.core.errors import InputError, TreeError
 
 if TYPE_CHECKING:
-    from mazeplan.behavior.leaf import Leaf
+    from mazeplan.behavior.node import TreeNode
     from mazeplan.behavior.ports import Port
     from mazeplan.behavior.tree import BehaviorTree
     from mazeplan.maze.geometry import Maze
@@ -20,7 +21,12 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
 
 Trees = Annotated[list[str], typer.Argument(help="XML files, or names of packaged trees.")]
-Tree = Annotated[str, typer.Argument(help="XML file, or name of a packaged tree.")]
+ShownTree = Annotated[
+    str | None,
+    typer.Argument(metavar="TREE", help="XML file, or name of a packaged tree. Default: that of --log, or navigate."),
+]
+RunOf = Annotated[Path | None, typer.Option("--log", help="Run log: also draw what each node did.")]
+Whole = Annotated[bool, typer.Option("--whole", help="Draw a SubTree that stands in the tree again each time.")]
 CheckedMap = Annotated[
     str | None, typer.Option("--map", help="Map whose rings and openings the tree may name. Default: any names.")
 ]
@@ -29,6 +35,10 @@ Into = Annotated[
     Path | None, typer.Option("--into", help="Tree whose TreeNodesModel to write or renew; all else in it stays.")
 ]
 Palette = Annotated[Path | None, typer.Option("-o", "--output", help="File to write. Default: stdout.")]
+
+
+LEAVES = ("Action", "Condition")  # categories of leaves
+KINDS = {"Action": "leaves", "Control": "control nodes", "Decorator": "decorators"}
 
 
 class _NoContext:
@@ -47,7 +57,7 @@ class _NoContext:
 
 
 def _load(source: str, modules: list[str] | None, maze: Maze | None = None) -> BehaviorTree:
-    from mazeplan.behavior.ownleaves import registry_with
+    from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.behavior.treefile import load_tree
 
     return load_tree(source, registry_with(modules or ()), _NoContext(maze))
@@ -87,43 +97,75 @@ def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[s
 
 
 @app.command("show")
-def show(source: Tree = "navigate", output: Drawing = None, behavior_module: opt.BehaviorModule = None) -> None:
-    """Show a tree as text, or draw it."""
-    from mazeplan.behavior.drawing import save_tree_drawing, tree_text
+def show(
+    source: ShownTree = None,
+    output: Drawing = None,
+    log: RunOf = None,
+    whole: Whole = False,
+    behavior_module: opt.BehaviorModule = None,
+) -> None:
+    """Show a tree as text, or draw it; with --log also draw what it did in a run."""
+    from mazeplan.behavior.outline import tree_text
 
-    tree = _load(source, behavior_module)
+    if log is not None and output is None:
+        raise InputError("--log: expected -o FILE, too: what a tree did is a picture")
+    read = None if log is None else log_read(log)
+    logged = None if read is None else read.header.get("behavior")
+    tree = _load(source or logged or "navigate", behavior_module)
     if output is None:
-        print(tree_text(tree))
-    else:
-        save_tree_drawing(tree, output)
-        say(f"wrote {output}")
+        print(tree_text(tree, whole))
+        return
+    from mazeplan.apps.report.tree_picture import history, save_tree_picture
+
+    did = None if read is None else history(tree, read, log)
+    save_tree_picture(tree, output, did, "" if read is None else _title(Path(str(log)), read.header), whole)
+    say(f"wrote {output}")
+
+
+def _title(log: Path, header: dict[str, Any]) -> str:
+    return f"{log.name}: rig {header.get('rig')}, seed {header.get('seed')}"
 
 
 @app.command("list")
 def list_leaves(behavior_module: opt.BehaviorModule = None, json: opt.AsJson = False) -> None:
-    """List leaves with their ports, control nodes and preconditions."""
-    from mazeplan.behavior.conditions import DECISIONS
-    from mazeplan.behavior.controls import CONTROLS
-    from mazeplan.behavior.decorators import DECORATORS
-    from mazeplan.behavior.ownleaves import registry_with
+    """List all nodes that a tree may name, with their ports, and the conditions that any node may have."""
+    from mazeplan.behavior.builder import BUILTIN
+    from mazeplan.behavior.conditions import CONDITIONS, DECISIONS
+    from mazeplan.behavior.own_nodes import registry_with
 
     registry = registry_with(behavior_module or ())
-    leaves = dict(sorted(registry.usable(_report_unusable).items()))
-    controls = [*CONTROLS, *DECORATORS, "SubTree"]
+    usable = dict(sorted(registry.usable(_report_unusable).items()))
+    nodes = {**usable, **BUILTIN}
+    leaves = {name: node for name, node in usable.items() if node.category in LEAVES}
+    controls = [*(name for name, node in nodes.items() if node.category not in LEAVES), "SubTree"]
+    after = [name for name in CONDITIONS if name not in DECISIONS]
     if json:
-        documents = {name: _document(leaf) for name, leaf in leaves.items()}
-        print_json({"leaves": documents, "control_nodes": controls, "preconditions": list(DECISIONS)})
+        print_json({
+            "leaves": {name: _document(leaf) for name, leaf in leaves.items()}, "control_nodes": controls,
+            "nodes": {name: _document(node) for name, node in nodes.items() if name not in leaves},
+            "preconditions": list(DECISIONS), "postconditions": after, "enums": dict(registry.enums),
+        })  # fmt: skip
         return
-    for name, leaf in leaves.items():
-        owner = f" (package {registry.owners[name].source})" if name in registry.owners else ""
-        print(f"{name}: {_purpose(leaf) or 'no docstring'}{owner}")
-        for port_name, port in leaf.ports.items():
-            print(f"    {port_name} ({_port_kind(port)}): {port.doc}{_allowed(port)}")
-    print("control nodes: " + ", ".join(controls))
+    for kind, plural in KINDS.items():
+        print(f"{plural}:")
+        for name, node in nodes.items():
+            if node.category in (kind, "Condition" if kind == "Action" else kind):
+                owner = f" (package {registry.owners[name].source})" if name in registry.owners else ""
+                _print_node(name, node, owner)
+    print("SubTree: the tree of that ID; attributes are keys of its blackboard")
     print(f"preconditions of any node: {', '.join(DECISIONS)}, as _skipIf=\"legs &lt; 2 || word == 'fast'\"")
+    print(f'postconditions of any node: {", ".join(after)}, as _onSuccess="legs += 1"')
+    if registry.enums:
+        print("names that scripts know: " + ", ".join(f"{name} = {n}" for name, n in registry.enums.items()))
 
 
-def _purpose(leaf: type[Leaf]) -> str:
+def _print_node(name: str, node: type[TreeNode], owner: str) -> None:
+    print(f"{name}: {_purpose(node) or 'no docstring'}{owner}")
+    for port_name, port in node.ports.items():
+        print(f"    {port_name} ({_port_kind(port)}): {port.doc}{_allowed(port)}")
+
+
+def _purpose(leaf: type[TreeNode]) -> str:
     return (leaf.__doc__ or "").strip().partition("\n")[0]
 
 
@@ -137,7 +179,7 @@ def _port_kind(port: Port) -> str:
     return kind if port.default is None else f"{kind}, default {port.default}"
 
 
-def _document(leaf: type[Leaf]) -> dict[str, Any]:
+def _document(leaf: type[TreeNode]) -> dict[str, Any]:
     """A leaf and its ports, for programs."""
     from mazeplan.behavior.ports import REQUIRED
 
@@ -150,7 +192,7 @@ def _document(leaf: type[Leaf]) -> dict[str, Any]:
         }
         for name, port in leaf.ports.items()
     }  # fmt: skip
-    return {"what": _purpose(leaf), "ports": ports}
+    return {"what": _purpose(leaf), "category": leaf.category, "ports": ports}
 
 
 def _report_unusable(problem: str) -> None:
@@ -168,7 +210,7 @@ def _allowed(port: Port) -> str:
 @app.command("palette")
 def palette(output: Palette = None, into: Into = None, behavior_module: opt.BehaviorModule = None) -> None:
     """Write the leaves as a TreeNodesModel, for the palette of Groot2."""
-    from mazeplan.behavior.ownleaves import registry_with
+    from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.behavior.palette import renewed, write_palette
 
     leaves = registry_with(behavior_module or ()).usable(_report_unusable)

@@ -109,7 +109,7 @@ def _rig(found: Plugin) -> tuple[str, ...]:
 
 
 def _leaf(found: Plugin) -> tuple[str, ...]:
-    from mazeplan.behavior.ownleaves import installed_leaf, not_a_name
+    from mazeplan.behavior.own_nodes import installed_leaf, not_a_name
 
     return _usable(found, not_a_name(found), installed_leaf)
 

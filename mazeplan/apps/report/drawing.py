@@ -5,17 +5,19 @@ Everything that differs in colour also differs in dashes, marker or hatch.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mazeplan.apps.palette import COLOURS, HATCHES, MARKERS, dashes
+from mazeplan.core.logs.run_log import STATUSES
 from mazeplan.maze.drawing import draw_maze
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
     from mazeplan.core.records import Array
     from mazeplan.maze.geometry import Maze
@@ -105,3 +107,37 @@ def nothing(axes: Axes, why: str) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=COLOURS["neutral"])
+
+
+# how the last tick of a node ended
+ENDINGS = {STATUSES[name]: name.lower() for name in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED")}
+MEANING = {
+    "running": "running", "success": "succeeded", "failure": "failed", "skipped": "skipped", "no": "no (a condition)",
+}  # fmt: skip
+
+
+def ending(letter: str, condition: bool) -> str:
+    """How a tick ended, by its letter in a log: a key of MEANING. The failure of a condition is the answer no."""
+    return "no" if condition and ENDINGS[letter] == "failure" else ENDINGS[letter]
+
+
+def draw_ending(axes: Axes, name: str, y: float, start: float, end: float, height: float = 0.72) -> None:
+    """A node's stretch of time, s, in row y: a bar of some height while it runs; else a thin one, with a mark at the
+    moment when it ended so."""
+    height = height if name == "running" else 0.13
+    axes.broken_barh([(start, end - start)], (y - 0.5 * height, height), **_look(name))
+    if name == "failure":
+        axes.plot([start], [y], **failure_mark("X", markersize=6.0))
+    elif name == "success":
+        axes.plot([start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5)
+
+
+def endings_met(met: Collection[str]) -> list[Patch]:
+    """What a legend shows for keys of MEANING."""
+    from matplotlib.patches import Patch
+
+    return [Patch(**_look(name), label=meaning) for name, meaning in MEANING.items() if name in met]
+
+
+def _look(name: str) -> dict[str, Any]:
+    return area("neutral" if name == "no" else name, hatch="")

@@ -10,10 +10,13 @@ import numpy as np
 
 from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.drawing import (
+    ENDINGS,
     FAILURE_MARKERS,
     INK,
-    area,
     darker,
+    draw_ending,
+    ending,
+    endings_met,
     failure_mark,
     legend_beside,
     line,
@@ -36,7 +39,7 @@ from mazeplan.apps.report.run_record import (
 )  # fmt: skip
 from mazeplan.apps.report.words import ANGLE, BETA, DEG, GAMMA, MISSING, setup_facts
 from mazeplan.core.errors import LogError
-from mazeplan.core.logs.run_log import STATUSES, RunLog
+from mazeplan.core.logs.run_log import RunLog
 from mazeplan.core.records import Array, TreeOutline
 from mazeplan.maze.drawing import draw_maze
 from mazeplan.maze.geometry import Maze
@@ -45,10 +48,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DRAWN_AS = {STATUSES[name]: name.lower() for name in ("RUNNING", "SUCCESS", "FAILURE", "SKIPPED")}
-MEANING = {
-    "running": "running", "success": "succeeded", "failure": "failed", "skipped": "skipped", "no": "no (a condition)",
-}  # fmt: skip
 CONDITIONS = frozenset({"BallSeen", "InRing", "FailureIs"})  # in older logs: their failure is the answer no
 MOST_LEAVES = 60
 Markers = dict[str, str]  # by kind of failure
@@ -229,8 +228,6 @@ def _conditions(tree: TreeOutline) -> list[str]:
 
 
 def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers) -> None:
-    from matplotlib.patches import Patch
-
     axes, bars = figure.add_subplot(), leaf_bars(log)
     if not bars:
         return nothing(axes, "the log has no leaf")
@@ -240,29 +237,18 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers
     rows = {path: i for i, path in enumerate(list(named)[:MOST_LEAVES])}
     _bands(axes, visits(log), named=True)
     for bar in bars:
-        if bar.path not in rows or bar.status not in DRAWN_AS:
+        if bar.path not in rows or bar.status not in ENDINGS:
             continue
-        name, y = DRAWN_AS[bar.status], rows[bar.path]
-        name = "no" if name == "failure" and bar.path in asked else name
+        name = ending(bar.status, bar.path in asked)
         met.add(name)
-        height = 0.72 if name == "running" else 0.13
-        axes.broken_barh([(bar.start, bar.end - bar.start)], (y - 0.5 * height, height), **_look(name))
-        if name == "failure":
-            axes.plot([bar.start], [y], **failure_mark("X", markersize=6.0))
-        elif name == "success":
-            axes.plot([bar.start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5)
+        draw_ending(axes, name, rows[bar.path], bar.start, bar.end)
     _failure_lines(axes, failures, markers)
     axes.set_yticks(list(rows.values()), [named[path] for path in rows], fontsize=7.5)
     axes.set_ylim(len(rows) - 0.4, -1.4 if failures else -0.7)
     axes.set_xlabel("time, s")
     axes.grid(axis="x")
-    patches = [Patch(**_look(name), label=meaning) for name, meaning in MEANING.items() if name in met]
-    legend_beside(axes, handles=patches, title="last tick")
+    legend_beside(axes, handles=endings_met(met), title="last tick")
     return None
-
-
-def _look(name: str) -> dict[str, Any]:
-    return area("neutral" if name == "no" else name, hatch="")
 
 
 def _tilt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers) -> None:

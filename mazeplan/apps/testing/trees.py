@@ -15,7 +15,7 @@ from mazeplan.apps.testing.record import Record
 from mazeplan.apps.testing.scriptedrig import ScriptedRig, ScriptedSimulation
 from mazeplan.apps.testing.watch import Watch
 from mazeplan.behavior.context import RunContext
-from mazeplan.behavior.ownleaves import registry_with
+from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.ring_planner import RingPlanner

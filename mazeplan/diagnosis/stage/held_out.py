@@ -45,8 +45,7 @@ def _error(follows: Array, angle: Array, rows: np.ndarray, gain: float | None) -
     """Measured minus predicted angle (K,) in some rows, by offset and gain of the other rows; gain: if known."""
     other = ~rows
     if gain is None:
-        (gain, offset), *_ = np.linalg.lstsq(np.column_stack([follows[other], np.ones(other.sum())]), angle[other],
-                                             rcond=None)  # fmt: skip
-    else:
-        offset = float(np.mean(angle[other] - gain * follows[other]))
-    return np.asarray(angle[rows] - gain * follows[rows] - offset)
+        columns = np.column_stack([follows[other], np.ones(int(other.sum()))])
+        fitted, *_ = np.linalg.lstsq(columns, angle[other], rcond=None)
+        return np.asarray(angle[rows] - fitted[0] * follows[rows] - fitted[1])
+    return np.asarray(angle[rows] - gain * follows[rows] - np.mean(angle[other] - gain * follows[other]))

@@ -1,0 +1,175 @@
+"""Picture of a behaviour tree: an indented outline, so that nothing overlaps however wide the tree is.
+
+With the log of a run it shows beside each node what its ticks ended with over time. The path to the last leaf that
+failed has the colour of failures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.apps.report.drawing import ENDINGS, draw_ending, ending, endings_met, failure_mark
+from mazeplan.apps.report.run_record import end_of, mishaps
+from mazeplan.behavior.decorators import SubTree
+from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.outline import FOLDED, Row, rows_of
+from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.core.errors import InputError, LogError
+from mazeplan.core.logs.run_log import STATUSES, RunLog
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.text import Text
+
+# fill by kind of node, readable in grey and with any colour vision: light blue, light orange, white, light yellow
+FILLS = {
+    "Control": "#cfe2f3",
+    "Decorator": "#fce5cd",
+    "Action": "#ffffff",
+    "Condition": "#ffffff",
+    "SubTree": "#fff2a8",
+}
+SHAPES = {  # matplotlib's box styles
+    "Control": "square,pad=0.28", "Decorator": "round4,pad=0.38", "Action": "round,pad=0.28",
+    "Condition": "round,pad=0.28,rounding_size=0.75", "SubTree": "square,pad=0.28",
+}  # fmt: skip
+STEP, ROW, WORDS, TIME, DPI = 0.42, 0.29, 5.0, 5.2, 150  # indent; inches: a row, words, picture over time; dots an inch
+
+
+@dataclass(frozen=True)
+class History:
+    """What a tree did. end: s; changes: (t, a letter of `STATUSES` for each node) from that rig time on; failures: (t,
+    number of the leaf that failed); path: numbers of the nodes from the root to the last leaf that failed."""
+
+    end: float
+    changes: tuple[tuple[float, str], ...]
+    failures: tuple[tuple[float, int], ...]
+    path: frozenset[int]
+
+
+def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> History:
+    """What a log says of a tree. Raises LogError where the log is of another tree, or has none."""
+    outline = tree.outline()
+    same = [i for i, logged in enumerate(log.trees) if logged.outline.paths == outline.paths]
+    if not same:
+        got = "a log without a tree" if not log.trees else "the log of another tree"
+        raise LogError(f"got {got}, expected one of a run with the tree {tree.name}", file=file)
+    changes = list[tuple[float, str]]()
+    for i in same:
+        logged = log.trees[i]
+        end = log.trees[i + 1].t if i + 1 < len(log.trees) else end_of(log)
+        idle = STATUSES["INVALID"] * len(outline.paths)
+        changes += [(logged.t, idle), *logged.statuses, (max(end, logged.t), idle)]
+    failures = tuple(
+        (m.t, number) for m in mishaps(log) if (number := _failed(outline.names, changes, m.t, m.where)) is not None
+    )
+    path, number = set[int](), failures[-1][1] if failures else -1
+    while number >= 0:
+        path.add(number)
+        number = outline.parents[number]
+    return History(end_of(log), tuple(changes), failures, frozenset(path))
+
+
+def _failed(names: tuple[str, ...], changes: list[tuple[float, str]], t: float, where: str) -> int | None:
+    """Number of the leaf with this name that failed at a time; None if the tree has none. It may have been ticked again
+    in the same tick: then it is the one that ran until then."""
+    named = [i for i, name in enumerate(names) if name == where]
+    now = next((letters for at, letters in changes if at >= t - 1e-9), "")
+    before = next((letters for at, letters in reversed(changes) if at < t - 1e-9), "")
+    for letters, status in ((now, "FAILURE"), (before, "RUNNING")):
+        for i in named:
+            if letters[i : i + 1] == STATUSES[status]:
+                return i
+    return named[0] if named else None
+
+
+def save_tree_picture(
+    tree: BehaviorTree, path: str | Path, did: History | None = None, title: str = "", whole: bool = False
+) -> None:
+    """Draw a tree into a PNG, SVG or PDF file. did: what it did in a run; whole: repeated SubTrees are not folded.
+    Raises InputError when it cannot be written."""
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
+
+    rows = rows_of(tree, whole, () if did is None else did.path)
+    deepest, n = max(row.depth for row in rows), len(rows)
+    width, height = 0.3 * deepest + WORDS + 1.5, ROW * n + 0.9
+    figure = Figure(figsize=(width + TIME, height), dpi=DPI)
+    below, tall = 0.5 / height, ROW * n / height
+    axes = figure.add_axes((0.0, below, width / (width + TIME), tall))
+    axes.set_axis_off()
+    axes.set_xlim(-0.1, deepest * STEP + WORDS)
+    axes.set_ylim(n - 0.5, -0.5)
+    texts = _draw_nodes(axes, rows, frozenset() if did is None else did.path)
+    try:
+        figure.draw_without_rendering()  # only then is it known how wide the words are, at this resolution
+        crop = Bbox.union([text.get_window_extent() for text in texts]).transformed(figure.dpi_scale_trans.inverted())
+        if did is not None:
+            left = (crop.x1 + 0.25) / (width + TIME)
+            over_time = figure.add_axes((left, below, (TIME - 0.4) / (width + TIME), tall))
+            _draw_history(over_time, rows, did)
+            over_time.set_title(title, fontsize=8, loc="left")
+            crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, TIME, height)])
+        figure.savefig(path, bbox_inches=crop.padded(0.12))
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be drawn: {problem}", file=Path(path)) from None
+
+
+def _kind(node: TreeNode) -> str:
+    return "SubTree" if isinstance(node, SubTree) else node.category
+
+
+def _draw_nodes(axes: Axes, rows: list[Row], failed: frozenset[int]) -> list[Text]:
+    texts = list[Any]()
+    for y, row in enumerate(rows):
+        x, bad = row.depth * STEP, row.number in failed
+        colour, width = (COLOURS["failure"], 1.8) if bad else ("#555555", 0.9)
+        if row.parent is not None:
+            trunk = (row.depth - 1) * STEP + 0.12
+            axes.plot([trunk, trunk, x], [row.parent + 0.35, y, y], color=colour, lw=width, zorder=2 if bad else 1)
+        kind = _kind(row.node)
+        box = axes.text(
+            x, y, row.title, va="center", ha="left", fontsize=8, zorder=3, family="DejaVu Sans", parse_math=False,
+            bbox={"boxstyle": SHAPES[kind], "fc": FILLS[kind], "ec": colour if bad else "#333333", "lw": width},
+        )  # fmt: skip
+        note = "  ".join(filter(None, (row.name, row.attributes, FOLDED * row.folded)))
+        beside = axes.annotate(
+            note, xy=(1.0, 0.5), xycoords=box, xytext=(6, 0), textcoords="offset points",
+            va="center", fontsize=7, color="#444444", parse_math=False,
+        )  # fmt: skip
+        texts += [box, beside] if note else [box]
+    return texts
+
+
+def _draw_history(axes: Axes, rows: list[Row], did: History) -> None:
+    met = set[str]()
+    for y, row in enumerate(rows):
+        for letter, start, end in _stretches(did, row.number):
+            name = ending(letter, row.node.category == "Condition")
+            met.add(name)
+            draw_ending(axes, name, y, start, end)
+        at = [t for t, number in did.failures if number == row.number]
+        axes.plot(at, [y] * len(at), **failure_mark("X", markersize=8.0))
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlim(0.0, max(did.end, 1e-3))
+    axes.set_yticks(range(len(rows)), [])
+    axes.tick_params(axis="y", length=0)
+    axes.tick_params(axis="x", labelsize=7)
+    axes.grid(color="#e4e4e4", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("time, s", fontsize=8)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    axes.legend(handles=endings_met(met), title="last tick", fontsize=7, title_fontsize=7, loc="best")
+
+
+def _stretches(did: History, number: int) -> list[tuple[str, float, float]]:
+    """(letter, start, end) of the stretches in which a node's last tick ended alike."""
+    changes = [(t, letters[number]) for t, letters in did.changes]
+    kept = [change for i, change in enumerate(changes) if i == 0 or change[1] != changes[i - 1][1]]
+    ends = [*kept, (did.end, "")]
+    return [(letter, t, end) for (t, letter), (end, _) in pairwise(ends) if letter in ENDINGS and end > t]

@@ -1,0 +1,102 @@
+"""A behaviour tree as rows, one a node, and as text. A SubTree that stands in the tree again is folded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+from mazeplan.behavior.decorators import SubTree
+from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.ports import Key, shown
+from mazeplan.behavior.tree import BehaviorTree, parts_of
+
+SYMBOLS = {
+    "Sequence": "→", "SequenceWithMemory": "→*", "ReactiveSequence": "→ᴿ", "Fallback": "?", "ReactiveFallback": "?ᴿ",
+    "Parallel": "⇉", "Repeat": "↻", "RetryUntilSuccessful": "↺", "Inverter": "¬",
+}  # fmt: skip
+FOLDED = "(as above)"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A node of a tree: its number (parents before children), its depth, the row of its parent (None: the root).
+
+    folded: its children are left out, since they stand above."""
+
+    node: TreeNode
+    number: int
+    depth: int
+    parent: int | None
+    folded: bool = False
+
+    @property
+    def title(self) -> str:
+        """Kind of node, with a symbol."""
+        kind = type(self.node).__name__
+        return f"{SYMBOLS.get(kind, '')} {kind}".strip()
+
+    @property
+    def name(self) -> str:
+        """Its own name, if it has one."""
+        return "" if self.node.name == type(self.node).__name__ else self.node.name
+
+    @property
+    def attributes(self) -> str:
+        """Ports and conditions, as they stand in the file."""
+        ports = [f"{name}={_written(value)}" for name, value in self.node.values.items()]
+        given = {} if self.node.conditions is None else self.node.conditions.given
+        return " ".join(ports + [f'{name}="{_written(e.text)}"' for name, e in given.items()])
+
+
+def rows_of(tree: BehaviorTree, whole: bool = False, needed: Collection[int] = ()) -> list[Row]:
+    """The rows of a tree. whole: nothing is folded; needed: numbers of nodes that must have a row."""
+    numbers = {id(node): i for i, node in enumerate(tree.nodes())}
+    rows, drawn = list[Row](), set[str]()
+
+    def add(node: TreeNode, depth: int, parent: int | None) -> None:
+        number, again = numbers[id(node)], False
+        if isinstance(node, SubTree):
+            again = _tree_of(node) in drawn and not whole
+            drawn.add(_tree_of(node))
+            again = again and not any(number < n < number + _size(node) for n in needed)
+        here = len(rows)
+        rows.append(Row(node, number, depth, parent, again))
+        for child in () if again else parts_of(node):
+            add(child, depth + 1, here)
+
+    add(tree.root, 0, None)
+    return rows
+
+
+def _tree_of(node: SubTree) -> str:
+    """ID of the tree that stands in a SubTree."""
+    return str(node.values.get("ID", node.name))
+
+
+def _size(node: TreeNode) -> int:
+    """Number of nodes from this one down."""
+    return 1 + sum(_size(child) for child in parts_of(node))
+
+
+def _written(value: Any) -> str:
+    """A port's value as it stands in a file, if that is short and printable."""
+    if isinstance(value, Key):
+        return f"{{{value.name}}}"
+    text = ";".join(value) if isinstance(value, list) else str(value)
+    return text if text.isprintable() and len(text) <= 60 else shown(text)
+
+
+def tree_text(tree: BehaviorTree, whole: bool = False) -> str:
+    """The tree, one node a line, with its ports."""
+    rows = rows_of(tree, whole)
+    last = {row.parent: i for i, row in enumerate(rows)}  # the last child of each
+    lines, below = list[str](), list[str]()
+    for i, row in enumerate(rows):
+        lead = "" if row.parent is None else below[row.parent]
+        final = row.parent is None or last[row.parent] == i
+        branch = "" if row.parent is None else "└── " if final else "├── "
+        below.append(lead + ("" if row.parent is None else "    " if final else "│   "))
+        words = (lead + branch + row.title, f"'{row.name}'" if row.name else "", row.attributes, FOLDED * row.folded)
+        lines.append(" ".join(filter(None, words)))
+    return "\n".join(lines)

@@ -1,0 +1,209 @@
+"""Nodes that users bring in modules of their own, `--behavior-module MODULE`, and those of installed packages.
+
+A node is a public class of the module: a leaf derives from `leaf.Leaf` and has a `step`; a control node or decorator
+derives from `controls.Control` or `decorators.Decorator` and has a `run`. Its name is that of the class. The members of
+a public `enum.IntEnum` are names that scripts know. An installed package offers a node by an entry point
+`mazeplan.leaves` of its name; it is imported when a tree names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import IntEnum
+from types import ModuleType
+from typing import Any
+
+from mazeplan.behavior.builder import BUILTIN
+from mazeplan.behavior.controls import Control
+from mazeplan.behavior.decorators import Decorator
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.node import Node, TreeNode
+from mazeplan.behavior.ports import CONVERSIONS, OF_THE_MAP, REQUIRED, Port, shown
+from mazeplan.behavior.registry import REGISTRY
+from mazeplan.core.errors import InputError
+from mazeplan.core.plugins import LEAVES, Plugin, plugin, plugins
+from mazeplan.core.user_modules import user_module
+
+OPTION = "--behavior-module"
+CATEGORIES = ("Action", "Condition")
+DIRECTIONS = ("in", "out", "inout")
+EXPECTED = (
+    "a class derived from mazeplan.MazeLeaf that has a step, or from mazeplan.Control or Decorator that has a run"
+)
+MOST_WIND_DOWN = 90  # ticks; 3 s at 30 Hz: nobody waits longer for a run to end
+# tags of the format itself
+RESERVED = (*CATEGORIES, *BUILTIN, "SubTree", "Control", "Decorator", "BehaviorTree", "TreeNodesModel")
+
+
+class Registry(Mapping[str, type[TreeNode]]):
+    """Leaves and users' own nodes by name; those of installed packages are imported when they are asked for, which
+    raises InputError where one is broken. enums: {name: number} for scripts; owners: whose those are that were asked
+    for."""
+
+    def __init__(self, known: Mapping[str, type[TreeNode]], enums: Mapping[str, int] | None = None) -> None:
+        self._known, self.enums, self.owners = dict(known), dict(enums or {}), dict[str, Plugin]()
+
+    def __getitem__(self, name: str) -> type[TreeNode]:
+        if name not in self._known:
+            found = plugin(LEAVES, name)
+            if found is None or not_a_name(found):
+                raise KeyError(name)
+            self._known[name], self.owners[name] = installed_leaf(found), found
+        return self._known[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known or name in self.installed
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._known
+        yield from (name for name in self.installed if name not in self._known)
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    @property
+    def installed(self) -> dict[str, Plugin]:
+        """Entry points by the names of leaves that they offer; nothing of them is imported."""
+        return {found.name: found for found in plugins(LEAVES) if not_a_name(found) is None}
+
+    def usable(self, tell: Callable[[str], object]) -> dict[str, type[TreeNode]]:
+        """All of them; of an installed one that is broken `tell` is told."""
+        out = {}
+        for name in self:
+            try:
+                out[name] = self[name]
+            except InputError as problem:
+                tell(str(problem))
+        return out
+
+
+def not_a_name(found: Plugin) -> str | None:
+    """Why no tree could name this node of a package; None: it can be."""
+    if found.name in REGISTRY or found.name in RESERVED:
+        return "the program has a node of this name, which comes first"
+    return None if found.name.isidentifier() and not found.name.startswith("_") else "expected the name of a class"
+
+
+def installed_leaf(found: Plugin) -> type[TreeNode]:
+    """The node that a package offers. Raises InputError where it is none."""
+    leaf = found.load()
+    if not is_node(leaf):
+        raise found.problem(f"got {shown(leaf)}, expected {EXPECTED}")
+    if leaf.__name__ != found.name:
+        raise found.problem(f"got the class {leaf.__name__}, expected one whose name is that of the entry point")
+    _check(leaf, found.label)
+    return leaf
+
+
+def installed_in(names: Iterable[str], modules: Iterable[str] = ()) -> tuple[Plugin, ...]:
+    """Those of installed packages among the names of a tree's nodes. Raises InputError as `registry_with` does."""
+    beyond = [name for name in sorted(set(names)) if name not in REGISTRY and name not in RESERVED]
+    if not beyond:
+        return ()
+    own = {name for module in modules for name in _nodes(module)}
+    found = (plugin(LEAVES, name) for name in beyond if name not in own)
+    return tuple(one for one in found if one is not None)
+
+
+def registry_with(modules: Iterable[str] = ()) -> Registry:
+    """The leaves that a tree may name: the packaged ones, the nodes of the modules, and of installed packages. Raises
+    InputError if a module cannot be imported, has no node, or one whose name is taken or whose ports are not such."""
+    registry, enums = dict[str, type[TreeNode]](REGISTRY), dict[str, int]()
+    for module in dict.fromkeys(modules):
+        found, numbers = _nodes(module), _enums(user_module(module, OPTION))
+        if not found and not numbers:
+            raise InputError(f"{OPTION}: there is no node in module {module!r}; expected {EXPECTED}")
+        for name, node in found.items():
+            if name in registry or name in RESERVED:
+                raise InputError(f"{OPTION}: {module}.{name}: this name is taken; expected another")
+            _check(node, f"{OPTION}: {module}.{name}")
+            registry[name] = node
+        for name, number in numbers:
+            if enums.setdefault(name, number) != number:
+                raise InputError(f"{OPTION}: {module}: got {name} = {number}, which is {enums[name]} elsewhere")
+    return Registry(registry, enums)
+
+
+def is_node(kind: Any) -> bool:
+    """Whether something is a class of nodes that can be used: a leaf with a step, or a control node or decorator with a
+    run."""
+    if not isinstance(kind, type):
+        return False
+    if issubclass(kind, Leaf):
+        return kind.step is not Leaf.step
+    return issubclass(kind, Control | Decorator) and kind.run is not Node.run
+
+
+def _nodes(module: str) -> dict[str, type[TreeNode]]:
+    """Classes that the module defines, not those that it imports to derive from."""
+    return {kind.__name__: kind for kind in _public(user_module(module, OPTION)) if is_node(kind)}
+
+
+def _enums(module: ModuleType) -> list[tuple[str, int]]:
+    """Names and numbers of the enums that the module defines."""
+    enums = (kind for kind in _public(module) if issubclass(kind, IntEnum))
+    return [(name, int(member)) for kind in enums for name, member in kind.__members__.items()]
+
+
+def _public(module: ModuleType) -> Iterator[type]:
+    """Public classes that a module defines itself."""
+    for kind in vars(module).values():
+        if isinstance(kind, type) and kind.__module__ == module.__name__ and not kind.__name__.startswith("_"):
+            yield kind
+
+
+def _check(node: type[TreeNode], where: str) -> None:
+    """Raises InputError for ports, a category or a number of children that nobody could use in a file, or a wind-down
+    without a bound."""
+    if issubclass(node, Leaf):
+        _check_leaf(node, where)
+    elif issubclass(node, Node):
+        _check_children(node, where)
+    if not isinstance(node.ports, Mapping):
+        raise InputError(f"{where}: ports: got {shown(node.ports)}, expected a dictionary of ports")
+    for name, port in node.ports.items():
+        here = f"{where}: ports"
+        if not isinstance(name, str) or not name.isidentifier() or name.startswith("_") or name in ("name", "ID"):
+            raise InputError(f"{here}: got the name {shown(name)}, expected letters and digits, but not name or ID")
+        if not isinstance(port, Port):
+            raise InputError(f"{here}[{name!r}]: got {shown(port)}, expected a Port")
+        _check_port(port, f"{here}[{name!r}]")
+
+
+def _check_leaf(leaf: type[Leaf], where: str) -> None:
+    if leaf.category not in CATEGORIES:
+        raise InputError(f"{where}: category: got {shown(leaf.category)}, expected one of {', '.join(CATEGORIES)}")
+    ticks = leaf.wind_down_ticks
+    if type(ticks) is not int or not 1 <= ticks <= MOST_WIND_DOWN:
+        expected = f"expected a whole number from 1 to {MOST_WIND_DOWN}"
+        raise InputError(f"{where}: wind_down_ticks: got {shown(ticks)}, {expected}")
+
+
+def _check_children(node: type[Node], where: str) -> None:
+    least, most = node.least, node.most
+    if type(least) is not int or least < 1:
+        raise InputError(f"{where}: least: got {shown(least)}, expected a number of children, 1 or more")
+    if most is not None and (type(most) is not int or most < least):
+        raise InputError(f"{where}: most: got {shown(most)}, expected a number of children, {least} or more, or None")
+
+
+def _check_port(port: Port, where: str) -> None:
+    """Raises InputError for what no literal or entry could be checked against, or a default that would be refused."""
+    if port.type not in CONVERSIONS:
+        known = ", ".join(kind.__name__ for kind in CONVERSIONS)
+        raise InputError(f"{where}: got the type {shown(port.type)}, expected one of {known}")
+    if port.choices is not None and port.choices not in OF_THE_MAP and not isinstance(port.choices, tuple | list):
+        expected = f"a tuple of values, or one of {', '.join(OF_THE_MAP)}"
+        raise InputError(f"{where}: choices: got {shown(port.choices)}, expected {expected}")
+    if port.direction not in DIRECTIONS:
+        raise InputError(f"{where}: got {shown(port.direction)}, expected one of {', '.join(DIRECTIONS)}")
+    for name in ("least", "most"):
+        bound = getattr(port, name)
+        if bound is not None and port.type not in (int, float):
+            raise InputError(
+                f"{where}: {name}: got {shown(bound)}, expected none for a port of type {port.type.__name__}"
+            )
+        if bound is not None and (isinstance(bound, bool) or not isinstance(bound, int | float) or bound != bound):
+            raise InputError(f"{where}: {name}: got {shown(bound)}, expected a number")
+    if port.default is not REQUIRED and port.default is not None and not port.takes(port.default):
+        raise InputError(f"{where}: default: got {shown(port.default)}, expected {port.expected}")

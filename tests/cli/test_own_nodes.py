@@ -1,0 +1,120 @@
+"""Your own control nodes, decorators and enums, in a module of the working folder."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from mazeplan.apps.testing import run_tree
+from mazeplan.core.logs.run_log import read_log
+
+ROOT = Path(__file__).resolve().parents[2]
+TREE = '<root BTCPP_format="4"><BehaviorTree ID="Main">\n{}\n</BehaviorTree></root>'
+MODULE = ("--behavior-module", "nodes")
+OWN = ("--rig", "ideal", "--behavior", "tree.xml", *MODULE)
+IMPORT = "from mazeplan import SKIPPED, Control, Decorator, Port, Status\n"
+
+
+@pytest.fixture(autouse=True)
+def place(monkeypatch, tmp_path):
+    """A working folder with the module of the documentation."""
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "trees.md").read_text()
+    (example,) = re.findall(r"```python\n(from enum .*?)```", text, re.DOTALL)
+    (tmp_path / "nodes.py").write_text(example)
+    others = str(tmp_path.parents[1])
+    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if others not in folder])
+    yield tmp_path
+    sys.modules.pop("nodes", None)
+
+
+def test_they_are_checked_shown_listed_and_in_the_palette(call, refused, place):
+    xml = re.findall(r"```xml\n(<InTurn.*?)```", (ROOT / "docs" / "trees.md").read_text(), re.DOTALL)
+    (place / "tree.xml").write_text(TREE.format(xml[0].replace("pace", "pace := 2; pace")))
+    assert call("behavior", "check", "tree.xml", *MODULE)[1].startswith("tree.xml: ok, 4 nodes")
+    assert call("behavior", "show", "tree.xml", *MODULE)[1].startswith("InTurn")
+    listed = call("behavior", "list", *MODULE)[1]
+    control, decorators = listed.split("control nodes:\n")[1].split("decorators:\n")
+    assert "InTurn: The next child at each entry" in control
+    assert "AtMost: FAILURE instead of a tick" in decorators
+    assert "names that scripts know: CALM = 1, BRISK = 2" in listed
+    document = json.loads(call("behavior", "list", *MODULE, "--json")[1])
+    assert document["nodes"]["AtMost"]["category"] == "Decorator"
+    assert document["nodes"]["AtMost"]["ports"]["entries"]["default"] == 3
+    assert document["enums"] == {"CALM": 1, "BRISK": 2}
+    assert "InTurn" in document["control_nodes"]
+    assert "InTurn" not in document["leaves"]
+    palette = call("behavior", "palette", *MODULE)[1]
+    assert '<Control ID="InTurn"/>' in palette
+    assert '<Decorator ID="AtMost">' in palette
+    (place / "tree.xml").write_text(TREE.format("<InTurn><Dither/></InTurn>"))
+    assert "InTurn: got 1 children, expected at least 2" in refused("behavior", "check", "tree.xml", *MODULE)
+    (place / "tree.xml").write_text(TREE.format('<Action ID="InTurn"/>'))
+    assert 'expected <Control ID="InTurn">' in refused("behavior", "check", "tree.xml", *MODULE)
+
+
+def test_a_run_uses_them(call, place):
+    count = '<Script code="{}"/>'
+    in_turn = f"<InTurn>{count.format('first += 1')}{count.format('second += 1')}</InTurn>"
+    body = f"""<Sequence>
+      <Script code="first := 0; second := 0; pace := BRISK"/>
+      <Repeat num_cycles="5">{in_turn}</Repeat>
+      <ScriptCondition code="first == 3 and second == 2 and pace == 2"/>
+      <Switch2 variable="2" case_1="CALM" case_2="BRISK"><AlwaysFailure/><AlwaysSuccess/><AlwaysFailure/></Switch2>
+      <AlwaysFailure _skipIf="pace == BRISK"/>
+      <Inverter><Repeat num_cycles="3"><AtMost entries="2"><Script code="entered := 1"/></AtMost></Repeat></Inverter>
+      <Script name="done" code="done := 1"/>
+    </Sequence>""".replace(" and ", " &amp;&amp; ")
+    (place / "tree.xml").write_text(TREE.format(body))
+    run = run_tree("tree.xml", behavior_modules=["nodes"], time_limit=2.0, log="run.mcap")
+    assert run.statuses("done") == ["SUCCESS"]
+    assert run.statuses("AtMost")[-3:] == ["SUCCESS", "SUCCESS", "FAILURE"]
+    assert read_log(place / "run.mcap").header["behavior_modules"] == ["nodes"]
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("return {}['nothing']", "KeyError: 'nothing', raised by the node at "),
+        ("import sys; sys.exit(0)", "RuntimeError: sys.exit(0) in a node, which ends no run, raised by the node at "),
+        ("return None", "tree.xml:2: Main/Mine: Mine.run returned None, expected RUNNING, SUCCESS, FAILURE or SKIPPED"),
+        ("return Status.INVALID", "tree.xml:2: Main/Mine: Mine.run returned "),
+        ("return self.get('none')", "tree.xml:2: Main/Mine: get: got 'none', expected one of its ports: it has none"),
+    ],
+)
+def test_one_that_goes_wrong_is_one_line_with_its_place(call, place, body, message):
+    (place / "nodes.py").write_text(f"{IMPORT}class Mine(Control):\n    def run(self):\n        {body}\n")
+    (place / "tree.xml").write_text(TREE.format("<Mine><AlwaysSuccess/></Mine>"))
+    code, out, err = call("navigate", *OWN)
+    assert (code, out) == (2, "")
+    assert "Traceback" not in err
+    last = err.splitlines()[-1]
+    assert last.startswith(f"mazeplan: {message}")
+    assert "tree.xml:2: Main/Mine" in last
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("class Mine(Control):\n    pass", "there is no node in module 'nodes'; expected a class derived from"),
+        ("class Sequence(Control):\n    def run(self): ...", "nodes.Sequence: this name is taken"),
+        (
+            "class Mine(Control):\n    least = 0\n    def run(self): ...",
+            "nodes.Mine: least: got 0, expected a number of",
+        ),
+        ("class Mine(Decorator):\n    most = 'x'\n    def run(self): ...", "nodes.Mine: most: got 'x', expected a"),
+        ("class Mine(Decorator):\n    ports = [1]\n    def run(self): ...", "nodes.Mine: ports: got [1], expected"),
+        (
+            "from enum import IntEnum\nclass A(IntEnum):\n    RED = 1\nclass B(IntEnum):\n    RED = 2",
+            "nodes: got RED = 2, which is 1 elsewhere",
+        ),
+    ],
+)
+def test_one_that_nobody_could_use_is_refused(refused, place, source, message):
+    (place / "nodes.py").write_text(IMPORT + source + "\n")
+    (place / "tree.xml").write_text(TREE.format("<AlwaysSuccess/>"))
+    assert message in refused("behavior", "check", "tree.xml", *MODULE)
