@@ -116,7 +116,7 @@ def _parse(path: Path, data: bytes) -> Element:
     if len(data) > MAX_BYTES:
         raise TreeError(f"larger than {MAX_BYTES} bytes, which no tree is", file=path)
     if not data.strip():
-        raise TreeError(f"got an empty file, expected {EXPECTED}", file=path)
+        raise TreeError(f"got an empty file, expected {EXPECTED}", file=path, line=1)
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         line = 1 + data[: min(i for i in (data.find(b"<!DOCTYPE"), data.find(b"<!ENTITY")) if i >= 0)].count(b"\n")
         raise TreeError("document types and entities are not allowed", file=path, line=line)
