@@ -20,17 +20,19 @@ EMPTY = _Empty()  # the value of an entry that is declared, but was never set
 
 
 class Entry:
-    """One value, and how often it was set. number: whether a port for numbers names it."""
+    """One value, and how often it was set. number: int or float, where a port for such numbers names it, or it was
+    given from outside the tree."""
 
     __slots__ = ("changes", "number", "value")
 
     def __init__(self, value: Any = EMPTY) -> None:
-        self.value, self.number = value, False
+        self.value = value
+        self.number: type[int] | type[float] | None = None
         self.changes = 0 if value is EMPTY else 1
 
     def put(self, value: Any) -> None:
-        """Set the value. A float stays one: scripts may then set it to what is no whole number."""
-        self.value = float(value) if type(value) is int and type(self.value) is float else value
+        """Set the value. In an entry for floats a whole number is a float, which scripts may halve."""
+        self.value = float(value) if self.number is float and type(value) is int else value
         self.changes += 1
 
 
@@ -87,6 +89,12 @@ class Blackboard:
     def set(self, name: str, value: Any) -> None:
         """Set a name, here or in the scope where it stands."""
         self.declare(name).put(value)
+
+    def give(self, name: str, value: Any) -> None:
+        """Set a name from outside the tree: a float stays one, whatever a leaf sets it to."""
+        entry = self.declare(name)
+        entry.number = entry.number or (float if type(value) is float else None)
+        entry.put(value)
 
     def unset(self, name: str) -> None:
         """Remove a name of this scope; names that stand outside stay."""

@@ -314,7 +314,7 @@ class Builder:
                     continue
                 values[attribute] = key
                 entry = board.declare(key.name)
-                entry.number = entry.number or port.type in (int, float)
+                entry.number = entry.number or (port.type if port.type in (int, float) else None)
                 if port.direction != "out" and key.name in board:
                     given = board.get(key.name)
                     port.accept(given, self._context)

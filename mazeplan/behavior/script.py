@@ -392,9 +392,7 @@ def _fitting(name: str, entry: Entry, value: Value, scope: Scope) -> Value:
     old = entry.value
     if old is EMPTY and entry.number and isinstance(value, str):
         number = number_of(value, scope.enums)
-        if number is not None:
-            return float(number)
-        raise ScriptError(f"got {_short(value)} for {name}, which is a number in a port")
+        return value if number is None else float(number)
     if old is EMPTY or isinstance(old, str) is isinstance(value, str) is True:
         return value
     if isinstance(old, bool | int | float):

@@ -121,8 +121,8 @@ class Run:
             rollout=self._rollout,
         )
         tree = self._tree_file.build(self._leaves, context)
-        tree.blackboard.set("goal", goal)
-        tree.blackboard.set("waypoints", [*via, goal])
+        tree.blackboard.give("goal", goal)
+        tree.blackboard.give("waypoints", [*via, goal])
         self._record.tree(t, tree)
         if setup.watch is not None:
             setup.watch(tree, context)

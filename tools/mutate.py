@@ -1,0 +1,207 @@
+"""Faults put into the core on purpose: which of them does no test notice?
+
+    python tools/mutate.py --count 100 --seed 1 [--only mazeplan/behavior] [-o build/mutants.jsonl]
+
+Each fault is one small change of the code: < for <=, + for -, and for or, another number. The tests of the changed
+module run on a copy of the repository: those that import it, and those of its room. A fault that none of them notices
+is a survivor: a test is missing, or the change means nothing. The file has one line for each fault; a second call goes
+on where the first one stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CORE = ("behavior", "control", "core", "diagnosis", "learning", "maze", "physics", "run")
+TESTS = {
+    "core": ("core", "logs", "maths"),
+    "control": ("control", "estimation"),
+    "run": ("run",),
+}  # rooms of other names
+LIMIT_S = 420.0  # of the tests of one fault; one that takes longer counts as noticed
+SLOW = ["a test that took too long"]
+MOST_FILES = 14  # files of tests for one fault, those that name the module first
+COMPARED = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
+COMBINED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
+SIGNS = {
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=", ast.Add: "+", ast.Sub: "-",
+    ast.Mult: "*", ast.Div: "/", ast.And: "and", ast.Or: "or",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A change of a file: line (from 1), the text there before and after, and where in the file it stands."""
+
+    file: str
+    line: int
+    before: str
+    after: str
+    start: int
+    end: int
+
+
+def faults_in(path: Path) -> Iterator[Fault]:
+    """All faults that a file may have."""
+    source = path.read_text(encoding="utf-8")
+    starts = [0]
+    for line in source.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line.encode()))
+    data, name = source.encode(), path.relative_to(ROOT).as_posix()
+
+    def place(node: ast.expr) -> tuple[int, int]:
+        return (
+            starts[node.lineno - 1] + node.col_offset,
+            starts[(node.end_lineno or 0) - 1] + (node.end_col_offset or 0),
+        )
+
+    def fault(start: int, end: int, after: str) -> Fault:
+        return Fault(name, data[:start].count(b"\n") + 1, data[start:end].decode(), after, start, end)
+
+    def between(left: ast.expr, right: ast.expr, old: type, new: type) -> Iterator[Fault]:
+        start, end = place(left)[1], place(right)[0]
+        sign = re.escape(SIGNS[old])
+        alone = rf"\b{sign}\b" if sign.isalpha() else rf"(?<![*/<>=!]){sign}(?![*/<>=])"
+        found = re.search(alone, data[start:end].decode())
+        if found:
+            yield fault(start + found.start(), start + found.end(), SIGNS[new])
+
+    for node in _code(ast.parse(source)):
+        if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
+            yield from between(node.left, node.comparators[0], type(node.ops[0]), COMPARED[type(node.ops[0])])
+        elif isinstance(node, ast.BinOp) and type(node.op) in COMBINED and not _text(node):
+            yield from between(node.left, node.right, type(node.op), COMBINED[type(node.op)])
+        elif isinstance(node, ast.BoolOp):
+            old = type(node.op)
+            yield from between(node.values[0], node.values[1], old, ast.Or if old is ast.And else ast.And)
+        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            yield fault(place(node)[0], place(node)[0] + len("not"), "not not")
+        elif isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float):
+            yield fault(*place(node), _other(node.value))
+
+
+def _other(value: float) -> str:
+    """Another constant of its kind."""
+    if isinstance(value, bool):
+        return str(not value)
+    return (
+        str(value + 1) if isinstance(value, int) else f"({value!r} * 1.5 + 0.1)" if value == 0.0 else repr(value * 1.5)
+    )
+
+
+def _text(node: ast.BinOp) -> bool:
+    return any(isinstance(side, ast.JoinedStr | ast.Constant) and not isinstance(getattr(side, "value", 0), int | float)
+               for side in (node.left, node.right))  # fmt: skip
+
+
+def _code(tree: ast.AST) -> Iterator[ast.AST]:
+    """Nodes that do something: no annotations, no messages of errors, no texts."""
+    for name, value in ast.iter_fields(tree):
+        if name in ("annotation", "returns", "decorator_list") or isinstance(tree, ast.Raise | ast.JoinedStr):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST):
+                yield child
+                yield from _code(child)
+
+
+def files_for(file: str) -> list[str]:
+    """Files of tests for a module, those first that name it or what it defines most often; then those of its room."""
+    module, room = file.removesuffix(".py").replace("/", "."), file.split("/")[1]
+    body = ast.parse((ROOT / file).read_text(encoding="utf-8")).body
+    names = [n.name for n in body if isinstance(n, ast.ClassDef | ast.FunctionDef) and not n.name.startswith("_")]
+    words = re.compile(rf"\b({'|'.join(map(re.escape, [module, *names]))})\b")
+    rooms = [ROOT / "tests" / name for name in TESTS.get(room, (room,))]
+    found = dict[Path, float]()
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        near = any(folder in path.parents for folder in rooms)
+        found[path] = len(words.findall(path.read_text(encoding="utf-8"))) + 0.5 * near
+    best = sorted((path for path in found if found[path] > 0.0), key=lambda path: -found[path])
+    return [path.relative_to(ROOT).as_posix() for path in best[:MOST_FILES]]
+
+
+def noticed(fault: Fault, copy: Path) -> str:
+    """What became of a fault in a copy of the repository: noticed, survived, or no tests: there is none, or it fails
+    without the fault, too."""
+    path, tests = copy / fault.file, files_for(fault.file)
+    if not tests:
+        return "no tests"
+    data = path.read_bytes()
+    path.write_bytes(data[: fault.start] + fault.after.encode() + data[fault.end :])
+    try:
+        failed = _failed(copy, tests)
+    finally:
+        path.write_bytes(data)
+    if not failed:
+        return "survived"
+    return "no tests" if failed != SLOW and _failed(copy, failed) else "noticed"
+
+
+def _failed(copy: Path, tests: list[str]) -> list[str]:
+    """The first test that fails, or SLOW; none if all pass."""
+    where = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", *tests]
+    try:
+        ran = subprocess.run(command, cwd=copy, env=where, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    except subprocess.TimeoutExpired:
+        return SLOW
+    names = re.findall(r"^(?:FAILED|ERROR) ([^ ]+)", ran.stdout, re.MULTILINE)
+    return [] if ran.returncode == 0 else names[:1] or tests[:1]
+
+
+def drawn(count: int, seed: int, only: list[str]) -> list[Fault]:
+    """Faults drawn at random: a file first, so that long files do not have them all."""
+    rng, files = random.Random(seed), list[Path]()
+    for folder in only or [f"mazeplan/{room}" for room in CORE]:
+        path = ROOT / folder
+        files += [path] if path.is_file() else sorted(f for f in path.rglob("*.py") if "__pycache__" not in f.parts)
+    found: list[Fault] = []
+    while len(found) < count:
+        choices = [fault for fault in faults_in(rng.choice(files)) if fault not in found]
+        if choices:
+            found.append(rng.choice(choices))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--count", type=int, default=100, help="number of faults (default 100)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the draw (default 1)")
+    parser.add_argument("--only", nargs="+", default=[], help="folders or files to change (default: the core)")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "build" / "mutants.jsonl")
+    options = parser.parse_args()
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    lines = options.output.read_text().splitlines() if options.output.exists() else []
+    known = {(d["file"], d["start"], d["after"]): d["became"] for d in map(json.loads, lines)}
+    count = Counter[str]()
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "copy"
+        ignored = shutil.ignore_patterns(".git", ".venv", "build", "runs", "dist")
+        shutil.copytree(ROOT, copy, ignore=ignored)
+        for fault in drawn(options.count, options.seed, options.only):
+            became = known.get((fault.file, fault.start, fault.after)) or noticed(fault, copy)
+            if (fault.file, fault.start, fault.after) not in known:
+                with options.output.open("a") as stream:
+                    stream.write(json.dumps({**asdict(fault), "became": became}) + "\n")
+            count[became] += 1
+            if became != "noticed":
+                print(f"{became}: {fault.file}:{fault.line}: {fault.before!r} -> {fault.after!r}", flush=True)
+    print(", ".join(f"{name} {n}" for name, n in count.items()))
+
+
+if __name__ == "__main__":
+    main()
