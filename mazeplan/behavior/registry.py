@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mazeplan.behavior.leaf import Leaf
-from mazeplan.behavior.leaves import Align, ConfirmRing, PassOpening, Settle
+from mazeplan.behavior.opening_leaves import Align, ConfirmRing, PassOpening, Settle
 from mazeplan.behavior.recovery import (
     AvoidOpening,
     BackOff,

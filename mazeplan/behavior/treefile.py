@@ -17,8 +17,7 @@ from mazeplan.behavior.builder import EXPLICIT, Builder, Element, Part, one_line
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.core import file_kinds as filekinds
-from mazeplan.core import resources
+from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import TreeError
 
 MAX_BYTES = 1 << 20
@@ -105,11 +104,11 @@ def _read(path: Path) -> bytes:
     """What a file says, as far as it may be read. Raises TreeError."""
     try:
         if not path.is_file():
-            raise TreeError(filekinds.refused(path, f"an XML file or one of {', '.join(tree_names())}"), file=path)
+            raise TreeError(file_kinds.refused(path, f"an XML file or one of {', '.join(tree_names())}"), file=path)
         with path.open("rb") as stream:
             return stream.read(MAX_BYTES + 1)
     except (OSError, ValueError):
-        raise TreeError(filekinds.refused(path, EXPECTED), file=str(path)[:200]) from None
+        raise TreeError(file_kinds.refused(path, EXPECTED), file=str(path)[:200]) from None
 
 
 def _parse(path: Path, data: bytes) -> Element:
@@ -126,7 +125,7 @@ def _parse(path: Path, data: bytes) -> Element:
     try:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as problem:
-        kind = filekinds.got(path)
+        kind = file_kinds.got(path)
         if kind not in ("XML", "HTML", "text", "no such file"):  # of text that was handed in there is no file
             line = problem.lineno if kind in DAMAGED else None  # where a tree was spoilt; a picture has no lines
             raise TreeError(f"got {kind}, expected {EXPECTED}", file=path, line=line) from None

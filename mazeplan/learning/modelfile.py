@@ -32,8 +32,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from mazeplan.core import file_kinds as filekinds
-from mazeplan.core import resources
+from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import ModelError
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process
@@ -72,7 +71,7 @@ def load_model(source: str | Path) -> RigModel:
         folder = PACKAGED / str(source)
     path = folder if folder.suffix == ".yaml" else folder / "model.yaml"
     if not path.exists():
-        what = filekinds.got(folder)
+        what = file_kinds.got(folder)
         problem = "no such model; " if what == "no such file" else f"got {what}, "
         expected = f"expected a folder with model.yaml, or one of {', '.join(model_names())}"
         raise ModelError(problem + expected, file=source)

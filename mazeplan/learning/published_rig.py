@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import ModelError
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
@@ -114,7 +114,7 @@ def find_models(folder: str | Path) -> dict[int, str]:
     folder = Path(folder)
     if not folder.is_dir():
         expected = "the folder of the published model files"
-        raise ModelError(filekinds.refused(folder, expected).replace("no such file", "no such folder"), file=folder)
+        raise ModelError(file_kinds.refused(folder, expected).replace("no such file", "no such folder"), file=folder)
     pattern = re.compile(re.escape(PREFIX["inputs"]) + r"(_ring([0-9]{1,2})_.*\.txt)")
     found: dict[int, tuple[int, str]] = {}
     try:

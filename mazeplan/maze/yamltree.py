@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
 
 MAX_BYTES = 1 << 20
@@ -74,20 +74,20 @@ def read_yaml(path: Path, *, error: type[InputError] = InputError, what: str = "
     try:
         status = path.stat()
         if not path.is_file() or not status.st_size:
-            raise error(filekinds.refused(path, what), file=path)
+            raise error(file_kinds.refused(path, what), file=path)
         if status.st_size > MAX_BYTES:
             raise error(f"got {status.st_size} bytes, expected {what} of at most {MAX_BYTES}", file=path)
         with path.open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
     except (OSError, ValueError):  # ValueError: a name with a zero byte
         named = shown(str(path)) if "\0" in str(path) else path
-        raise error(filekinds.refused(path, what), file=named) from None
+        raise error(file_kinds.refused(path, what), file=named) from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         line = content.count(b"\n", 0, problem.start) + 1
-        raise error(filekinds.refused(path, what), file=path, line=line) from None
-    kind = filekinds.got(path)
+        raise error(file_kinds.refused(path, what), file=path, line=line) from None
+    kind = file_kinds.got(path)
     if kind in ("XML", "HTML", "a file with nothing but blanks"):
         raise error(f"got {kind}, expected {what}", file=path, line=1)
     return parse_yaml(text, file=path, error=error, language="JSON" if kind == "JSON" else "YAML")

@@ -12,7 +12,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
 from mazeplan.core.plugins import RIGS, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
@@ -82,7 +82,7 @@ def rig_file(spec: str) -> Path | None:
     path = Path(spec)
     if path.suffix in (".yaml", ".yml") or path.is_file():
         if not path.is_file():
-            raise SettingsError(filekinds.refused(path, "the settings of a rig (YAML)"), file=spec)
+            raise SettingsError(file_kinds.refused(path, "the settings of a rig (YAML)"), file=spec)
         return path
     if ":" in spec:
         return None
@@ -91,7 +91,7 @@ def rig_file(spec: str) -> Path | None:
         rig = installed_rig(found)
         return rig if isinstance(rig, Path) else None
     names = ", ".join((*rig_names(), *installed_rigs()))
-    what = f", {filekinds.got(path)}" if path.is_dir() else ""
+    what = f", {file_kinds.got(path)}" if path.is_dir() else ""
     raise SettingsError(f"got rig {shown(spec)}{what}, expected one of {names}, a YAML file, or module:Class")
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.behavior.palette import without_model
+from mazeplan.behavior.groot_palette import without_model
 from mazeplan.behavior.treefile import tree_files
 from mazeplan.control.deadline import Recorded
 from mazeplan.core import resources

@@ -9,9 +9,9 @@ import pytest
 from py_trees.common import Status
 
 from mazeplan.apps.report.tree_picture import save_tree_picture
+from mazeplan.behavior.groot_palette import write_palette
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.outline import tree_text
-from mazeplan.behavior.palette import write_palette
 from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core.errors import TreeError

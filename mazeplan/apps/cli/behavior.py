@@ -210,8 +210,8 @@ def _allowed(port: Port) -> str:
 @app.command("palette")
 def palette(output: Palette = None, into: Into = None, behavior_module: opt.BehaviorModule = None) -> None:
     """Write the leaves as a TreeNodesModel, for the palette of Groot2."""
+    from mazeplan.behavior.groot_palette import renewed, write_palette
     from mazeplan.behavior.own_nodes import registry_with
-    from mazeplan.behavior.palette import renewed, write_palette
 
     leaves = registry_with(behavior_module or ()).usable(_report_unusable)
     if into is not None:

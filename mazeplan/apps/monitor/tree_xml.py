@@ -10,9 +10,9 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compile
 
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.decorators import SubTree
+from mazeplan.behavior.groot_palette import add_models, written
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.node import TreeNode
-from mazeplan.behavior.palette import add_models, written
 from mazeplan.behavior.tree import BehaviorTree, parts_of
 
 

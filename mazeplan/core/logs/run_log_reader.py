@@ -18,7 +18,7 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Attachment, Channel, Chunk, Message
 from mcap.stream_reader import StreamReader
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.records import Array, TreeOutline
@@ -123,7 +123,7 @@ def read_messages(path: Path) -> tuple[dict[str, Any], list[tuple[str, dict[str,
         with path.open("rb") as stream:
             messages, complete = _messages(stream, path)
     except (OSError, ValueError):
-        raise LogError(filekinds.refused(path, EXPECTED), file=path) from None
+        raise LogError(file_kinds.refused(path, EXPECTED), file=path) from None
     header = next((document for topic, document in messages if topic == "/header"), {})
     if header.get("program") != PROGRAM:
         raise LogError(f"got an MCAP file without the header of a run, expected {EXPECTED}", file=path)
@@ -150,7 +150,7 @@ def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, 
     """(topic, document) of all messages, and whether the file was finished."""
     size = os.fstat(stream.fileno()).st_size
     if stream.read(len(MAGIC)) != MAGIC:
-        raise LogError(filekinds.refused(path, EXPECTED), file=path)
+        raise LogError(file_kinds.refused(path, EXPECTED), file=path)
     stream.seek(max(0, size - len(MAGIC)))
     finished = size > len(MAGIC) and stream.read() == MAGIC
     stream.seek(0)

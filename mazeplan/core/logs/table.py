@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.run_log import read_log
 from mazeplan.core.logs.run_log_reader import columns_of
@@ -100,8 +100,8 @@ EXPECTED = "a run log (.mcap) or a table (CSV) with t, beta, gamma and theta, or
 def read_table(path: str | Path) -> Table:
     """A table from a run log (.mcap) or CSV. Raises TableError or LogError with file, line and column."""
     path = Path(path)
-    if not path.is_file() or filekinds.got(path) in OTHERS or not os.access(path, os.R_OK):
-        raise TableError(filekinds.refused(path, EXPECTED), file=path)
+    if not path.is_file() or file_kinds.got(path) in OTHERS or not os.access(path, os.R_OK):
+        raise TableError(file_kinds.refused(path, EXPECTED), file=path)
     if path.suffix == ".mcap":
         log = read_log(path)
         columns = {name: column for name, column in log.ticks.items() if column.dtype != object}

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.table import OTHERS, content_of, read_csv
 from mazeplan.core.records import Array
@@ -45,8 +45,8 @@ class MotionLog:
 def read_motion(path: Path, position: str, inputs: Sequence[str], unit: str) -> MotionLog:
     """The columns t, position and inputs of a table (CSV); a cell of the position may be empty. Raises TableError."""
     expected = f"a table (CSV) with {', '.join(('t', position, *inputs))} in its first row"
-    if not path.is_file() or filekinds.got(path) in OTHERS:
-        raise TableError(filekinds.refused(path, expected), file=path)
+    if not path.is_file() or file_kinds.got(path) in OTHERS:
+        raise TableError(file_kinds.refused(path, expected), file=path)
     columns, rows = read_csv(content_of(path), path)
     for name in ("t", position, *inputs):
         if name not in columns:
@@ -114,13 +114,13 @@ def _variables(path: Path) -> dict[str, Any]:
 
     expected = "a .mat file (MATLAB 4 to 7.2) of the benchmark EMPS"
     if not path.is_file() or not path.stat().st_size:
-        raise TableError(filekinds.refused(path, expected), file=path)
+        raise TableError(file_kinds.refused(path, expected), file=path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of variables that are not ours
             found = loadmat(path, variable_names=[*COLUMNS, GAIN])
     except Exception as error:  # a damaged file raises whatever its reader stumbles over
-        kind = filekinds.got(path)
+        kind = file_kinds.got(path)
         reason = f" ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
         raise TableError(f"got {kind}{reason if 'MATLAB' in kind else ''}, expected {expected}", file=path) from None
     return {name: value for name, value in found.items() if not name.startswith("__")}

@@ -14,7 +14,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError
 from mazeplan.maze.yamltree import shown
 
@@ -52,13 +52,13 @@ class VideoSource:
         self.source, self._patience = source, patience_s
         self._file = isinstance(source, str) and "://" not in source and not source.startswith("/dev/")
         if self._file and not Path(str(source)).is_file():
-            raise InputError(filekinds.refused(str(source), "a video"), file=str(source))
+            raise InputError(file_kinds.refused(str(source), "a video"), file=str(source))
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # this class reports errors in one line
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._video = cv2.VideoCapture(source)
         if not self._video.isOpened():
             if self._file:
-                raise InputError(filekinds.refused(str(source), "a video that OpenCV can read"), file=str(source))
+                raise InputError(file_kinds.refused(str(source), "a video that OpenCV can read"), file=str(source))
             raise RigError(f"camera {shown(source)} cannot be opened; {_advice(source)}")
         if size is not None and not self._file:
             self._video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
@@ -177,7 +177,7 @@ def pictures(source: str, most: int) -> Iterator[tuple[str, np.ndarray]]:
         for name in names[:most]:
             image = cv2.imdecode(np.frombuffer(Path(name).read_bytes(), np.uint8), cv2.IMREAD_COLOR)
             if image is None:
-                raise InputError(filekinds.refused(name, "a picture that OpenCV can read"), file=name)
+                raise InputError(file_kinds.refused(name, "a picture that OpenCV can read"), file=name)
             yield name, image
         return
     if not (source.isdigit() or "://" in source or Path(source).exists()):

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mazeplan.core import file_kinds as filekinds
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.records import Array
 from mazeplan.maze.yamltree import shown
@@ -117,12 +117,12 @@ def read_readings(path: Path) -> list[Reading]:
             header = [name.strip() for name in next(rows, [])]
             missing = [name for name in COLUMNS if name not in header]
             if missing:
-                kind = filekinds.got(path)
+                kind = file_kinds.got(path)
                 got = f"the header {shown(','.join(header))}" if kind in ("text", "a table (CSV)") else kind
                 raise TableError(f"got {got}, expected a table (CSV) with {', '.join(COLUMNS)}", file=path, line=1)
             return [_reading(header, row, path, rows.line_num) for row in rows if any(cell.strip() for cell in row)]
     except (OSError, UnicodeDecodeError, csv.Error):
-        raise TableError(filekinds.refused(path, f"a table (CSV) with {', '.join(COLUMNS)}"), file=path) from None
+        raise TableError(file_kinds.refused(path, f"a table (CSV) with {', '.join(COLUMNS)}"), file=path) from None
 
 
 def _reading(header: list[str], row: list[str], path: Path, line: int) -> Reading:
