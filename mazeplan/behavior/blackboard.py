@@ -20,15 +20,21 @@ EMPTY = _Empty()  # the value of an entry that is declared, but was never set
 
 
 class Entry:
-    """One value, and how often it was set. number: int or float, where a port for such numbers names it, or it was
-    given from outside the tree."""
+    """One value, and how often it was set. number: int or float, where the first port that names it is for such
+    numbers, or it was given from outside the tree."""
 
-    __slots__ = ("changes", "number", "value")
+    __slots__ = ("_named", "changes", "number", "value")
 
     def __init__(self, value: Any = EMPTY) -> None:
         self.value = value
-        self.number: type[int] | type[float] | None = None
+        self.number: type | None = None
+        self._named = False
         self.changes = 0 if value is EMPTY else 1
+
+    def named_by(self, kind: type) -> None:
+        """Take note of a port of this type; the first one decides."""
+        if not self._named:
+            self._named, self.number = True, kind if kind in (int, float) else self.number
 
     def put(self, value: Any) -> None:
         """Set the value. In an entry for floats a whole number is a float, which scripts may halve."""

@@ -313,8 +313,7 @@ class Builder:
                         self._script(element, path, attribute, text)
                     continue
                 values[attribute] = key
-                entry = board.declare(key.name)
-                entry.number = entry.number or (port.type if port.type in (int, float) else None)
+                board.declare(key.name).named_by(port.type)
                 if port.direction != "out" and key.name in board:
                     given = board.get(key.name)
                     port.accept(given, self._context)
