@@ -46,6 +46,7 @@ from bench_rig import rig_section
 from bench_solver import solver_section
 from bench_trees import trees_section
 from bench_view import view_section
+from bench_waypoints import waypoints_section
 
 from mazeplan.run.settings import load_settings
 
@@ -211,7 +212,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,
-    "trees": trees_section, "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
+    "trees": trees_section, "waypoints": waypoints_section, "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
 
