@@ -212,7 +212,8 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,
-    "trees": trees_section, "waypoints": waypoints_section, "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
+    "trees": trees_section, "waypoints": waypoints_section,
+    "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "firmware": firmware_section,
 }  # fmt: skip
 
