@@ -17,7 +17,7 @@ from mazeplan.core.errors import TreeError
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "trees.md").read_text(encoding="utf-8")
-GOALS, ROLL, LEAF = (b.text for b in blocks("docs/trees.md") if b.kind == "python" and b.file is None)
+GOALS, ROLL, _NODES, LEAF = (b.text for b in blocks("docs/trees.md") if b.kind == "python" and b.file is None)
 
 
 def test_the_example_of_a_new_goal_runs(tmp_path):
