@@ -105,12 +105,12 @@ def _uses(node: TreeNode) -> Iterator[tuple[str, str, bool]]:
             elif attribute == NAMES.get(kind):
                 yield attribute, str(value), False
             elif attribute == SCRIPTS.get(kind):
-                yield from _used_by(attribute, _parsed(str(value)))
+                yield from _used_by(attribute, _parsed(str(value)), node.board.enums)
             elif kind == "SetBlackboard" and attribute == "output_key":
                 yield attribute, str(value), True
     if node.conditions is not None:
         for attribute, script in node.conditions.given.items():
-            yield from _used_by(attribute, script, node.conditions.scope.enums)
+            yield from _used_by(attribute, script, node.board.enums)
 
 
 def _parsed(text: str) -> Script | None:

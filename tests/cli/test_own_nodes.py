@@ -70,6 +70,7 @@ def test_a_run_uses_them(call, place):
       <Script name="done" code="done := 1"/>
     </Sequence>""".replace(" and ", " &amp;&amp; ")
     (place / "tree.xml").write_text(TREE.format(body))
+    assert call("behavior", "check", "tree.xml", *MODULE)[0] == 0
     run = run_tree("tree.xml", behavior_modules=["nodes"], time_limit=2.0, log="run.mcap")
     assert run.statuses("done") == ["SUCCESS"]
     assert run.statuses("AtMost")[-3:] == ["SUCCESS", "SUCCESS", "FAILURE"]
