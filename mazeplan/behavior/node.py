@@ -259,3 +259,9 @@ class Node(TreeNode):
         if self.waker is not None:
             self.waker.asked = True
         return RUNNING
+
+
+class Control(Node):
+    """Base of the control nodes, also of a user's own: `run` does one tick, `on_halt` forgets what it keeps."""
+
+    category: ClassVar[str] = "Control"

@@ -241,7 +241,7 @@ class Monitor:
         if text == b"start":
             self._transitions.clear()
             self._recording = time.monotonic()
-            return str(int(1e6 * time.time())).encode()
+            return str(int(1e6 * time.time())).encode()  # the protocol wants it; nothing of a run depends on it
         self._recording = None
         return None
 

@@ -231,14 +231,14 @@ def _printer() -> Any:
     from sympy.printing.pycode import PythonCodePrinter
 
     class Printer(PythonCodePrinter):
-        def _print_Function(self, expr: Any) -> str:  # noqa: N802
+        def _print_Function(self, expr: Any) -> str:  # noqa: N802  SymPy looks for this name
             name = type(expr).__name__
             name = {"sin": "sine", "cos": "cosine"}.get(name, name)
             return f"{name}({', '.join(self._print(a) for a in expr.args)})"
 
         _print_sin = _print_cos = _print_exp = _print_tanh = _print_sign = _print_Function  # pyright: ignore
 
-        def _print_Pow(self, expr: Any, rational: bool = False) -> str:  # noqa: N802
+        def _print_Pow(self, expr: Any, rational: bool = False) -> str:  # noqa: N802  SymPy looks for this name
             base, power = expr.args
             text = self.parenthesize(base, 60)
             if power.is_Integer and 2 <= abs(int(power)) <= 4:
@@ -250,7 +250,7 @@ def _printer() -> Any:
                 return f"sqrt({self._print(base)})"
             return f"{text}**{self._print(power)}"
 
-        def _print_Rational(self, expr: Any) -> str:  # noqa: N802
+        def _print_Rational(self, expr: Any) -> str:  # noqa: N802  SymPy looks for this name
             return f"({expr.p}/{expr.q})" if expr.q != 1 else str(expr.p)
 
     return Printer({"fully_qualified_modules": False, "strict": False, "precision": 17})
