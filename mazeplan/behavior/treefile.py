@@ -73,13 +73,17 @@ def _with_includes(part: Part, folder: Path, known: set[Path]) -> Iterator[Part]
             got = ", ".join(map(str, element.attrib)) or "no attribute"
             raise TreeError(f"got {one_line(got, 100)}, expected path alone", **where)
         path = folder / given
+        if not path.is_file() and Path(given).name == given:  # a packaged tree, from wherever the file stands
+            path = resources.share("behaviors") / given
         if path.resolve() in known:
             continue
         known.add(path.resolve())
         if len(known) > MAX_FILES:
             raise TreeError(f"more than {MAX_FILES} files", **where)
         if not path.is_file():
-            raise TreeError(f"got {one_line(given, 200)!r}, expected an XML file, seen from {folder}", **where)
+            raise TreeError(
+                f"got {one_line(given, 200)!r}, expected an XML file, seen from {folder}, or a packaged one", **where
+            )
         yield from _with_includes(Part(_parse(path, _read(path)), path), path.parent, known)
 
 
