@@ -153,7 +153,8 @@ def noticed(fault: Fault, copy: Path) -> str:
 
 def _failed(copy: Path, tests: list[str]) -> list[str]:
     """The first test that fails, or SLOW; none if all pass."""
-    where = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
+    # Bytecode knows its source by size and second: a fault put in and taken out within one second would stay in it.
+    where = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", *tests]
     try:
         ran = subprocess.run(command, cwd=copy, env=where, capture_output=True, text=True, timeout=LIMIT_S, check=False)
