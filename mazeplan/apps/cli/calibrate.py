@@ -45,9 +45,9 @@ def tilt(
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings, write_readings
 
     file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)
-    if keep is not None:
-        write_readings(keep, [])  # fails before anything is asked
     if readings is None:
+        if keep is not None:
+            write_readings(keep, [])  # fails before anything is asked
         place = keep or free_name(file.target.with_name(f"{file.target.stem}-readings.csv"))
         taken = _ask_at_board(file, limit, grid, place)
     else:
