@@ -9,16 +9,23 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
+def is_stream(path: str | Path) -> bool:
+    """Whether it is a device or a pipe, such as /dev/null, or /dev/stdout wherever that leads."""
+    if Path(path).absolute().parent in (Path("/dev"), Path("/dev/fd")):
+        return True
+    return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
+
+
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
     """A file beside `path` to write; it takes the name when the block ends well, and is removed when it fails.
 
     It has the same ending. A link stays a link: the file that it names is replaced. A device or a pipe is written as it
     is. The folder must be there. Raises OSError, of `path`."""
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
-        yield target
+    if is_stream(path):
+        yield Path(path)
         return
+    target = Path(os.path.realpath(path))
     beside = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
     try:
         yield beside

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.whole_file import whole_file
+from mazeplan.core.whole_file import is_stream, whole_file
 
 
 def finite(value: Any) -> Any:
@@ -41,7 +41,7 @@ def check_new(option: str, path: Path, force: bool, *, folder: bool = False) -> 
     option: the name that the message begins with. Devices and pipes, such as /dev/null, may always be written."""
     if not folder and os.path.isdir(path):
         raise InputError(f"{option}: {path} is a folder; expected the name of a file")
-    there = _filled(path) if folder else os.path.isfile(path) or os.path.islink(path)
+    there = _filled(path) if folder else os.path.lexists(path) and not is_stream(path)
     if there and not force:
         what = "files in it" if folder else "it"
         raise InputError(f"{option}: {path} exists; expected a new name, or --force to replace {what}")
