@@ -83,7 +83,7 @@ def test_a_rig_without_calibration_leaves_the_log_alone(call, monkeypatch, tmp_p
     for before in (None, "of yesterday"):
         if before:
             log.write_text(before)
-        code, _, err = call(*command, log, "--rig", "hardware")
+        code, _, err = call(*command, log, "--rig", "hardware", "--force")
         assert code == 2
         assert "not calibrated yet: first mazeplan calibrate tilt and mazeplan calibrate camera" in err.splitlines()[-1]
         assert (log.read_text() if log.exists() else None) == before
