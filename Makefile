@@ -60,8 +60,8 @@ navigate: $(VENV)/installed
 
 picture: $(VENV)/installed
 	@mkdir -p runs
-	$(BIN)/mazeplan navigate --from ring1 --to ring5 --rig toy --log runs/first.mcap $(ARGS)
-	$(BIN)/mazeplan map show --log runs/first.mcap -o runs/first.png
+	$(BIN)/mazeplan navigate --from ring1 --to ring5 --rig toy --log runs/first.mcap --force $(ARGS)
+	$(BIN)/mazeplan map show --log runs/first.mcap -o runs/first.png --force
 
 test: compiled check unit
 
@@ -106,11 +106,11 @@ docs: $(VENV)/installed-docs
 
 pictures: $(VENV)/installed
 	@mkdir -p build
-	$(BIN)/mazeplan navigate --rig toy --seed 3 --log build/run.mcap
-	$(BIN)/mazeplan map show --log build/run.mcap -o docs/run.png
-	$(BIN)/mazeplan map show --route --start-angle 20 -o docs/map.png
-	$(BIN)/mazeplan navigate --map detour --start-angle 120 --seed 3 --log build/detour.mcap
-	$(BIN)/mazeplan map show detour --log build/detour.mcap -o docs/detour.png
+	$(BIN)/mazeplan navigate --rig toy --seed 3 --log build/run.mcap --force
+	$(BIN)/mazeplan map show --log build/run.mcap -o docs/run.png --force
+	$(BIN)/mazeplan map show --route --start-angle 20 -o docs/map.png --force
+	$(BIN)/mazeplan navigate --map detour --start-angle 120 --seed 3 --log build/detour.mcap --force
+	$(BIN)/mazeplan map show detour --log build/detour.mcap -o docs/detour.png --force
 	$(BIN)/python tools/draw_reports.py
 
 bench: $(VENV)/installed

@@ -145,7 +145,7 @@ def tick_section() -> list[str]:
     )
     log = ROOT / "build" / "bench.mcap"
     log.parent.mkdir(exist_ok=True)
-    one = mazeplan("navigate", "--rig", "toy", "--log", str(log))["tick_ms"]
+    one = mazeplan("navigate", "--rig", "toy", "--log", str(log), "--force")["tick_ms"]
     rows.append(f"| tick with the log written | {one['p50']:.2f} | {one['p99']:.2f} | {one['max']:.2f} |")
     return rows
 
@@ -192,7 +192,7 @@ def timed_solver_section(quick: bool) -> list[str]:
     log, model = ROOT / "build" / "toy.mcap", ROOT / "build" / "toy4000"
     if not log.exists():
         collect_toy(quick)
-    command = ["learn", str(log), "-o", str(model), "--most", "4000"]
+    command = ["learn", str(log), "-o", str(model), "--most", "4000", "--force"]
     subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
     section = solver_section(model, False)
     return [line.replace(str(model), "build/toy4000") for line in section]

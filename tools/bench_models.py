@@ -106,7 +106,7 @@ def collect_toy(quick: bool) -> tuple[Path, list[str]]:
     """The log in build/ on which models of the toy are fitted, and the command that wrote it."""
     log, seconds = ROOT / "build" / "toy.mcap", "200" if quick else "1500"
     log.parent.mkdir(exist_ok=True)
-    command = ["collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o", str(log)]
+    command = ["collect", "--rig", "toy", "--rings", "--seconds", seconds, "--seed", "7", "-o", str(log), "--force"]
     subprocess.run([sys.executable, "-m", "mazeplan", *command], check=True, capture_output=True, cwd=ROOT)
     return log, command
 
@@ -123,7 +123,7 @@ def toy_section(mazeplan: Mazeplan, quick: bool) -> list[str]:
         *compare_rows(got),
     ]
     learned = build / "learned.yaml"
-    found = mazeplan("map", "learn", str(log), "-o", str(learned))
+    found = mazeplan("map", "learn", str(log), "-o", str(learned), "--force")
     rig = build / "toy_of_its_own.yaml"
     toy = (ROOT / "mazeplan" / "rigs" / "toy.yaml").read_text()
     rig.write_text(toy + f"map: {ROOT / 'maps' / 'cme.yaml'}\n")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.errors import ModelError
+from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.features import INPUTS
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 
@@ -44,7 +45,8 @@ def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str
         noise=np.array(h.noise),
         family=np.array(h.family),
     )
-    path.write_bytes(stream.getvalue())
+    with whole_file(path) as beside:
+        beside.write_bytes(stream.getvalue())
     return {"file": path.name, "sha256": hashlib.sha256(stream.getvalue()).hexdigest(), **_summary(process)}
 
 

@@ -34,6 +34,7 @@ import yaml
 
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import ModelError
+from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process
 from mazeplan.learning.rig_model import RigModel
@@ -301,7 +302,8 @@ def save_model(model: RigModel, folder: str | Path) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         beside = {ring: write_process(path.parent, ring, process) for ring, process in sorted(model.processes.items())}
         text = yaml.dump(model_document(model, beside), Dumper=_Dumper, sort_keys=False, width=120)
-        path.write_text(text, encoding="utf-8")
+        with whole_file(path) as part:
+            part.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
     return path

@@ -24,6 +24,7 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import ModelError
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
+from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.published_samples import (
     ACCELERATION,
     AXES,
@@ -312,6 +313,7 @@ def write_ring(imported: ImportedRing, path: str | Path) -> None:
     table = pd.DataFrame(imported.columns).astype(dict.fromkeys(("ring", "segment", "measured"), int))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        table.to_csv(path, index=False, float_format="%.9g", lineterminator="\n", encoding="utf-8")
+        with whole_file(path) as beside:
+            table.to_csv(beside, index=False, float_format="%.9g", lineterminator="\n", encoding="utf-8")
     except OSError as problem:
         raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None

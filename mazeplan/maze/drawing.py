@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.maths.angles import difference
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 
 if TYPE_CHECKING:
@@ -197,7 +198,8 @@ def save_drawing(
         draw_route(ax, maze, route)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=300)
+        with whole_file(path) as beside:
+            figure.savefig(beside, dpi=300)
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 

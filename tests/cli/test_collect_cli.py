@@ -23,7 +23,7 @@ def test_a_model_learned_from_a_collected_log_navigates(call, tmp_path):
     assert code == 0
     assert json.loads(out)["kind"] == "pi"
     assert json.loads(out)["stage"]["beta"]["gain"]["value"] == pytest.approx(1.0, abs=0.02)
-    assert "stage beta" in call("learn", log, "-o", model, "--kind", "p")[1]
+    assert "stage beta" in call("learn", log, "-o", model, "--kind", "p", "--force")[1]
     assert call("navigate", "--rig", "ideal", "--from", "ring4", "--model", model)[0] == 0
 
 
@@ -83,7 +83,7 @@ def test_a_rig_without_calibration_leaves_the_log_alone(call, monkeypatch, tmp_p
     for before in (None, "of yesterday"):
         if before:
             log.write_text(before)
-        code, _, err = call(*command, log, "--rig", "hardware")
+        code, _, err = call(*command, log, "--rig", "hardware", "--force")
         assert code == 2
         assert "not calibrated yet: first mazeplan calibrate tilt and mazeplan calibrate camera" in err.splitlines()[-1]
         assert (log.read_text() if log.exists() else None) == before

@@ -60,7 +60,7 @@ def test_as_text_there_is_a_line_per_ring(run, models, tmp_path):
 def test_tables_are_overwritten_only_with_force(run, refused, models, tmp_path):
     (tmp_path / "ring4.csv").write_text("precious")
     error = refused("data", "import-cme", models, "-o", tmp_path)
-    assert "ring4.csv: exists already; give --force" in error
+    assert f"-o: {tmp_path} exists; expected a new name, or --force" in error
     assert [path.name for path in tmp_path.iterdir()] == ["ring4.csv"]
     assert (tmp_path / "ring4.csv").read_text() == "precious"
     assert run(models, "-o", tmp_path, "--force")[0] == 0

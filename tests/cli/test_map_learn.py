@@ -24,8 +24,8 @@ DT = 1.0 / 30.0
 
 @pytest.fixture
 def learn(call, tmp_path):
-    """`map learn` into map.yaml."""
-    return partial(call, "map", "learn", "-o", tmp_path / "map.yaml")
+    """`map learn` into map.yaml, again and again."""
+    return partial(call, "map", "learn", "--force", "-o", tmp_path / "map.yaml")
 
 
 def places(openings=TRUTH.openings, times=4, seed=0):

@@ -1,4 +1,4 @@
-"""`new rig`: a working rig from the start, and no file overwritten."""
+"""`new rig`: a working rig from the start, and no file overwritten without being asked."""
 
 from __future__ import annotations
 
@@ -74,7 +74,8 @@ def test_no_file_is_overwritten(new, refused, tmp_path, there):
     file = tmp_path / "cart" / there
     file.parent.mkdir(parents=True)
     file.write_text("mine")
-    assert f"cart/{there} exists already and is never overwritten" in refused("new", "rig", "cart")
+    assert "NAME: cart exists; expected a new name, or --force" in refused("new", "rig", "cart")
+    assert "-o: cart exists; expected a new name, or --force" in refused("new", "rig", "wagon", "-o", "cart")
     assert file.read_text() == "mine"
     assert len([path for path in (tmp_path / "cart").rglob("*") if path.is_file()]) == 1
 

@@ -154,6 +154,6 @@ def test_from_a_record_to_a_model_that_navigates_with_it(monkeypatch, capsys, tm
     )
     assert code == 0, err
     assert json.loads(stdout)["success"] is True
-    code, _, err = call(monkeypatch, capsys, "diagnose", log, "--body", "-o", out)
+    code, _, err = call(monkeypatch, capsys, "diagnose", log, "--body", "-o", tmp_path / "other")
     assert code == 2
     assert "expected --model" in err

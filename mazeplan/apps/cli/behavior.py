@@ -30,11 +30,15 @@ Whole = Annotated[bool, typer.Option("--whole", help="Draw a SubTree that stands
 CheckedMap = Annotated[
     str | None, typer.Option("--map", help="Map whose rings and openings the tree may name. Default: any names.")
 ]
-Drawing = Annotated[Path | None, typer.Option("-o", "--output", help="Draw into a PNG, SVG or PDF file.")]
+Drawing = Annotated[
+    Path | None, typer.Option("-o", "--output", callback=opt.new_file, help="Draw into a PNG, SVG or PDF file.")
+]
 Into = Annotated[
     Path | None, typer.Option("--into", help="Tree whose TreeNodesModel to write or renew; all else in it stays.")
 ]
-Palette = Annotated[Path | None, typer.Option("-o", "--output", help="File to write. Default: stdout.")]
+Palette = Annotated[
+    Path | None, typer.Option("-o", "--output", callback=opt.new_file, help="File to write. Default: stdout.")
+]
 
 
 LEAVES = ("Action", "Condition")  # categories of leaves
@@ -103,6 +107,7 @@ def show(
     log: RunOf = None,
     whole: Whole = False,
     behavior_module: opt.BehaviorModule = None,
+    force: opt.Force = False,
 ) -> None:
     """Show a tree as text, or draw it; with --log also draw what it did in a run."""
     from mazeplan.behavior.outline import tree_text
@@ -208,7 +213,9 @@ def _allowed(port: Port) -> str:
 
 
 @app.command("palette")
-def palette(output: Palette = None, into: Into = None, behavior_module: opt.BehaviorModule = None) -> None:
+def palette(
+    output: Palette = None, into: Into = None, behavior_module: opt.BehaviorModule = None, force: opt.Force = False
+) -> None:
     """Write the leaves as a TreeNodesModel, for the palette of Groot2."""
     from mazeplan.behavior.groot_palette import renewed, write_palette
     from mazeplan.behavior.own_nodes import registry_with

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.calibrate_camera import camera
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import free_name, print_json, say
 from mazeplan.core.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -33,6 +32,7 @@ def tilt(
     grid: opt.Grid = 7,
     map_: opt.Map = "cme",
     dry_run: opt.DryRun = False,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the tilt sensor, and with known pulses the servos, to readings of a clinometer. The map sets the tilt limit.
@@ -45,10 +45,10 @@ def tilt(
     from mazeplan.rigs.hardware.tiltcalibration import fit_tilt, read_readings, write_readings
 
     file, limit = hardware_file(rig), math.degrees(load_map(map_).tilt_limit)
-    if keep is not None:
-        write_readings(keep, [])  # fails before anything is asked
     if readings is None:
-        place = keep or _unused(file.target.with_name(f"{file.target.stem}-readings.csv"))
+        if keep is not None:
+            write_readings(keep, [])  # fails before anything is asked
+        place = keep or free_name(file.target.with_name(f"{file.target.stem}-readings.csv"))
         taken = _ask_at_board(file, limit, grid, place)
     else:
         place, taken = readings, read_readings(readings)
@@ -88,12 +88,6 @@ def _servos(fit: TiltFit) -> dict[str, dict[str, float]]:
         return {}
     fitted = zip(("beta", "gamma"), fit.level_us, fit.us_per_deg, strict=True)
     return {axis: {"level_us": level, "us_per_deg": gain} for axis, level, gain in fitted}
-
-
-def _unused(path: Path) -> Path:
-    """This file, or the first numbered one that does not exist, so that no readings are lost."""
-    names = chain([path], (path.with_stem(f"{path.stem}-{number}") for number in count(2)))
-    return next(name for name in names if not name.exists())
 
 
 def _ask_at_board(file: RigFile, limit_deg: float, tilts: int, keep: Path) -> list[Reading]:

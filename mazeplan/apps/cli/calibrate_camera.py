@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import check_new, print_json, say
 from mazeplan.core.errors import InputError, SettingsError
 
 if TYPE_CHECKING:
@@ -33,16 +33,19 @@ def camera(
     map_: opt.Map = "cme",
     marker_sheet: opt.Sheet = None,
     dry_run: opt.DryRun = False,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Calibrate the overhead camera: lens from a chessboard, place over the plate, background of the empty plate."""
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.camera.section import check_begun, save_background
-    from mazeplan.rigs.camera.sheet import draw_sheet
+    from mazeplan.rigs.camera.sheet import draw_sheet, sheet_files
     from mazeplan.rigs.hardware.files import hardware_file
 
     counts, maze = _corners(corners), load_map(map_)
     if marker_sheet is not None:
+        for page in sheet_files(maze, marker_sheet):
+            check_new("--sheet", page, force)
         names = ", ".join(str(name) for name in draw_sheet(maze, marker_sheet))
         say(f"wrote {names}; print at 100 %: the ruler below must be 100 mm long")
         return

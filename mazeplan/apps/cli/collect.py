@@ -28,6 +28,7 @@ def collect(
     seed: opt.Seed = 0,
     tilt: opt.Tilt = None,
     highest_hz: opt.HighestHz = 1.5,
+    force: opt.Force = False,
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
     from mazeplan.apps.cli.emergency import interrupt, stop_key

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.errors import InputError
+from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
     from mazeplan.learning.ring_scores import RingScores
@@ -32,6 +33,7 @@ def compare(
     page: opt.Report = None,
     bands: opt.Bands = 2000,
     seed: opt.Seed = 0,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Compare rf, p, pi, np, sp (and npd) in each ring: nRMSE of theta_dd and roll-out errors."""
@@ -143,7 +145,8 @@ def _draw_curves(document: dict[str, Any], maze: Maze, path: Path) -> None:
     picture.draw(figure)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=150)
+        with whole_file(path) as beside:
+            figure.savefig(beside, dpi=150)
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be drawn: {problem}", file=path) from None
     say(f"wrote {path}")

@@ -9,7 +9,6 @@ import typer
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say
-from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
     from mazeplan.learning.published_rig import ImportedRing
@@ -20,7 +19,15 @@ ModelsFolder = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of the model files, CircularMaze/Models in PyRoboCOP.")
 ]
 TablesFolder = Annotated[
-    Path, typer.Option("-o", "--output", metavar="OUT", help="Folder for ring1.csv, ring2.csv ...")
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        parser=opt.folder,
+        callback=opt.new_folder,
+        metavar="OUT",
+        help="Folder for ring1.csv, ring2.csv ...",
+    ),
 ]
 
 
@@ -42,9 +49,6 @@ def import_cme(
 
     models = {ring: read_model(folder, ring, ending) for ring, ending in find_models(folder).items()}
     paths = {ring: output / f"ring{ring}.csv" for ring in models}
-    for path in paths.values():
-        if path.exists() and not force:
-            raise InputError("exists already; give --force to overwrite it", file=path)
     found = {}
     with ProgressBar("importing") as bar:
         for i, (ring, model) in enumerate(models.items()):

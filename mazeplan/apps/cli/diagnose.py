@@ -22,6 +22,7 @@ def diagnose(
     output: opt.DiagnosisFolder = None,
     body: opt.Body = False,
     reference: opt.Reference = None,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Find the effect that a model lacks, and the improvement of its predictions with the effect."""

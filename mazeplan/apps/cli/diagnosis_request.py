@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.cli.output import print_json
+from mazeplan.apps.cli.output import print_json, write_text
 from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,10 +68,9 @@ def write_reports(document: dict[str, Any], evidence: dict[str, Any], output: Pa
     """Write report.json, evidence.json and report.html; sets `report` in the document."""
     from mazeplan.apps.report.diagnosis import write_diagnosis
 
-    output.mkdir(parents=True, exist_ok=True)
     document["report"] = str(output / "report.html")
-    (output / "report.json").write_text(json.dumps(document, indent=1) + "\n")
-    (output / "evidence.json").write_text(json.dumps(evidence) + "\n")
+    write_text(output / "report.json", json.dumps(document, indent=1) + "\n")
+    write_text(output / "evidence.json", json.dumps(evidence) + "\n")
     write_diagnosis(document, evidence, output / "report.html")
 
 

@@ -45,6 +45,7 @@ def evaluate(
     output: opt.LearnedModel = None,
     sense: opt.Sense = None,
     report: opt.Report = None,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Run many navigations and summarise success, times and failures; with --faults also the response to each fault."""

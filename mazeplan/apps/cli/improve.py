@@ -24,6 +24,7 @@ def improve(
     seed: opt.Seed = 0,
     workers: opt.Processes = 1,
     output: opt.ReportFolder = None,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Collect, diagnose, update the model, and navigate with the old and the new model.

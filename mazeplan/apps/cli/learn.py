@@ -27,6 +27,7 @@ def learn(
     smoothing: opt.Smoothing = "rts",
     seed: opt.Seed = 0,
     map_: opt.MapOfLog = None,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to its logs."""

@@ -13,7 +13,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli.emergency import stop_key
-from mazeplan.apps.cli.output import print_json, say
+from mazeplan.apps.cli.output import free_name, print_json, say
 from mazeplan.apps.cli.runs import navigate_once
 from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.records import NavigationResult
@@ -257,8 +257,8 @@ def exit_status(session: LiveSession) -> int:
 
 
 def numbered(path: Path | None, number: int) -> Path | None:
-    """The log of run `number`: run.mcap, run-2.mcap, run-3.mcap."""
-    return path if path is None or number == 0 else path.with_stem(f"{path.stem}-{number + 1}")
+    """The log of run `number`: run.mcap, run-2.mcap, run-3.mcap; a number whose file exists is left out."""
+    return path if path is None or number == 0 else free_name(path, number + 1)
 
 
 def at_terminal() -> bool:

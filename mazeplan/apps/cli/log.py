@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Summarise, export and replay run logs.", no_args_is_help=True)
 
-CsvFile = Annotated[str, typer.Option("-o", "--output", help="CSV file to write, or - for stdout.")]
+CsvFile = Annotated[
+    str, typer.Option("-o", "--output", callback=opt.new_file, help="CSV file to write, or - for stdout.")
+]
 RunModel = Annotated[str | None, typer.Option("--model", help="Model of the run, for a log that does not hold it.")]
 RunTree = Annotated[str | None, typer.Option("--behavior", help="Behaviour tree of the run, if its file was moved.")]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
@@ -55,8 +57,6 @@ def export(log: opt.RunLogFile, output: CsvFile, force: opt.Force = False) -> No
     path = Path(output)
     if path.exists() and path.samefile(log):
         raise InputError("is the log itself, expected another file for the table", file=path)
-    if path.exists() and not force:
-        raise InputError("exists already; give --force to overwrite it", file=path)
     write_text(path, csv_text(read))
     say(f"wrote {len(read.ticks['t'])} rows to {path}")
 

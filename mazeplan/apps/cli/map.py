@@ -23,7 +23,9 @@ app.command()(learn)
 
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or name of a packaged map.")]
 MapFiles = Annotated[list[str], typer.Argument(metavar="FILE...", help="Map files, or names of packaged maps.")]
-Picture = Annotated[Path, typer.Option("--output", "-o", help="Picture to write: .png, .svg or .pdf.")]
+Picture = Annotated[
+    Path, typer.Option("--output", "-o", callback=opt.new_file, help="Picture to write: .png, .svg or .pdf.")
+]
 WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
 TrailLog = Annotated[Path | None, typer.Option("--log", help="Run log: also draw the trail of the ball.")]
 ShowFrom = Annotated[
@@ -63,6 +65,7 @@ def show(
     goal: opt.MapGoal = None,
     start_angle: opt.MapAngle = None,
     close: opt.Close = None,
+    force: opt.Force = False,
 ) -> None:
     """Draw a map to scale, with --route the route of `map route`, with --log the trail of a run."""
     from mazeplan.maze.drawing import save_drawing

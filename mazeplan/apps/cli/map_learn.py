@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mazeplan.maze.learnedmap import LearnedMap, LearnedRing
     from mazeplan.maze.transitions import BallTrack, LearnedOpening
 
-MapFile = Annotated[Path, typer.Option("--output", "-o", help="Map file to write.")]
+MapFile = Annotated[Path, typer.Option("--output", "-o", callback=opt.new_file, help="Map file to write.")]
 MinCount = Annotated[int, typer.Option("--min-count", min=1, help="Fewest passages of an opening.")]
 PriorMap = Annotated[str | None, typer.Option("--map", help="Map for missing figures. Default: the log's, else cme.")]
 
@@ -27,6 +27,7 @@ def learn(
     output: MapFile = Path("learned.yaml"),
     min_count: MinCount = 2,
     map_: PriorMap = None,
+    force: opt.Force = False,
     json: opt.AsJson = False,
 ) -> None:
     """Learn rings and openings from the places of the ball and its changes of ring."""

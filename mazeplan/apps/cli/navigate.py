@@ -40,6 +40,7 @@ def navigate(
     port: opt.PagePort = opt.PORT,
     groot: opt.Groot = None,
     groot_host: opt.GrootHost = opt.HOST,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Bring the ball from one ring to another."""

@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from mazeplan.apps.cli.options import folder_problem
-from mazeplan.apps.cli.output import say, write_text
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.output import check_new, say, write_text
 from mazeplan.core.errors import InputError
 
 app = typer.Typer(help="Write templates.", no_args_is_help=True)
@@ -27,22 +27,29 @@ FILES = {  # template: file; {} is the name
 }
 
 Name = Annotated[str, typer.Argument(help="Name of the rig and its module: letters, digits and _.")]
-NewFolder = Annotated[Path | None, typer.Option("-o", "--output", help="Folder to write. Default: ./NAME.")]
+NewFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        parser=opt.folder,
+        callback=opt.new_folder,
+        metavar="FOLDER",
+        help="Folder to write. Default: ./NAME.",
+    ),
+]
 
 
 @app.command("rig")
-def rig(name: Name, output: NewFolder = None) -> None:
-    """Write a folder with a working rig on a simulated table: class, YAML file, test, package.
-
-    Existing files are never overwritten."""
+def rig(name: Name, output: NewFolder = None, force: opt.Force = False) -> None:
+    """Write a folder with a working rig on a simulated table: class, YAML file, test, package."""
     folder = output or Path(name)
     _check_name(name)
-    if problem := folder_problem(folder):
-        raise InputError(f"{'-o' if output else 'NAME'}: {problem}")
+    if problem := opt.folder_problem(folder):
+        raise InputError(f"NAME: {problem}")
+    if output is None:
+        check_new("NAME", folder, force, folder=True)
     targets = {template: folder / target.format(name) for template, target in FILES.items()}
-    for target in targets.values():
-        if target.exists() or target.is_symlink():
-            raise InputError(f"{target} exists already and is never overwritten; expected another NAME or -o")
     _check_module(name)
     for template, target in targets.items():
         write_text(target, filled(template, name))

@@ -1,6 +1,8 @@
 """Options and arguments of the commands, each with its help text and its check.
 
-A number, folder or file is checked while the command line is read, before any work begins.
+A number, folder or file is checked while the command line is read, before any work begins. An option that names a
+new file or folder has `callback=new_file` or `new_folder`, and its command has `force: Force`: nothing of a user's is
+overwritten without being asked.
 """
 
 from __future__ import annotations
@@ -9,9 +11,11 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from typer import Argument, BadParameter, Option
+from typer import Argument, BadParameter, CallbackParam, Context, Option
+
+from mazeplan.apps.cli.output import check_new, free_name, say
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -63,6 +67,30 @@ def file(*endings: str) -> Callable[[str], Path]:
         return path
 
     return parse
+
+
+def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
+    """Check of the file that a command writes: it must be new, or --force be given. - is stdout.
+
+    A name that nobody gave is the default's, or the next free one (maze-2.png). Raises InputError."""
+    force = bool(ctx.params.get("force"))
+    if value is None or value == "-":
+        return value
+    source = ctx.get_parameter_source(param.name or "")
+    if source is not None and source.name == "DEFAULT" and not force:
+        free = free_name(value)
+        if free != value:
+            say(f"{value} exists: {free} will be written")
+        return free
+    check_new(min(param.opts, key=len), Path(value), force)
+    return value
+
+
+def new_folder(ctx: Context, param: CallbackParam, value: Path | None) -> Path | None:
+    """Check of the folder that a command writes: it must be new or empty, or --force be given. Raises InputError."""
+    if value is not None:
+        check_new(min(param.opts, key=len), value, bool(ctx.params.get("force")), folder=True)
+    return value
 
 
 # -- several commands ---------------------------------------------------------------------------------------------
@@ -121,16 +149,26 @@ Host = Annotated[
 ]
 PagePort = Annotated[int, Option("--port", help="Port of the page; 0: any free port.")]
 HOST, PORT = "127.0.0.1", 8080
-Force = Annotated[bool, Option("--force", help="Overwrite existing files.")]
+Force = Annotated[bool, Option("--force", is_eager=True, help="Replace files that exist.")]  # eager: read first
 DryRun = Annotated[bool, Option("--dry-run", help="Report the result, but do not change the rig's file.")]
-OutputFolder = Annotated[Path, Option("-o", "--output", parser=folder, metavar="FOLDER", help="Output folder.")]
+OutputFolder = Annotated[
+    Path,
+    Option("-o", "--output", parser=folder, callback=new_folder, metavar="FOLDER", help="Output folder."),
+]
 ReportFolder = Annotated[
     Path | None,
-    Option("-o", "--output", parser=folder, metavar="FOLDER", help="Folder for logs, models and reports."),
+    Option(
+        "-o",
+        "--output",
+        parser=folder,
+        callback=new_folder,
+        metavar="FOLDER",
+        help="Folder for logs, models and reports.",
+    ),
 ]
 Report = Annotated[
     Path | None,
-    Option("--report", parser=file(".html", ".htm"), metavar="FILE", help="Write an HTML report."),
+    Option("--report", parser=file(".html", ".htm"), callback=new_file, metavar="FILE", help="Write an HTML report."),
 ]
 Reference = Annotated[
     list[Path] | None, Option("--reference", help="Log of the same rig while its model was right; repeatable.")
@@ -145,7 +183,7 @@ Smoothing = Annotated[Literal["rts", "savgol"], Option("--smoothing", help="Meth
 
 # -- navigate, evaluate -------------------------------------------------------------------------------------------
 
-RunLog = Annotated[Path | None, Option("--log", help="Write a run log (MCAP).")]
+RunLog = Annotated[Path | None, Option("--log", callback=new_file, help="Write a run log (MCAP).")]
 Memory = Annotated[Path | None, Option("--memory", help="File that keeps experience at openings for the next run.")]
 Learn = Annotated[bool, Option("--learn", help="Update the model after each run.")]
 LearnedModel = Annotated[
@@ -172,7 +210,9 @@ Faults = Annotated[str | None, Option("--faults", help="YAML file of faults to i
 
 # -- collect, learn, compare, diagnose, improve, record -----------------------------------------------------------
 
-CollectedLog = Annotated[Path, Option("-o", "--output", metavar="FILE", help="Run log (MCAP) to write.")]
+CollectedLog = Annotated[
+    Path, Option("-o", "--output", callback=new_file, metavar="FILE", help="Run log (MCAP) to write.")
+]
 FirstRing = Annotated[str, Option("--ring", help="Ring to start in, such as ring1.")]
 AllRings = Annotated[bool, Option("--rings", help="Visit all rings in turn; drive the ball to the next one.")]
 Place = Annotated[bool, Option("--place", help="With --rings: a person places the ball in each ring, every 20 s.")]
@@ -207,7 +247,13 @@ Rates = Annotated[
 Kernel = Annotated[Literal["auto", "rbf", "exponential"], Option("--kernel", help="Kernel of the Gaussian processes.")]
 Curve = Annotated[
     Path | None,
-    Option("--curve", parser=file(*PICTURES), metavar="FILE", help="Draw learning curves (PNG, SVG, PDF)."),
+    Option(
+        "--curve",
+        parser=file(*PICTURES),
+        callback=new_file,
+        metavar="FILE",
+        help="Draw learning curves (PNG, SVG, PDF).",
+    ),
 ]
 Bands = Annotated[
     int, Option("--bands", min=0, help="Roll-outs per kind and ring for the 90 % bands, 50 per window; 0: none.")
@@ -223,7 +269,14 @@ System = Annotated[
 ]
 DiagnosisFolder = Annotated[
     Path | None,
-    Option("-o", "--output", parser=folder, metavar="FOLDER", help="Folder for the report and the model."),
+    Option(
+        "-o",
+        "--output",
+        parser=folder,
+        callback=new_folder,
+        metavar="FOLDER",
+        help="Folder for the report and the model.",
+    ),
 ]
 Body = Annotated[bool, Option("--body", help="Fit one body to all rings: friction, walls, camera, table.")]
 Rounds = Annotated[int, Option("--rounds", min=1, help="Rounds of collect, diagnose, update and navigate.")]
@@ -231,7 +284,8 @@ RoundRuns = Annotated[int, Option("--runs", min=1, help="Navigations before and 
 Processes = Annotated[int, Option("--workers", min=1, help="Number of processes for the navigations.")]
 Episodes = Annotated[int, Option("--episodes", min=1, help="Number of episodes.")]
 ParquetFile = Annotated[
-    Path | None, Option("-o", "--output", parser=file(".parquet"), metavar="FILE", help="Parquet file to write.")
+    Path | None,
+    Option("-o", "--output", parser=file(".parquet"), callback=new_file, metavar="FILE", help="Parquet file to write."),
 ]
 Minari = Annotated[str | None, Option("--minari", help="Name of a Minari data set to make, such as maze/expert-v0.")]
 EpisodeStart = Annotated[str, Option("--from", help="Ring to start in, such as ring1, or any.")]
@@ -245,7 +299,13 @@ Readings = Annotated[
 ]
 Keep = Annotated[
     Path | None,
-    Option("--keep", parser=file(), metavar="FILE", help="CSV for the typed readings. Default: a new one."),
+    Option(
+        "--keep",
+        parser=file(),
+        callback=new_file,
+        metavar="FILE",
+        help="CSV for the typed readings. Default: a new one.",
+    ),
 ]
 Grid = Annotated[int, Option("--grid", min=3, max=15, help="Number of tilts per axis to ask for.")]
 Boards = Annotated[
@@ -261,5 +321,6 @@ SquareMm = Annotated[
 ]
 Circles = Annotated[bool, Option("--circles", help="Find the plate by its walls, without markers.")]
 Sheet = Annotated[
-    Path | None, Option("--sheet", help="Only draw the markers to scale (PDF; SVG or PNG: one file per page).")
+    Path | None,
+    Option("--sheet", callback=new_file, help="Only draw the markers to scale (PDF; SVG or PNG: one file per page)."),
 ]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.whole_file import is_stream, whole_file
 
 
 def finite(value: Any) -> Any:
@@ -32,11 +35,38 @@ def say(text: str) -> None:
         print(text, file=sys.stderr)
 
 
+def check_new(option: str, path: Path, force: bool, *, folder: bool = False) -> None:
+    """Raises InputError for a file that exists, or a folder with anything but hidden files, unless force is given.
+
+    option: the name that the message begins with. Devices and pipes, such as /dev/null, may always be written."""
+    if not folder and os.path.isdir(path):
+        raise InputError(f"{option}: {path} is a folder; expected the name of a file")
+    there = _filled(path) if folder else os.path.lexists(path) and not is_stream(path)
+    if there and not force:
+        what = "files in it" if folder else "it"
+        raise InputError(f"{option}: {path} exists; expected a new name, or --force to replace {what}")
+
+
+def _filled(folder: Path) -> bool:
+    """Whether a folder exists and has files that are not hidden, or cannot be looked into."""
+    try:
+        return any(not name.startswith(".") for name in os.listdir(folder))
+    except OSError:
+        return os.path.isdir(folder)
+
+
+def free_name(path: Path, number: int = 1) -> Path:
+    """The first name that no file has, of FILE, FILE-2, FILE-3 and so on; number: the one to begin with."""
+    names = (path if n == 1 else path.with_stem(f"{path.stem}-{n}") for n in count(number))
+    return next(name for name in names if not os.path.lexists(name))
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write a file and the folders above it. Raises InputError."""
+    """Write a whole file and the folders above it. Raises InputError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        with whole_file(path) as beside:
+            beside.write_text(text, encoding="utf-8")
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 

@@ -22,6 +22,7 @@ def record(
     observation: opt.ObservationKind = "state",
     reward: opt.RewardKind = "sparse",
     seed: opt.Seed = 0,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Let the planner play episodes of the Gymnasium environment, and write them as a data set."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mazeplan.apps.cli.options import file, folder
+from mazeplan.apps.cli.options import Force, file, folder, new_file, new_folder
 from mazeplan.apps.cli.output import finite, say
 from mazeplan.core.errors import InputError
 
@@ -25,16 +25,25 @@ Inputs = Annotated[
     ),
 ]
 Page = Annotated[
-    Path, Option("-o", "--output", parser=file(".html", ".htm"), metavar="FILE", help="HTML file to write.")
+    Path,
+    Option(
+        "-o", "--output", parser=file(".html", ".htm"), callback=new_file, metavar="FILE", help="HTML file to write."
+    ),
 ]
 Pictures = Annotated[
     Path | None,
-    Option("--pictures", parser=folder, metavar="FOLDER", help="Also write each figure as PNG and SVG."),
+    Option(
+        "--pictures",
+        parser=folder,
+        callback=new_folder,
+        metavar="FOLDER",
+        help="Also write each figure as PNG and SVG.",
+    ),
 ]
 Title = Annotated[str | None, Option("--title", help="Title of the page. Default: its content.")]
 
 
-def report(inputs: Inputs, output: Page, pictures: Pictures = None, title: Title = None) -> None:
+def report(inputs: Inputs, output: Page, pictures: Pictures = None, title: Title = None, force: Force = False) -> None:
     """Draw runs, evaluations, models and diagnoses into one HTML file without external content."""
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.inputs import read_input

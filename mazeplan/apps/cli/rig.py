@@ -24,7 +24,13 @@ RigArgument = Annotated[str, typer.Argument(help="Rig: a name from `rig list`, a
 Hardware = Annotated[bool, typer.Option("--hardware", help="Skip checks that only a simulation can repeat.")]
 Yes = Annotated[bool, typer.Option("--yes", help="Ask no questions about a real rig.")]
 RigOutput = Annotated[
-    Path | None, typer.Option("-o", "--output", help="File for the latencies of a real rig. Default: its own file.")
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        callback=opt.new_file,
+        help="File for the latencies of a real rig. Default: its own file.",
+    ),
 ]
 
 
@@ -36,6 +42,7 @@ def check(
     hardware: Hardware = False,
     yes: Yes = False,
     output: RigOutput = None,
+    force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Check the rules of every rig: clock, signs, limits, level, repeatability.

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.report.words import HARD
 from mazeplan.core.errors import InputError
+from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,7 +137,8 @@ def write_page(path: Path, title: str, sections: Sequence[PageSection], pictures
     text = _template().render(title=title, sections=shown, version=version("mazeplan"))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        with whole_file(path) as beside:
+            beside.write_text(text, encoding="utf-8")
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
 
@@ -161,8 +163,9 @@ def _stem(name: str, number: int, taken: set[str]) -> str:
 def _save(folder: Path, stem: str, svg: bytes, png: bytes) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{stem}.svg").write_bytes(svg)
-        (folder / f"{stem}.png").write_bytes(png)
+        for ending, content in (("svg", svg), ("png", png)):
+            with whole_file(folder / f"{stem}.{ending}") as beside:
+                beside.write_bytes(content)
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=folder) from None
 

@@ -20,6 +20,7 @@ from mazeplan.behavior.outline import FOLDED, Row, rows_of
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.logs.run_log import STATUSES, RunLog
+from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +115,8 @@ def save_tree_picture(
             _draw_history(over_time, rows, did)
             over_time.set_title(title, fontsize=8, loc="left")
             crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, TIME, height)])
-        figure.savefig(path, bbox_inches=crop.padded(0.12))
+        with whole_file(path) as beside:
+            figure.savefig(beside, bbox_inches=crop.padded(0.12))
     except (OSError, ValueError) as problem:
         raise InputError(f"cannot be drawn: {problem}", file=Path(path)) from None
 

@@ -19,6 +19,7 @@ import yaml
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.errors import ModelError
+from mazeplan.core.whole_file import whole_file
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
 from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
@@ -55,7 +56,8 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
     }  # fmt: skip
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
+        with whole_file(path) as beside:
+            beside.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
     except OSError as problem:
         raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
     return path

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.camera.detector import Background, BallDetector, DetectorSettings
@@ -140,7 +141,8 @@ def save_background(background: Background, path: Path) -> None:
     picture = np.dstack([background.picture, background.known])
     done, data = cv2.imencode(".png", picture)
     try:
-        path.write_bytes(data.tobytes() if done else b"")
+        with whole_file(path) as beside:
+            beside.write_bytes(data.tobytes() if done else b"")
     except OSError as problem:
         raise SettingsError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 

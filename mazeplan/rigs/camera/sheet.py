@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.camera.markers import DICTIONARY, MARGIN, Markers, corner_markers
 
@@ -35,22 +36,35 @@ def draw_sheet(maze: Maze, path: Path, markers: Markers | None = None) -> list[P
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"got the suffix {path.suffix!r}, expected one of {', '.join(SUFFIXES)}", file=path)
     markers = markers or corner_markers(maze)
-    parts = _parts(max(abs(v) for at in markers.places.values() for v in at[:2]) + 0.5 * markers.size + MARGIN + PAPER)
+    parts, names = _parts(_reach(markers)), sheet_files(maze, path, markers)
     pages = [_page(maze, markers, part, f"page {n} of {len(parts)}") for n, part in enumerate(parts, start=1)]
     try:
         if path.suffix.lower() == ".pdf":
             from matplotlib.backends.backend_pdf import PdfPages
 
-            with PdfPages(path) as file:
+            with whole_file(path) as beside, PdfPages(beside) as file:
                 for page in pages:
                     file.savefig(page)
             return [path]
-        names = [path.with_stem(f"{path.stem}-{n}") for n in range(1, len(pages) + 1)]
         for name, page in zip(names, pages, strict=True):
-            page.savefig(name, dpi=DPI)
+            with whole_file(name) as beside:
+                page.savefig(beside, dpi=DPI)
         return names
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
+
+
+def sheet_files(maze: Maze, path: Path, markers: Markers | None = None) -> list[Path]:
+    """The files that `draw_sheet` writes."""
+    if path.suffix.lower() == ".pdf":
+        return [path]
+    count = len(_parts(_reach(markers or corner_markers(maze))))
+    return [path.with_stem(f"{path.stem}-{n}") for n in range(1, count + 1)]
+
+
+def _reach(markers: Markers) -> float:
+    """Half of the side of the square with all markers and their paper, m."""
+    return max(abs(v) for at in markers.places.values() for v in at[:2]) + 0.5 * markers.size + MARGIN + PAPER
 
 
 def _parts(reach: float) -> list[Part]:

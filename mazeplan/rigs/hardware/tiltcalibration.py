@@ -20,6 +20,7 @@ import numpy as np
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.records import Array
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.hardware.tiltsensor import DiodeSensor, design
 
@@ -152,7 +153,7 @@ def write_readings(path: Path, readings: Sequence[Reading]) -> None:
     """Write the file for `read_readings`, and its folder. Raises TableError if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="", encoding="utf-8") as stream:
+        with whole_file(path) as beside, beside.open("w", newline="", encoding="utf-8") as stream:
             rows = csv.writer(stream)
             rows.writerow((*COLUMNS, *PULSES))
             for r in readings:

@@ -17,6 +17,7 @@ from typing import Any
 
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
+from mazeplan.core.whole_file import whole_file
 from mazeplan.diagnosis.rig.reference import RigReference, reference_of
 from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
 from mazeplan.diagnosis.rig.result import RigVerdict, advice
@@ -96,7 +97,8 @@ def improve(
         after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)
         document["advice"] += _looked_at(done, before, after)
         rounds.append({"diagnosis": document, "navigation": {"before": before, "after": after}})
-        (here / "round.json").write_text(json.dumps(rounds[-1], indent=1) + "\n")
+        with whole_file(here / "round.json") as beside:
+            beside.write_text(json.dumps(rounds[-1], indent=1) + "\n")
         path, before = new or path, after
     return rounds
 

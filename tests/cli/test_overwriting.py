@@ -1,0 +1,282 @@
+"""Nothing of a user's is overwritten without being asked: one rule for every option that names a new file or folder."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import stat
+import subprocess
+import sys
+import threading
+import typing
+from pathlib import Path
+
+import pytest
+from report_documents import a_log, evaluation
+from typer.main import get_command
+
+from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.app import app
+from mazeplan.apps.cli.live import numbered
+from mazeplan.core.whole_file import is_stream, whole_file
+from mazeplan.rigs.hardware.tiltcalibration import Reading, write_readings
+
+MINE = b"mine\n"
+RIG = "class: mazeplan.rigs.hardware:HardwareRig\nport: fake\n"
+IDEAL = ("--rig", "ideal", "--from", "ring4")
+
+# (command, option): further words of the command, and the file, or the folder with a file that the command writes
+NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
+    ("navigate", "--log"): (IDEAL, "run.mcap"),
+    ("evaluate", "--report"): ((*IDEAL, "--runs", "1"), "page.html"),
+    ("collect", "-o"): (("--rig", "ideal", "--seconds", "1"), "run.mcap"),
+    ("record", "-o"): ((*IDEAL, "--episodes", "1"), "runs.parquet"),
+    ("report", "-o"): (("evaluation.json",), "page.html"),
+    ("report", "--pictures"): (("evaluation.json", "-o", "other.html"), "pictures/time.svg"),
+    ("map show", "-o"): (("cme",), "maze.svg"),
+    ("log export", "-o"): (("recorded.mcap",), "run.csv"),
+    ("behavior show", "-o"): (("navigate",), "tree.svg"),
+    ("behavior palette", "-o"): ((), "palette.xml"),
+    ("calibrate camera", "--sheet"): ((), "sheet.pdf"),
+    ("calibrate tilt", "--keep"): (("--readings", "readings.csv", "--dry-run"), "kept.csv"),
+    ("new rig", "-o"): (("cart",), "there/cart.py"),
+}
+# the same, where the work is long: with --force they go on to an input that is not there
+LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
+    ("learn", "-o"): (("no.csv",), "model/model.yaml"),
+    ("compare", "--curve"): (("no.csv",), "curve.png"),
+    ("compare", "--report"): (("no.csv",), "page.html"),
+    ("diagnose", "-o"): (("no.csv",), "out/report.html"),
+    ("improve", "-o"): (("--rig", "no.yaml"), "out/round1/round.json"),
+    ("map learn", "-o"): (("no.csv",), "learned.yaml"),
+    ("rig check", "-o"): (("no.yaml",), "latency.yaml"),
+    ("data import-cme", "-o"): (("no",), "tables/ring1.csv"),
+}
+READ = {
+    *((command, "logs") for command in ("learn", "compare", "diagnose", "map learn", "view")),
+    *((command, "log") for command in ("log info", "log export", "log replay")),
+    ("compare", "--test"), ("diagnose", "--test"), ("diagnose", "--reference"), ("improve", "--reference"),
+    ("report", "inputs"), ("map show", "--log"), ("behavior show", "--log"), ("calibrate tilt", "--readings"),
+    ("data import-cme", "folder"),
+}  # fmt: skip
+RENEWED = {  # docs/commands.md lists them
+    ("navigate", "--memory"), ("navigate", "-o"), ("evaluate", "--store"), ("evaluate", "-o"),
+    ("behavior palette", "--into"),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def desk(tmp_path, monkeypatch):
+    """A working folder with what the commands of the table read."""
+    monkeypatch.chdir(tmp_path)
+    a_log(tmp_path / "recorded.mcap", rig="ideal", detail="")
+    Path("evaluation.json").write_text(json.dumps(evaluation("some")))
+    Path("hardware.yaml").write_text(RIG)
+    tilts = [(float(beta), float(gamma)) for beta in range(-5, 6, 2) for gamma in range(-5, 6, 2)]
+    write_readings(Path("readings.csv"), [Reading((2.5 + 0.2 * b, 2.5 + 0.2 * g), b, g, 0, None) for b, g in tilts])
+    return tmp_path
+
+
+def there(name: str) -> tuple[Path, Path]:
+    """A file of the user's; and what the option names, the file or its topmost folder."""
+    path = Path(name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(MINE)
+    return path, Path(path.parts[0])
+
+
+def commands(group, path=()):
+    """(name, command) of all commands."""
+    for name, inner in getattr(group, "commands", {}).items():
+        yield from commands(inner, (*path, name))
+    if not hasattr(group, "commands"):
+        yield " ".join(path), group
+
+
+def paths_of_commands():
+    """(command, option, hint) of each parameter that may name a file: a Path, a FILE, or -o."""
+    for name, command in commands(get_command(app)):
+        hints = typing.get_type_hints(inspect.unwrap(command.callback), include_extras=True)
+        for parameter in command.params:
+            hint = hints.get(parameter.name)
+            names = {"FILE", "FOLDER", "DIR", "OUT"} & {getattr(parameter, "metavar", None)}
+            if "Path" in str(hint) or names or {"-o", "--output"} & set(parameter.opts):
+                yield name, min(parameter.opts, key=len), hint
+
+
+def test_every_option_that_names_a_file_is_in_a_table():
+    found = {(command, option): typing.get_args(hint)[1] for command, option, hint in paths_of_commands()}
+    assert set(found) == {*NEW, *LONG, *READ, *RENEWED}
+    new = {key for key, info in found.items() if info.callback in (opt.new_file, opt.new_folder)}
+    assert new == {*NEW, *LONG}, "a new file has callback=new_file, a new folder callback=new_folder"
+
+
+def test_every_command_with_such_an_option_has_force():
+    forced = {name for name, command in commands(get_command(app)) if any("--force" in p.opts for p in command.params)}
+    assert forced == {command for command, _ in {**NEW, **LONG}}
+    assert typing.get_args(opt.Force)[1].is_eager, "the checks of options look whether it was given"
+
+
+@pytest.mark.parametrize(("command", "option"), [*NEW, *LONG])
+def test_what_exists_stays_byte_for_byte(refused, command, option):
+    words, name = {**NEW, **LONG}[command, option]
+    path, named = there(name)
+    before = {file: file.stat().st_mtime_ns for file in Path().rglob("*")}
+    what = "files in it" if named.is_dir() else "it"
+    line = f"mazeplan: {option}: {named} exists; expected a new name, or --force to replace {what}\n"
+    assert refused(*command.split(), *words, option, named) == line
+    assert path.read_bytes() == MINE
+    assert {file: file.stat().st_mtime_ns for file in Path().rglob("*")} == before, "no work begins"
+
+
+@pytest.mark.parametrize(("command", "option"), list(NEW))
+def test_force_replaces_it(call, command, option):
+    words, name = NEW[command, option]
+    path, named = there(name)
+    other = named / "other.txt"
+    if named.is_dir():
+        other.write_bytes(MINE)
+    code, _, err = call(*command.split(), *words, option, named, "--force")
+    assert code == 0, err
+    assert named.is_dir() or path.read_bytes() != MINE
+    if named.is_dir():
+        assert other.read_bytes() == MINE, "only files that the command writes are replaced"
+        assert len([file for file in named.rglob("*") if file.is_file()]) > 2
+    assert not list(Path().rglob(".*")), "nothing is left beside the files"
+
+
+@pytest.mark.parametrize(("command", "option"), list(LONG))
+def test_with_force_a_wrong_input_still_leaves_it(refused, command, option):
+    words, name = LONG[command, option]
+    path, named = there(name)
+    error = refused(*command.split(), *words, option, named, "--force")
+    assert "exists;" not in error
+    assert path.read_bytes() == MINE
+
+
+def test_the_name_may_come_before_force_or_after_it(call):
+    there("palette.xml")
+    assert call("behavior", "palette", "--force", "-o", "palette.xml")[0] == 0
+
+
+def test_a_file_in_the_place_of_a_folder_and_a_folder_of_a_file(refused):
+    there("folder/file")
+    assert "--log: folder is a folder; expected the name of a file" in refused("navigate", "--log", "folder", "--force")
+    assert "folder/file is a file; expected a folder" in refused("learn", "a.csv", "-o", "folder/file", "--force")
+
+
+@pytest.mark.parametrize("hidden", [None, ".git"])
+def test_an_empty_folder_is_new_whatever_is_hidden_in_it(call, hidden):
+    Path("cart").mkdir()
+    if hidden:
+        Path("cart", hidden).mkdir()
+    assert call("new", "rig", "cart")[0] == 0
+
+
+def test_new_rig_names_its_folder_by_its_own_name(call, refused):
+    path, _ = there("cart/cart.py")
+    line = "mazeplan: NAME: cart exists; expected a new name, or --force to replace files in it\n"
+    assert refused("new", "rig", "cart") == line
+    assert call("new", "rig", "cart", "--force")[0] == 0
+    assert path.read_bytes() != MINE
+
+
+def test_each_page_of_a_sheet_is_looked_for(call, refused):
+    assert call("calibrate", "camera", "--sheet", "sheet.svg")[0] == 0
+    pages = sorted(path.name for path in Path().glob("sheet*"))
+    assert pages[0] == "sheet-1.svg"
+    Path("sheet-1.svg").unlink()
+    assert f"--sheet: {pages[1]} exists; expected" in refused("calibrate", "camera", "--sheet", "sheet.svg")
+    assert not Path("sheet-1.svg").exists()
+    assert call("calibrate", "camera", "--sheet", "sheet.svg", "--force")[0] == 0
+
+
+# -- names that nobody gave -----------------------------------------------------------------------------------------
+
+
+def test_a_default_name_is_free(call):
+    assert call("map", "show") == (0, "", "wrote maze.png\n")
+    path, _ = there("maze.png")
+    assert call("map", "show") == (0, "", "maze.png exists: maze-2.png will be written\nwrote maze-2.png\n")
+    assert call("map", "show")[2].endswith("wrote maze-3.png\n")
+    assert path.read_bytes() == MINE
+    assert call("map", "show", "--force") == (0, "", "wrote maze.png\n")
+    assert path.read_bytes() != MINE
+
+
+def test_a_default_name_that_is_given_is_refused_as_any_other(refused):
+    there("maze.png")
+    assert refused("map", "show", "-o", "maze.png").startswith("mazeplan: -o: maze.png exists")
+
+
+def test_further_runs_of_a_page_write_no_log_that_exists():
+    there("runs/a-2.mcap")
+    assert numbered(Path("runs/a.mcap"), 1) == Path("runs/a-3.mcap")
+
+
+# -- whole files ----------------------------------------------------------------------------------------------------
+
+
+def test_a_file_appears_when_it_is_whole():
+    with whole_file("a.txt") as beside:
+        beside.write_text("half")
+        assert beside.suffix == ".txt"
+        assert not Path("a.txt").exists()
+    assert Path("a.txt").read_text() == "half"
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else():
+    path, _ = there("a.txt")
+    before = sorted(os.listdir())
+
+    def interrupted():
+        with whole_file(path) as beside:
+            beside.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert path.read_bytes() == MINE
+    assert sorted(os.listdir()) == before
+
+
+def test_an_error_names_the_file_itself():
+    with pytest.raises(FileNotFoundError) as caught, whole_file("none/a.txt") as beside:
+        beside.write_text("")
+    assert caught.value.filename == "none/a.txt"
+
+
+def test_rights_and_links_stay():
+    path, _ = there("a.txt")
+    path.chmod(0o600)
+    Path("link.txt").symlink_to(path)
+    with whole_file("link.txt") as beside:
+        beside.write_text("new")
+    assert Path("link.txt").is_symlink()
+    assert path.read_text() == "new"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+def test_a_link_to_nothing_is_a_file_of_the_users(refused):
+    Path("link.xml").symlink_to("gone.xml")
+    assert "-o: link.xml exists" in refused("behavior", "palette", "-o", "link.xml")
+
+
+def test_devices_and_pipes_are_written_as_they_are(call):
+    assert call("behavior", "palette", "-o", "/dev/null")[0] == 0
+    assert is_stream("/dev/null")
+    os.mkfifo("pipe.xml")
+    got: list[str] = []
+    reader = threading.Thread(target=lambda: got.append(Path("pipe.xml").read_text()), daemon=True)
+    reader.start()
+    assert call("behavior", "palette", "-o", "pipe.xml")[0] == 0
+    reader.join(10.0)
+    assert "TreeNodesModel" in got[0]
+
+
+def test_stdout_may_be_a_file():
+    with open("there.xml", "wb") as stream:
+        words = [sys.executable, "-m", "mazeplan", "behavior", "palette", "-o", "/dev/stdout"]
+        assert subprocess.run(words, stdout=stream, check=False, timeout=60).returncode == 0
+    assert "TreeNodesModel" in Path("there.xml").read_text()
