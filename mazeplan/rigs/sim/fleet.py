@@ -25,7 +25,7 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, PlateForces
 from mazeplan.rigs.sim.machine import AXES, CHUNKS
 from mazeplan.rigs.sim.mjcf import SUBSTEPS
-from mazeplan.rigs.sim.nearwalls import near_walls
+from mazeplan.rigs.sim.nearwalls import MOST_OF_FLEET, near_walls
 from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import TOLERANCE
 from mazeplan.rigs.sim.surprise import surprised
@@ -65,6 +65,7 @@ class Fleet:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.threads = min(threads or cores, number)
         self._walls = near_walls(maze, self.settings)
+        self._walls.most = MOST_OF_FLEET  # many balls come to all places, again and again
         self._batch: Any = Batch(self._walls.any, number, self.threads)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._near = [self._walls.any] * number  # current model of each rig
