@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import math
 import sys
-from contextlib import suppress
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.resources import BothWarning
 
 
 def finite(value: Any) -> Any:
@@ -30,6 +33,25 @@ def say(text: str) -> None:
     """Print a message on stderr; ignore a stderr that cannot be written."""
     with suppress(OSError):
         print(text, file=sys.stderr)
+
+
+@contextmanager
+def short_warnings() -> Iterator[None]:
+    """Within this a BothWarning is one line on stderr, once for each name."""
+    said = set[str]()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", BothWarning)
+        before = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *more: Any) -> None:
+            if not issubclass(category, BothWarning):
+                before(message, category, *more)
+            elif str(message) not in said:
+                said.add(str(message))
+                say(f"mazeplan: {message}")
+
+        warnings.showwarning = show  # pyright: ignore[reportAttributeAccessIssue]
+        yield
 
 
 def write_text(path: Path, text: str) -> None:
