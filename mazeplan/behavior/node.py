@@ -86,7 +86,7 @@ class TreeNode(Behaviour):
         return None if self._parent is None else self._parent()
 
     @parent.setter
-    def parent(self, above: Behaviour | None) -> None:
+    def parent(self, above: Behaviour | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
         self._parent = None if above is None else ref(above)
 
     def get(self, port: str) -> Any:
