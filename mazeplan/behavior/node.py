@@ -81,7 +81,7 @@ class TreeNode(Behaviour):
         self.iterator = iter(())  # py_trees' own one knows the node, which would be in a cycle of references
 
     @property
-    def parent(self) -> Behaviour | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def parent(self) -> Behaviour | None:
         """The node above; None for the root, and where the tree above is gone: a node does not keep it."""
         return None if self._parent is None else self._parent()
 
