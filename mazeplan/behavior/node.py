@@ -13,6 +13,7 @@ from collections.abc import Sequence as Row
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
+from weakref import ref
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
@@ -73,6 +74,20 @@ class TreeNode(Behaviour):
     last: Result = INVALID
     _board: Blackboard
     _values: dict[str, Any]
+    _parent: ref[Behaviour] | None = None
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.iterator = iter(())  # py_trees' own one knows the node, which would be in a cycle of references
+
+    @property
+    def parent(self) -> Behaviour | None:
+        """The node above; None for the root, and where the tree above is gone: a node does not keep it."""
+        return None if self._parent is None else self._parent()
+
+    @parent.setter
+    def parent(self, above: Behaviour | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        self._parent = None if above is None else ref(above)
 
     def get(self, port: str) -> Any:
         """The value of a port: literal, blackboard entry, or default. Raises TreeError, at the line of the node, where

@@ -56,7 +56,7 @@ def read_tree(source: str | Path) -> TreeFile:
     if isinstance(source, str) and source.lstrip().startswith("<"):
         path = Path("<text>")
         return TreeFile(tuple(_with_includes(Part(_parse(path, source.lstrip().encode()), path), Path.cwd(), set())))
-    path = resources.find("behaviors", str(source), ".xml")
+    path = resources.find("behaviors", source, ".xml")
     first = Part(_parse(path, _read(path)), path)
     return TreeFile(tuple(_with_includes(first, path.parent, {path.resolve()})))
 

@@ -5,6 +5,8 @@ In a checkout maps/ and behaviors/ stand beside the package; a wheel carries the
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Collection
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -25,13 +27,38 @@ def share(kind: str) -> Path:
     return installed if installed.is_dir() else PACKAGE.parent / kind
 
 
-def find(kind: str, name: str, suffix: str) -> Path:
-    """Path for what a user gave: an existing file, or the name of a packaged one.
+class BothWarning(UserWarning):
+    """A bare name is that of a packaged thing and of a file or folder where the program runs: it means the first."""
+
+
+def is_packaged(source: str | Path, names: Collection[str]) -> bool:
+    """Whether what a user gave means one of these packaged names. A bare name does, whatever lies in the current folder
+    under that name; `./toy` is the folder. A Path that exists is that file or folder. Warns (BothWarning) of a name
+    that is both."""
+    name = str(source)
+    if name not in names:
+        return False
+    there = _exists(name)
+    if isinstance(source, Path):
+        return not there
+    if there:
+        what = "folder" if Path(name).is_dir() else "file"
+        told = f"{name!r} means the packaged one; the {what} of this name in the current folder is ./{name}"
+        warnings.warn(told, BothWarning, stacklevel=3)
+    return True
+
+
+def _exists(name: str) -> bool:
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):  # a name that is too long, or has a zero byte
+        return False
+
+
+def find(kind: str, name: str | Path, suffix: str) -> Path:
+    """Path for what a user gave: the name of a packaged file (`is_packaged`), or a file.
 
     A path that does not exist is returned as given, so that the reader can name it in its error.
     """
-    given = Path(name)
-    if given.suffix or given.exists():
-        return given
-    packaged = share(kind) / f"{name}{suffix}"
-    return packaged if packaged.exists() else given
+    packaged = {path.stem: path for path in share(kind).glob(f"*{suffix}")}
+    return packaged[str(name)] if is_packaged(name, packaged) else Path(name)

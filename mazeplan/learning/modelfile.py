@@ -65,11 +65,14 @@ def model_names() -> tuple[str, ...]:
     return tuple(sorted(path.parent.name for path in PACKAGED.glob("*/model.yaml")))
 
 
+def is_packaged_model(source: str | Path) -> bool:
+    """Whether this means a packaged model: see `resources.is_packaged`."""
+    return resources.is_packaged(source, model_names())
+
+
 def load_model(source: str | Path) -> RigModel:
     """The model in a folder, or the packaged one of that name. Raises ModelError with file, line and key."""
-    folder = Path(source)
-    if not folder.exists() and str(source) in model_names():
-        folder = PACKAGED / str(source)
+    folder = PACKAGED / source if is_packaged_model(source) else Path(source)
     path = folder if folder.suffix == ".yaml" else folder / "model.yaml"
     if not path.exists():
         what = file_kinds.got(folder)
@@ -81,6 +84,8 @@ def load_model(source: str | Path) -> RigModel:
 
 def model_stamp(source: str | Path) -> tuple[tuple[str, int, int], ...]:
     """Name, time of the last change (ns) and size of each file of a model folder; empty for a packaged model."""
+    if is_packaged_model(source):
+        return ()
     folder = Path(source).parent if Path(source).suffix == ".yaml" else Path(source)
     files = sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
     return tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files)

@@ -77,7 +77,7 @@ def packaged_maps() -> tuple[str, ...]:
 def find_map(source: str | Path) -> Path:
     """The file, or that of the packaged map of this name. Raises MapError for a name that cannot be one."""
     try:
-        path = resources.find("maps", str(source), ".yaml")
+        path = resources.find("maps", source, ".yaml")
         missing = not path.exists()
     except (OSError, ValueError) as problem:  # a name that is too long
         raise MapError(f"{shown(str(source))} is not the name of a map or file: {problem.args[-1]}") from None

@@ -98,7 +98,7 @@ def rig_file(spec: str) -> Path | None:
 def seeded(spec: str) -> tuple[str, str | None]:
     """The name or file, and the seed or kind of its surprise (None without one)."""
     found = re.fullmatch(r"(.+)@([0-9]{1,9}|[a-z_]+)", spec)
-    if found is None or Path(spec).is_file():
+    if found is None or (Path(spec).is_file() and found[1] not in rig_names()):
         return spec, None
     return found[1], found[2]
 
@@ -150,7 +150,7 @@ def rig_model_hint(spec: str) -> str | None:
 def _beside(path: Path, name: str) -> str:
     """A file or folder that a rig's file names: beside that file if it exists there."""
     found = path.parent / name
-    return str(found) if found.exists() else name
+    return str(found.absolute()) if found.exists() else name  # a bare name would mean a packaged one
 
 
 def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:

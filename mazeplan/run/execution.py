@@ -27,10 +27,13 @@ def run_job(
 
     goals: requests from other threads; feed: gets every message of the log, in the thread of the run, which waits."""
     result, problem = attempt_job(rig, setup, job, log=log, display=display, goals=goals, feed=feed)
-    if problem is not None:
-        problem.result = result
+    if problem is None:
+        return result
+    problem.result = result
+    try:
         raise problem
-    return result
+    finally:
+        del problem  # it knows this frame, which would know it
 
 
 def attempt_job(
@@ -39,6 +42,7 @@ def attempt_job(
 ) -> tuple[NavigationResult, RigError | None]:  # fmt: skip
     """As `run_job`, but returns the result of a rig that fails with its error; `prepare` gets the run beforehand."""
     setup = setup.on(rig)
+    ended: list[tuple[NavigationResult, RigError | None]] = []
     with ExitStack() as stack:
         if goals is not None:
             goals.begin(setup.maze)
@@ -48,7 +52,6 @@ def attempt_job(
         # a garbage collection of the whole program takes 0.1 s, in the middle of a tick: only new objects count
         gc.freeze()
         stack.callback(gc.unfreeze)
-        ended: list[tuple[NavigationResult, RigError | None]] = []
         stack.callback(_level, rig, ended)
         if prepare is not None:
             prepare(run)
@@ -63,7 +66,7 @@ def attempt_job(
                 messages.result(run.broke_off(error).to_json())
             raise
         messages.result(ended[0][0].to_json())
-        return ended[0]
+    return ended.pop()  # an error that stays in this frame would be in a cycle with it, and keep the rig
 
 
 def _level(rig: Rig, ended: list[tuple[NavigationResult, RigError | None]]) -> None:

@@ -8,8 +8,9 @@ The rig owns the clock; the only wall time read here is the stopwatch around a t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from time import perf_counter
+from weakref import WeakMethod
 
 import numpy as np
 
@@ -115,7 +116,7 @@ class Run:
             goal=goal,
             planners=self._planners,
             ahead=self._estimator.ahead,
-            report=self._report,
+            report=_to(WeakMethod(self._report)),
             options=setup.settings.leaves,
             late_s=self._late_s,
             rollout=self._rollout,
@@ -348,3 +349,15 @@ class Run:
             self.context, self._job, success, reason,
             rig=self._setup.rig_name, goals=self._goals, doubts=self._scrutiny.doubts,
         )  # fmt: skip
+
+
+def _to(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunEvent | Plan], None]:
+    """What a tree reports to a run, without keeping it: run and tree would keep each other, and the rig with them. A
+    tree that outlives its run reports to nobody."""
+
+    def passed_on(event: RunEvent | Plan) -> None:
+        to = report()
+        if to is not None:
+            to(event)
+
+    return passed_on

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from mazeplan.core import resources
 from mazeplan.core.errors import InputError
-from mazeplan.learning.modelfile import RigModel, load_model, model_names
+from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names
 from mazeplan.learning.rig_model import carried_over
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import rig_model_hint
 
-HOME = "cme"  # the map on which the packaged models were fitted
+HOME = resources.share("maps") / "cme.yaml"  # the map on which the packaged models were fitted
 
 
 def ring_number(ring: int | str, maze: Maze) -> int:
@@ -42,8 +43,7 @@ def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Ma
 def model_from(source: str | Path, maze: Maze) -> RigModel:
     """The model in a folder, or what of the packaged one of that name is true of a maze. Raises ModelError."""
     model = load_model(source)
-    packaged = str(source) in model_names() and not Path(source).exists()
-    return carried_over(model, load_map(HOME), maze) if packaged else model
+    return carried_over(model, load_map(HOME), maze) if is_packaged_model(source) else model
 
 
 def model_source(model: str | Path | None, rig: str | None) -> str | None:
@@ -54,4 +54,5 @@ def model_source(model: str | Path | None, rig: str | None) -> str | None:
             model = rig
     if model is None:
         return None
-    return str(Path(model).absolute()) if Path(model).exists() else str(model)
+    there = not is_packaged_model(model) and Path(model).exists()
+    return str(Path(model).absolute()) if there else str(model)

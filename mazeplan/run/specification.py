@@ -22,7 +22,7 @@ from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.plugins import Plugin
 from mazeplan.core.records import Latency
 from mazeplan.core.user_modules import user_module
-from mazeplan.learning.modelfile import RigModel, model_names, packed_model, unpacked_model
+from mazeplan.learning.modelfile import RigModel, is_packaged_model, packed_model, unpacked_model
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
@@ -163,7 +163,7 @@ def model_to_keep(setup: Setup) -> bytes | None:
     """The model, packed, for a log: None for a packaged or nominal model, or one that files cannot hold to the last bit
     (a model made in a program has more digits)."""
     source, sha256 = setup.model_source, fingerprint(setup.model)
-    if source is not None and source in model_names() and not Path(source).exists():
+    if source is not None and is_packaged_model(source):
         return None
     if source is None and sha256 == fingerprint(RigModel.nominal(setup.maze)):
         return None

@@ -22,6 +22,7 @@ from typing import Any, NoReturn
 import typer
 
 from mazeplan.apps.cli.app import app
+from mazeplan.apps.cli.output import short_warnings
 from mazeplan.core.errors import InputError, MazeplanError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
@@ -171,7 +172,8 @@ def main() -> None:
 def _run(received: list[int]) -> int:
     """Run the command and return its exit status; received: number of the signal that ended it."""
     try:
-        status = app(standalone_mode=False)  # otherwise typer prints usage errors itself, over several lines
+        with short_warnings():
+            status = app(standalone_mode=False)  # otherwise typer prints usage errors itself, over several lines
     except MazeplanError as error:
         return _fail(with_option(error, sys.argv[1:]), error.exit_status)
     except _UsageError as error:

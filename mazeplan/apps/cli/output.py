@@ -6,12 +6,15 @@ import json
 import math
 import os
 import sys
-from contextlib import suppress
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.resources import BothWarning
 from mazeplan.core.whole_file import is_stream, whole_file
 
 
@@ -59,6 +62,25 @@ def free_name(path: Path, number: int = 1) -> Path:
     """The first name that no file has, of FILE, FILE-2, FILE-3 and so on; number: the one to begin with."""
     names = (path if n == 1 else path.with_stem(f"{path.stem}-{n}") for n in count(number))
     return next(name for name in names if not os.path.lexists(name))
+
+
+@contextmanager
+def short_warnings() -> Iterator[None]:
+    """Within this a BothWarning is one line on stderr, once for each name."""
+    said = set[str]()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", BothWarning)
+        before = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *more: Any) -> None:
+            if not issubclass(category, BothWarning):
+                before(message, category, *more)
+            elif str(message) not in said:
+                said.add(str(message))
+                say(f"mazeplan: {message}")
+
+        warnings.showwarning = show  # pyright: ignore[reportAttributeAccessIssue]
+        yield
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,6 +1,6 @@
 """The maze as a Gymnasium environment.
 
-`import mazeplan.apps.environment`, then `gymnasium.make("mazeplan/CircularMaze-v1")`.
+`import mazeplan`, then `gymnasium.make("mazeplan/CircularMaze-v1")` (`mazeplan.core.gymnasium_names` registers it).
 
 task.py       what may be chosen
 worlds.py     the rigs behind it: a fleet of simulated ones, or any rigs
@@ -10,14 +10,15 @@ episodes.py   all of that together, for N rigs, with the observation "pixels"
 single.py     Gymnasium's face of it for one rig; vector.py: for many
 expert.py     the planner as a policy; record.py: its episodes as a data set
 
-Gymnasium is imported in this room alone. It has no entry points for packages any more (since its version 1.0), so that
-one import is needed; `gymnasium.make("mazeplan.apps.environment:mazeplan/CircularMaze-v1")` does it in the name.
+Gymnasium is imported in this room alone. A process that has not imported mazeplan can name the module, too:
+`gymnasium.make("mazeplan.apps.environment:mazeplan/CircularMaze-v1")`.
 """
 
 from __future__ import annotations
 
-from mazeplan.apps.environment.task import STEPS
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.gymnasium_names import ID as ID
+from mazeplan.core.gymnasium_names import register
 from mazeplan.core.resources import to_install
 
 try:
@@ -25,12 +26,4 @@ try:
 except ImportError:
     raise SettingsError(f"the environment needs Gymnasium: {to_install('gym')}") from None
 
-ID = "mazeplan/CircularMaze-v1"
-
-if ID not in gymnasium.registry:
-    gymnasium.register(
-        ID,
-        entry_point="mazeplan.apps.environment.single:CircularMazeEnv",
-        vector_entry_point="mazeplan.apps.environment.vector:CircularMazeVectorEnv",
-        max_episode_steps=STEPS,
-    )
+register(gymnasium)

@@ -43,6 +43,10 @@ class Episodes:
             else spaces.Box(LOW, HIGH, dtype=np.float32)
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy goes on from here with a fleet, and begins with `reset` with other rigs (`worlds.RigRow`)."""
+        return vars(self) | {"_pictures": None}  # made when one is asked for
+
     def close(self) -> None:
         """Give the rigs back; may be called twice."""
         self._closed = True

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from mazeplan.core.errors import InputError, SettingsError
+from mazeplan.core.gymnasium_names import STEPS as STEPS
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.resolve import ring_number
 
@@ -14,7 +15,6 @@ OBSERVATIONS = ("state", "pixels")
 REWARDS = ("sparse", "dense")
 ANY = "any"  # ring to start in: drawn, but for the goal
 SIZES = (16, 480)  # px, of a picture's side
-STEPS = 600  # after which an episode is cut off: 20 s at 30 Hz, as for `navigate`
 
 
 @dataclass(frozen=True)

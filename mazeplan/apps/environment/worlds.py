@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Protocol
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -44,10 +45,15 @@ class World(Protocol):
 
 
 class RigRow:
-    """Any rigs of one kind, one after another."""
+    """Any rigs of one kind, one after another. make: makes them, once more for a copy: a copy begins with `reset`, as
+    nobody can copy a machine in the midst of a run."""
 
-    def __init__(self, rigs: Sequence[Rig]) -> None:
-        self._rigs, self.rate_hz = list(rigs), rigs[0].rate_hz
+    def __init__(self, make: Callable[[], Sequence[Rig]], rigs: Sequence[Rig] | None = None) -> None:
+        self._make, self._rigs = make, list(make() if rigs is None else rigs)
+        self.rate_hz, self._placed = self._rigs[0].rate_hz, set[int]()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return RigRow, (self._make,)
 
     def reset(
         self, rows: IntArray, rings: Sequence[int], thetas: Sequence[float], rngs: Sequence[np.random.Generator]
@@ -56,12 +62,15 @@ class RigRow:
         seen = []
         for row, ring, theta, rng in zip(rows.tolist(), rings, thetas, rngs, strict=True):
             self._rigs[row].reset(ring=ring, theta=theta, rng=rng)
+            self._placed.add(row)
             seen.append(self._rigs[row].observe())
         return _samples(seen)
 
     def step(self, rows: IntArray, commands: Array) -> Samples:
-        """See `World`."""
+        """See `World`. Raises RigError before `reset`."""
         seen = []
+        if not self._placed.issuperset(rows.tolist()):
+            raise RigError("reset() comes first; a copy of an environment with this rig begins with it, too")
         for row, command in zip(rows.tolist(), commands.tolist(), strict=True):
             self._rigs[row].command(*command)
             seen.append(self._rigs[row].observe())
@@ -97,7 +106,16 @@ def world_of(spec: str, maze: Maze, number: int, threads: int | None = None) -> 
     rig = make_rig(spec, maze)
     if isinstance(rig, SimulatedRig) and fits(rig.settings, rig.maze):
         return Fleet(rig.maze, rig.settings, number, threads)
-    rigs = [watched(rig), *(watched(make_rig(spec, maze)) for _ in range(number - 1))]
-    for one in rigs:
-        check_ready(one)
-    return RigRow(rigs)
+    return RigRow(partial(_rigs, spec, maze, number), _ready([rig, *(make_rig(spec, maze) for _ in range(number - 1))]))
+
+
+def _rigs(spec: str, maze: Maze, number: int) -> list[Rig]:
+    return _ready([make_rig(spec, maze) for _ in range(number)])
+
+
+def _ready(rigs: Sequence[Rig]) -> list[Rig]:
+    """With watchdogs. Raises RigError for one that cannot be used."""
+    guarded = [watched(rig) for rig in rigs]
+    for rig in guarded:
+        check_ready(rig)
+    return guarded

@@ -23,7 +23,7 @@ from mazeplan.core.whole_file import whole_file
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
 from mazeplan.diagnosis.rig.search import Reference
 from mazeplan.diagnosis.stage.comparison import Known
-from mazeplan.learning.modelfile import PACKAGED, RigModel, model_names
+from mazeplan.learning.modelfile import PACKAGED, RigModel, is_packaged_model
 from mazeplan.learning.rigid_body_entries import PARAMETERS, stamp
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
@@ -37,9 +37,7 @@ TERMS: dict[str, Effect] = {e.name: e for e in vars(planeterms).values() if isin
 
 def reference_path(source: str | Path) -> Path:
     """Path of the reference of a model: a folder, its model.yaml, or the name of a packaged model."""
-    path = Path(source)
-    if not path.exists() and str(source) in model_names():
-        path = PACKAGED / str(source)
+    path = PACKAGED / source if is_packaged_model(source) else Path(source)
     return (path.parent if path.suffix == ".yaml" else path) / NAME
 
 

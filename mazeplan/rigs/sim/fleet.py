@@ -25,11 +25,12 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, PlateForces
 from mazeplan.rigs.sim.machine import AXES, CHUNKS
 from mazeplan.rigs.sim.mjcf import SUBSTEPS
-from mazeplan.rigs.sim.nearwalls import near_walls
+from mazeplan.rigs.sim.nearwalls import MOST_OF_FLEET, near_walls
 from mazeplan.rigs.sim.settings import SimulatedSettings
 from mazeplan.rigs.sim.simulated import TOLERANCE
 from mazeplan.rigs.sim.surprise import surprised
 
+MUJOCO = ("_walls", "_batch", "_ctrl", "_qpos", "_qvel", "_near")  # what is made anew for a copy
 PLAIN = [(name, SimulatedSettings.model_fields[name].default) for name in (
     "camera_scale", "lens_per_m2", "tilt_scale", "servo_gain", "servo_coupling",
 )]  # fmt: skip
@@ -64,12 +65,31 @@ class Fleet:
         self.number, self.rate_hz = number, self.settings.rate_hz
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.threads = min(threads or cores, number)
-        self._walls = near_walls(maze, self.settings)
-        self._batch: Any = Batch(self._walls.any, number, self.threads)
-        self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
-        self._near = [self._walls.any] * number  # current model of each rig
+        self._simulations()
         self._rngs: list[np.random.Generator | None] = [None] * number
         self._prepare()
+
+    def _simulations(self) -> None:
+        """MuJoCo's simulations, in their first state."""
+        self._walls = near_walls(self.maze, self.settings)
+        self._walls.most = MOST_OF_FLEET  # many balls come to all places, again and again
+        self._batch: Any = Batch(self._walls.any, self.number, self.threads)
+        self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
+        self._near = [self._walls.any] * self.number  # current model of each rig
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that a copy needs to go on as this fleet would, to the last bit."""
+        state = {name: value for name, value in vars(self).items() if name not in MUJOCO}
+        return state | {"simulations": None if self._batch is None else self._batch.state.copy()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        simulations = state.pop("simulations")
+        vars(self).update(state)
+        if simulations is None:
+            self._batch = None
+            return
+        self._simulations()
+        self._batch.state[:] = simulations
 
     def _prepare(self) -> None:
         settings, n = self.settings, self.number

@@ -13,6 +13,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -51,16 +52,10 @@ class Machine:
     chunk_s: duration of one `step`, s; data: MuJoCo's data; build: makes the model, by default from the map."""
 
     def __init__(self, maze: Maze, settings: SimulatedSettings, build: Callable[[], Gimbal] | None = None) -> None:
-        self.maze, self.settings, self._build = maze, settings, build or self._from_map
+        # no method of its own: a machine in a cycle of references would outlive its run
+        self.maze, self.settings, self._build = maze, settings, build or partial(_from_map, maze, settings)
         self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)
         self._gimbal: Gimbal | None = None
-
-    def _from_map(self) -> Gimbal:
-        return MazeGimbal(near_walls(self.maze, self.settings), SUBSTEPS // CHUNKS, self._rougher)
-
-    def _rougher(self, friction_m: float) -> NearWalls:
-        more = {"rolling_friction_m": self.settings.rolling_friction_m + friction_m}
-        return near_walls(self.maze, self.settings.model_copy(update=more))
 
     # -- life -------------------------------------------------------------------------------------------------------
 
@@ -90,6 +85,7 @@ class Machine:
     def close(self) -> None:
         """Release memory. A second call does nothing."""
         self._gimbal = None
+        vars(self).pop("_faults", None)  # they know the model, too
 
     @property
     def data(self) -> mujoco.MjData:
@@ -243,6 +239,16 @@ class Machine:
         self.gimbal.settle()
         self._target, self._ctrl, self._played = snapshot.target, snapshot.ctrl, snapshot.played
         self._queue, self._rolled = deque(snapshot.queue), snapshot.rolled
+
+
+def _from_map(maze: Maze, settings: SimulatedSettings) -> Gimbal:
+    return MazeGimbal(near_walls(maze, settings), SUBSTEPS // CHUNKS, partial(_rougher, maze, settings))
+
+
+def _rougher(maze: Maze, settings: SimulatedSettings, friction_m: float) -> NearWalls:
+    """Walls of a floor with so much more rolling friction, m."""
+    more = {"rolling_friction_m": settings.rolling_friction_m + friction_m}
+    return near_walls(maze, settings.model_copy(update=more))
 
 
 def _cross(a: Array, b: Array) -> Array:

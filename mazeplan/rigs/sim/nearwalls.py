@@ -12,6 +12,8 @@ from __future__ import annotations
 # (MuJoCo's compiled module has no types)
 import copy
 import math
+import sys
+from contextlib import suppress
 from functools import lru_cache
 
 import mujoco
@@ -27,7 +29,8 @@ CELL = 0.004  # m, side of a cell
 FREE = 0.003  # m, least distance of the ball before the model is chosen again
 FASTEST = 2.0  # m/s, of a ball; gravity alone makes 0.6
 TILT = 1.5  # times the tilt limit: largest swing of the plate
-MOST_MODELS = 4000  # of .1 MB each; the maze cme has 2,800 cells
+# models that are kept, of 0.23 MB each; to make one takes 0.8 ms. The maze cme has 2,800 cells; a run needs about 60
+MOST_MODELS, MOST_OF_FLEET = 128, 4000
 ARENA = 1 << 21  # bytes for contacts of a ball; MuJoCo would take 14 MB a ball
 BOX = mujoco.mjtGeom.mjGEOM_BOX
 OPEN: frozenset[str] = frozenset()  # no opening has a plug
@@ -37,7 +40,8 @@ SEEN_WITH = ("geom_bodyid", "geom_dataid", "geom_matid", "geom_plugin")  # the s
 class NearWalls:
     """Models of one plate, by the place of the ball.
 
-    any: a model whose data fit all of them; slots: largest number of boxes in a model."""
+    any: a model whose data fit all of them; slots: largest number of boxes in a model; most: models that are kept,
+    the newest ones."""
 
     def __init__(self, text: str, bare: str, maze: Maze) -> None:
         """text, bare: MJCF with all walls and without any (`mjcf`)."""
@@ -60,6 +64,7 @@ class NearWalls:
             if name.startswith("geom_") and name not in SEEN_WITH and len(getattr(self.any, name)) == self.any.ngeom
         ]
         self._models: dict[tuple[int, frozenset[str]], mujoco.MjModel] = {}
+        self.most = MOST_MODELS  # models that are kept
 
     def at(self, x: float, y: float, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
         """The model for a ball at x, y, m in the room, and up to `free` around. blocked: openings with a plug."""
@@ -95,7 +100,7 @@ class NearWalls:
     def _make(self, cell: int, blocked: frozenset[str]) -> mujoco.MjModel:
         """Two threads may do this at once: both make the same model."""
         boxes = self._near.get(cell, self._boxes[:0])
-        model = copy.copy(self.any)
+        model = self._blank()
         slots = slice(1, 1 + len(boxes))  # behind the floor, in the order of the whole model
         for name in self._own:
             getattr(model, name)[slots] = getattr(self._whole, name)[boxes]
@@ -103,9 +108,21 @@ class NearWalls:
             filled = 1 + np.flatnonzero(boxes == self._plugs[name])
             model.geom_contype[filled] = model.geom_conaffinity[filled] = PLUG_ON
         model.body_geomnum[self._plate] = 1 + len(boxes)  # the rest takes no part in collisions
-        if len(self._models) >= MOST_MODELS:
-            self._models.clear()
         self._models[cell, blocked] = model
+        return model
+
+    def _blank(self) -> mujoco.MjModel:
+        """A model without boxes: a new one, or where there are enough the oldest, if nobody else has it. New ones for
+        old ones leave holes in the memory of the process."""
+        model = None
+        while len(self._models) >= self.most:
+            with suppress(KeyError, RuntimeError, StopIteration):  # another thread was faster
+                model = self._models.pop(next(iter(self._models)))
+        if model is None or sys.getrefcount(model) > _ALONE:
+            return copy.copy(self.any)
+        filled = slice(1, int(model.body_geomnum[self._plate]))
+        for name in self._own:
+            getattr(model, name)[filled] = getattr(self.any, name)[filled]
         return model
 
     def _boxes_near(self, reach: float) -> dict[int, IntArray]:
@@ -141,6 +158,15 @@ class NearWalls:
         # the search tree of boxes is for other places, and ball and plate are the only island
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_ISLAND)
         return model
+
+
+def _alone() -> int:
+    """What `sys.getrefcount` says of something that only the asking function has."""
+    something = object()
+    return sys.getrefcount(something)
+
+
+_ALONE = _alone()
 
 
 def near_walls(maze: Maze, settings: SimulatedSettings) -> NearWalls:

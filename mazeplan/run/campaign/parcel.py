@@ -31,7 +31,7 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.plugins import RIGS, Plugin, plugin
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.user_modules import desks, user_module
-from mazeplan.learning.modelfile import model_names
+from mazeplan.learning.modelfile import is_packaged_model
 from mazeplan.maze.mapfile import find_map
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.rigs.registry import rig_file, rig_names, seeded
@@ -82,7 +82,7 @@ def packed(campaign: Campaign) -> Parcel:
         names["rig"] = place + _seed_of(campaign.rig)
         files |= beside
     model = model_source(campaign.model, campaign.rig)
-    if model is not None and not (not Path(model).exists() and model in model_names()) and not _packaged(Path(model)):
+    if model is not None and not is_packaged_model(model) and not _packaged(Path(model)):
         names["model"], of_model = _model_files(Path(model))
         files |= of_model
     files |= _module_files(modules)

@@ -43,7 +43,7 @@ class MapEditor:
     def __init__(self, source: str | Path) -> None:
         found = find_map(source)
         read_yaml(found, error=MapError, what="a map (YAML)")  # says in one line what cannot be read
-        packaged = found.parent == resources.share("maps") and not Path(source).exists()
+        packaged = found.parent == resources.share("maps") and found != Path(source)
         self.path = Path.cwd() / found.name if packaged else found.resolve()
         content = found.read_bytes()
         self._on_disk = None if packaged else content
