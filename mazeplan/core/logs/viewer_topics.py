@@ -1,8 +1,8 @@
 """A run once more in the words of Foxglove, so that its 3D panel, its log panel and other viewers draw it.
 
     /foxglove/scene  foxglove.SceneUpdate: plate, walls and ball once; the newest plan of a chunk
-    /foxglove/tf     foxglove.FrameTransform: world -> plate (the tilt) and plate -> ball (where it is), each tick
-    /foxglove/ball   foxglove.PoseInFrame: the ball in the frame `plate`, in ticks in which it was seen
+    /foxglove/tf     foxglove.FrameTransform: world -> plate (tilt) and plate -> ball (place), every second tick
+    /foxglove/ball   foxglove.PoseInFrame: the ball in the frame `plate`, in those ticks, where it was seen
     /foxglove/log    foxglove.Log: events, and the result
 
 Names and fields are those of Foxglove's published schemas, as JSON; the schemas here hold the fields that are written.
@@ -21,6 +21,7 @@ from mazeplan.core.records import Array
 
 SCENE, FRAMES, BALL, LOG = (f"/foxglove/{name}" for name in ("scene", "tf", "ball", "log"))
 NS = 10**9
+EVERY = 2  # ticks are drawn once in so many: 15 Hz look smooth, and cost half
 PLAN_POINTS = 40  # at most, of a plan: a line to look at
 PLATE_THICKNESS = 0.002  # m, as drawn
 INFO, WARNING, ERROR = 2, 3, 4  # levels of foxglove.Log
@@ -92,6 +93,7 @@ class ViewerTopics:
     """Turns the messages of a run, a chunk at a time, into those of this module. shape: None draws no maze."""
 
     def __init__(self, shape: MazeShape | None) -> None:
+        self._ticks = 0
         self._height = 0.0 if shape is None else shape.ball_radius  # of the ball's centre above the plate, m
         self._radius: float | None = None  # of the ball's centre when it was seen last, m
 
@@ -112,7 +114,10 @@ class ViewerTopics:
             yield SCENE, plan[0], _plan(*plan, self._radius, self._height)
 
     def _tick(self, ns: int, tick: Mapping[str, Any]) -> Iterator[Message]:
-        # written by hand: this is each tick, and a third of the time that documents take
+        self._ticks += 1
+        if self._ticks % EVERY != 1:
+            return
+        # written by hand: it takes a third of the time that documents take
         stamp = f'{{"timestamp":{{"sec":{ns // NS},"nsec":{ns % NS}}},'
         beta, gamma, x, y = tick.get("beta"), tick.get("gamma"), tick.get("x"), tick.get("y")
         if beta is not None and gamma is not None and math.isfinite(beta + gamma):
@@ -151,7 +156,8 @@ def scene(shape: MazeShape) -> bytes:
 def _plan(ns: int, plan: Mapping[str, Any], radius: float, height: float) -> bytes:
     angles = plan["theta"][:: max(1, math.ceil(len(plan["theta"]) / PLAN_POINTS))]
     points = [(radius * math.cos(a), radius * math.sin(a), height) for a in angles]
-    return _encoded({"deletions": [], "entities": [_entity("plan", "plate", ns, lines=[_line(LINE_STRIP, points, PLAN)])]})
+    line = _line(LINE_STRIP, points, PLAN)
+    return _encoded({"deletions": [], "entities": [_entity("plan", "plate", ns, lines=[line])]})
 
 
 def _event(ns: int, document: Mapping[str, Any]) -> bytes:
