@@ -38,8 +38,9 @@ _NEAR = 1.6  # radii of the ball that a ring's number keeps from a path
 Array = NDArray[np.float64]
 
 
-def wall_outlines(wall: Wall) -> list[Array]:
+def wall_outlines(wall: Wall, step: float = _ARC_STEP) -> list[Array]:
     """Outlines of the solid pieces between a wall's openings, each (N, 2) in m; none for a wall without openings.
+    step: rad from point to point of an arc.
 
     The sides of an opening are parallel to its middle line: at radius rho an edge lies asin(width / 2 rho) beside it.
     """
@@ -54,7 +55,7 @@ def wall_outlines(wall: Wall) -> list[Array]:
         for radius in (wall.inner_radius, wall.outer_radius):
             first = start + math.asin(0.5 * here.width / radius)
             last = end - math.asin(0.5 * following.width / radius)
-            angles = np.linspace(first, last, max(2, math.ceil((last - first) / _ARC_STEP)))
+            angles = np.linspace(first, last, max(2, math.ceil((last - first) / step)))
             arcs.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
         outlines.append(np.vstack([arcs[0], arcs[1][::-1]]))
     return outlines
@@ -68,6 +69,17 @@ def radial_outline(maze: Maze, wall: RadialWall) -> Array:
         angles = wall.angle + side * np.linspace(-half, half, max(2, math.ceil(2.0 * half / _ARC_STEP)))
         ends.append(radius * np.column_stack([np.cos(angles), np.sin(angles)]))
     return np.vstack(ends)
+
+
+def maze_outlines(maze: Maze, step: float = _ARC_STEP) -> list[Array]:
+    """Closed outlines of all walls of a maze, each (N, 2) in m; a wall without openings has two. step: as above."""
+    found: list[Array] = []
+    angles = np.arange(0.0, 2.0 * math.pi, step)
+    for wall in maze.walls:
+        radii = () if wall.openings else (wall.inner_radius, wall.outer_radius)
+        found += [radius * np.column_stack([np.cos(angles), np.sin(angles)]) for radius in radii]
+        found += wall_outlines(wall, step)
+    return found + [radial_outline(maze, wall) for wall in maze.radial_walls]
 
 
 def draw_maze(

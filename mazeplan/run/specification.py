@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -18,11 +19,13 @@ from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import nodes_named, tree_files
 from mazeplan.core import resources
 from mazeplan.core.errors import ModelError, TreeError
+from mazeplan.core.logs.viewer_topics import MazeShape
 from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.plugins import Plugin
 from mazeplan.core.records import Latency
 from mazeplan.core.user_modules import user_module
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, packed_model, unpacked_model
+from mazeplan.maze.drawing import maze_outlines
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import dump_map
 from mazeplan.maze.memory import OpeningMemory
@@ -30,6 +33,7 @@ from mazeplan.rigs.interface import traits
 from mazeplan.run.settings import Settings, load_settings
 
 REPLAY_FORMAT = 1  # of what the header holds for `replay`
+SHAPE_STEP = math.radians(4.0)  # of arcs in the log's drawing: 0.06 mm from the circle at the rim
 TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
 
 
@@ -157,6 +161,12 @@ def log_header(setup: Setup, job: Job, rate_hz: float) -> dict[str, Any]:
         "time_limit_s": job.time_limit,
         "replay": facts_adapter().dump_python(_facts_for_replay(setup, job, rate_hz), mode="json", exclude_none=True),
     }
+
+
+def log_shape(maze: Maze) -> MazeShape:
+    """What viewers of a log draw of a maze."""
+    outlines = maze_outlines(maze, SHAPE_STEP)
+    return MazeShape(outlines, maze.wall_height, maze.ball.radius, maze.walls[0].outer_radius)
 
 
 def model_to_keep(setup: Setup) -> bytes | None:

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from mazeplan.apps.cli.log import summary
 from mazeplan.core.events import FailureReported, OpeningPassed, OtherEvent, RecoveryChosen, RingEntered
@@ -47,9 +48,13 @@ def log(tmp_path):
 
 @pytest.fixture
 def cut(log):
-    """The log up to 2 s."""
+    """The log up to the chunk that begins at 1.8 s, in its middle."""
     path = log.with_name("cut.mcap")
-    path.write_bytes(log.read_bytes()[: log.read_bytes().index(b'{"t":2.0,"beta"')])
+    with log.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    after = next(chunk for chunk in summary.chunk_indexes if chunk.message_start_time == 1_800_000_000)
+    path.write_bytes(log.read_bytes()[: after.chunk_start_offset + after.chunk_length // 2])
     return path
 
 
@@ -79,7 +84,7 @@ def test_info_as_text(run, log, cut):
                  "1.00 s stuck, Track, 0.6 s", "arrived after 3.0 s"):  # fmt: skip
         assert part in text
     got = json.loads(run("info", cut, "--json")[1])
-    assert (got["complete"], got["ticks"], got["result"]) == (False, 60, None)
+    assert (got["complete"], got["ticks"], got["result"]) == (False, 54, None)
     assert "cut off" in run("info", cut)[1]
 
 
@@ -120,7 +125,7 @@ def test_export_writes_the_known_columns_first(run, log, cut, tmp_path):
     assert float(rows[1]["r"]) == pytest.approx(0.05)
     assert [float(row["t"]) for row in rows] == [k / 30 for k in range(91)]
     assert run("export", log, "-o", "-")[1] == text
-    assert len(rows_of(run("export", cut, "-o", "-")[1])) == 60
+    assert len(rows_of(run("export", cut, "-o", "-")[1])) == 54
 
 
 def test_export_overwrites_only_with_force_and_never_the_log(run, refused, log, tmp_path):

@@ -10,19 +10,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
+from mcap.records import Chunk, Message
+from mcap.stream_reader import breakup_chunk
 from mcap.writer import Writer
 
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RingEntered, TimedEvent
 from mazeplan.core.logs import run_log as runlog
 from mazeplan.core.logs.run_log import RunLogWriter, read_log
+from mazeplan.core.logs.viewer_topics import VIEWER_SCHEMAS
 from mazeplan.core.records import Command, Observation, Plan, State, StopReason, TreeOutline
 
 DT = 1.0 / 30.0
 HEADER = {"rig": "toy", "map": "rings: []\n", "seed": 7}
 STATE = State(0.1, 0.08, 0.01, 0.02, -0.03, 0.004, 0.05, -0.006, 0.07, ring=2)
-LAST_FIELD = b'"tick_ms":0.5}'  # of a tick as `write_run` writes it
 
 
 def observation(k: int) -> Observation:
@@ -140,7 +143,7 @@ def test_messages_keep_to_their_schemas(tmp_path):
             seen.add(channel.topic)
             for name, value in json.loads(message.data).items():
                 assert isinstance(value, kinds[fields[name]["type"]]), (channel.topic, name)
-    assert seen == set(runlog.SCHEMAS)
+    assert seen == {*runlog.SCHEMAS, *VIEWER_SCHEMAS}
 
 
 CHILD = """
@@ -157,7 +160,7 @@ for k in range(200):
 """
 
 
-def test_after_kill_9_every_tick_is_there(tmp_path):
+def test_after_kill_9_all_but_the_last_half_second_is_there(tmp_path):
     path = tmp_path / "killed.mcap"
     child = subprocess.Popen(
         [sys.executable, "-c", CHILD, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -172,57 +175,97 @@ def test_after_kill_9_every_tick_is_there(tmp_path):
     log = read_log(path)
     assert not log.complete
     assert log.result is None
-    assert len(log.ticks["t"]) == 121
-    assert log.ticks["t"][-1] == pytest.approx(4.0)
+    assert 3.5 < log.ticks["t"][-1] <= 4.0
+    assert np.diff(log.ticks["t"]) == pytest.approx(DT)
 
 
-def test_a_file_cut_at_any_byte_gives_all_whole_messages(tmp_path):
+def chunks_of(path) -> list[tuple[int, int, int]]:
+    """(first byte, byte behind it, ticks) of each chunk of a whole log."""
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        (tick,) = [channel.id for channel in summary.channels.values() if channel.topic == "/tick"]
+        found = []
+        for index in summary.chunk_indexes:
+            stream.seek(index.chunk_start_offset + 9)  # behind operation code and length
+            inside = breakup_chunk(Chunk.read(ReadDataStream(stream)))
+            ticks = sum(isinstance(record, Message) and record.channel_id == tick for record in inside)
+            found.append((index.chunk_start_offset, index.chunk_start_offset + index.chunk_length, ticks))
+    return found
+
+
+def test_a_file_cut_at_any_byte_gives_all_whole_chunks(tmp_path):
     path = tmp_path / "run.mcap"
-    write_run(path, ticks=4)
-    whole = path.read_bytes()
-    ends, at = [], whole.find(LAST_FIELD)
-    while at >= 0:
-        ends.append(at + len(LAST_FIELD))
-        at = whole.find(LAST_FIELD, at + 1)
-    assert len(ends) == 4
-    told = whole.index(b'{"t":0.0,"paths"')  # where the first message after the header begins
-    for cut in range(whole.index(b'"platform":"'), told - 100, 7):
+    write_run(path, ticks=30)
+    whole, chunks = path.read_bytes(), chunks_of(path)
+    assert sum(ticks for _, _, ticks in chunks) == 30
+    assert max(ticks for _, _, ticks in chunks) <= 9
+    told = chunks[0][1]  # where the header is over
+    for cut in range(8, told, 97):
         path.write_bytes(whole[:cut])
         with pytest.raises(LogError, match="without the header"):
             read_log(path)
-    for cut in range(told, len(whole) - 1, 3):
+    for cut in range(told, len(whole) - 1, 13):
         path.write_bytes(whole[:cut])
         log = read_log(path)
         assert not log.complete
-        assert len(log.ticks["t"]) == sum(cut >= end for end in ends)
+        assert len(log.ticks["t"]) == sum(ticks for _, end, ticks in chunks if cut >= end)
 
 
 def test_zeros_at_the_end_after_a_power_cut_are_no_damage(tmp_path):
     path = tmp_path / "run.mcap"
     log = RunLogWriter(path, {})
-    for k in range(6):
+    for k in range(20):
         log.sample(observation(k), Command(0.0, 0.0))
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes() + bytes(4096))
     log.close()
     got = read_log(cut)
-    assert len(got.ticks["t"]) == 6
+    assert len(got.ticks["t"]) == 18  # two chunks of 9
     assert not got.complete
+
+
+def test_a_clock_that_stands_still_does_not_hold_ticks_back(tmp_path):
+    log = RunLogWriter(tmp_path / "run.mcap", {})
+    for _ in range(30):
+        log.sample(observation(0), Command(0.0, 0.0))
+    assert len(read_log(log.path).ticks["t"]) == 2 * runlog.CHUNK_TICKS
+    log.close()
+    assert len(read_log(log.path).ticks["t"]) == 30
 
 
 def test_a_changed_byte_is_never_read_as_a_measurement(tmp_path):
     path = tmp_path / "run.mcap"
-    write_run(path, ticks=3)
-    whole = path.read_bytes()
-    first, last = whole.index(b'{"t":0.0,"x"'), whole.rindex(b'"converged"')
+    write_run(path, ticks=20)
+    whole, chunks = path.read_bytes(), chunks_of(path)
     rng = np.random.default_rng(1)
-    for at in rng.integers(first, last, 150):
+    for at in rng.integers(chunks[1][0], chunks[-1][1], 150):
         changed = bytearray(whole)
         changed[at] ^= 1 << int(rng.integers(8))
         path.write_bytes(changed)
         with pytest.raises(LogError, match="damaged") as caught:
             read_log(path)
         assert "\n" not in str(caught.value)
+
+
+def test_a_changed_byte_in_a_log_that_was_cut_is_found_too(tmp_path):
+    path = tmp_path / "run.mcap"
+    write_run(path, ticks=20)
+    whole, (first, end, _) = path.read_bytes(), chunks_of(path)[1]
+    changed = bytearray(whole[: end + 5])
+    changed[(first + end) // 2] ^= 4
+    path.write_bytes(changed)
+    with pytest.raises(LogError, match="damaged after 1 messages"):
+        read_log(path)
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_logs_of_older_versions_without_chunks_are_read(tmp_path, chunked):
+    path = tmp_path / "old.mcap"
+    foreign(path, header=OURS, chunked=chunked, tick={"t": 0.5, "x": 0.01})
+    log = read_log(path)
+    assert log.complete
+    assert log.ticks["t"].tolist() == [0.5]
 
 
 def foreign(path, *, header: object = None, chunked: bool = False, tick: object = None, tree: object = None) -> None:
@@ -247,7 +290,6 @@ TREE = {"t": 0.0, "paths": ["a"], "kinds": ["InRing"], "names": ["a"], "parents"
         ({"header": {"program": "other"}}, "without the header of a run"),
         ({"header": ["mazeplan"]}, "damaged after 0 messages: a message is no JSON object"),
         ({"header": {**OURS, "format": 99}}, "got format 99, expected 1"),
-        ({"header": OURS, "chunked": True}, "with chunks"),
         ({"header": OURS, "tick": {"x": 1.0}}, "a tick without t"),
         ({"header": OURS, "tick": {"t": [1.0]}}, "of the wrong kind"),
         ({"header": OURS, "tick": {"t": 10**400}}, "of the wrong kind"),
@@ -310,8 +352,8 @@ def test_a_full_disk_is_told_once_and_the_run_goes_on(tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(log, "_flush", full)
             with pytest.raises(LogError, match="No space left"):
-                log.sample(observation(1), Command(0.0, 0.0))
-        log.sample(observation(2), Command(0.0, 0.0))
+                log.sample(observation(8), Command(0.0, 0.0))  # ends a chunk
+        log.sample(observation(9), Command(0.0, 0.0))
     assert not read_log(log.path).complete
 
 
@@ -321,19 +363,21 @@ def test_a_disk_that_is_full_at_the_start():
         RunLogWriter("/dev/full", {})
 
 
-def test_an_interrupt_inside_a_message_leaves_a_readable_file(tmp_path, monkeypatch):
+def test_an_interrupt_inside_a_chunk_leaves_a_readable_file(tmp_path, monkeypatch):
     def interrupt(*arguments):
         raise KeyboardInterrupt
 
     with RunLogWriter(tmp_path / "run.mcap", {}) as log:
-        log.sample(observation(0), Command(0.0, 0.0))
+        for k in range(9):
+            log.sample(observation(k), Command(0.0, 0.0))
         with monkeypatch.context() as patch:
             patch.setattr("mcap.records.RecordBuilder.finish_record", interrupt)
+            log.sample(observation(9), Command(0.0, 0.0))
             with pytest.raises(KeyboardInterrupt):
-                log.sample(observation(1), Command(0.0, 0.0))
+                log.sample(observation(17), Command(0.0, 0.0))  # ends a chunk
         log.result({"reason": "interrupted"})
     got = read_log(log.path)
-    assert len(got.ticks["t"]) == 1
+    assert len(got.ticks["t"]) == 9
     assert not got.complete
 
 

@@ -1,8 +1,9 @@
-"""Run logs: MCAP files, written message by message, so that a killed process loses at most the last tick.
+"""Run logs: MCAP files in short chunks, so that other tools find their way and a killed process loses little.
 
 Topics (JSON with a JSON schema each, so that general MCAP viewers read them); the log time is the rig's, in ns:
 
-    /header  once: program, rig, map (its text), behaviour, start, goal, seed ..., and all that `log replay` needs
+    /header  once: program, rig, map (its text), behaviour, start, goal, seed ..., and all that `log replay` needs;
+             started: UTC on the wall, ISO 8601, for people
     /tick    each control tick: what was observed, estimated and commanded, by which leaf; cut_off: after how many
              iterations the planner's deadline ended each search of the tick (`control.stopwatch`)
     /plan    each plan: states and controls by component, cost, why the solver stopped
@@ -15,9 +16,14 @@ Topics (JSON with a JSON schema each, so that general MCAP viewers read them); t
 
 and as an attachment the model of the run, where it is neither a packaged one nor nominal physics (models.packedmodel).
 
-The file is not chunked and is handed to the operating system after each message: a chunk that was not finished would
-be lost with everything in it. A value that is not known is left out rather than null, and arrays have one dimension:
-viewers that plot refuse schemas with unions of types and nested arrays. `read_log` in run_log_reader.py reads it back.
+`viewer_topics.py` adds topics in Foxglove's words beside them, for viewers that draw.
+
+Readers with an index see only chunks, and a chunk that was not finished is lost with everything in it. Therefore a
+chunk ends with the first message that is CHUNK_S of the rig's time later than its first one, and goes to the operating
+system at once. The header and the result wait for nothing.
+
+A value that is not known is left out rather than null, and arrays have one dimension: viewers that plot refuse schemas
+with unions of types and nested arrays. `read_log` in run_log_reader.py reads it back.
 """
 
 from __future__ import annotations
@@ -28,6 +34,7 @@ import platform
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -38,6 +45,7 @@ from mcap.writer import CompressionType, Writer
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RunEvent, TimedEvent
 from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
+from mazeplan.core.logs.viewer_topics import SCENE, VIEWER_SCHEMAS, MazeShape, ViewerTopics, scene
 from mazeplan.core.records import Command, Observation, Plan, State, TreeOutline
 
 __all__ = ["RunLog", "RunLogWriter", "read_log"]
@@ -45,6 +53,11 @@ __all__ = ["RunLog", "RunLogWriter", "read_log"]
 NUMBER, INTEGER, TEXT, FLAG = ({"type": name} for name in ("number", "integer", "string", "boolean"))
 NUMBERS, TEXTS, INTEGERS = ({"type": "array", "items": kind} for kind in (NUMBER, TEXT, INTEGER))
 STATUSES = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F", "SKIPPED": "K"}
+CHUNK_S = 0.25  # s of the rig's time in a chunk: a killed process loses no more
+CHUNK_TICKS = 12  # at most, if the rig's clock stands still: 0.4 s at 30 Hz
+CHUNK_BYTES = 64 * 2**20  # never reached: the writer of MCAP shall not end chunks of its own
+AT_ONCE = ("/header", "/result")  # end a chunk
+COMPRESSION = CompressionType.ZSTD
 Sink = Callable[[str, float, dict[str, Any]], None]  # topic, rig time in s, document
 
 
@@ -60,6 +73,7 @@ ESTIMATE = ("t", "x", "y", "vx", "vy", "beta", "beta_dot", "gamma", "gamma_dot")
 SCHEMAS: dict[str, dict[str, Any]] = {
     "/header": _object(
         **dict.fromkeys(("program", "version", "rig", "map", "map_name", "model", "behavior", "platform"), TEXT),
+        started=TEXT,
         **dict.fromkeys(("format", "seed", "start_ring", "goal_ring"), INTEGER),
         start_theta=NUMBER,
         replay=_object(format=INTEGER, rate_hz=NUMBER, settings=TEXT),
@@ -114,10 +128,13 @@ def _plain(value: Any) -> Any:
     return value if value is None or isinstance(value, str | int) else str(value)
 
 
+_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+
+
 def encode(document: dict[str, Any]) -> bytes:
     """A message as the log holds it (JSON), without values that JSON cannot hold."""
     try:
-        text = json.dumps(document, separators=(",", ":"), allow_nan=False)
+        text = _ENCODER.encode(document)
     except (TypeError, ValueError):  # rare, so that the usual tick does not pay for it
         known = {key: value for key, value in _plain(document).items() if value is not None}
         text = json.dumps(known, separators=(",", ":"))
@@ -141,8 +158,10 @@ class RunMessages:
     def sample(self, observation: Observation, command: Command, **more: Any) -> None:
         """One tick without an estimate, as `collect` writes it; `more` that is None is left out."""
         self._t = observation.t
-        document = {**asdict(observation), **asdict(command), **more}
-        self.write("/tick", observation.t, {name: value for name, value in document.items() if value is not None})
+        o = observation  # by hand: `asdict` takes as long as all the rest
+        document = {"t": o.t, "x": o.x, "y": o.y, "beta": o.beta, "gamma": o.gamma, "u_beta": command.u_beta}
+        document |= {"u_gamma": command.u_gamma, **more}
+        self.write("/tick", o.t, {name: value for name, value in document.items() if value is not None})
 
     def tick(self, observation: Observation, command: Command, state: State, **more: Any) -> None:
         """One control tick: observed, commanded, estimated.
@@ -188,29 +207,37 @@ class RunMessages:
 class RunLogWriter(RunMessages):
     """Writes one run; a context manager.
 
-    header: facts about the run; the writer adds program, format and platform. Every method raises LogError when the
-    file cannot be written, but only once; the run may go on, later messages are not written.
+    header: facts about the run; the writer adds program, format, platform, and `started`: UTC on the wall, ISO 8601.
+    shape: of the maze, for viewers. Every method raises LogError when the file cannot be written, but only once; the
+    run may go on, later messages are not written.
     """
 
-    def __init__(self, path: str | Path, header: dict[str, Any]) -> None:
+    def __init__(self, path: str | Path, header: dict[str, Any], shape: MazeShape | None = None) -> None:
         super().__init__(path=str(path))
         self._closed, self._sequence = False, 0
-        self._whole = True  # False while a message is on its way, and for good when it did not arrive
+        self._whole = True  # False while a chunk is on its way, and for good when it did not arrive
+        self._pending: list[tuple[str, int, dict[str, Any], bytes, int]] = []  # topic, ns, document, content, sequence
+        self._pending_ticks = 0
+        self._viewers = ViewerTopics(shape)
         try:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
             self._stream = Path(path).open("wb")  # noqa: SIM115  (closed in `close`)
-            self._flush = self._stream.flush
         except (OSError, ValueError) as problem:
             raise self._failed(problem) from None
-        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False, enable_data_crcs=True)
+        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=COMPRESSION, enable_data_crcs=True)
+        self._flush = self._writer.flush
         self._writer.start(profile="", library=PROGRAM)
         self._channels: dict[str, int] = {}
-        for topic, schema in SCHEMAS.items():
-            schema_id = self._writer.register_schema(f"{PROGRAM}.{topic[1:]}", "jsonschema", encode(schema))
+        own = {topic: (f"{PROGRAM}.{topic[1:]}", schema) for topic, schema in SCHEMAS.items()}
+        for topic, (name, schema) in {**own, **VIEWER_SCHEMAS}.items():
+            schema_id = self._writer.register_schema(name, "jsonschema", encode(schema))
             self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
-        own = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform()}
+        started = datetime.now(UTC).isoformat(timespec="milliseconds")
+        facts = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform(), "started": started}
         try:
-            self.write("/header", 0.0, {**header, **own})
+            if shape is not None:
+                self._writer.add_message(self._channels[SCENE], 0, scene(shape), 0)
+            self.write("/header", 0.0, {**header, **facts})
         except LogError:
             self.close()
             raise
@@ -219,19 +246,34 @@ class RunLogWriter(RunMessages):
         return LogError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=self.path)
 
     def write(self, topic: str, t: float, document: dict[str, Any]) -> None:
-        """Write one message."""
+        """Write one message; it is in the file when its chunk ends."""
+        if self._closed or not self._whole:
+            return
         ns = round(t * 1e9) if math.isfinite(t) and t > 0.0 else 0
         self._sequence += 1
-        self._add(self._writer.add_message, self._channels[topic], ns, encode(document), ns, self._sequence)
+        self._pending.append((topic, ns, document, encode(document), self._sequence))
+        self._pending_ticks += topic == "/tick"
+        full = self._pending_ticks >= CHUNK_TICKS or abs(ns - self._pending[0][1]) >= CHUNK_S * 1e9
+        if full or topic in AT_ONCE:
+            self._safely(self._end_chunk)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Put a file into the log. Raises LogError as the others."""
-        self._add(self._writer.add_attachment, 0, 0, name, media_type, data)
+        if not self._closed and self._whole:
+            self._safely(self._writer.add_attachment, 0, 0, name, media_type, data)
 
-    def _add(self, add: Callable[..., None], *record: Any) -> None:
-        if self._closed or not self._whole:
-            return
-        # Ctrl-C may strike anywhere in here; half a message must not be followed by another one
+    def _end_chunk(self) -> None:
+        for topic, ns, _, content, sequence in self._pending:
+            self._writer.add_message(self._channels[topic], ns, content, ns, sequence)
+        # only documents that no run writes cannot be drawn; they are in the log all the same
+        with suppress(KeyError, TypeError, ValueError, AttributeError):
+            for topic, ns, content in self._viewers.of([message[:3] for message in self._pending]):
+                self._writer.add_message(self._channels[topic], ns, content, ns)
+        self._pending.clear()
+        self._pending_ticks = 0
+
+    def _safely(self, add: Callable[..., None], *record: Any) -> None:
+        # Ctrl-C may strike anywhere in here; half a chunk must not be followed by another one
         self._whole = False
         try:
             add(*record)
@@ -247,6 +289,7 @@ class RunLogWriter(RunMessages):
         self._closed = True
         try:
             if self._whole:
+                self._end_chunk()
                 self._writer.finish()
             self._stream.close()
         except OSError as problem:

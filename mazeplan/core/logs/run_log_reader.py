@@ -1,6 +1,7 @@
 """Reads run logs (MCAP) back, also logs that a crash cut off; run_log.py describes their content.
 
-The file is read from front to back, without its index: one that was cut has none.
+The file is read from front to back, without its index: one that was cut has none. All chunks that are whole count. Logs
+of older versions have no chunks. The topics of `viewer_topics.py` are skipped: they say the same in other words.
 """
 
 from __future__ import annotations
@@ -8,19 +9,20 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Attachment, Channel, Chunk, Message
-from mcap.stream_reader import StreamReader
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import TimedEvent
+from mazeplan.core.logs.viewer_topics import VIEWER_SCHEMAS
 from mazeplan.core.records import Array, TreeOutline
 
 PROGRAM = "mazeplan"
@@ -68,7 +70,7 @@ class RunLog:
     events:   see `core.events`
     trees:    one for each goal; empty in logs of older versions
     result:   the outcome, None when there is none
-    complete: whether the file was finished; False after a crash, when the last message may be missing
+    complete: whether the file was finished; False after a crash, when the last quarter of a second may be missing
     """
 
     path: Path
@@ -160,13 +162,11 @@ def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, 
     whole: Any = _Whole(stream, size)
     reader = StreamReader(whole, emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_LIMIT)
     try:
-        for record in reader.records:
+        for record in _unpacked(reader.records):
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
-            elif isinstance(record, Message):
+            elif isinstance(record, Message) and topics[record.channel_id] not in VIEWER_SCHEMAS:
                 found.append((topics[record.channel_id], _document(record.data)))
-            elif isinstance(record, Chunk):
-                raise LogError("got an MCAP file with chunks, expected one as mazeplan writes it", file=path)
     except EndOfFile:
         if finished:  # it has its end, so a length in its middle must be wrong
             raise LogError("damaged: a record is longer than the file", file=path) from None
@@ -174,6 +174,21 @@ def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, 
     except (McapError, ValueError, KeyError, RecursionError) as problem:
         raise LogError(f"damaged after {len(found)} messages: {_one_line(problem)}", file=path) from None
     return found, True
+
+
+def _unpacked(records: Iterable[McapRecord]) -> Iterator[McapRecord]:
+    """All records, those in chunks one by one. Raises ValueError for a chunk that is damaged."""
+    for record in records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        if record.uncompressed_size > RECORD_LIMIT:
+            raise ValueError("a chunk that is too long")
+        try:
+            inside = breakup_chunk(record, validate_crc=True)
+        except Exception as problem:  # of the library for its compression, which one says the file
+            raise ValueError(f"a chunk cannot be unpacked: {_one_line(problem)}") from None
+        yield from inside
 
 
 def _one_line(problem: Exception) -> str:
