@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.errors import MazeplanError, RigError
+from mazeplan.core.hard_end import end_process
 from mazeplan.core.records import Observation
 from mazeplan.rigs.interface import Rig, RigWrapper, traits
 
@@ -232,7 +233,7 @@ class WatchedRig(RigWrapper):
     def _end_process(self) -> None:
         if not self._heard.wait(WAKE_S):
             print(f"mazeplan: {self.reason}; nothing could wake it", file=sys.stderr, flush=True)
-            os._exit(RigError.exit_status)
+            end_process(RigError.exit_status)
 
     def _listen(self) -> None:
         """Let the watchdog wake this thread, if it is the main one: other threads get no signals."""

@@ -44,6 +44,7 @@ from mcap.writer import CompressionType, Writer
 
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RunEvent, TimedEvent
+from mazeplan.core.hard_end import save_at_hard_end
 from mazeplan.core.logs.run_log_reader import FORMAT, PLAN_CONTROLS, PLAN_STATES, PROGRAM, RunLog, read_log
 from mazeplan.core.logs.viewer_topics import SCENE, VIEWER_SCHEMAS, MazeShape, ViewerTopics, scene
 from mazeplan.core.records import Command, Observation, Plan, State, TreeOutline
@@ -233,6 +234,7 @@ class RunLogWriter(RunMessages):
             schema_id = self._writer.register_schema(name, "jsonschema", encode(schema))
             self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
         started = datetime.now(UTC).isoformat(timespec="milliseconds")
+        save_at_hard_end(self)
         facts = {"program": PROGRAM, "format": FORMAT, "platform": platform.platform(), "started": started}
         try:
             if shape is not None:
@@ -281,6 +283,11 @@ class RunLogWriter(RunMessages):
         except OSError as problem:
             raise self._failed(problem) from None
         self._whole = True
+
+    def save(self) -> None:
+        """End the chunk; for a process that is ended from another thread."""
+        if not self._closed and self._whole:
+            self._safely(self._end_chunk)
 
     def close(self) -> None:
         """Finish the file; may be called twice. If a message did not arrive, the file stays as one that was cut."""

@@ -1,0 +1,41 @@
+"""What is saved before a watchdog ends the process: a loop that hangs runs no `finally`."""
+
+from __future__ import annotations
+
+import os
+import threading
+from contextlib import suppress
+from typing import NoReturn, Protocol
+from weakref import WeakSet
+
+LIMIT_S = 0.5  # for saving; a disk may hang as the loop does
+
+
+class Saved(Protocol):
+    """Something with work that is not on the disk yet."""
+
+    def save(self) -> None:
+        """Bring to the disk what is complete; called from another thread than the one that hangs."""
+        ...
+
+
+_open: WeakSet[Saved] = WeakSet()
+
+
+def save_at_hard_end(what: Saved) -> None:
+    """Have something saved before the process is ended; it is forgotten when nothing else holds it."""
+    _open.add(what)
+
+
+def end_process(status: int) -> NoReturn:
+    """Save what can be saved within LIMIT_S, and end the process at once."""
+    for what in list(_open):
+        saver = threading.Thread(target=_save, args=(what,), daemon=True)
+        saver.start()
+        saver.join(LIMIT_S)
+    os._exit(status)
+
+
+def _save(what: Saved) -> None:
+    with suppress(Exception):  # the process ends for another reason, which has been said
+        what.save()
