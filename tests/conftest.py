@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from in_real_time import judge, try_again
 
 TESTS = Path(__file__).resolve().parent
 WHOLE = (TESTS, TESTS / "testing", TESTS / "run")  # folders whose tests drive the whole program, tick by tick
@@ -32,6 +33,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent in WHOLE:
             item.add_marker("no_cover")
+        try_again(item)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item):
+    report = yield
+    judge(item, report)
+    return report
 
 
 @pytest.fixture(scope="module")
