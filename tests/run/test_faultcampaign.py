@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -80,7 +81,7 @@ def test_the_same_for_any_number_of_workers_and_in_the_order_of_the_trials(tmp_p
     patient = tmp_path / "patient.yaml"
     patient.write_text("travel: {deadline_ms: 1e6}\n")
     campaign = replace(SHORT, runs=2, settings=str(patient))
-    trials, finished = (early("tilt_nan"), early("opening_closed")), []
+    trials, finished = (early("tilt_nan"), early("position_nan")), []
 
     def same(outcomes):
         return [
@@ -90,7 +91,7 @@ def test_the_same_for_any_number_of_workers_and_in_the_order_of_the_trials(tmp_p
     alone = evaluate_faults(campaign, trials, progress=finished.append)
     assert finished == [1, 2, 3, 4]
     assert same(evaluate_faults(campaign, trials, workers=2)) == same(alone)
-    assert [[o.faults[0].kind.name for o in of] for of in alone] == [["tilt_nan"] * 2, ["opening_closed"] * 2]
+    assert [[o.faults[0].kind.name for o in of] for of in alone] == [["tilt_nan"] * 2, ["position_nan"] * 2]
     assert [o.result.seed for o in alone[0]] == [40, 41]
 
 
@@ -133,6 +134,15 @@ def test_a_command_that_must_not_be_is_wrong(monkeypatch):
     monkeypatch.setattr("mazeplan.control.tilt.Plate.clip", lambda self, beta, gamma: faultcampaign_command())
     outcome = run_trial(replace(campaign, time_limit=1.0), early("commands_lost"), 0)
     assert any(what.startswith("command (0.2000, 0.0000)") for what in outcome.wrong)
+
+
+def test_a_program_that_hangs_is_wrong(monkeypatch):
+    rig = PlanarRig(MAZE)
+    campaign = planar_campaign(monkeypatch, rig)
+    wall = iter(itertools.chain([0.0] * 20, itertools.repeat(6.5)))  # from one reading on, the clock is 6.5 s later
+    monkeypatch.setattr("mazeplan.rigs.faults.faulty.monotonic", lambda: next(wall))
+    outcome = run_trial(replace(campaign, time_limit=1.0), early("commands_lost"), 0)
+    assert outcome.wrong == ("no call of the rig for 6.5 s",)
 
 
 def faultcampaign_command():

@@ -47,7 +47,8 @@ class FaultyRig(RigWrapper):
     """Makes the rig inside fail by a schedule. See `interface.Rig`.
 
     begun: faults that came; beyond: commands that were NaN or beyond the tilt limit; levelled: whether the last order
-    was `level`; hangs_since: when a call began to hang, monotonic clock, s.
+    was `level`; hangs_since: when a call began to hang, monotonic clock, s; idle_s: longest time on the wall between
+    the end of a call and the next call, s.
     Raises SettingsError for a fault of the machine if the rig cannot have it."""
 
     def __init__(self, rig: Rig, maze: Maze, faults: Sequence[Drawn], orders: Orders | None = None) -> None:
@@ -81,6 +82,7 @@ class FaultyRig(RigWrapper):
         self.beyond: list[tuple[float, float]] = []
         self.levelled = True
         self.hangs_since: float | None = None
+        self.idle_s, self._returned = 0.0, math.inf
         self._true: dict[float, float] = {}
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
@@ -91,7 +93,15 @@ class FaultyRig(RigWrapper):
 
     def observe(self) -> Observation:
         """The next sample, changed by the faults that act. Raises RigError if a fault does."""
-        sample = self.inside.observe()
+        self._called()
+        sample = self._faulty(self.inside.observe())
+        self._returned = monotonic()
+        return sample
+
+    def _called(self) -> None:
+        self.idle_s = max(self.idle_s, monotonic() - self._returned)
+
+    def _faulty(self, sample: Observation) -> Observation:
         self._now = sample.t
         self._past.append(sample)
         while self._queue and self._queue[0][0] <= self._now + 1e-9:
@@ -130,6 +140,7 @@ class FaultyRig(RigWrapper):
 
     def level(self) -> None:
         """Level the plate, now. No fault loses this."""
+        self._called()
         self._queue.clear()
         self.inside.level()
         self.levelled = True

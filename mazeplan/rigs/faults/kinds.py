@@ -53,6 +53,10 @@ class FaultKind:
         """Whether a run should reach its goal in spite of the fault."""
         return not self.because
 
+    def __reduce__(self) -> tuple[Callable[[str], FaultKind], tuple[str]]:
+        """Between processes goes the name, as `change` is often a lambda."""
+        return kind_of, (self.name,)
+
 
 @dataclass(frozen=True)
 class Drawn:
@@ -260,3 +264,8 @@ _ALL = (
     ),
 )  # fmt: skip
 KINDS = {kind.name: kind for kind in _ALL}
+
+
+def kind_of(name: str) -> FaultKind:
+    """The kind with this name."""
+    return KINDS[name]

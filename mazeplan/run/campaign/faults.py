@@ -37,6 +37,7 @@ from mazeplan.run.loop import Run
 AT_ONCE = ("doubt clock", "rig_failed")
 NAMED = {"arrived", *map(str, FailureKind)}
 BUSY_S = 10.0  # s that a tick may take while `observe_hangs` is tried: the machine may be busy, and it is not on trial
+IDLE_S = 5.0  # s on the wall within which the program calls the rig again
 SETTLE_S = 1.0  # s that the plate has to become level
 LEVEL = 5e-3  # rad, 0.3 deg: what noise and play leave of level
 
@@ -127,6 +128,8 @@ def _wrong(result: NavigationResult, faulty: FaultyRig) -> tuple[str, ...]:
     wrong = [f"command ({u_beta:.4f}, {u_gamma:.4f}) rad" for u_beta, u_gamma in faulty.beyond[:1]]
     if result.reason not in NAMED:
         wrong.append(f"ended with {result.reason!r}")
+    if faulty.idle_s > IDLE_S:
+        wrong.append(f"no call of the rig for {faulty.idle_s:.1f} s")
     if not faulty.levelled:
         wrong.append("the plate was not levelled")
     elif (tilt := faulty.tilt_after(SETTLE_S)) > LEVEL:
