@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 from mazeplan.core import resources
@@ -13,15 +14,22 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import rig_model_hint
 
+CENTRE = ("centre", "center")
 HOME = resources.share("maps") / "cme.yaml"  # the map on which the packaged models were fitted
 
 
 def ring_number(ring: int | str, maze: Maze) -> int:
-    """1 for 1, "1" and "ring1". Raises InputError when the maze has no such ring."""
-    text = str(ring).removeprefix("ring")
-    if text.isdecimal() and 1 <= int(text) <= len(maze.rings):
-        return int(text)
-    raise InputError(f"got {ring!r}, expected ring1 to ring{len(maze.rings)}", key="ring")
+    """Number of the ring: 1 for 1, "1", "ring1" and "Ring 1"; the innermost one for "centre" and "center".
+
+    Raises InputError when the maze has no such ring."""
+    text = str(ring).strip().lower()
+    if text in CENTRE:
+        return len(maze.rings)
+    found = re.fullmatch(r"(?:ring[ _-]?)?([0-9]{1,3})", text, re.ASCII)
+    if found is not None and 1 <= int(found[1]) <= len(maze.rings):
+        return int(found[1])
+    expected = f"expected ring1 to ring{len(maze.rings)} or centre (map {maze.name})"
+    raise InputError(f"got {ring!r}, {expected}", key="ring")
 
 
 def check_start_angle(degrees: float, ring: int, maze: Maze, key: str) -> None:

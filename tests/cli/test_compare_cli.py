@@ -211,7 +211,7 @@ def test_a_table_without_ring_needs_options(compare, refused):
         (["one.csv", "--test", "none.csv"], "none.csv: no such file"),
         (["none.csv"], "none.csv: no such file"),
         (["none.mcap"], "none.mcap: no such file"),
-        ([], "Missing argument 'LOG...'"),
+        ([], "Missing argument 'LOG'"),
     ],
 )
 def test_bad_input(refused, monkeypatch, folder, arguments, said):

@@ -58,7 +58,8 @@ READ = {
     *((command, "log") for command in ("log info", "log export", "log replay")),
     ("compare", "--test"), ("diagnose", "--test"), ("diagnose", "--reference"), ("improve", "--reference"),
     ("report", "inputs"), ("map show", "--log"), ("behavior show", "--log"), ("calibrate tilt", "--readings"),
-    ("data import-cme", "folder"),
+    ("data import-cme", "folder"), ("evaluate", "--faults"),
+    *((command, "--settings") for command in ("navigate", "evaluate", "view")),
 }  # fmt: skip
 RENEWED = {  # docs/commands.md lists them
     ("navigate", "--memory"), ("navigate", "-o"), ("evaluate", "--store"), ("evaluate", "-o"),

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from mazeplan.apps.cli.log_context import parse_opening, parse_ring
+from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map import app
 from mazeplan.core.errors import InputError
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.run.resolve import ring_number
 
 CME = load_map("cme")
 
@@ -20,15 +21,18 @@ def run(*words: str):
     return CliRunner().invoke(app, list(words))
 
 
-@pytest.mark.parametrize(("text", "ring"), [("ring1", 1), ("5", 5), ("Ring 3", 3), ("ring-2", 2), (" ring4 ", 4)])
-def test_parse_ring(text, ring):
-    assert parse_ring(text, CME) == ring
+@pytest.mark.parametrize(
+    ("text", "ring"),
+    [("ring1", 1), ("5", 5), ("Ring 3", 3), ("ring-2", 2), (" ring4 ", 4), ("center", 5), ("Centre", 5)],
+)
+def test_the_ways_to_write_a_ring(text, ring):
+    assert ring_number(text, CME) == ring
 
 
-@pytest.mark.parametrize("text", ["ring0", "ring6", "", "ring", "one", "-1", "1.0", "ring1 ring2", "9999999"])
-def test_parse_ring_refuses(text):
-    with pytest.raises(InputError, match=r"expected ring1 to ring5 \(map cme\)"):
-        parse_ring(text, CME)
+@pytest.mark.parametrize("text", ["ring0", "ring6", "", "ring", "one", "-1", "1.0", "ring1 ring2", "9999999", "²"])
+def test_what_is_no_ring_is_refused(text):
+    with pytest.raises(InputError, match=r"expected ring1 to ring5 or centre \(map cme\)"):
+        ring_number(text, CME)
 
 
 def test_parse_opening():

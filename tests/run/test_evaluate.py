@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, RingPassage
@@ -19,8 +20,18 @@ def outcome(success=True, time_s=3.0, failures=(), planner=1.0):
 
 
 def test_first_sixteen_starts_are_those_of_the_published_evaluation():
-    assert [start_angle(k) for k in (0, 15)] == pytest.approx([math.pi / 16, math.pi * 15 / 8 + math.pi / 16])
+    first = sorted(start_angle(k) for k in range(16))
+    assert first == pytest.approx([math.pi * k / 8 + math.pi / 16 for k in range(16)])
     assert start_angle(16) is None
+
+
+@pytest.mark.parametrize("runs", range(1, 17))
+def test_starts_of_any_number_of_runs_go_round_the_circle(runs):
+    starts = sorted(start_angle(k) for k in range(runs))
+    gaps = np.diff([*starts, starts[0] + math.tau])
+    assert max(gaps) <= 2.0 * min(gaps) + 1e-9
+    if runs in (1, 2, 4, 8, 16):
+        assert gaps == pytest.approx([math.tau / runs] * runs)
 
 
 @pytest.mark.slow

@@ -7,12 +7,13 @@ from typing import Annotated
 import typer
 
 from mazeplan import __version__
-from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, new, rig
+from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, rig
 from mazeplan.apps.cli.collect import collect
 from mazeplan.apps.cli.compare import compare
 from mazeplan.apps.cli.diagnose import diagnose
 from mazeplan.apps.cli.doctor import doctor
 from mazeplan.apps.cli.evaluate import evaluate
+from mazeplan.apps.cli.help import context_settings, with_help
 from mazeplan.apps.cli.improve import improve
 from mazeplan.apps.cli.learn import learn
 from mazeplan.apps.cli.navigate import navigate
@@ -21,8 +22,9 @@ from mazeplan.apps.cli.report import report
 from mazeplan.apps.cli.view import view
 
 app = typer.Typer(
-    name="mazeplan", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
-)
+    name="mazeplan", no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
+    context_settings=context_settings(),
+)  # fmt: skip
 
 
 def _print_version(wanted: bool) -> None:
@@ -41,5 +43,6 @@ def options(version: Version = False) -> None:
 
 for command in (navigate, evaluate, collect, learn, compare, diagnose, improve, record, report, view, doctor):
     app.command()(command)
-for group in (map, log, behavior, rig, effect, calibrate, data, new):
+for group in (map, log, behavior, rig, model, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])
+with_help(app)

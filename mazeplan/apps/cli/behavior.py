@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say, write_text
 from mazeplan.apps.cli.progress import log_read
@@ -20,24 +21,47 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
 
-Trees = Annotated[list[str], typer.Argument(help="XML files, or names of packaged trees.")]
+Trees = Annotated[
+    list[str], typer.Argument(metavar="TREE", autocompletion=names.TREES, help="XML files, or names of packaged trees.")
+]
 ShownTree = Annotated[
     str | None,
-    typer.Argument(metavar="TREE", help="XML file, or name of a packaged tree. Default: that of --log, or navigate."),
+    typer.Argument(
+        metavar="TREE",
+        autocompletion=names.TREES,
+        help="XML file, or name of a packaged tree. Default: that of --log, or navigate.",
+    ),
 ]
-RunOf = Annotated[Path | None, typer.Option("--log", help="Run log: also draw what each node did.")]
+RunOf = Annotated[
+    Path | None,
+    typer.Option("--log", autocompletion=names.LOGS, metavar="LOG", help="Run log: also draw what each node did."),
+]
 Whole = Annotated[bool, typer.Option("--whole", help="Draw a SubTree that stands in the tree again each time.")]
 CheckedMap = Annotated[
-    str | None, typer.Option("--map", help="Map whose rings and openings the tree may name. Default: any names.")
+    str | None,
+    typer.Option(
+        "--map",
+        autocompletion=names.MAPS,
+        metavar="MAP",
+        help="Map whose rings and openings the tree may name. Default: any names.",
+    ),
 ]
 Drawing = Annotated[
-    Path | None, typer.Option("-o", "--output", callback=opt.new_file, help="Draw into a PNG, SVG or PDF file.")
+    Path | None,
+    typer.Option("-o", "--output", callback=opt.new_file, metavar="FILE", help="Draw into a PNG, SVG or PDF file."),
 ]
 Into = Annotated[
-    Path | None, typer.Option("--into", help="Tree whose TreeNodesModel to write or renew; all else in it stays.")
+    Path | None,
+    typer.Option(
+        "--into",
+        autocompletion=names.TREES,
+        metavar="TREE",
+        help="Tree whose TreeNodesModel to write or renew; all else in it stays.",
+    ),
 ]
 Palette = Annotated[
-    Path | None, typer.Option("-o", "--output", callback=opt.new_file, help="File to write. Default: stdout.")
+    Path | None,
+    typer.Option("-o", "--output", callback=opt.new_file, metavar="FILE", help="File to write. Default: stdout."),
 ]
 
 

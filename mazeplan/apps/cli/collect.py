@@ -32,14 +32,13 @@ def collect(
 ) -> None:
     """Excite a rig with 50 random sines per axis and write a log."""
     from mazeplan.apps.cli.emergency import interrupt, stop_key
-    from mazeplan.apps.cli.log_context import parse_ring
     from mazeplan.apps.cli.progress import campaign_progress
     from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.registry import make_rig, rig_label
     from mazeplan.rigs.watchdog import watched
     from mazeplan.run.collect import Collection, run_collection, run_tour
-    from mazeplan.run.resolve import resolve_model
+    from mazeplan.run.resolve import resolve_model, ring_number
     from mazeplan.run.specification import Setup
 
     if place and not rings:
@@ -47,7 +46,7 @@ def collect(
     if model is not None and (place or not rings):
         raise InputError("needs --rings without --place: only then the model drives the ball", key="--model")
     maze = load_map(map_)
-    first = parse_ring(ring, maze)
+    first = ring_number(ring, maze)
     others = [r.number for r in maze.rings if r.number != first] if rings else []
     if tilt is not None and math.radians(tilt) > maze.tilt_limit:
         raise InputError(f"--tilt: got {tilt:g}, expected at most {math.degrees(maze.tilt_limit):g} degrees")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import check_learning, evaluate_learning
 from mazeplan.apps.cli.output import print_json, say
-from mazeplan.apps.cli.runs import goal_of, note_missing_model
+from mazeplan.apps.cli.runs import note_missing_model
 
 if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
@@ -58,7 +58,7 @@ def evaluate(
     note_missing_model(rig, model, maze, sense)
     campaign = Campaign(
         runs=runs or (FAULT_RUNS if faults else RUNS), rig=rig, map=map_, model=model, behavior=behavior, start=start,
-        goal=goal_of(goal, maze), seed=seed, time_limit=time_limit, settings=settings,
+        goal=goal, seed=seed, time_limit=time_limit, settings=settings,
         behavior_modules=tuple(behavior_module or ()), own_process=True, sense=sense, deadline=not no_deadline,
         effects=effects,
     )  # fmt: skip

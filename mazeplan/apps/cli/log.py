@@ -23,10 +23,15 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Summarise, export and replay run logs.", no_args_is_help=True)
 
 CsvFile = Annotated[
-    str, typer.Option("-o", "--output", callback=opt.new_file, help="CSV file to write, or - for stdout.")
+    str,
+    typer.Option("-o", "--output", callback=opt.new_file, metavar="FILE", help="CSV file to write, or - for stdout."),
 ]
-RunModel = Annotated[str | None, typer.Option("--model", help="Model of the run, for a log that does not hold it.")]
-RunTree = Annotated[str | None, typer.Option("--behavior", help="Behaviour tree of the run, if its file was moved.")]
+RunModel = Annotated[
+    str | None, typer.Option("--model", metavar="MODEL", help="Model of the run, for a log that does not hold it.")
+]
+RunTree = Annotated[
+    str | None, typer.Option("--behavior", metavar="TREE", help="Behaviour tree of the run, if its file was moved.")
+]
 FIRST = ("t", "theta", "x", "y", "r", "beta", "gamma", "u_beta", "u_gamma", "ring", "segment")
 WHOLE_NUMBERS = ("ring", "segment")
 HEADER = ("rig", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed", "version", "platform")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,14 +42,6 @@ def logged_map(name: str | None, *logs: Path) -> LoggedMap:
             if maze is not None:
                 return LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
     return LoggedMap(load_map("cme"), "the packaged map cme", known=False)
-
-
-def parse_ring(text: str, maze: Maze) -> int:
-    """Number of a ring written as "ring1", "Ring 1" or "1". Raises InputError."""
-    number = re.fullmatch(r"(?:ring[ _-]?)?([0-9]{1,3})", text.strip().lower())
-    if number is None or not 1 <= int(number[1]) <= len(maze.rings):
-        raise InputError(f"ring: got {text!r}, expected ring1 to ring{len(maze.rings)} (map {maze.name})")
-    return int(number[1])
 
 
 def parse_opening(text: str, maze: Maze) -> str:

@@ -1,4 +1,4 @@
-"""`map check`, `show`, `route` and `learn`."""
+"""`map list`, `check`, `show`, `route` and `learn`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.log_context import parse_opening, parse_ring
+from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map_learn import learn
-from mazeplan.apps.cli.output import plural, print_json, say
+from mazeplan.apps.cli.output import headline, plural, print_json, say
 
 if TYPE_CHECKING:
     from mazeplan.core.records import Array
@@ -21,16 +22,50 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Check, draw, route and learn maps.", no_args_is_help=True, rich_markup_mode=None)
 app.command()(learn)
 
-MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file, or name of a packaged map.")]
-MapFiles = Annotated[list[str], typer.Argument(metavar="FILE...", help="Map files, or names of packaged maps.")]
+MapArgument = Annotated[
+    str, typer.Argument(metavar="MAP", autocompletion=names.MAPS, help="Map file, or name of a packaged map.")
+]
+MapFiles = Annotated[
+    list[str], typer.Argument(metavar="MAP", autocompletion=names.MAPS, help="Map files, or names of packaged maps.")
+]
 Picture = Annotated[
-    Path, typer.Option("--output", "-o", callback=opt.new_file, help="Picture to write: .png, .svg or .pdf.")
+    Path,
+    typer.Option("--output", "-o", callback=opt.new_file, metavar="FILE", help="Picture to write: .png, .svg or .pdf."),
 ]
 WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
-TrailLog = Annotated[Path | None, typer.Option("--log", help="Run log: also draw the trail of the ball.")]
-ShowFrom = Annotated[
-    str | None, typer.Option("--from", help="Ring to start in. Default: where --log begins, or ring1.")
+TrailLog = Annotated[
+    Path | None,
+    typer.Option("--log", autocompletion=names.LOGS, metavar="LOG", help="Run log: also draw the trail of the ball."),
 ]
+ShowFrom = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        autocompletion=names.RINGS,
+        metavar="RING",
+        help="Ring to start in. Default: where --log begins, or ring1.",
+    ),
+]
+
+
+@app.command("list")
+def list_maps(json: opt.AsJson = False) -> None:
+    """List the packaged maps."""
+    from mazeplan.maze.mapfile import find_map, load_map, packaged_maps
+
+    found = {name: load_map(name) for name in packaged_maps()}
+    rows = [
+        {"name": name, "rings": len(maze.rings), "openings": len(maze.openings), "radial_walls": len(maze.radial_walls),
+         "what": headline(find_map(name))}
+        for name, maze in found.items()
+    ]  # fmt: skip
+    if json:
+        print_json(rows)
+        return
+    width = max(map(len, found))
+    for row in rows:
+        walls = f", {plural(row['radial_walls'], 'radial wall')}" if row["radial_walls"] else ""
+        print(f"{row['name']:{width}s}  {row['rings']} rings, {row['openings']} openings{walls}: {row['what']}")
 
 
 @app.command()
@@ -153,10 +188,10 @@ def _find(
 ) -> _Found:
     """The route; usual: start angle without `start_angle`, degrees, moved to the nearest free angle."""
     from mazeplan.maze.graph import RouteGraph
-    from mazeplan.run.resolve import check_start_angle
+    from mazeplan.run.resolve import check_start_angle, ring_number
 
-    first = parse_ring(start, maze)
-    last = len(maze.rings) if goal is None else parse_ring(goal, maze)
+    first = ring_number(start, maze)
+    last = len(maze.rings) if goal is None else ring_number(goal, maze)
     if start_angle is not None:
         check_start_angle(start_angle, first, maze, "--start-angle")
         angle = start_angle

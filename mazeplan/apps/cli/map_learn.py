@@ -17,9 +17,13 @@ if TYPE_CHECKING:
     from mazeplan.maze.learnedmap import LearnedMap, LearnedRing
     from mazeplan.maze.transitions import BallTrack, LearnedOpening
 
-MapFile = Annotated[Path, typer.Option("--output", "-o", callback=opt.new_file, help="Map file to write.")]
-MinCount = Annotated[int, typer.Option("--min-count", min=1, help="Fewest passages of an opening.")]
-PriorMap = Annotated[str | None, typer.Option("--map", help="Map for missing figures. Default: the log's, else cme.")]
+MapFile = Annotated[
+    Path, typer.Option("--output", "-o", callback=opt.new_file, metavar="FILE", help="Map file to write.")
+]
+MinCount = Annotated[int, typer.Option("--min-count", min=1, metavar="N", help="Fewest passages of an opening.")]
+PriorMap = Annotated[
+    str | None, typer.Option("--map", metavar="MAP", help="Map for missing figures. Default: the log's, else cme.")
+]
 
 
 def learn(

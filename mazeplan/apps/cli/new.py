@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.option_checks import folder_problem
 from mazeplan.apps.cli.output import check_new, say, write_text
 from mazeplan.core.errors import InputError
 
@@ -26,7 +27,7 @@ FILES = {  # template: file; {} is the name
     "README.md.jinja": "README.md",
 }
 
-Name = Annotated[str, typer.Argument(help="Name of the rig and its module: letters, digits and _.")]
+Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the rig and its module: letters, digits and _.")]
 NewFolder = Annotated[
     Path | None,
     typer.Option(
@@ -45,7 +46,7 @@ def rig(name: Name, output: NewFolder = None, force: opt.Force = False) -> None:
     """Write a folder with a working rig on a simulated table: class, YAML file, test, package."""
     folder = output or Path(name)
     _check_name(name)
-    if problem := opt.folder_problem(folder):
+    if problem := folder_problem(folder):
         raise InputError(f"NAME: {problem}")
     if output is None:
         check_new("NAME", folder, force, folder=True)

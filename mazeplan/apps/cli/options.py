@@ -1,119 +1,82 @@
-"""Options and arguments of the commands, each with its help text and its check.
-
-A number, folder or file is checked while the command line is read, before any work begins. An option that names a
-new file or folder has `callback=new_file` or `new_folder`, and its command has `force: Force`: nothing of a user's is
-overwritten without being asked.
-"""
+"""Options and arguments of the commands, each with its help text, its check (`option_checks`) and its completion by a
+shell (`names`)."""
 
 from __future__ import annotations
 
-import math
-import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from typer import Argument, BadParameter, CallbackParam, Context, Option
+from typer import Argument, Option
 
-from mazeplan.apps.cli.output import check_new, free_name, say
+from mazeplan.apps.cli import names
+from mazeplan.apps.cli.option_checks import file, folder, new_file, new_folder, number, ring
 
 PICTURES = (".png", ".svg", ".pdf")
-
-
-def number(unit: str = "", *, positive: bool = True) -> Callable[[str], float]:
-    """Parser of a finite number; positive: greater than 0."""
-    expected = "a finite number" + " > 0" * positive + (f" of {unit}" if unit else "")
-
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or (positive and value <= 0.0):
-            raise BadParameter(f"got {str(text)!r}, expected {expected}")
-        return value
-
-    return parse
-
-
-def folder_problem(folder: Path) -> str:
-    """Why a folder can neither be made nor written to; empty if it can."""
-    place = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
-    if place.is_dir() and os.access(place, os.W_OK):
-        return ""
-    why = "may not be written to" if place.is_dir() else "is a file"
-    return f"got {folder}, but {place} {why}; expected a folder that can be made or written to"
-
-
-def folder(text: str) -> Path:
-    """Parser of a folder to write into."""
-    problem = folder_problem(Path(text)) if str(text) else "got '', expected a folder"
-    if problem:
-        raise BadParameter(problem)
-    return Path(text)
-
-
-def file(*endings: str) -> Callable[[str], Path]:
-    """Parser of a file to write, with one of the endings."""
-
-    def parse(text: str) -> Path:
-        path = Path(text)
-        problem = folder_problem(path.absolute().parent)
-        if endings and (path.suffix.lower() not in endings or path.is_dir()):
-            what = ", a folder" if path.is_dir() else ""
-            problem = f"got {str(path)!r}{what}, expected a file that ends in {', '.join(endings)}"
-        if problem:
-            raise BadParameter(problem)
-        return path
-
-    return parse
-
-
-def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
-    """Check of the file that a command writes: it must be new, or --force be given. - is stdout.
-
-    A name that nobody gave is the default's, or the next free one (maze-2.png). Raises InputError."""
-    force = bool(ctx.params.get("force"))
-    if value is None or value == "-":
-        return value
-    source = ctx.get_parameter_source(param.name or "")
-    if source is not None and source.name == "DEFAULT" and not force:
-        free = free_name(value)
-        if free != value:
-            say(f"{value} exists: {free} will be written")
-        return free
-    check_new(min(param.opts, key=len), Path(value), force)
-    return value
-
-
-def new_folder(ctx: Context, param: CallbackParam, value: Path | None) -> Path | None:
-    """Check of the folder that a command writes: it must be new or empty, or --force be given. Raises InputError."""
-    if value is not None:
-        check_new(min(param.opts, key=len), value, bool(ctx.params.get("force")), folder=True)
-    return value
-
 
 # -- several commands ---------------------------------------------------------------------------------------------
 
 AsJson = Annotated[bool, Option("--json", help="Print one JSON document on stdout.")]
-Logs = Annotated[list[Path], Argument(metavar="LOG...", help="Run logs (MCAP) or tables (CSV).")]
-RunLogFile = Annotated[Path, Argument(metavar="LOG", help="Run log (MCAP).")]
-Map = Annotated[str, Option("--map", help="Packaged map or YAML file.")]
-MapOfLog = Annotated[str | None, Option("--map", help="Packaged map or YAML file. Default: the log's map, else cme.")]
-RigName = Annotated[str, Option("--rig", help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.")]
-RigFileName = Annotated[str, Option("--rig", help="YAML file of the rig; `hardware` means ./hardware.yaml.")]
-Model = Annotated[str | None, Option("--model", help="Packaged model or folder. Default: the rig's own model.")]
+Logs = Annotated[
+    list[Path], Argument(metavar="LOG", autocompletion=names.LOGS, help="Run logs (MCAP) or tables (CSV).")
+]
+RunLogFile = Annotated[Path, Argument(metavar="LOG", autocompletion=names.LOGS, help="Run log (MCAP).")]
+Map = Annotated[str, Option("--map", autocompletion=names.MAPS, metavar="MAP", help="Packaged map or YAML file.")]
+MapOfLog = Annotated[
+    str | None,
+    Option(
+        "--map",
+        autocompletion=names.MAPS,
+        metavar="MAP",
+        help="Packaged map or YAML file. Default: the log's map, else cme.",
+    ),
+]
+RigName = Annotated[
+    str,
+    Option(
+        "--rig",
+        autocompletion=names.RIGS,
+        metavar="RIG",
+        help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.",
+    ),
+]
+RigFileName = Annotated[
+    str,
+    Option(
+        "--rig",
+        autocompletion=names.RIGS,
+        metavar="RIG",
+        help="YAML file of the rig; `hardware` means ./hardware.yaml.",
+    ),
+]
+Model = Annotated[
+    str | None,
+    Option(
+        "--model",
+        autocompletion=names.MODELS,
+        metavar="MODEL",
+        help="Packaged model or folder. Default: the rig's own model.",
+    ),
+]
 EffectModule = Annotated[
     str | None, Option("--effects", metavar="MODULE:FUNCTION", help="Function that returns your own effects.")
 ]
-Behavior = Annotated[str, Option("--behavior", help="Packaged behaviour tree or XML file.")]
-BehaviorModule = Annotated[
-    list[str] | None, Option("--behavior-module", help="Python module with your own leaves; repeatable.")
+Behavior = Annotated[
+    str, Option("--behavior", autocompletion=names.TREES, metavar="TREE", help="Packaged behaviour tree or XML file.")
 ]
-Settings = Annotated[str | None, Option("--settings", help="YAML file of costs, gains and windows.")]
-StartRing = Annotated[str, Option("--from", help="Ring to start in, such as ring1.")]
-GoalRing = Annotated[str, Option("--to", help="Ring to reach, such as ring5, or centre.")]
-MapGoal = Annotated[str | None, Option("--to", help="Ring to reach. Default: the centre.")]
+BehaviorModule = Annotated[
+    list[str] | None,
+    Option("--behavior-module", metavar="MODULE", help="Python module with your own leaves; repeatable."),
+]
+Settings = Annotated[str | None, Option("--settings", metavar="FILE", help="YAML file of costs, gains and windows.")]
+StartRing = Annotated[
+    str, Option("--from", autocompletion=names.RINGS, metavar="RING", help="Ring to start in, such as ring1.")
+]
+GoalRing = Annotated[
+    str, Option("--to", autocompletion=names.RINGS, metavar="RING", help="Ring to reach, such as ring5, or centre.")
+]
+MapGoal = Annotated[
+    str | None, Option("--to", autocompletion=names.RINGS, metavar="RING", help="Ring to reach. Default: the centre.")
+]
 _degrees = number("degrees", positive=False)
 StartAngle = Annotated[
     float | None,
@@ -127,13 +90,21 @@ Groot = Annotated[
     int | None,
     Option("--groot", min=1, max=65534, metavar="PORT", help="Port at which Groot2 can watch the tree; 1667 is usual."),
 ]
-GrootHost = Annotated[str, Option("--groot-host", help="Address at which Groot2 is answered.")]
+GrootHost = Annotated[str, Option("--groot-host", metavar="ADDRESS", help="Address at which Groot2 is answered.")]
 Via = Annotated[
     str | None,
     Option("--via", metavar="RINGS", help="Rings to visit before the goal, in this order, such as ring3,ring2."),
 ]
-Close = Annotated[list[str] | None, Option("--close", help="Opening that the route must avoid; repeatable.")]
-Seed = Annotated[int, Option("--seed", min=0, help="Seed of every random draw.")]
+Close = Annotated[
+    list[str] | None,
+    Option(
+        "--close",
+        autocompletion=names.OPENINGS,
+        metavar="OPENING",
+        help="Opening that the route must avoid; repeatable.",
+    ),
+]
+Seed = Annotated[int, Option("--seed", min=0, metavar="N", help="Seed of every random draw.")]
 TimeLimit = Annotated[
     float,
     Option("--time-limit", parser=number(), metavar="S", help="Time limit in s of rig time."),
@@ -142,12 +113,18 @@ Seconds = Annotated[
     float, Option("--seconds", parser=number(), metavar="S", help="Length of the record in s of rig time.")
 ]
 Sense = Annotated[
-    str | None, Option("--sense", help="Ball sensor of a simulated rig: ideal, or camera (rendered pictures).")
+    str | None,
+    Option(
+        "--sense", metavar="ideal|camera", help="Ball sensor of a simulated rig: ideal, or camera (rendered pictures)."
+    ),
 ]
 Host = Annotated[
-    str, Option("--host", help="Address of the page. Any other than the loopback needs the token in its URL.")
+    str,
+    Option(
+        "--host", metavar="ADDRESS", help="Address of the page. Any other than the loopback needs the token in its URL."
+    ),
 ]
-PagePort = Annotated[int, Option("--port", help="Port of the page; 0: any free port.")]
+PagePort = Annotated[int, Option("--port", metavar="PORT", help="Port of the page; 0: any free port.")]
 HOST, PORT = "127.0.0.1", 8080
 Force = Annotated[bool, Option("--force", is_eager=True, help="Replace files that exist.")]  # eager: read first
 DryRun = Annotated[bool, Option("--dry-run", help="Report the result, but do not change the rig's file.")]
@@ -171,32 +148,55 @@ Report = Annotated[
     Option("--report", parser=file(".html", ".htm"), callback=new_file, metavar="FILE", help="Write an HTML report."),
 ]
 Reference = Annotated[
-    list[Path] | None, Option("--reference", help="Log of the same rig while its model was right; repeatable.")
+    list[Path] | None,
+    Option(
+        "--reference",
+        autocompletion=names.LOGS,
+        metavar="LOG",
+        help="Log of the same rig while its model was right; repeatable.",
+    ),
 ]
-Ring = Annotated[int | None, Option("--ring", min=1, help="Use only this ring. Default: all rings.")]
+Ring = Annotated[
+    int | None,
+    Option(
+        "--ring",
+        parser=ring,
+        autocompletion=names.RINGS,
+        metavar="RING",
+        help="Use only this ring. Default: all rings.",
+    ),
+]
 Radius = Annotated[
     float | None,
     Option("--radius", parser=number(), metavar="M", help="Track radius in m. Default: the map's."),
 ]
-Device = Annotated[str, Option("--device", help="Device for training: cpu or cuda.")]
-Smoothing = Annotated[Literal["rts", "savgol"], Option("--smoothing", help="Method for missing derivatives.")]
+Device = Annotated[str, Option("--device", metavar="cpu|cuda", help="Device for training: cpu or cuda.")]
+Smoothing = Annotated[
+    Literal["rts", "savgol"], Option("--smoothing", metavar="rts|savgol", help="Method for missing derivatives.")
+]
 
 # -- navigate, evaluate -------------------------------------------------------------------------------------------
 
-RunLog = Annotated[Path | None, Option("--log", callback=new_file, help="Write a run log (MCAP).")]
-Memory = Annotated[Path | None, Option("--memory", help="File that keeps experience at openings for the next run.")]
+RunLog = Annotated[Path | None, Option("--log", callback=new_file, metavar="LOG", help="Write a run log (MCAP).")]
+Memory = Annotated[
+    Path | None, Option("--memory", metavar="FILE", help="File that keeps experience at openings for the next run.")
+]
 Learn = Annotated[bool, Option("--learn", help="Update the model after each run.")]
 LearnedModel = Annotated[
     Path | None,
     Option("-o", "--output", parser=folder, metavar="FOLDER", help="With --learn: folder of the updated model."),
 ]
 Page = Annotated[bool, Option("--view", help="Show and operate the run on a page in the browser.")]
-Runs = Annotated[int | None, Option("--runs", min=1, help="Number of runs. Default: 16; 10 per fault with --faults.")]
+Runs = Annotated[
+    int | None, Option("--runs", min=1, metavar="N", help="Number of runs. Default: 16; 10 per fault with --faults.")
+]
 FirstSeed = Annotated[
-    int, Option("--seed", min=0, help="Seed of the first run. The first 16 start angles are evenly spaced.")
+    int,
+    Option("--seed", min=0, metavar="N", help="Seed of the first run. The first 16 start angles go round the circle."),
 ]
 Workers = Annotated[
-    int | None, Option("--workers", min=1, help="Number of processes. Default: 1; one per core with --dask local.")
+    int | None,
+    Option("--workers", min=1, metavar="N", help="Number of processes. Default: 1; one per core with --dask local."),
 ]
 Dask = Annotated[
     str | None,
@@ -206,14 +206,18 @@ Store = Annotated[
     Path | None, Option("--store", metavar="DIR", help="Keep each run in this folder (Parquet) and skip kept runs.")
 ]
 NoDeadline = Annotated[bool, Option("--no-deadline", help="Let plans take any time, for repeatable results.")]
-Faults = Annotated[str | None, Option("--faults", help="YAML file of faults to inject, or all for each kind.")]
+Faults = Annotated[
+    str | None, Option("--faults", metavar="FILE", help="YAML file of faults to inject, or all for each kind.")
+]
 
 # -- collect, learn, compare, diagnose, improve, record -----------------------------------------------------------
 
 CollectedLog = Annotated[
     Path, Option("-o", "--output", callback=new_file, metavar="FILE", help="Run log (MCAP) to write.")
 ]
-FirstRing = Annotated[str, Option("--ring", help="Ring to start in, such as ring1.")]
+FirstRing = Annotated[
+    str, Option("--ring", autocompletion=names.RINGS, metavar="RING", help="Ring to start in, such as ring1.")
+]
 AllRings = Annotated[bool, Option("--rings", help="Visit all rings in turn; drive the ball to the next one.")]
 Place = Annotated[bool, Option("--place", help="With --rings: a person places the ball in each ring, every 20 s.")]
 Tilt = Annotated[
@@ -228,23 +232,40 @@ Kind = Annotated[
     Literal["p", "pi", "np", "sp"],
     Option(
         "--kind",
+        metavar="p|pi|np|sp",
         help="Ball model. p: nominal; pi: fitted effects; sp: fitted effects and a Gaussian process; "
         "np: a Gaussian process alone.",
     ),
 ]
-LearnRows = Annotated[int, Option("--most", min=300, help="Most training rows of a Gaussian process, per ring.")]
-CompareRows = Annotated[int, Option("--most", min=50, help="Most training rows of a Gaussian process.")]
+LearnRows = Annotated[
+    int, Option("--most", min=300, metavar="N", help="Most training rows of a Gaussian process, per ring.")
+]
+CompareRows = Annotated[int, Option("--most", min=50, metavar="N", help="Most training rows of a Gaussian process.")]
 TestLogs = Annotated[
-    list[Path] | None, Option("--test", help="Log or table to test on; repeatable. Default: every fourth 5 s block.")
+    list[Path] | None,
+    Option(
+        "--test",
+        autocompletion=names.LOGS,
+        metavar="LOG",
+        help="Log or table to test on; repeatable. Default: every fourth 5 s block.",
+    ),
 ]
 Delay = Annotated[
-    float | None, Option("--delay", help="Delay of the camera behind the tilt sensor in s. Default: estimated.")
+    float | None,
+    Option("--delay", metavar="S", help="Delay of the camera behind the tilt sensor in s. Default: estimated."),
 ]
 Rates = Annotated[
     Literal["auto", "smoothed", "delayed", "filtered"],
-    Option("--rates", help="Rate of theta; filtered: delayed by the published filter."),
+    Option(
+        "--rates",
+        metavar="auto|smoothed|delayed|filtered",
+        help="Rate of theta; filtered: delayed by the published filter.",
+    ),
 ]
-Kernel = Annotated[Literal["auto", "rbf", "exponential"], Option("--kernel", help="Kernel of the Gaussian processes.")]
+Kernel = Annotated[
+    Literal["auto", "rbf", "exponential"],
+    Option("--kernel", metavar="auto|rbf|exponential", help="Kernel of the Gaussian processes."),
+]
 Curve = Annotated[
     Path | None,
     Option(
@@ -256,16 +277,35 @@ Curve = Annotated[
     ),
 ]
 Bands = Annotated[
-    int, Option("--bands", min=0, help="Roll-outs per kind and ring for the 90 % bands, 50 per window; 0: none.")
+    int,
+    Option(
+        "--bands", min=0, metavar="N", help="Roll-outs per kind and ring for the 90 % bands, 50 per window; 0: none."
+    ),
 ]
-KnownModel = Annotated[str | None, Option("--model", help="Packaged model or folder with everything known so far.")]
+KnownModel = Annotated[
+    str | None,
+    Option(
+        "--model",
+        autocompletion=names.MODELS,
+        metavar="MODEL",
+        help="Packaged model or folder with everything known so far.",
+    ),
+]
 Declare = Annotated[
     list[str] | None,
     Option("--declare", metavar="EFFECT.PARAM=VALUE", help="Known parameter; with --system also EFFECT; repeatable."),
 ]
-TestLog = Annotated[Path | None, Option("--test", help="Further record to score the model on.")]
+TestLog = Annotated[
+    Path | None,
+    Option("--test", autocompletion=names.LOGS, metavar="LOG", help="Further record to score the model on."),
+]
 System = Annotated[
-    str, Option("--system", help="ring: ball in its ring; emps: drive axis (.mat file); MODULE:CLASS: your own.")
+    str,
+    Option(
+        "--system",
+        metavar="SYSTEM",
+        help="ring: ball in its ring; emps: drive axis (.mat file); MODULE:CLASS: your own.",
+    ),
 ]
 DiagnosisFolder = Annotated[
     Path | None,
@@ -279,23 +319,34 @@ DiagnosisFolder = Annotated[
     ),
 ]
 Body = Annotated[bool, Option("--body", help="Fit one body to all rings: friction, walls, camera, table.")]
-Rounds = Annotated[int, Option("--rounds", min=1, help="Rounds of collect, diagnose, update and navigate.")]
-RoundRuns = Annotated[int, Option("--runs", min=1, help="Navigations before and after each round.")]
-Processes = Annotated[int, Option("--workers", min=1, help="Number of processes for the navigations.")]
-Episodes = Annotated[int, Option("--episodes", min=1, help="Number of episodes.")]
+Rounds = Annotated[
+    int, Option("--rounds", min=1, metavar="N", help="Rounds of collect, diagnose, update and navigate.")
+]
+RoundRuns = Annotated[int, Option("--runs", min=1, metavar="N", help="Navigations before and after each round.")]
+Processes = Annotated[int, Option("--workers", min=1, metavar="N", help="Number of processes for the navigations.")]
+Episodes = Annotated[int, Option("--episodes", min=1, metavar="N", help="Number of episodes.")]
 ParquetFile = Annotated[
     Path | None,
     Option("-o", "--output", parser=file(".parquet"), callback=new_file, metavar="FILE", help="Parquet file to write."),
 ]
-Minari = Annotated[str | None, Option("--minari", help="Name of a Minari data set to make, such as maze/expert-v0.")]
-EpisodeStart = Annotated[str, Option("--from", help="Ring to start in, such as ring1, or any.")]
-ObservationKind = Annotated[Literal["state", "pixels"], Option("--observation", help="Observation of an episode.")]
-RewardKind = Annotated[Literal["sparse", "dense"], Option("--reward", help="Reward of an episode.")]
+Minari = Annotated[
+    str | None, Option("--minari", metavar="NAME", help="Name of a Minari data set to make, such as maze/expert-v0.")
+]
+EpisodeStart = Annotated[
+    str, Option("--from", autocompletion=names.RINGS, metavar="RING", help="Ring to start in, such as ring1, or any.")
+]
+ObservationKind = Annotated[
+    Literal["state", "pixels"], Option("--observation", metavar="state|pixels", help="Observation of an episode.")
+]
+RewardKind = Annotated[
+    Literal["sparse", "dense"], Option("--reward", metavar="sparse|dense", help="Reward of an episode.")
+]
 
 # -- calibrate ----------------------------------------------------------------------------------------------------
 
 Readings = Annotated[
-    Path | None, Option("--readings", help="CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board.")
+    Path | None,
+    Option("--readings", metavar="FILE", help="CSV with v0, v1, beta_deg, gamma_deg. Default: ask at the board."),
 ]
 Keep = Annotated[
     Path | None,
@@ -307,20 +358,34 @@ Keep = Annotated[
         help="CSV for the typed readings. Default: a new one.",
     ),
 ]
-Grid = Annotated[int, Option("--grid", min=3, max=15, help="Number of tilts per axis to ask for.")]
+Grid = Annotated[int, Option("--grid", min=3, max=15, metavar="N", help="Number of tilts per axis to ask for.")]
 Boards = Annotated[
     str | None,
-    Option("--boards", help="Chessboard pictures: folder, pattern, video or device. Default: keep the lens."),
+    Option(
+        "--boards",
+        metavar="PICTURES",
+        help="Chessboard pictures: folder, pattern, video or device. Default: keep the lens.",
+    ),
 ]
 Plate = Annotated[
-    str | None, Option("--plate", help="Pictures of the level plate without a ball. Default: from the rig's camera.")
+    str | None,
+    Option(
+        "--plate",
+        metavar="PICTURES",
+        help="Pictures of the level plate without a ball. Default: from the rig's camera.",
+    ),
 ]
-Corners = Annotated[str, Option("--corners", help="Inner corners of the chessboard, across x down.")]
+Corners = Annotated[str, Option("--corners", metavar="NxN", help="Inner corners of the chessboard, across x down.")]
 SquareMm = Annotated[
     float, Option("--square-mm", parser=number(), metavar="MM", help="Side of a chessboard square in mm.")
 ]
 Circles = Annotated[bool, Option("--circles", help="Find the plate by its walls, without markers.")]
 Sheet = Annotated[
     Path | None,
-    Option("--sheet", callback=new_file, help="Only draw the markers to scale (PDF; SVG or PNG: one file per page)."),
+    Option(
+        "--sheet",
+        callback=new_file,
+        metavar="FILE",
+        help="Only draw the markers to scale (PDF; SVG or PNG: one file per page).",
+    ),
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator
@@ -96,3 +97,13 @@ def write_text(path: Path, text: str) -> None:
 def plural(count: int, noun: str) -> str:
     """`1 block`, `2 blocks`."""
     return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def headline(path: Path) -> str:
+    """What a packaged file says of itself: the first sentence of the comment that it begins with; empty without one."""
+    words = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        words.append(line.lstrip("# "))
+    return re.split(r"(?<=[.;])\s", " ".join(words))[0].rstrip(".;")

@@ -34,7 +34,7 @@ def record(
         raise InputError("got both or neither of -o FILE.parquet and --minari NAME, expected one")
     options = {
         "map": map_, "rig": rig, "observation": observation, "reward": reward, "start_ring": start,
-        "goal_ring": None if goal == "centre" else goal,
+        "goal_ring": goal,
     }  # fmt: skip
     plan = Recording(episodes, seed, options, model, behavior)
     try:

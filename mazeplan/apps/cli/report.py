@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Inputs = Annotated[
     list[Path],
     Argument(
-        metavar="INPUT...",
+        metavar="INPUT",
         help="Run logs; JSON documents of evaluate, compare, diagnose or improve; folders of diagnose -o; folders of "
         "models with the logs and tables to score them on.",
     ),
@@ -40,7 +40,7 @@ Pictures = Annotated[
         help="Also write each figure as PNG and SVG.",
     ),
 ]
-Title = Annotated[str | None, Option("--title", help="Title of the page. Default: its content.")]
+Title = Annotated[str | None, Option("--title", metavar="TEXT", help="Title of the page. Default: its content.")]
 
 
 def report(inputs: Inputs, output: Page, pictures: Pictures = None, title: Title = None, force: Force = False) -> None:

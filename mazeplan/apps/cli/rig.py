@@ -1,4 +1,4 @@
-"""`rig check` and `rig list`."""
+"""`rig check`, `rig list` and `rig show`."""
 
 from __future__ import annotations
 
@@ -10,17 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.output import print_json, say
-from mazeplan.core.errors import MazeplanError, RigError
+from mazeplan.apps.cli.output import headline, print_json, say
+from mazeplan.core.errors import InputError, MazeplanError, RigError
 
 if TYPE_CHECKING:
     from mazeplan.maze.geometry import Maze
     from mazeplan.rigs.conformance import CheckResult
 
-app = typer.Typer(help="Check and list rigs.", no_args_is_help=True)
+app = typer.Typer(help="Check, list and show rigs.", no_args_is_help=True)
 
-RigArgument = Annotated[str, typer.Argument(help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS.")]
+RigArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="RIG", autocompletion=names.RIGS, help="Rig: a name from `rig list`, a YAML file, or MODULE:CLASS."
+    ),
+]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Skip checks that only a simulation can repeat.")]
 Yes = Annotated[bool, typer.Option("--yes", help="Ask no questions about a real rig.")]
 RigOutput = Annotated[
@@ -29,6 +35,7 @@ RigOutput = Annotated[
         "-o",
         "--output",
         callback=opt.new_file,
+        metavar="FILE",
         help="File for the latencies of a real rig. Default: its own file.",
     ),
 ]
@@ -136,7 +143,7 @@ def _ask(question: str) -> bool:
 def list_rigs(as_json: opt.AsJson = False) -> None:
     """List packaged and installed rigs, and the keys of a simulated rig's YAML file."""
     from mazeplan.core.plugins import RIGS, plugins
-    from mazeplan.rigs.registry import installed_rigs, rig_names, unusable
+    from mazeplan.rigs.registry import PACKAGED, installed_rigs, rig_names, unusable
     from mazeplan.rigs.sim.settings import SimulatedSettings
 
     keys = {
@@ -148,12 +155,47 @@ def list_rigs(as_json: opt.AsJson = False) -> None:
             name: {"package": found.package, "version": found.version, "object": found.value}
             for name, found in installed_rigs().items()
         }
-        print_json({"rigs": [*rig_names(), *installed], "installed": installed, "settings": keys})
+        print_json({"rigs": [*rig_names(), *installed], "installed": installed, "settings": keys, "what": {
+            name: headline(PACKAGED / f"{name}.yaml") for name in rig_names()
+        }})  # fmt: skip
         return
-    print("packaged rigs: " + ", ".join(rig_names()))
+    width = max(map(len, rig_names()))
+    print("packaged rigs:")
+    for name in rig_names():
+        print(f"  {name:{width}s}  {headline(PACKAGED / f'{name}.yaml')}")
     for found in plugins(RIGS):
         problem = unusable(found)
         print(f"of package {found.source}: {found.name} ({found.value}){f': not used: {problem}' if problem else ''}")
     print("keys of a simulated rig (default; meaning):")
     for name, key in keys.items():
         print(f"  {name:28s} {key['default']!s:12s} {key['what']}")
+
+
+@app.command("show")
+def show(rig: RigArgument, as_json: opt.AsJson = False) -> None:
+    """Show the file of a rig: its model, and each setting with its meaning."""
+    from mazeplan.rigs.files import read_rig_file
+    from mazeplan.rigs.registry import rig_file
+    from mazeplan.rigs.sim.settings import SimulatedSettings
+
+    path = rig_file(rig)
+    if path is None:
+        raise InputError(f"got rig {rig!r}, a class, which has no file; expected a name from `rig list` or a YAML file")
+    kind, data = read_rig_file(path)
+    fields = {} if kind is not None else SimulatedSettings.model_fields
+    if as_json:
+        print_json({"rig": rig, "file": str(path), "class": kind, "what": headline(path), "settings": dict(data)})
+        return
+    print(f"{rig}: {headline(path)}")
+    print(f"file   {path}")
+    print(f"class  {kind or 'a simulated rig'}")
+    for name, value in data.items():
+        if isinstance(value, dict):
+            print(f"  {name}:")
+            for key, inner in value.items():
+                print(f"    {key:26s} {inner}")
+        elif name != "class":
+            what = (fields[name].description or "") if name in fields else ""
+            print(f"  {name:28s} {value!s:12s} {what}".rstrip())
+    if kind is None:
+        print("other settings have their defaults: `mazeplan rig list`")

@@ -21,13 +21,8 @@ def navigation_job(
 
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
-    given = {"start": start, "goal": goal_of(goal, maze), "map": maze, "rig": rig, "model": model}
+    given = {"start": start, "goal": goal, "map": maze, "rig": rig, "model": model}
     return {**given, "sense": sense, "log": log, **more}
-
-
-def goal_of(goal: str, maze: Maze) -> int | str:
-    """The ring to reach: `centre` is the innermost one."""
-    return len(maze.rings) if goal == "centre" else goal
 
 
 def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | None = None) -> None:

@@ -26,6 +26,7 @@ from mazeplan.run.settings import load_settings
 from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
 FIXED_STARTS = 16
+START_ORDER = [int(f"{k:04b}"[::-1], 2) for k in range(FIXED_STARTS)]  # of van der Corput: 0, 8, 4, 12, 2, 10, ...
 COLLECT = 16  # runs
 NO_DEADLINE = {"travel": {"deadline_ms": 1e6}}
 _runs = count(1)
@@ -58,8 +59,10 @@ def effect_modules(campaign: Campaign) -> list[str]:
 
 
 def start_angle(index: int) -> float | None:
-    """Start angle of run `index`, rad; None: drawn by the run's seed."""
-    return math.pi * index / 8.0 + math.pi / 16.0 if index < FIXED_STARTS else None
+    """Start angle of run `index`, rad; None: drawn by the run's seed.
+
+    The first FIXED_STARTS are spread evenly over the circle, and so are the first 2, 4 and 8 of them."""
+    return math.pi * START_ORDER[index] / 8.0 + math.pi / 16.0 if index < FIXED_STARTS else None
 
 
 def job_of(campaign: Campaign, index: int, maze: Maze) -> Job:

@@ -1,0 +1,99 @@
+"""Checks of what a command line gives: numbers, folders, files.
+
+A check runs while the command line is read, before any work begins. An option that names a new file or folder has
+`callback=new_file` or `new_folder`, and its command has `force: Force`: nothing of a user's is overwritten without
+being asked.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from typer import BadParameter, CallbackParam, Context
+
+from mazeplan.apps.cli.output import check_new, free_name, say
+
+
+def number(unit: str = "", *, positive: bool = True) -> Callable[[str], float]:
+    """Parser of a finite number; positive: greater than 0."""
+    expected = "a finite number" + " > 0" * positive + (f" of {unit}" if unit else "")
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or (positive and value <= 0.0):
+            raise BadParameter(f"got {str(text)!r}, expected {expected}")
+        return value
+
+    return parse
+
+
+def folder_problem(folder: Path) -> str:
+    """Why a folder can neither be made nor written to; empty if it can."""
+    place = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    if place.is_dir() and os.access(place, os.W_OK):
+        return ""
+    why = "may not be written to" if place.is_dir() else "is a file"
+    return f"got {folder}, but {place} {why}; expected a folder that can be made or written to"
+
+
+def folder(text: str) -> Path:
+    """Parser of a folder to write into."""
+    problem = folder_problem(Path(text)) if str(text) else "got '', expected a folder"
+    if problem:
+        raise BadParameter(problem)
+    return Path(text)
+
+
+def file(*endings: str) -> Callable[[str], Path]:
+    """Parser of a file to write, with one of the endings."""
+
+    def parse(text: str) -> Path:
+        path = Path(text)
+        problem = folder_problem(path.absolute().parent)
+        if endings and (path.suffix.lower() not in endings or path.is_dir()):
+            what = ", a folder" if path.is_dir() else ""
+            problem = f"got {str(path)!r}{what}, expected a file that ends in {', '.join(endings)}"
+        if problem:
+            raise BadParameter(problem)
+        return path
+
+    return parse
+
+
+def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
+    """Check of the file that a command writes: it must be new, or --force be given. - is stdout.
+
+    A name that nobody gave is the default's, or the next free one (maze-2.png). Raises InputError."""
+    force = bool(ctx.params.get("force"))
+    if value is None or value == "-":
+        return value
+    source = ctx.get_parameter_source(param.name or "")
+    if source is not None and source.name == "DEFAULT" and not force:
+        free = free_name(value)
+        if free != value:
+            say(f"{value} exists: {free} will be written")
+        return free
+    check_new(min(param.opts, key=len), Path(value), force)
+    return value
+
+
+def new_folder(ctx: Context, param: CallbackParam, value: Path | None) -> Path | None:
+    """Check of the folder that a command writes: it must be new or empty, or --force be given. Raises InputError."""
+    if value is not None:
+        check_new(min(param.opts, key=len), value, bool(ctx.params.get("force")), folder=True)
+    return value
+
+
+def ring(text: str) -> int:
+    """Parser of a ring that has a channel: 2, or ring2."""
+    number = text.lower().removeprefix("ring")
+    if not (number.isdecimal() and number.isascii() and int(number) >= 1):
+        raise BadParameter(f"got {text!r}, expected a ring such as ring2")
+    return int(number)
