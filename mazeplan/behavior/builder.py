@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mazeplan.behavior.blackboard import Blackboard
@@ -24,20 +22,17 @@ from mazeplan.behavior.node import Node, Place, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port, shown
 from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.core.errors import InputError, MazeplanError, TreeError
+from mazeplan.behavior.tree_parts import EXPLICIT, NOTES, Element, Part, TreeParts
+from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
 MAX_NODES = 5_000  # after subtrees are put in their places
 MAX_NAME = 100  # characters of a node's name
-EXPLICIT = ("Action", "Condition", "Control", "Decorator")
-ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
-NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
 KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
 BRACED = re.compile(r"\{.*\}", re.DOTALL)
 WHOLE = re.compile(r"-?[0-9]{1,18}")
 REAL = re.compile(r"-?[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]+)?")
-FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
 BUILTIN: dict[str, type[TreeNode]] = {**CONTROLS, **DECORATORS, **BUILTIN_LEAVES}
 SCRIPTS = {"Script": ("code",), "ScriptCondition": ("code",), "Precondition": ("if",)}  # ports that are scripts
 
@@ -53,119 +48,19 @@ ELSEWHERE = {
 
 AUTOREMAP = Port(bool, False, "whether keys of the same name are those outside")
 
-Element = Any  # lxml's element class is not public
-
-
-@dataclass(frozen=True)
-class Part:
-    """The root element of one file."""
-
-    root: Element
-    file: Path
-
-
-def bad_name(name: str) -> str | None:
-    """What is wrong with the name of a tree or of a kind of node; None: nothing."""
-    if name in ("Root", "root"):
-        return "which is reserved; expected another name"
-    wrong = next((c for c in name if c in FORBIDDEN or not c.isprintable()), None)
-    return None if wrong is None else f"expected a name without {wrong!r}"
-
-
-def one_line(text: str, most: int = 600) -> str:
-    """Text for an error: one line, nothing that a terminal would obey, not endless."""
-    clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
-    return clean if len(clean) <= most else f"{clean[: most - 3]}..."
-
 
 class Builder:
     """Builds nodes from the elements of a file and those that it includes."""
 
     def __init__(self, parts: Sequence[Part], registry: Mapping[str, type[TreeNode]], context: Context) -> None:
-        self._registry, self._context, self._parts, self._count = registry, context, parts, 0
-        self._of = {id(part.root): part.file for part in parts}
-        self._trees: dict[str, Element] = {}
-        self._models: dict[str, dict[str, str | None]] = {}
-        for part in parts:
-            self._read_part(part.root)
-        if not self._trees:
-            raise self.error(parts[0].root, "", "no <BehaviorTree> in it")
-
-    def _read_part(self, root: Element) -> None:
-        if root.tag != "root":
-            raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
-        if root.get("BTCPP_format") != "4":
-            raise self.error(root, "", f"BTCPP_format: got {shown(root.get('BTCPP_format'))}, expected '4'")
-        self._known(root, "", ROOT_ATTRIBUTES)
-        for element in root:
-            self._top(element)
-
-    def error(self, element: Element, path: str, problem: str) -> TreeError:
-        """The error at an element; `path` is the way to it through the tree."""
-        path = path if len(path) <= 200 else f"...{path[-197:]}"
-        return TreeError(
-            one_line(problem), file=self._where(element), line=element.sourceline, key=one_line(path) or None
-        )
-
-    def _where(self, element: Element) -> Path:
-        """The file in which an element stands."""
-        return self._of[id(element.getroottree().getroot())]
-
-    def _known(self, element: Element, path: str, allowed: Iterable[str]) -> None:
-        """Refuse other attributes than these; those of another namespace and NOTES mean nothing here."""
-        for attribute in map(str, element.attrib):
-            if attribute not in (*allowed, *NOTES) and not attribute.startswith("{"):
-                problem = f"unknown attribute {shown(attribute)}, expected one of {', '.join(allowed)}"
-                raise self.error(element, path, problem)
-
-    def _top(self, element: Element) -> None:
-        if element.tag == "TreeNodesModel":
-            for model in element.iterchildren("SubTree"):
-                self._model(model)
-            return
-        if element.tag == "include":
-            return
-        if element.tag != "BehaviorTree":
-            raise self.error(
-                element, "", f"got <{element.tag}>, expected <BehaviorTree>, <include> or <TreeNodesModel>"
-            )
-        name = element.get("ID")
-        if not name and len(element.getparent().findall("BehaviorTree")) > 1:
-            raise self.error(element, "", "<BehaviorTree> without ID, in a file with more than one")
-        name = name or "BehaviorTree"
-        if (problem := bad_name(name)) is not None:
-            raise self.error(element, "", f"ID: got {shown(name)}, {problem}")
-        if name in BUILTIN or name in self._registry:
-            raise self.error(element, "", f"ID: got {shown(name)}, which is the name of a node")
-        if name in self._trees:
-            first = self._trees[name]
-            raise self.error(
-                element, name, f"a second tree of this name; the first is at {self._where(first)}:{first.sourceline}"
-            )
-        self._known(element, name, ("ID",))
-        self._trees[name] = element
-
-    def _model(self, model: Element) -> None:
-        """The ports of a SubTree: {name: default}; one without a default has to be given."""
-        ports = self._models.setdefault(str(model.get("ID", "")), {})
-        for port in model.iterchildren("input_port", "output_port", "inout_port"):
-            name = port.get("name")
-            if not name:
-                raise self.error(port, "TreeNodesModel", f"<{port.tag}> without name")
-            ports[name] = port.get("default") or None
+        self._registry, self._context, self._count = registry, context, 0
+        self._files = TreeParts(parts, lambda name: name in BUILTIN or name in registry)
 
     def build(self, main: str | None) -> BehaviorTree:
         """The tree `main`, the file's main one, or its only one."""
-        root = self._parts[0].root
-        name = main or root.get("main_tree_to_execute")
-        if name is None:
-            if len(self._trees) > 1:
-                raise self.error(root, "", "main_tree_to_execute is missing, and there is more than one tree")
-            name = next(iter(self._trees))
-        if name not in self._trees:
-            raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self._trees)}")
+        name = self._files.main(main)
         enums = getattr(self._registry, "enums", None)
-        for other in self._trees:  # trees that are not used are checked all the same
+        for other in self._files.trees:  # trees that are not used are checked all the same
             if other != name:
                 self._content(other, Blackboard(enums=enums), other, (other,))
         self._count = 0
@@ -174,22 +69,22 @@ class Builder:
         return BehaviorTree(content, board, name, getattr(self._context, "again", None))
 
     def _content(self, tree: str, board: Blackboard, path: str, within: tuple[str, ...]) -> TreeNode:
-        element = self._trees[tree]
+        element = self._files.trees[tree]
         if len(element) != 1:
-            raise self.error(element, path, f"a tree has exactly one root node, got {len(element)}")
+            raise self._files.error(element, path, f"a tree has exactly one root node, got {len(element)}")
         return self._node(element[0], board, path, within)
 
     def _node(self, element: Element, board: Blackboard, above: str, within: tuple[str, ...]) -> TreeNode:
         kind, attributes = self._kind(element, above)
         name = attributes.pop("name", "") or (attributes.get("ID", "") if kind == "SubTree" else kind)
         if len(name) > MAX_NAME or not name.isprintable():
-            raise self.error(
+            raise self._files.error(
                 element, above, f"name: got {shown(name)}, expected at most {MAX_NAME} printing characters"
             )
         path = f"{above}/{name}"
         self._count += 1
         if path.count("/") > MAX_DEPTH or self._count > MAX_NODES:
-            raise self.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
+            raise self._files.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
         conditions = self._conditions(element, path, attributes, board)
         if kind == "SubTree":
             node: TreeNode = self._subtree(element, name, attributes, board, path, within)
@@ -201,18 +96,18 @@ class Builder:
         else:
             leaf: Any = node_class
             if len(element):
-                raise self.error(element, path, f"{kind} is a leaf and has no children")
+                raise self._files.error(element, path, f"{kind} is a leaf and has no children")
             values = self._values(element, path, kind, leaf.ports, attributes, board)
             try:
                 node = leaf(name, self._context, board, values)
             except MazeplanError:
                 raise
             except (Exception, SystemExit) as problem:  # a user's own `__init__` may raise anything
-                raise self.error(element, path, f"{kind} could not be made: {reason(problem)}") from problem
+                raise self._files.error(element, path, f"{kind} could not be made: {reason(problem)}") from problem
             if "_board" not in vars(node):
                 call = "super().__init__(name, context, board, values)"
-                raise self.error(element, path, f"{kind} could not be made: its __init__ does not call {call}")
-        node.place, node.conditions = Place(self._where(element), element.sourceline, path), conditions
+                raise self._files.error(element, path, f"{kind} could not be made: its __init__ does not call {call}")
+        node.place, node.conditions = Place(self._files.file_of(element), element.sourceline, path), conditions
         return node
 
     def _class(self, element: Element, path: str, kind: str, above: str) -> type[TreeNode]:
@@ -223,8 +118,8 @@ class Builder:
             if kind in self._registry:
                 return self._registry[kind]
         except InputError as problem:  # of an installed package that is broken
-            raise self.error(element, path, problem.problem) from None
-        raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
+            raise self._files.error(element, path, problem.problem) from None
+        raise self._files.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
         """(kind of node, its attributes but for the ID of the explicit form and what editors note)."""
@@ -233,12 +128,14 @@ class Builder:
             return str(element.tag), attributes
         kind = attributes.pop("ID", "")
         if not kind:
-            raise self.error(element, above, f"<{element.tag}> without ID")
+            raise self._files.error(element, above, f"<{element.tag}> without ID")
         known = BUILTIN.get(kind) or (self._class(element, above, kind, above) if kind in self._registry else None)
         if known is not None:
             real = known.category
             if element.tag != real and {element.tag, real} != {"Action", "Condition"}:
-                raise self.error(element, above, f'got <{element.tag} ID="{kind}">, expected <{real} ID="{kind}">')
+                raise self._files.error(
+                    element, above, f'got <{element.tag} ID="{kind}">, expected <{real} ID="{kind}">'
+                )
         return kind, attributes
 
     def _conditions(
@@ -255,7 +152,7 @@ class Builder:
         try:
             return parse_script(text)
         except ScriptError as problem:
-            raise self.error(element, path, f"{name}: {problem}") from None
+            raise self._files.error(element, path, f"{name}: {problem}") from None
 
     def _suggest(self, kind: str) -> str:
         if kind in ELSEWHERE:
@@ -269,10 +166,10 @@ class Builder:
         if n < node.least or (node.most is not None and n > node.most):
             expected = f"at least {node.least}" if node.most is None else f"{node.least} or {node.most}"
             expected = f"exactly {node.least}" if node.most == node.least else expected
-            raise self.error(element, path, f"{node.__name__}: got {n} children, expected {expected}")
+            raise self._files.error(element, path, f"{node.__name__}: got {n} children, expected {expected}")
         problem = node.problem(values, n)
         if problem:
-            raise self.error(element, path, problem)
+            raise self._files.error(element, path, problem)
 
     def _key(self, element: Element, path: str, attribute: str, text: str) -> Key | None:
         """The key that {key} or {=} stands for; None for a literal."""
@@ -282,7 +179,7 @@ class Builder:
         key = KEY.fullmatch(text)
         if not key and text != "{=}":
             allowed = "{key} of letters, digits, _ and ., or {=}"
-            raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {allowed}")
+            raise self._files.error(element, path, f"{attribute}: got {shown(text)}, expected {allowed}")
         return Key(key.group(1) if key else attribute)
 
     def _values(
@@ -297,14 +194,14 @@ class Builder:
         """{port: literal or Key}, checked; of the blackboard, only the literals given to a SubTree are known yet."""
         values: dict[str, Any] = {}
         own = ("name", *ports, *(("ID",) if element.tag in EXPLICIT else ()))
-        self._known(element, path, (*own, *CONDITIONS))
+        self._files.known(element, path, (*own, *CONDITIONS))
         for attribute, text in attributes.items():
             if attribute not in ports:  # of another namespace
                 continue
             port, key = ports[attribute], self._key(element, path, attribute, text)
             if key is None and port.direction == "out":
                 example = f"a blackboard entry such as {{{attribute}}}"
-                raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {example}")
+                raise self._files.error(element, path, f"{attribute}: got {shown(text)}, expected {example}")
             given = text
             try:
                 if key is None:
@@ -320,10 +217,10 @@ class Builder:
             except (ValueError, OverflowError):
                 source = f" from {{{key.name}}}" if key else ""
                 problem = f"{attribute}: got {shown(given)}{source}, expected {port.expects(self._context)}"
-                raise self.error(element, path, problem) from None
+                raise self._files.error(element, path, problem) from None
         for name, port in ports.items():
             if port.default is REQUIRED and name not in values:
-                raise self.error(element, path, f"{name} is missing ({port.doc})")
+                raise self._files.error(element, path, f"{name} is missing ({port.doc})")
         return values
 
     def _subtree(
@@ -337,18 +234,22 @@ class Builder:
     ) -> SubTree:
         """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
         tree = attributes.pop("ID", "")
-        if tree not in self._trees:
-            raise self.error(element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self._trees)}")
+        if tree not in self._files.trees:
+            raise self._files.error(
+                element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self._files.trees)}"
+            )
         if tree in within:
-            raise self.error(element, path, f"{tree} contains itself: {' > '.join((*within, tree))}")
+            raise self._files.error(element, path, f"{tree} contains itself: {' > '.join((*within, tree))}")
         if len(element):
-            raise self.error(element, path, "a SubTree has no children: what it does stands in its <BehaviorTree>")
+            raise self._files.error(
+                element, path, "a SubTree has no children: what it does stands in its <BehaviorTree>"
+            )
         try:
             autoremap = AUTOREMAP.parse(attributes.pop("_autoremap", "false"))
         except ValueError:
             problem = f"_autoremap: got {shown(element.get('_autoremap'))}, expected {AUTOREMAP.expected}"
-            raise self.error(element, path, problem) from None
-        given = self._given(element, path, attributes, {} if autoremap else self._models.get(tree, {}))
+            raise self._files.error(element, path, problem) from None
+        given = self._given(element, path, attributes, {} if autoremap else self._files.models.get(tree, {}))
         remap = {port: value.name for port, value in given.items() if isinstance(value, Key)}
         literals = {port: value for port, value in given.items() if not isinstance(value, Key)}
         for key in remap.values():
@@ -365,13 +266,13 @@ class Builder:
         for port, text in attributes.items():
             if port.startswith("_"):
                 expected = f"ID, name, _autoremap, {', '.join(CONDITIONS)} or names of the tree's keys"
-                raise self.error(element, path, f"unknown attribute {shown(port)}, expected {expected}")
+                raise self._files.error(element, path, f"unknown attribute {shown(port)}, expected {expected}")
             given[port] = self._key(element, path, port, text) or _literal(text)
         for port, default in model.items():
             if port in given:
                 continue
             if default is None:
-                raise self.error(element, path, f"{port} is missing, which its model in TreeNodesModel asks for")
+                raise self._files.error(element, path, f"{port} is missing, which its model in TreeNodesModel asks for")
             given[port] = self._key(element, path, port, default) or _literal(default)
         return given
 

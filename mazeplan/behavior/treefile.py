@@ -13,10 +13,11 @@ from pathlib import Path
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.builder import EXPLICIT, Builder, Element, Part, one_line
+from mazeplan.behavior.builder import Builder
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.tree_parts import EXPLICIT, Element, Part, one_line
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import TreeError
 
