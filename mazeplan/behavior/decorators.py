@@ -330,7 +330,10 @@ class WaitValueUpdate(_Updated):
 
 
 class SubTree(Decorator):
-    """Another tree of the file, on a blackboard scope of its own."""
+    """Another tree of the file, on a blackboard scope of its own. by_model: ports whose value is a default of its
+    model."""
+
+    by_model: frozenset[str] = frozenset()
 
     def run(self) -> Result:
         """The result of the tree."""

@@ -5,19 +5,35 @@ A file has <BehaviorTree>, <include> and <TreeNodesModel> at its top; `treefile`
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mazeplan.behavior.ports import shown
+from mazeplan.behavior.mistakes import Mistakes
+from mazeplan.behavior.ports import Key, shown
 from mazeplan.core.errors import TreeError
 
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
 NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
 FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
+KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
+BRACED = re.compile(r"\{.*\}", re.DOTALL)
+WHOLE = re.compile(r"-?[0-9]{1,18}")
+REAL = re.compile(r"-?[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]+)?")
 TOPS = "<BehaviorTree>, <include> or <TreeNodesModel>"
+
+ELSEWHERE = {
+    **dict.fromkeys(("SequenceStar", "PopFromQueue", "ConsumeQueue", "SubTreePlus"), "BehaviorTree.CPP"),
+    **dict.fromkeys(
+        ("PipelineSequence", "RecoveryNode", "RoundRobin", "RateController", "DistanceController", "SpeedController",
+         "GoalUpdater", "PathLongerOnApproach", "SingleTrigger", "GoalUpdated", "ComputePathToPose", "FollowPath",
+         "ComputePathThroughPoses", "ClearEntireCostmap", "Spin", "BackUp", "Wait", "DriveOnHeading", "NavigateToPose"),
+        "Nav2",
+    ),
+}  # fmt: skip
 
 Element = Any  # lxml's element class is not public
 
@@ -47,17 +63,18 @@ def one_line(text: str, most: int = 600) -> str:
 class TreeParts:
     """What stands at the top of a file and of those that it includes. trees: {ID: <BehaviorTree>}; models: {ID of a
     SubTree: {port: default}}, None for a port that has to be given; taken: whether a name is that of a node, which no
-    tree may have. Raises TreeError."""
+    tree may have. Raises TreeError, unless `mistakes` keeps it."""
 
-    def __init__(self, parts: Sequence[Part], taken: Callable[[str], bool]) -> None:
-        self.first, self._taken = parts[0], taken
+    def __init__(self, parts: Sequence[Part], taken: Callable[[str], bool], mistakes: Mistakes) -> None:
+        self.first, self._taken, self._mistakes = parts[0], taken, mistakes
         self._of = {id(part.root): part.file for part in parts}
         self.trees: dict[str, Element] = {}
         self.models: dict[str, dict[str, str | None]] = {}
         for part in parts:
-            self._read_part(part.root)
+            with mistakes:
+                self._read_part(part.root)
         if not self.trees:
-            raise self.error(self.first.root, "", "no <BehaviorTree> in it")
+            raise mistakes.last(self.error(self.first.root, "", "no <BehaviorTree> in it"))
 
     def error(self, element: Element, path: str, problem: str) -> TreeError:
         """The error at an element; `path` is the way to it through the tree."""
@@ -77,6 +94,17 @@ class TreeParts:
                 problem = f"unknown attribute {shown(attribute)}, expected one of {', '.join(allowed)}"
                 raise self.error(element, path, problem)
 
+    def key(self, element: Element, path: str, attribute: str, text: str) -> Key | None:
+        """The key that {key} or {=} stands for; None for a literal."""
+        text = text.strip()
+        if not BRACED.fullmatch(text):
+            return None
+        key = KEY.fullmatch(text)
+        if not key and text != "{=}":
+            allowed = "{key} of letters, digits, _ and ., or {=}"
+            raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {allowed}")
+        return Key(key.group(1) if key else attribute)
+
     def main(self, given: str | None) -> str:
         """The name of the tree to execute: the one given, the file's main one, or its only one."""
         root = self.first.root
@@ -89,14 +117,25 @@ class TreeParts:
             raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self.trees)}")
         return name
 
+    def unused(self, main: str) -> tuple[TreeError, ...]:
+        """A remark at each tree of the first file that neither is the main one nor stands in a SubTree of any file."""
+        used = {main, *(e.get("ID") for tree in self.trees.values() for e in tree.iter("SubTree"))}
+        own = [(name, e) for name, e in self.trees.items() if self.file_of(e) == self.first.file and name not in used]
+        return tuple(
+            self.error(element, name, "not used: it is not the main tree, and no SubTree names it")
+            for name, element in own
+        )
+
     def _read_part(self, root: Element) -> None:
         if root.tag != "root":
             raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
         if root.get("BTCPP_format") != "4":
             raise self.error(root, "", f"BTCPP_format: got {shown(root.get('BTCPP_format'))}, expected '4'")
-        self.known(root, "", ROOT_ATTRIBUTES)
+        with self._mistakes:
+            self.known(root, "", ROOT_ATTRIBUTES)
         for element in root:
-            self._top(element)
+            with self._mistakes:
+                self._top(element)
 
     def _top(self, element: Element) -> None:
         if element.tag == "TreeNodesModel":
@@ -112,16 +151,19 @@ class TreeParts:
         if not name and len(element.getparent().findall("BehaviorTree")) > 1:
             raise self.error(element, "", "<BehaviorTree> without ID, in a file with more than one")
         name = name or "BehaviorTree"
-        if (problem := bad_name(name)) is not None:
-            raise self.error(element, "", f"ID: got {shown(name)}, {problem}")
-        if self._taken(name):
-            raise self.error(element, "", f"ID: got {shown(name)}, which is the name of a node")
         if name in self.trees:
             first = self.trees[name]
             where = f"{self.file_of(first)}:{first.sourceline}"
             raise self.error(element, name, f"a second tree of this name; the first is at {where}")
-        self.known(element, name, ("ID",))
+        with self._mistakes:
+            self._check_tree(element, name)
         self.trees[name] = element
+
+    def _check_tree(self, element: Element, name: str) -> None:
+        problem = bad_name(name) or ("which is the name of a node" if self._taken(name) else None)
+        if problem is not None:
+            raise self.error(element, "", f"ID: got {shown(name)}, {problem}")
+        self.known(element, name, ("ID",))
 
     def _model(self, model: Element) -> None:
         """The ports of a SubTree: {name: default}; one without a default has to be given."""
@@ -131,3 +173,10 @@ class TreeParts:
             if not name:
                 raise self.error(port, "TreeNodesModel", f"<{port.tag}> without name")
             ports[name] = port.get("default") or None
+
+
+def literal(text: str) -> int | float | str:
+    """A literal for a SubTree: a number where it reads like one, so that scripts can count with it."""
+    if WHOLE.fullmatch(text):
+        return int(text)
+    return float(text) if REAL.fullmatch(text) else text

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.builder import Builder
+from mazeplan.behavior.builder import Builder, Draft, draft
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.tree import BehaviorTree
@@ -50,6 +50,10 @@ class TreeFile:
     def build(self, registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None) -> BehaviorTree:
         """A tree that has not begun. Raises as `load_tree` does."""
         return Builder(self.parts, registry, context).build(main)
+
+    def draft(self, registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None) -> Draft:
+        """As `build`, but with all its mistakes instead of an error at the first one."""
+        return draft(self.parts, registry, context, main)
 
 
 def read_tree(source: str | Path) -> TreeFile:

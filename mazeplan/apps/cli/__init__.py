@@ -175,7 +175,8 @@ def _run(received: list[int]) -> int:
         with short_warnings():
             status = app(standalone_mode=False)  # otherwise typer prints usage errors itself, over several lines
     except MazeplanError as error:
-        return _fail(with_option(error, sys.argv[1:]), error.exit_status)
+        others = error.others if isinstance(error, InputError) else ()
+        return _fail(with_option(error, sys.argv[1:]), error.exit_status, *(str(other) for other in others))
     except _UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command: its message is the help
             print(error.format_message(), file=sys.stderr)
@@ -202,6 +203,7 @@ def _run(received: list[int]) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _fail(message: str, status: int) -> int:
-    print(f"mazeplan: {message}", file=sys.stderr)
+def _fail(message: str, status: int, *more: str) -> int:
+    for line in (message, *more):
+        print(f"mazeplan: {line}", file=sys.stderr)
     return status

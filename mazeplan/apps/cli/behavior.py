@@ -60,11 +60,11 @@ class _NoContext:
         """Ignore the failure."""
 
 
-def _load(source: str, modules: list[str] | None, maze: Maze | None = None) -> BehaviorTree:
+def _load(source: str, modules: list[str] | None) -> BehaviorTree:
     from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.behavior.treefile import load_tree
 
-    return load_tree(source, registry_with(modules or ()), _NoContext(maze))
+    return load_tree(source, registry_with(modules or ()), _NoContext())
 
 
 @app.command("check")
@@ -86,18 +86,21 @@ def check(
 
 def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
     """What there is to say of one tree."""
-    from mazeplan.behavior.check import check_tree
+    from mazeplan.behavior.check import Findings, check_file
+    from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.maze.mapfile import load_map
 
     maze = None if map_ is None else load_map(map_)
+    registry = registry_with(modules or ())
     try:
-        tree = _load(source, modules, maze)
+        found = check_file(source, registry, _NoContext(maze))
     except TreeError as error:
-        return {"file": source, "ok": False, "nodes": None, "error": str(error), "errors": [str(error)], "warnings": []}
-    findings = check_tree(tree)
-    errors, warnings = [str(e) for e in findings.errors], [str(w) for w in findings.warnings]
-    error, nodes = (errors[0] if errors else None), len(list(tree.nodes()))
-    return {"file": source, "ok": not errors, "nodes": nodes, "error": error, "errors": errors, "warnings": warnings}
+        found = Findings((error,))
+    errors, warnings = [str(e) for e in found.errors], [str(w) for w in found.warnings]
+    return {
+        "file": source, "ok": not errors, "nodes": found.nodes, "error": errors[0] if errors else None,
+        "errors": errors, "warnings": warnings,
+    }  # fmt: skip
 
 
 @app.command("show")
