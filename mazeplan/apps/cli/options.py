@@ -129,8 +129,8 @@ Groot = Annotated[
 ]
 GrootHost = Annotated[str, Option("--groot-host", help="Address at which Groot2 is answered.")]
 Via = Annotated[
-    str | None,
-    Option("--via", metavar="RINGS", help="Rings to visit before the goal, in this order, such as ring3,ring2."),
+    list[str] | None,
+    Option("--via", metavar="RINGS", help="Rings to visit before the goal, in order, such as ring3,ring2; repeatable."),
 ]
 Close = Annotated[list[str] | None, Option("--close", help="Opening that the route must avoid; repeatable.")]
 Seed = Annotated[int, Option("--seed", min=0, help="Seed of every random draw.")]
