@@ -301,7 +301,7 @@ class Builder:
         inside = self._content(tree, scope, path, here)
         values = {**({"ID": tree} if tree != name else {}), **given}
         node = SubTree(name, [inside], self._context.clock, scope, values)
-        node.by_model = frozenset(given) - frozenset(attributes)
+        node.by_model, node.named = frozenset(given) - frozenset(attributes), bool(element.get("name"))
         return node
 
     def _place_of(self, element: Element, tree: str, path: str, use: _Use) -> _Use:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -173,8 +174,10 @@ def _print_node(name: str, node: type[TreeNode], owner: str) -> None:
         print(f"    {port_name} ({_port_kind(port)}): {port.doc}{_allowed(port)}")
 
 
-def _purpose(leaf: type[TreeNode]) -> str:
-    return (leaf.__doc__ or "").strip().partition("\n")[0]
+def _purpose(node: type[TreeNode]) -> str:
+    """The first paragraph of its docstring, in one line."""
+    paragraph, _, _ = cleandoc(node.__doc__ or "").partition("\n\n")
+    return " ".join(paragraph.split())
 
 
 def _port_kind(port: Port) -> str:
@@ -223,10 +226,10 @@ def palette(
     from mazeplan.behavior.groot_palette import renewed, write_palette
     from mazeplan.behavior.own_nodes import registry_with
 
-    leaves = registry_with(behavior_module or ()).usable(_report_unusable)
+    registry = registry_with(behavior_module or ())
+    leaves = registry.usable(_report_unusable)
     if into is not None:
-        _load(str(into), behavior_module)
-        write_text(into, renewed(into.read_text(encoding="utf-8"), leaves))
+        write_text(into, renewed(_tree_text(into, behavior_module), leaves, registry.of_modules))
         say(f"wrote the leaves into {into}")
         return
     text = write_palette(leaves)
@@ -235,3 +238,14 @@ def palette(
     else:
         write_text(output, text)
         say(f"wrote {output}")
+
+
+def _tree_text(file: Path, modules: list[str] | None) -> str:
+    """The text of a tree's file, with its ends of lines. Raises InputError, also for a tree with mistakes."""
+    if not file.is_file():
+        raise InputError("--into: got no file, expected that of a tree", file=file)
+    _load(str(file.absolute()), modules)
+    try:
+        return file.read_bytes().decode()
+    except UnicodeDecodeError:
+        raise InputError("--into: got text that is not UTF-8, which alone is written", file=file) from None
