@@ -194,8 +194,9 @@ class ManualSelector(Control):
         names = [child.name for child in self.parts]
         if text in names:
             return names.index(text)
-        if text.isdecimal() and 1 <= int(text) <= len(names):
-            return int(text) - 1
+        number = number_of(text, {}) if text not in ("true", "false") else None
+        if number is not None and number.is_integer() and 1 <= number <= len(names):  # 2.000000 is that of a script
+            return int(number) - 1
         raise self.wrong(f"selection: got {text!r}, expected one of {', '.join(names)}, or 1 to {len(names)}")
 
     def on_halt(self) -> None:
