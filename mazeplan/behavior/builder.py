@@ -18,13 +18,13 @@ from mazeplan.behavior.conditions import CONDITIONS, Conditions
 from mazeplan.behavior.controls import CONTROLS
 from mazeplan.behavior.decorators import DECORATORS, SubTree
 from mazeplan.behavior.leaf import Context
-from mazeplan.behavior.mistakes import MOST, EnoughError, Mistakes, Unbuilt
+from mazeplan.behavior.mistakes import Mistakes, Unbuilt
 from mazeplan.behavior.node import Node, Place, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port, shown
 from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.tree_parts import ELSEWHERE, EXPLICIT, NOTES, Element, Part, TreeParts, literal
-from mazeplan.core.errors import InputError, MazeplanError, TreeError
+from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
@@ -334,31 +334,3 @@ class Builder:
                 raise self.files.error(element, path, f"{port} is missing, which its model in TreeNodesModel asks for")
             given[port] = self.files.key(element, path, port, default) or literal(default)
         return given
-
-
-@dataclass(frozen=True)
-class Draft:
-    """What a file says, mistakes and all. tree: with `Unbuilt` in place of nodes that have mistakes, None where there
-    is no main tree; unused: a remark at each tree of the file itself that none uses."""
-
-    tree: BehaviorTree | None
-    mistakes: tuple[TreeError, ...]
-    unused: tuple[TreeError, ...]
-
-
-def draft(
-    parts: Sequence[Part], registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None
-) -> Draft:
-    """Build what can be built, and keep the mistakes."""
-    mistakes, tree, unused = Mistakes(MOST), None, ()
-    try:
-        builder = Builder(parts, registry, context, mistakes)
-        with mistakes:
-            tree = builder.build(main)
-        if tree is None:
-            builder.look(None)
-        else:
-            unused = builder.files.unused(tree.name)
-    except EnoughError:
-        tree = None
-    return Draft(tree, mistakes.found, unused)
