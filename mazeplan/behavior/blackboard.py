@@ -71,6 +71,23 @@ class Blackboard:
                 return self._outside._home(name)
         return self, name
 
+    def way(self, name: str) -> Iterator[tuple[Blackboard, str]]:
+        """(scope, name there) of each scope from this one to that in which a name stands."""
+        yield self, name
+        outside = self._outside
+        if name.startswith("@"):
+            yield self._outermost(), name[1:]
+        elif outside is not None and name not in self._entries:
+            if name in self._remap:
+                yield from outside.way(self._remap[name])
+            elif self._autoremap and not name.startswith("_"):
+                yield from outside.way(name)
+
+    @property
+    def outside(self) -> Blackboard | None:
+        """The scope around this one; None for the outermost."""
+        return self._outside
+
     def _outermost(self) -> Blackboard:
         return self if self._outside is None else self._outside._outermost()
 

@@ -8,10 +8,8 @@ Both forms of a node are taken: `<Track speed="1"/>` and `<Action ID="Track" spe
 from __future__ import annotations
 
 import difflib
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from mazeplan.behavior.blackboard import Blackboard
@@ -20,199 +18,139 @@ from mazeplan.behavior.conditions import CONDITIONS, Conditions
 from mazeplan.behavior.controls import CONTROLS
 from mazeplan.behavior.decorators import DECORATORS, SubTree
 from mazeplan.behavior.leaf import Context
+from mazeplan.behavior.mistakes import Mistakes, Unbuilt
 from mazeplan.behavior.node import Node, Place, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port, shown
 from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.core.errors import InputError, MazeplanError, TreeError
+from mazeplan.behavior.tree_parts import ELSEWHERE, EXPLICIT, NOTES, Element, Part, TreeParts, literal
+from mazeplan.core.errors import InputError, MazeplanError
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
 MAX_NODES = 5_000  # after subtrees are put in their places
 MAX_NAME = 100  # characters of a node's name
-EXPLICIT = ("Action", "Condition", "Control", "Decorator")
-ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
-NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
-KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
-BRACED = re.compile(r"\{.*\}", re.DOTALL)
-WHOLE = re.compile(r"-?[0-9]{1,18}")
-REAL = re.compile(r"-?[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]+)?")
-FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
 BUILTIN: dict[str, type[TreeNode]] = {**CONTROLS, **DECORATORS, **BUILTIN_LEAVES}
 SCRIPTS = {"Script": ("code",), "ScriptCondition": ("code",), "Precondition": ("if",)}  # ports that are scripts
 
-ELSEWHERE = {
-    **dict.fromkeys(("SequenceStar", "PopFromQueue", "ConsumeQueue", "SubTreePlus"), "BehaviorTree.CPP"),
-    **dict.fromkeys(
-        ("PipelineSequence", "RecoveryNode", "RoundRobin", "RateController", "DistanceController", "SpeedController",
-         "GoalUpdater", "PathLongerOnApproach", "SingleTrigger", "GoalUpdated", "ComputePathToPose", "FollowPath",
-         "ComputePathThroughPoses", "ClearEntireCostmap", "Spin", "BackUp", "Wait", "DriveOnHeading", "NavigateToPose"),
-        "Nav2",
-    ),
-}  # fmt: skip
-
 AUTOREMAP = Port(bool, False, "whether keys of the same name are those outside")
-
-Element = Any  # lxml's element class is not public
 
 
 @dataclass(frozen=True)
-class Part:
-    """The root element of one file."""
+class _Use:
+    """One use of a tree. trees: its ID, after those in which it stands; path: names of the SubTrees that lead to it."""
 
-    root: Element
-    file: Path
-
-
-def bad_name(name: str) -> str | None:
-    """What is wrong with the name of a tree or of a kind of node; None: nothing."""
-    if name in ("Root", "root"):
-        return "which is reserved; expected another name"
-    wrong = next((c for c in name if c in FORBIDDEN or not c.isprintable()), None)
-    return None if wrong is None else f"expected a name without {wrong!r}"
-
-
-def one_line(text: str, most: int = 600) -> str:
-    """Text for an error: one line, nothing that a terminal would obey, not endless."""
-    clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
-    return clean if len(clean) <= most else f"{clean[: most - 3]}..."
+    trees: tuple[str, ...]
+    path: str = ""
 
 
 class Builder:
-    """Builds nodes from the elements of a file and those that it includes."""
+    """Builds nodes from the elements of a file and those that it includes. mistakes: what to do at one; by default it
+    is raised, as TreeError."""
 
-    def __init__(self, parts: Sequence[Part], registry: Mapping[str, type[TreeNode]], context: Context) -> None:
-        self._registry, self._context, self._parts, self._count = registry, context, parts, 0
-        self._of = {id(part.root): part.file for part in parts}
-        self._trees: dict[str, Element] = {}
-        self._models: dict[str, dict[str, str | None]] = {}
-        for part in parts:
-            self._read_part(part.root)
-        if not self._trees:
-            raise self.error(parts[0].root, "", "no <BehaviorTree> in it")
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        registry: Mapping[str, type[TreeNode]],
+        context: Context,
+        mistakes: Mistakes | None = None,
+    ) -> None:
+        self._registry, self._context, self._mistakes = registry, context, mistakes or Mistakes()
+        self._enums = getattr(registry, "enums", None)
+        self.files = TreeParts(parts, lambda name: name in BUILTIN or name in registry, self._mistakes)
+        self._begin()
 
-    def _read_part(self, root: Element) -> None:
-        if root.tag != "root":
-            raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
-        if root.get("BTCPP_format") != "4":
-            raise self.error(root, "", f"BTCPP_format: got {shown(root.get('BTCPP_format'))}, expected '4'")
-        self._known(root, "", ROOT_ATTRIBUTES)
-        for element in root:
-            self._top(element)
-
-    def error(self, element: Element, path: str, problem: str) -> TreeError:
-        """The error at an element; `path` is the way to it through the tree."""
-        path = path if len(path) <= 200 else f"...{path[-197:]}"
-        return TreeError(
-            one_line(problem), file=self._where(element), line=element.sourceline, key=one_line(path) or None
-        )
-
-    def _where(self, element: Element) -> Path:
-        """The file in which an element stands."""
-        return self._of[id(element.getroottree().getroot())]
-
-    def _known(self, element: Element, path: str, allowed: Iterable[str]) -> None:
-        """Refuse other attributes than these; those of another namespace and NOTES mean nothing here."""
-        for attribute in map(str, element.attrib):
-            if attribute not in (*allowed, *NOTES) and not attribute.startswith("{"):
-                problem = f"unknown attribute {shown(attribute)}, expected one of {', '.join(allowed)}"
-                raise self.error(element, path, problem)
-
-    def _top(self, element: Element) -> None:
-        if element.tag == "TreeNodesModel":
-            for model in element.iterchildren("SubTree"):
-                self._model(model)
-            return
-        if element.tag == "include":
-            return
-        if element.tag != "BehaviorTree":
-            raise self.error(
-                element, "", f"got <{element.tag}>, expected <BehaviorTree>, <include> or <TreeNodesModel>"
-            )
-        name = element.get("ID")
-        if not name and len(element.getparent().findall("BehaviorTree")) > 1:
-            raise self.error(element, "", "<BehaviorTree> without ID, in a file with more than one")
-        name = name or "BehaviorTree"
-        if (problem := bad_name(name)) is not None:
-            raise self.error(element, "", f"ID: got {shown(name)}, {problem}")
-        if name in BUILTIN or name in self._registry:
-            raise self.error(element, "", f"ID: got {shown(name)}, which is the name of a node")
-        if name in self._trees:
-            first = self._trees[name]
-            raise self.error(
-                element, name, f"a second tree of this name; the first is at {self._where(first)}:{first.sourceline}"
-            )
-        self._known(element, name, ("ID",))
-        self._trees[name] = element
-
-    def _model(self, model: Element) -> None:
-        """The ports of a SubTree: {name: default}; one without a default has to be given."""
-        ports = self._models.setdefault(str(model.get("ID", "")), {})
-        for port in model.iterchildren("input_port", "output_port", "inout_port"):
-            name = port.get("name")
-            if not name:
-                raise self.error(port, "TreeNodesModel", f"<{port.tag}> without name")
-            ports[name] = port.get("default") or None
+    def _begin(self) -> None:
+        self._count = 0
+        self._subtrees: dict[str, Element | None] = {"": None}  # by their paths; the main tree has the empty one
 
     def build(self, main: str | None) -> BehaviorTree:
         """The tree `main`, the file's main one, or its only one."""
-        root = self._parts[0].root
-        name = main or root.get("main_tree_to_execute")
-        if name is None:
-            if len(self._trees) > 1:
-                raise self.error(root, "", "main_tree_to_execute is missing, and there is more than one tree")
-            name = next(iter(self._trees))
-        if name not in self._trees:
-            raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self._trees)}")
-        enums = getattr(self._registry, "enums", None)
-        for other in self._trees:  # trees that are not used are checked all the same
-            if other != name:
-                self._content(other, Blackboard(enums=enums), other, (other,))
-        self._count = 0
-        board = Blackboard(enums=enums)
-        content = self._content(name, board, name, (name,))
+        name = self.files.main(main)
+        self.look(name)
+        board = Blackboard(enums=self._enums)
+        content = self._content(name, board, name, _Use((name,)))
         return BehaviorTree(content, board, name, getattr(self._context, "again", None))
 
-    def _content(self, tree: str, board: Blackboard, path: str, within: tuple[str, ...]) -> TreeNode:
-        element = self._trees[tree]
-        if len(element) != 1:
-            raise self.error(element, path, f"a tree has exactly one root node, got {len(element)}")
-        return self._node(element[0], board, path, within)
+    def look(self, main: str | None) -> None:
+        """Build all other trees: those that are not used are checked all the same."""
+        for other in self.files.trees:
+            if other != main:
+                self._begin()
+                self._content(other, Blackboard(enums=self._enums), other, _Use((other,)))
+        self._begin()
 
-    def _node(self, element: Element, board: Blackboard, above: str, within: tuple[str, ...]) -> TreeNode:
+    def _content(self, tree: str, board: Blackboard, path: str, use: _Use) -> TreeNode:
+        element = self.files.trees[tree]
+        with self._mistakes:
+            if len(element) != 1:
+                raise self.files.error(element, path, f"a tree has exactly one root node, got {len(element)}")
+        nodes = [self._node(child, board, path, use) for child in element]
+        return nodes[0] if nodes else self._unbuilt(element, board, path, nodes)
+
+    def _unbuilt(self, element: Element, board: Blackboard, path: str, children: Sequence[TreeNode]) -> Unbuilt:
+        node = Unbuilt(str(element.tag), children, self._context.clock, board, {})
+        node.place = Place(self.files.file_of(element), element.sourceline, path)
+        return node.of({str(name): str(text) for name, text in element.items()})
+
+    def _node(self, element: Element, board: Blackboard, above: str, use: _Use) -> TreeNode:
+        """A node with all below it; Unbuilt where it has mistakes that were kept."""
+        with self._mistakes:
+            return self._made(element, board, above, use)
+        path = f"{above}/{element.get('name') or element.tag}"
+        return self._unbuilt(element, board, path, [self._node(child, board, path, use) for child in element])
+
+    def _made(self, element: Element, board: Blackboard, above: str, use: _Use) -> TreeNode:
         kind, attributes = self._kind(element, above)
         name = attributes.pop("name", "") or (attributes.get("ID", "") if kind == "SubTree" else kind)
         if len(name) > MAX_NAME or not name.isprintable():
-            raise self.error(
-                element, above, f"name: got {shown(name)}, expected at most {MAX_NAME} printing characters"
-            )
+            expected = f"expected at most {MAX_NAME} printing characters"
+            raise self.files.error(element, above, f"name: got {shown(name)}, {expected}")
         path = f"{above}/{name}"
         self._count += 1
         if path.count("/") > MAX_DEPTH or self._count > MAX_NODES:
-            raise self.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
+            problem = self.files.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
+            raise self._mistakes.last(problem)
+        before = self._mistakes.noted
         conditions = self._conditions(element, path, attributes, board)
         if kind == "SubTree":
-            node: TreeNode = self._subtree(element, name, attributes, board, path, within)
-        elif issubclass(node_class := self._class(element, path, kind, above), Node):
-            values = self._values(element, path, kind, node_class.ports, attributes, board)
-            self._check_children(element, path, node_class, values)
-            children = [self._node(child, board, path, within) for child in element]
-            node = node_class(name, children, self._context.clock, board, values)
+            node: TreeNode = self._subtree(element, name, attributes, board, path, use)
         else:
-            leaf: Any = node_class
-            if len(element):
-                raise self.error(element, path, f"{kind} is a leaf and has no children")
-            values = self._values(element, path, kind, leaf.ports, attributes, board)
-            try:
-                node = leaf(name, self._context, board, values)
-            except MazeplanError:
-                raise
-            except (Exception, SystemExit) as problem:  # a user's own `__init__` may raise anything
-                raise self.error(element, path, f"{kind} could not be made: {reason(problem)}") from problem
-            if "_board" not in vars(node):
-                call = "super().__init__(name, context, board, values)"
-                raise self.error(element, path, f"{kind} could not be made: its __init__ does not call {call}")
-        node.place, node.conditions = Place(self._where(element), element.sourceline, path), conditions
+            node_class = self._class(element, path, kind, above)
+            values = self._values(element, path, kind, node_class.ports, attributes, board)
+            with self._mistakes:
+                self._check_children(element, path, node_class, values)
+            whole = self._mistakes.noted == before
+            children = [self._node(child, board, path, use) for child in element]
+            made = None
+            if whole:
+                with self._mistakes:
+                    made = self._instance(element, path, node_class, name, children, board, values)
+            node = made or self._unbuilt(element, board, path, children)
+        node.place, node.conditions = Place(self.files.file_of(element), element.sourceline, path), conditions
+        return node
+
+    def _instance(
+        self,
+        element: Element,
+        path: str,
+        kind: Any,
+        name: str,
+        children: Sequence[TreeNode],
+        board: Blackboard,
+        values: Mapping[str, Any],
+    ) -> TreeNode:
+        inner = issubclass(kind, Node)
+        try:
+            node = kind(name, *((children, self._context.clock) if inner else (self._context,)), board, values)
+        except MazeplanError:
+            raise
+        except (Exception, SystemExit) as problem:  # a user's own `__init__` may raise anything
+            raise self.files.error(element, path, f"{kind.__name__} could not be made: {reason(problem)}") from problem
+        if "_board" not in vars(node):
+            call = f"super().__init__(name, {'children, clock' if inner else 'context'}, board, values)"
+            problem = f"{kind.__name__} could not be made: its __init__ does not call {call}"
+            raise self.files.error(element, path, problem)
         return node
 
     def _class(self, element: Element, path: str, kind: str, above: str) -> type[TreeNode]:
@@ -223,8 +161,8 @@ class Builder:
             if kind in self._registry:
                 return self._registry[kind]
         except InputError as problem:  # of an installed package that is broken
-            raise self.error(element, path, problem.problem) from None
-        raise self.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
+            raise self.files.error(element, path, problem.problem) from None
+        raise self.files.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
         """(kind of node, its attributes but for the ID of the explicit form and what editors note)."""
@@ -233,12 +171,14 @@ class Builder:
             return str(element.tag), attributes
         kind = attributes.pop("ID", "")
         if not kind:
-            raise self.error(element, above, f"<{element.tag}> without ID")
+            raise self.files.error(element, above, f"<{element.tag}> without ID")
         known = BUILTIN.get(kind) or (self._class(element, above, kind, above) if kind in self._registry else None)
         if known is not None:
             real = known.category
             if element.tag != real and {element.tag, real} != {"Action", "Condition"}:
-                raise self.error(element, above, f'got <{element.tag} ID="{kind}">, expected <{real} ID="{kind}">')
+                raise self.files.error(
+                    element, above, f'got <{element.tag} ID="{kind}">, expected <{real} ID="{kind}">'
+                )
         return kind, attributes
 
     def _conditions(
@@ -248,14 +188,15 @@ class Builder:
         given = {}
         for name in CONDITIONS:
             if name in attributes:
-                given[name] = self._script(element, path, name, attributes.pop(name))
+                with self._mistakes:
+                    given[name] = self._script(element, path, name, attributes.pop(name))
         return Conditions(given, Scope(board)) if given else None
 
     def _script(self, element: Element, path: str, name: str, text: str) -> Script:
         try:
             return parse_script(text)
         except ScriptError as problem:
-            raise self.error(element, path, f"{name}: {problem}") from None
+            raise self.files.error(element, path, f"{name}: {problem}") from None
 
     def _suggest(self, kind: str) -> str:
         if kind in ELSEWHERE:
@@ -264,26 +205,19 @@ class Builder:
         near = difflib.get_close_matches(kind, known, 1)
         return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}, or a leaf of yours"
 
-    def _check_children(self, element: Element, path: str, node: type[Node], values: Mapping[str, Any]) -> None:
+    def _check_children(self, element: Element, path: str, node: type[TreeNode], values: Mapping[str, Any]) -> None:
         n = len(element)
+        if not issubclass(node, Node):
+            if n:
+                raise self.files.error(element, path, f"{node.__name__} is a leaf and has no children")
+            return
         if n < node.least or (node.most is not None and n > node.most):
             expected = f"at least {node.least}" if node.most is None else f"{node.least} or {node.most}"
             expected = f"exactly {node.least}" if node.most == node.least else expected
-            raise self.error(element, path, f"{node.__name__}: got {n} children, expected {expected}")
+            raise self.files.error(element, path, f"{node.__name__}: got {n} children, expected {expected}")
         problem = node.problem(values, n)
         if problem:
-            raise self.error(element, path, problem)
-
-    def _key(self, element: Element, path: str, attribute: str, text: str) -> Key | None:
-        """The key that {key} or {=} stands for; None for a literal."""
-        text = text.strip()
-        if not BRACED.fullmatch(text):
-            return None
-        key = KEY.fullmatch(text)
-        if not key and text != "{=}":
-            allowed = "{key} of letters, digits, _ and ., or {=}"
-            raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {allowed}")
-        return Key(key.group(1) if key else attribute)
+            raise self.files.error(element, path, problem)
 
     def _values(
         self,
@@ -297,34 +231,39 @@ class Builder:
         """{port: literal or Key}, checked; of the blackboard, only the literals given to a SubTree are known yet."""
         values: dict[str, Any] = {}
         own = ("name", *ports, *(("ID",) if element.tag in EXPLICIT else ()))
-        self._known(element, path, (*own, *CONDITIONS))
+        with self._mistakes:
+            self.files.known(element, path, (*own, *CONDITIONS))
         for attribute, text in attributes.items():
-            if attribute not in ports:  # of another namespace
-                continue
-            port, key = ports[attribute], self._key(element, path, attribute, text)
-            if key is None and port.direction == "out":
-                example = f"a blackboard entry such as {{{attribute}}}"
-                raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {example}")
-            given = text
-            try:
-                if key is None:
-                    values[attribute] = port.parse(text, self._context)
-                    if attribute in SCRIPTS.get(kind, ()):
+            if attribute in ports:  # else of another namespace
+                with self._mistakes:
+                    values[attribute] = self._value(element, path, attribute, text, ports[attribute], board)
+                    if attribute in SCRIPTS.get(kind, ()) and not isinstance(values[attribute], Key):
                         self._script(element, path, attribute, text)
-                    continue
-                values[attribute] = key
-                board.declare(key.name).named_by(port.type)
-                if port.direction != "out" and key.name in board:
-                    given = board.get(key.name)
-                    port.accept(given, self._context)
-            except (ValueError, OverflowError):
-                source = f" from {{{key.name}}}" if key else ""
-                problem = f"{attribute}: got {shown(given)}{source}, expected {port.expects(self._context)}"
-                raise self.error(element, path, problem) from None
         for name, port in ports.items():
-            if port.default is REQUIRED and name not in values:
-                raise self.error(element, path, f"{name} is missing ({port.doc})")
+            if port.default is REQUIRED and name not in attributes:
+                with self._mistakes:
+                    raise self.files.error(element, path, f"{name} is missing ({port.doc})")
         return values
+
+    def _value(self, element: Element, path: str, attribute: str, text: str, port: Port, board: Blackboard) -> Any:
+        """What one attribute gives to a port: a literal or Key."""
+        key = self.files.key(element, path, attribute, text)
+        if key is None and port.direction == "out":
+            example = f"a blackboard entry such as {{{attribute}}}"
+            raise self.files.error(element, path, f"{attribute}: got {shown(text)}, expected {example}")
+        given: Any = text
+        try:
+            if key is None:
+                return port.parse(text, self._context)
+            board.declare(key.name).named_by(port.type)
+            if port.direction != "out" and key.name in board:
+                given = board.get(key.name)
+                port.accept(given, self._context)
+            return key
+        except (ValueError, OverflowError):
+            source = f" from {{{key.name}}}" if key else ""
+            problem = f"{attribute}: got {shown(given)}{source}, expected {port.expects(self._context)}"
+            raise self.files.error(element, path, problem) from None
 
     def _subtree(
         self,
@@ -333,29 +272,50 @@ class Builder:
         attributes: dict[str, str],
         board: Blackboard,
         path: str,
-        within: tuple[str, ...],
+        use: _Use,
     ) -> SubTree:
         """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
         tree = attributes.pop("ID", "")
-        if tree not in self._trees:
-            raise self.error(element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self._trees)}")
-        if tree in within:
-            raise self.error(element, path, f"{tree} contains itself: {' > '.join((*within, tree))}")
+        if tree not in self.files.trees:
+            raise self.files.error(
+                element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self.files.trees)}"
+            )
+        if tree in use.trees:
+            raise self.files.error(element, path, f"{tree} contains itself: {' > '.join((*use.trees, tree))}")
         if len(element):
-            raise self.error(element, path, "a SubTree has no children: what it does stands in its <BehaviorTree>")
+            raise self.files.error(
+                element, path, "a SubTree has no children: what it does stands in its <BehaviorTree>"
+            )
+        here = self._place_of(element, tree, path, use)
         try:
             autoremap = AUTOREMAP.parse(attributes.pop("_autoremap", "false"))
         except ValueError:
             problem = f"_autoremap: got {shown(element.get('_autoremap'))}, expected {AUTOREMAP.expected}"
-            raise self.error(element, path, problem) from None
-        given = self._given(element, path, attributes, {} if autoremap else self._models.get(tree, {}))
+            raise self.files.error(element, path, problem) from None
+        given = self._given(element, path, attributes, {} if autoremap else self.files.models.get(tree, {}))
         remap = {port: value.name for port, value in given.items() if isinstance(value, Key)}
         literals = {port: value for port, value in given.items() if not isinstance(value, Key)}
         for key in remap.values():
             board.declare(key)
         scope = Blackboard(board, remap, literals, autoremap=autoremap)
-        inside = self._content(tree, scope, path, (*within, tree))
-        return SubTree(name, [inside], self._context.clock, scope, {**({"ID": tree} if tree != name else {}), **given})
+        inside = self._content(tree, scope, path, here)
+        values = {**({"ID": tree} if tree != name else {}), **given}
+        node = SubTree(name, [inside], self._context.clock, scope, values)
+        node.by_model, node.named = frozenset(given) - frozenset(attributes), bool(element.get("name"))
+        return node
+
+    def _place_of(self, element: Element, tree: str, path: str, use: _Use) -> _Use:
+        """The use of a tree by a SubTree, whose path no other one may have; one without a name gets its number."""
+        given = element.get("name")
+        own = f"{tree}::{self._count}" if given is None else given
+        here = f"{use.path}/{own}" if use.path else own
+        if here in self._subtrees:
+            first = self._subtrees[here]
+            where = "the main tree" if first is None else f"{self.files.file_of(first)}:{first.sourceline}"
+            problem = f"name: got {shown(given)}, which has the path of {where}; expected another name, or none"
+            raise self.files.error(element, path, problem)
+        self._subtrees[here] = element
+        return _Use((*use.trees, tree), here)
 
     def _given(
         self, element: Element, path: str, attributes: Mapping[str, str], model: Mapping[str, str | None]
@@ -365,19 +325,12 @@ class Builder:
         for port, text in attributes.items():
             if port.startswith("_"):
                 expected = f"ID, name, _autoremap, {', '.join(CONDITIONS)} or names of the tree's keys"
-                raise self.error(element, path, f"unknown attribute {shown(port)}, expected {expected}")
-            given[port] = self._key(element, path, port, text) or _literal(text)
+                raise self.files.error(element, path, f"unknown attribute {shown(port)}, expected {expected}")
+            given[port] = self.files.key(element, path, port, text) or literal(text)
         for port, default in model.items():
             if port in given:
                 continue
             if default is None:
-                raise self.error(element, path, f"{port} is missing, which its model in TreeNodesModel asks for")
-            given[port] = self._key(element, path, port, default) or _literal(default)
+                raise self.files.error(element, path, f"{port} is missing, which its model in TreeNodesModel asks for")
+            given[port] = self.files.key(element, path, port, default) or literal(default)
         return given
-
-
-def _literal(text: str) -> int | float | str:
-    """A literal for a SubTree: a number where it reads like one, so that scripts can count with it."""
-    if WHOLE.fullmatch(text):
-        return int(text)
-    return float(text) if REAL.fullmatch(text) else text

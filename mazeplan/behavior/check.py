@@ -1,70 +1,113 @@
-"""What a look at a tree finds before anything moves: keys that nobody sets, and branches that no tick reaches."""
+"""What a look at a tree finds before anything moves: keys that nobody sets, ports that nobody reads, branches that no
+tick reaches, trees that nobody uses."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.controls import (
-    AsyncFallback,
-    AsyncSequence,
-    Fallback,
-    ReactiveFallback,
-    ReactiveSequence,
-    Sequence,
-    SequenceWithMemory,
-)
-from mazeplan.behavior.decorators import ForceFailure, ForceSuccess, Inverter, SubTree
+from mazeplan.behavior.decorators import SubTree
+from mazeplan.behavior.leaf import Context
+from mazeplan.behavior.mistakes import MOST, Unbuilt
+from mazeplan.behavior.never_ticked import never_ticked
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.ports import Key
 from mazeplan.behavior.script import Script, ScriptError, parse_script
 from mazeplan.behavior.tree import BehaviorTree, parts_of
+from mazeplan.behavior.treefile import read_tree
 from mazeplan.core.errors import TreeError
 
 SET_BY_THE_RUN = ("goal", "waypoints")  # on the outermost scope, before the first tick
 SCRIPTS = {"Script": "code", "ScriptCondition": "code", "Precondition": "if"}  # ports that hold a script
 NAMES = {"SkipUnlessUpdated": "entry", "WaitValueUpdate": "entry", "WasEntryUpdated": "entry"}  # literals that are keys
-SEQUENCES = (Sequence, AsyncSequence, SequenceWithMemory, ReactiveSequence)
-FALLBACKS = (Fallback, AsyncFallback, ReactiveFallback)
-BOTH = frozenset({"SUCCESS", "FAILURE"})
+
+Home = tuple[int, str]  # a scope and the name of an entry there
 
 
 @dataclass(frozen=True)
 class Findings:
-    """errors: what fails when it is ticked; warnings: what does no harm, and nothing else either."""
+    """errors: what is refused, or fails when it is ticked; warnings: what does no harm, and nothing else either. nodes:
+    how many the tree has; None where it cannot be built."""
 
     errors: tuple[TreeError, ...] = ()
     warnings: tuple[TreeError, ...] = ()
+    nodes: int | None = None
 
 
 @dataclass(frozen=True)
 class _Use:
-    """A node uses a key: through which attribute, by which name, and where that stands."""
+    """A node uses a key: through which attribute, by which name, and the scopes from its own one to that of the key."""
 
     node: TreeNode
     attribute: str
     name: str
-    home: tuple[int, str]
+    way: tuple[tuple[Blackboard, str], ...]
+
+    @property
+    def home(self) -> Home:
+        """Where the key stands."""
+        board, name = self.way[-1]
+        return id(board), name
+
+
+def check_file(source: str | Path, registry: Mapping[str, type[TreeNode]], context: Context) -> Findings:
+    """Look at a file, the packaged tree of that name, or XML text, with the first mistakes that it has (`MOST`).
+
+    Raises TreeError where it cannot be read at all."""
+    draft = read_tree(source).draft(registry, context)
+    if draft.tree is None:
+        return Findings(draft.mistakes)
+    found = check_tree(draft.tree)
+    errors = _in_order((*draft.mistakes, *found.errors))[:MOST]
+    return Findings(errors, _in_order((*found.warnings, *draft.unused)), None if draft.mistakes else found.nodes)
 
 
 def check_tree(tree: BehaviorTree) -> Findings:
     """Look at a tree that was built and not ticked."""
     for name in SET_BY_THE_RUN:
         tree.blackboard.declare(name)
-    reads, writes = list[_Use](), list[_Use]()
-    for node in tree.nodes():
-        for attribute, name, written in _uses(node):
-            home, known = node.board._home(name)
-            (writes if written else reads).append(_Use(node, attribute, name, (id(home), known)))
-    outermost = {(id(tree.blackboard), name) for name in SET_BY_THE_RUN}
+    nodes = list(tree.nodes())
+    reads, writes = _all_uses(nodes)
     given = {(id(board), name) for board in _boards(tree) for name in board}
-    known = {use.home for use in writes} | given | outermost
-    missing = [use for use in reads if use.home not in known]
-    return Findings(
-        tuple(use.node.wrong(_unknown(use, known)) for use in _once(missing)), tuple(_unreachable(tree.root))
-    )
+    known = {use.home for use in writes} | given | {(id(tree.blackboard), name) for name in SET_BY_THE_RUN}
+    calls = {id(node.board): node for node in nodes if isinstance(node, SubTree)}
+    missing = _first_reads([use for use in reads if use.home not in known], calls)
+    errors = [_unknown(use, known, calls.get(use.home[0])) for use in missing]
+    warnings = [*never_ticked(tree.root), *_unread(nodes, (*reads, *writes)), *_hidden(nodes)]
+    return Findings(_once(errors), _once(warnings), len(nodes))
+
+
+def refuse_mistakes(tree: BehaviorTree) -> None:
+    """Raises TreeError for the first error that `check_tree` finds; the error holds the others."""
+    errors = check_tree(tree).errors[:MOST]
+    if errors:
+        errors[0].others = errors[1:]
+        raise errors[0]
+
+
+def reads_key(tree: BehaviorTree, name: str) -> bool:
+    """Whether a tree reads an entry of its outermost scope."""
+    reads, _ = _all_uses(list(tree.nodes()))
+    return any(use.home == (id(tree.blackboard), name) for use in reads)
+
+
+def _all_uses(nodes: Iterable[TreeNode]) -> tuple[list[_Use], list[_Use]]:
+    """What nodes read, and what they set."""
+    reads, writes = list[_Use](), list[_Use]()
+    for node in nodes:
+        for attribute, name, written in _uses(node):
+            use = _Use(node, attribute, name, tuple(_scope(node).way(name)))
+            (writes if written else reads).append(use)
+    return reads, writes
+
+
+def _scope(node: TreeNode) -> Blackboard:
+    """The blackboard on which the attributes of a node stand: for a SubTree that around it."""
+    outside = node.board.outside if isinstance(node, SubTree) else None
+    return node.board if outside is None else outside
 
 
 def _boards(tree: BehaviorTree) -> Iterator[Blackboard]:
@@ -72,45 +115,76 @@ def _boards(tree: BehaviorTree) -> Iterator[Blackboard]:
     yield from (part.board for node in tree.nodes() for part in parts_of(node))
 
 
-def _once(uses: Iterable[_Use]) -> Iterator[_Use]:
-    """One use of each key at each line."""
-    seen = set()
+def _once(found: Iterable[TreeError]) -> tuple[TreeError, ...]:
+    """Each remark once at its line: a tree that is used again has them again."""
+    kept = dict[tuple[str, int | None, str], TreeError]()
+    for error in found:
+        kept.setdefault((str(error.file), error.line, error.problem), error)
+    return tuple(kept.values())
+
+
+def _in_order(found: Iterable[TreeError]) -> tuple[TreeError, ...]:
+    """By file and line."""
+    return tuple(sorted(found, key=lambda e: (str(e.file), e.line or 0)))
+
+
+def _first_reads(uses: Iterable[_Use], calls: Mapping[int, SubTree]) -> list[_Use]:
+    """Of uses whose key a SubTree does not give the first one of each key: they have one mistake in common."""
+    kept = dict[object, _Use]()
     for use in uses:
-        place = use.node.place
-        where = (place.file, place.line, use.name) if place else (id(use.node), 0, use.name)
-        if where not in seen:
-            seen.add(where)
-            yield use
+        kept.setdefault(use.home if use.home[0] in calls else id(use), use)
+    return list(kept.values())
 
 
-def _unknown(use: _Use, known: set[tuple[int, str]]) -> str:
-    names = sorted({name for scope, name in known if scope == use.home[0]})
-    near = difflib.get_close_matches(use.home[1], names, 1)
+def _unknown(use: _Use, known: set[Home], call: SubTree | None) -> TreeError:
+    """The error for a key that nobody sets: at the SubTree that does not give it, or at the node that reads it."""
+    scope, key = use.home
+    names = sorted({name for board, name in known if board == scope})
+    near = difflib.get_close_matches(key, names, 1)
+    if call is not None:
+        where = use.node.place
+        at = "" if where is None else f" at {where.file.name}:{where.line}"
+        hint = f"; or was {{{near[0]}}} meant there?" if near else ""
+        return call.wrong(f"{key} is missing: inside, {use.node.name} reads {{{use.name}}}{at}{hint}")
     hint = f"did you mean {{{near[0]}}}?" if near else f"set are {', '.join(names) or 'none'}"
-    inner = "" if use.home[1] == use.name else f", which is {{{use.home[1]}}} outside"
-    return f"{use.attribute}: nothing sets {{{use.name}}}{inner}; {hint}"
+    inner = "" if key == use.name else f", which is {{{key}}} outside"
+    return use.node.wrong(f"{use.attribute}: nothing sets {{{use.name}}}{inner}; {hint}")
 
 
-def _uses(node: TreeNode) -> Iterator[tuple[str, str, bool]]:
-    """(attribute, key, whether it is set) of what a node reads and sets."""
-    kind = type(node).__name__
-    if not isinstance(node, SubTree):
-        for attribute, value in node.values.items():
-            port = node.ports.get(attribute)
-            if isinstance(value, Key) and port is not None:
-                if port.direction != "out":
-                    yield attribute, value.name, False
-                if port.direction != "in":
-                    yield attribute, value.name, True
-            elif attribute == NAMES.get(kind):
-                yield attribute, str(value), False
-            elif attribute == SCRIPTS.get(kind):
-                yield from _used_by(attribute, _parsed(str(value)), node.board.enums)
-            elif kind == "SetBlackboard" and attribute == "output_key":
-                yield attribute, str(value), True
+def _unread(nodes: Iterable[TreeNode], uses: Iterable[_Use]) -> Iterator[TreeError]:
+    """Ports that are given to a SubTree, and that nothing in it reads or sets. What it gives on to another one counts
+    as used: there it has a remark of its own."""
+    calls = [node for node in nodes if isinstance(node, SubTree)]
+    used = {(id(board), name) for use in uses for board, name in use.way}
+    for call in calls:
+        around = _scope(call)
+        keys = [value.name for value in call.values.values() if isinstance(value, Key)]
+        used |= {(id(board), name) for key in keys for board, name in around.way(key)}
+    for call in calls:
+        tree = call.values.get("ID", call.name)
+        for port in call.values:
+            if port != "ID" and port not in call.by_model and (id(call.board), port) not in used:
+                yield call.wrong(f"{port}: nothing in {tree} reads it")
+
+
+def _hidden(nodes: Iterable[TreeNode]) -> Iterator[TreeError]:
+    """Scripts that set a key which they cannot read: it has the name of an enum."""
+    for node in nodes:
+        enums = node.board.enums
+        for attribute, script in _scripts(node):
+            for name in sorted(script.sets & set(enums)):
+                yield node.wrong(f"{attribute}: sets {name}, but scripts read the enum of that name, {enums[name]}")
+
+
+def _scripts(node: TreeNode) -> Iterator[tuple[str, Script]]:
+    """The scripts of a node, by attribute."""
+    port = SCRIPTS.get(type(node).__name__)
+    text = None if port is None else node.values.get(port)
+    script = _parsed(text) if isinstance(text, str) else None
+    if port is not None and script is not None:
+        yield port, script
     if node.conditions is not None:
-        for attribute, script in node.conditions.given.items():
-            yield from _used_by(attribute, script, node.board.enums)
+        yield from node.conditions.given.items()
 
 
 def _parsed(text: str) -> Script | None:
@@ -120,37 +194,23 @@ def _parsed(text: str) -> Script | None:
         return None
 
 
-def _used_by(attribute: str, script: Script | None, enums: Iterable[str] = ()) -> Iterator[tuple[str, str, bool]]:
-    if script is not None:
+def _uses(node: TreeNode) -> Iterator[tuple[str, str, bool]]:
+    """(attribute, key, whether it is set) of what a node reads and sets."""
+    if isinstance(node, Unbuilt):
+        yield from (("", word, True) for word in sorted(node.words))
+        return
+    kind = type(node).__name__
+    for attribute, value in () if isinstance(node, SubTree) else node.values.items():
+        port = node.ports.get(attribute)
+        if isinstance(value, Key) and port is not None:
+            if port.direction != "out":
+                yield attribute, value.name, False
+            if port.direction != "in":
+                yield attribute, value.name, True
+        elif attribute == NAMES.get(kind):
+            yield attribute, str(value), False
+        elif kind == "SetBlackboard" and attribute == "output_key":
+            yield attribute, str(value), True
+    for attribute, script in _scripts(node):
         yield from ((attribute, name, True) for name in sorted(script.writes))
-        yield from ((attribute, name, False) for name in sorted(script.reads - set(enums) - script.writes))
-
-
-def _ends(node: TreeNode) -> frozenset[str]:
-    """How a node may end."""
-    if node.conditions is not None:
-        return BOTH | {"SKIPPED"}
-    match type(node).__name__:
-        case "AlwaysSuccess":
-            return frozenset({"SUCCESS"})
-        case "AlwaysFailure":
-            return frozenset({"FAILURE"})
-    if isinstance(node, ForceSuccess):
-        return frozenset({"SUCCESS"}) | (_ends(node.parts[0]) - BOTH)
-    if isinstance(node, ForceFailure):
-        return frozenset({"FAILURE"}) | (_ends(node.parts[0]) - BOTH)
-    if isinstance(node, Inverter):
-        other = {"SUCCESS": "FAILURE", "FAILURE": "SUCCESS"}
-        return frozenset(other.get(end, end) for end in _ends(node.parts[0]))
-    return _ends(node.parts[0]) if isinstance(node, SubTree) else BOTH
-
-
-def _unreachable(node: TreeNode) -> Iterator[TreeError]:
-    """Children behind one that stops the row in any case."""
-    goes_on = "SUCCESS" if isinstance(node, SEQUENCES) else "FAILURE" if isinstance(node, FALLBACKS) else None
-    for i, child in enumerate(parts_of(node)):
-        yield from _unreachable(child)
-        more = parts_of(node)[i + 1 :]
-        if goes_on and more and not _ends(child) & {goes_on, "SKIPPED"}:
-            yield more[0].wrong(f"never ticked: {child.name} before it never ends with {goes_on}")
-            return
+        yield from ((attribute, name, False) for name in sorted(script.reads - set(node.board.enums) - script.writes))

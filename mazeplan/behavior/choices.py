@@ -6,12 +6,12 @@ They have the semantics of BehaviorTree.CPP 4.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 from py_trees.common import Status
 
-from mazeplan.behavior.node import Control
+from mazeplan.behavior.node import Control, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port
 from mazeplan.behavior.script import EPSILON, number_of, text_of
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
@@ -129,6 +129,19 @@ def _equal(a: str, b: str, enums: Mapping[str, int]) -> bool:
     return x is not None and y is not None and math.fabs(x - y) <= EPSILON
 
 
+def equal_cases(node: TreeNode) -> Iterator[tuple[int, int]]:
+    """(number of a case, number of a later one that is equal to it) of a Switch, from 1; none of another node."""
+    if not isinstance(node, _Switch):
+        return
+    cases = [node.values[f"case_{i}"] for i in range(1, node.cases + 1)]
+    for j, later in enumerate(cases):
+        for i, case in enumerate(cases[:j]):
+            keys = isinstance(case, Key) or isinstance(later, Key)
+            if case == later if keys else _equal(_text(case), _text(later), node.board.enums):
+                yield i + 1, j + 1
+                break
+
+
 def _switch(n: int) -> type[_Switch]:
     words = {"variable": Port(str, REQUIRED, "the value to compare, often a {key}")}
     words |= {f"case_{i}": Port(str, REQUIRED, f"value of child {i}") for i in range(1, n + 1)}
@@ -181,8 +194,9 @@ class ManualSelector(Control):
         names = [child.name for child in self.parts]
         if text in names:
             return names.index(text)
-        if text.isdecimal() and 1 <= int(text) <= len(names):
-            return int(text) - 1
+        number = number_of(text, {}) if text not in ("true", "false") else None
+        if number is not None and number.is_integer() and 1 <= number <= len(names):  # 2.000000 is that of a script
+            return int(number) - 1
         raise self.wrong(f"selection: got {text!r}, expected one of {', '.join(names)}, or 1 to {len(names)}")
 
     def on_halt(self) -> None:

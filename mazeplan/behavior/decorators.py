@@ -330,7 +330,11 @@ class WaitValueUpdate(_Updated):
 
 
 class SubTree(Decorator):
-    """Another tree of the file, on a blackboard scope of its own."""
+    """Another tree of the file, on a blackboard scope of its own. by_model: ports whose value is a default of its
+    model; named: whether the file gives it a name."""
+
+    by_model: frozenset[str] = frozenset()
+    named: bool = False
 
     def run(self) -> Result:
         """The result of the tree."""

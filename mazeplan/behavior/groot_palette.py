@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
@@ -11,7 +11,9 @@ from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compile
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key
 
-MODEL = re.compile(r"^[ \t]*<TreeNodesModel(?:/>|>.*?</TreeNodesModel>)[ \t]*\n?", re.DOTALL | re.MULTILINE)
+MODEL = re.compile(r"[ \t]*<TreeNodesModel\s*(?:/>|>.*?</TreeNodesModel\s*>)[ \t]*(?:\r?\n)?", re.DOTALL)
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+END = re.compile(r"</root\s*>")
 TAGS = {"in": "input_port", "out": "output_port", "inout": "inout_port"}
 TYPES = {int: "int", float: "double", bool: "bool", str: "std::string", list: "std::vector<std::string>"}  # C++ names
 
@@ -26,21 +28,32 @@ def write_palette(registry: Mapping[str, type[TreeNode]]) -> str:
     return etree.tostring(root, pretty_print=True, encoding="unicode")
 
 
-def renewed(text: str, registry: Mapping[str, type[TreeNode]]) -> str:
-    """A tree's file with the model of the leaves that it uses: its own one is replaced, or one is added at the end.
-    All else stays as it is. Raises ValueError where the file has no end."""
-    found = MODEL.search(text)
-    kinds = {name: leaf for name, leaf in registry.items() if re.search(rf'[<"]{re.escape(name)}[\s"/>]', text)}
+def renewed(text: str, registry: Mapping[str, type[TreeNode]], more: Collection[str] = ()) -> str:
+    """A tree's file with the model of the nodes that it uses, and of those in `more`: its own one is replaced, or one
+    is added at the end. What its model says of SubTrees stays, and all else. The same again for a file that has it."""
+    bare = COMMENT.sub(lambda comment: " " * len(comment.group()), text)  # the same places, without comments
+    spans = [found.span() for found in MODEL.finditer(bare)]
+    end = [found.start() for found in END.finditer(bare)][-1]
+    used = MODEL.sub("", bare)
+    kinds = {
+        name: node for name, node in registry.items()
+        if name in more or re.search(rf'[<"]{re.escape(name)}[\s"/>]', used)
+    }  # fmt: skip
+    model = etree.Element("TreeNodesModel")
+    for start, stop in spans:
+        model.extend(etree.fromstring(text[start:stop].strip()).findall("SubTree"))
     if not kinds:
         return text
-    model = etree.Element("TreeNodesModel")
     add_models(model, kinds)
     etree.indent(model, level=1)
-    new = "  " + etree.tostring(model, encoding="unicode").rstrip() + "\n"
-    if found is not None:
-        return text[: found.start()] + new + text[found.end() :]
-    end = text.rindex("</root>")
-    return text[:end] + new + text[end:]
+    newline = "\r\n" if "\r\n" in text else "\n"
+    new = f"  {etree.tostring(model, encoding='unicode').rstrip()}\n".replace("\n", newline)
+    line = bare.rfind("\n", 0, end) + 1
+    place = spans[0][0] if spans else line if not text[line:end].strip() else end
+    rest = text[place:]
+    for start, stop in reversed(spans):
+        rest = rest[: start - place] + rest[stop - place :]
+    return text[:place] + (newline if text[:place] and text[place - 1] != "\n" else "") + new + rest
 
 
 def without_model(text: str) -> str:

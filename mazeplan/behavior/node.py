@@ -257,8 +257,16 @@ class Node(TreeNode):
         raise NotImplementedError(f"{type(self).__name__} has no run")
 
     def tick_child(self, index: int) -> Result:
-        """Tick one child and return how that ended."""
-        return self.parts[index].execute()
+        """Tick one child and return how that ended. Raises TreeError where there is none of that number."""
+        try:
+            child = self.parts[index]
+        except (IndexError, TypeError):
+            n = len(self.parts)
+            expected = f"a number from 0 to {n - 1}" if n > 1 else "0"
+            children = "one child" if n == 1 else f"{n} children"
+            what = f"tick_child of {type(self).__name__}: got {shown(index)}, expected {expected}"
+            raise self.wrong(f"{what}: it has {children}") from None
+        return child.execute()
 
     def reset_children(self, start: int = 0) -> None:
         """Make the children idle, from `start` on; those that run are halted."""

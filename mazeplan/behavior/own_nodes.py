@@ -66,6 +66,11 @@ class Registry(Mapping[str, type[TreeNode]]):
         """Entry points by the names of leaves that they offer; nothing of them is imported."""
         return {found.name: found for found in plugins(LEAVES) if not_a_name(found) is None}
 
+    @property
+    def of_modules(self) -> frozenset[str]:
+        """Names of the nodes that the modules bring."""
+        return frozenset(name for name in self._known if name not in REGISTRY and name not in self.owners)
+
     def usable(self, tell: Callable[[str], object]) -> dict[str, type[TreeNode]]:
         """All of them; of an installed one that is broken `tell` is told."""
         out = {}

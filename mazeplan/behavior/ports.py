@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
@@ -41,6 +42,7 @@ CONVERSIONS: dict[type, Any] = {int: _number(int), float: _number(float), str: s
 INSTANCES: dict[type, Any] = {int: Integral, float: Real, bool: bool, list: list | tuple}  # str: any object at all
 
 
+NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?")
 OF_THE_MAP = ("openings", "rings")
 
 
@@ -129,8 +131,23 @@ class Port:
             allowed = self.allowed(context)
             words: Any = value if self.type is list else (value,)
             if allowed is not None and not (words and all(word in allowed for word in words)):
-                raise ValueError(value)
+                chosen = [_same_number(word, allowed) for word in words]
+                if not chosen or None in chosen:
+                    raise ValueError(value)
+                return chosen if self.type is list else chosen[0]
         return value
+
+
+def _same_number(word: Any, allowed: tuple[Any, ...]) -> Any:
+    """Of the allowed values the one that is this word, or this number in another form (3, 3.0, 3.000000); None: none
+    is."""
+    if word in allowed or not isinstance(word, str):
+        return word if word in allowed else None
+    return next((one for one in allowed if NUMBER.fullmatch(word) and _number_in(str(one)) == float(word)), None)
+
+
+def _number_in(text: str) -> float | None:
+    return float(text) if NUMBER.fullmatch(text) else None
 
 
 @dataclass(frozen=True)

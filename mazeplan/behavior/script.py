@@ -76,12 +76,14 @@ Evaluate = Callable[[Scope], Any]
 
 @dataclass(frozen=True)
 class Script:
-    """A script as it was written, ready to run. reads, writes: the names on the blackboard that it uses."""
+    """A script as it was written, ready to run. reads, writes: the names on the blackboard that it uses; sets: those
+    that it assigns to by any sign, which `:=` alone makes."""
 
     text: str
     evaluate: Evaluate
     reads: frozenset[str] = frozenset()
     writes: frozenset[str] = frozenset()
+    sets: frozenset[str] = frozenset()
 
     def holds(self, scope: Scope) -> bool:
         """Whether its value is true. Raises ScriptError."""
@@ -104,7 +106,7 @@ def parse_script(text: str) -> Script:
     if len(text) > MAX_LENGTH:
         raise ScriptError(f"got {len(text)} characters, expected at most {MAX_LENGTH}")
     parser = _Parser(text)
-    return Script(text, parser.whole(), frozenset(parser.reads), frozenset(parser.writes))
+    return Script(text, parser.whole(), *map(frozenset, (parser.reads, parser.writes, parser.sets)))
 
 
 class _Parser:
@@ -114,6 +116,7 @@ class _Parser:
         self._tokens, self._at, self._depth = _tokens(text), 0, 0
         self.reads: set[str] = set()
         self.writes: set[str] = set()
+        self.sets: set[str] = set()
 
     def whole(self) -> Evaluate:
         """All statements; the value is that of the last one."""
@@ -178,6 +181,7 @@ class _Parser:
         if name is None:
             self._unexpected("a name on the blackboard to the left of it")
         self._at += 1
+        self.sets.add(name)
         if sign == ":=":  # which needs no entry; its name was read as that of a value
             self.reads.discard(name)
             self.writes.add(name)

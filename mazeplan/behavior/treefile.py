@@ -13,10 +13,12 @@ from pathlib import Path
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.builder import EXPLICIT, Builder, Element, Part, one_line
+from mazeplan.behavior.builder import Builder
+from mazeplan.behavior.draft import Draft, draft
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.tree_parts import EXPLICIT, Element, Part, one_line
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import TreeError
 
@@ -49,6 +51,10 @@ class TreeFile:
     def build(self, registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None) -> BehaviorTree:
         """A tree that has not begun. Raises as `load_tree` does."""
         return Builder(self.parts, registry, context).build(main)
+
+    def draft(self, registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None) -> Draft:
+        """As `build`, but with all its mistakes instead of an error at the first one."""
+        return draft(self.parts, registry, context, main)
 
 
 def read_tree(source: str | Path) -> TreeFile:

@@ -27,9 +27,11 @@ class MazeplanError(Exception):
 
 
 class InputError(MazeplanError):
-    """Something a person wrote is wrong. One line: file, place, what was got, what is allowed."""
+    """Something a person wrote is wrong. One line: file, place, what was got, what is allowed. others: those that were
+    found with it."""
 
     exit_status = 2
+    others: tuple[InputError, ...] = ()
 
     def __init__(
         self,

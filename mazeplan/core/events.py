@@ -224,6 +224,12 @@ class TimedEvent:
         """Whether the event reports that the rig failed."""
         return isinstance(self.event, FailureReported) and self.event.kind == FailureKind.RIG_FAILED
 
+    @property
+    def error_follows(self) -> bool:
+        """Whether the event reports what an error tells in full right afterwards: the rig or a leaf failed."""
+        kinds = (FailureKind.RIG_FAILED, FailureKind.LEAF_FAILED)
+        return isinstance(self.event, FailureReported) and self.event.kind in kinds
+
 
 def _event(kind: str, detail: Mapping[str, Any]) -> RunEvent:
     if kind in KINDS:

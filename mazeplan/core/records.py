@@ -256,7 +256,7 @@ class RingPassage:
 
 @dataclass(frozen=True, slots=True)
 class GoalGiven:
-    """A goal of a run: ring, and rig time from which on it was the goal, s."""
+    """A goal of a run: ring, and rig time at which it was given, s. Several of one time are visited in this order."""
 
     ring: int
     t: float

@@ -95,7 +95,7 @@ class Run:
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._held = LEVEL  # the last command of the rig
         self._seen_at = 0.0  # when the ball was seen last
-        self._requests, self._goals = requests, [GoalGiven(job.goal, 0.0)]
+        self._requests, self._goals = requests, [GoalGiven(ring, 0.0) for ring in (*job.via, job.goal)]
         self._leaves = registry_with(setup.behavior_modules)
         self._tree_file = read_tree(setup.behavior)  # once: at another goal the file may be another, or gone
         self.context, self._tree = self._towards(job.goal, job.closed, via=job.via)

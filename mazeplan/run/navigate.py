@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
+from mazeplan.behavior.check import reads_key, refuse_mistakes
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.tree_parts import one_line
 from mazeplan.core.display import Display
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.logs.run_log import Sink
@@ -75,6 +77,8 @@ def navigate(
     around: wraps the rig, for example to pace it by the wall clock
     watch: called with each tree and its context before it begins, for example by a monitor
 
+    The tree is checked before anything moves, as `behavior check` does.
+
     Raises InputError for an argument that cannot be used, RigError when the machine fails.
     """
     maze = map if isinstance(map, Maze) else load_map(map)
@@ -96,7 +100,7 @@ def navigate(
         memory=kept,
         model_source=None if isinstance(model, RigModel) else model_source(model, rig_name),
         effects=effects,
-        watch=watch,
+        watch=_checked(behavior, job.via, watch),
     )
     with _open_rig(machine, guard):
         result = run_job(machine, setup, job, log=log, display=display, goals=goals, feed=feed)
@@ -108,6 +112,32 @@ def navigate(
         error.result = result
         raise
     return result
+
+
+def _checked(
+    behavior: str, via: Sequence[int], watch: Callable[[BehaviorTree, RunContext], None] | None
+) -> Callable[[BehaviorTree, RunContext], None]:
+    """A `watch` that refuses mistakes in the first tree of a run, which begins before the rig moves: those of another
+    goal are the same."""
+    checked = False
+
+    def looked(tree: BehaviorTree, context: RunContext) -> None:
+        nonlocal checked
+        if watch is not None:
+            watch(tree, context)  # it may give entries
+        if checked:
+            return
+        checked = True
+        refuse_mistakes(tree)
+        if via and not reads_key(tree, "waypoints"):
+            rings = ", ".join(f"ring{ring}" for ring in via)
+            expected = "expected `waypoints`, or a tree that does"
+            raise InputError(
+                f"got {rings}, but the tree {one_line(behavior, 300)} does not read {{waypoints}}; {expected}",
+                key="via",
+            )
+
+    return looked
 
 
 @contextmanager

@@ -152,7 +152,7 @@ def _words(timed: TimedEvent) -> str:
     """An event in a line for the display; empty for one that the display does not show."""
     match timed.event:
         case FailureReported(kind, where, detail):
-            return kind if timed.rig_failed else ", ".join(filter(None, (kind, where, detail)))
+            return kind if timed.error_follows else ", ".join(filter(None, (kind, where, detail)))
         case RecoveryChosen(recovery):
             return recovery
         case PlacedElsewhere(_, asked):

@@ -23,8 +23,12 @@ CHOOSE = '<ChooseOpening goal="{goal}" opening="{opening}"/>'
 LEG = '<SubTree ID="Leg" opening="{opening}"/>'
 PLANTED = [
     ('\n<Align opening="{openning}"/>', 3, "nothing sets {openning}; did you mean {opening}?"),
-    ('\n<SubTree ID="Leg" name="none"/>', 7, "opening: nothing sets {opening}"),
-    ('\n<SubTree ID="Leg" opening="{gate}"/>', 7, "nothing sets {opening}, which is {gate} outside"),
+    (
+        '\n<SubTree ID="Leg" name="none"/>',
+        3,
+        "none: opening is missing: inside, PlanInRing reads {opening} at tree.xml:6",
+    ),
+    ('\n<SubTree ID="Leg" opening="{gate}"/>', 6, "nothing sets {opening}, which is {gate} outside"),
     ('\n<Align opening="1-2@46"/>', 3, "got '1-2@46', expected one of"),
     ('\n<InRing ring="9"/>', 3, "got '9', expected one of"),
     ('\n<Settle ring="{goal}" _skipIf="tries &gt; 2"/>', 3, "_skipIf: nothing sets {tries}"),

@@ -47,13 +47,14 @@ def test_a_stdout_that_cannot_be_written_is_one_line_and_status_1(words):
     assert (done.returncode, done.stderr) == (1, "mazeplan: cannot write: No space left on device\n")
 
 
-def test_a_reader_that_left_is_one_line_and_status_1():
+@pytest.mark.parametrize("words", ["doctor", "behavior list", "behavior list --json"])
+def test_a_reader_that_left_is_silence_and_status_1(words):
     read, write = os.pipe()
     os.close(read)
-    words = [sys.executable, "-m", "mazeplan", "doctor"]
-    done = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    command = [sys.executable, "-m", "mazeplan", *words.split()]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
-    assert (done.returncode, done.stderr) == (1, "mazeplan: cannot write: Broken pipe\n")
+    assert (done.returncode, done.stderr) == (1, "")
 
 
 def test_a_tolerant_stream_drops_what_it_cannot_write():

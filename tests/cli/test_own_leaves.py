@@ -119,6 +119,16 @@ def test_a_leaf_that_raises_or_exits_is_one_line_with_the_place_in_its_code(call
     assert last.endswith("(mine.py:5)")
 
 
+def test_a_leaf_that_raises_is_told_once(call, place):
+    (place / "mine.py").write_text(RAISES)
+    tree(place, "<Raises/>")
+    code, out, err = call("navigate", *OWN, "--log", "run.mcap")
+    assert (code, out, err.count("KeyError")) == (2, "", 1)
+    failures = read_log(place / "run.mcap").result["failures"]
+    assert [failure["kind"] for failure in failures] == ["leaf_failed"]
+    assert failures[0]["detail"] == err.splitlines()[-1].removeprefix("mazeplan: ")
+
+
 def changed(old, new):
     assert old in COUNT
     return COUNT.replace(old, new)

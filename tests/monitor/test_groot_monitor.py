@@ -14,6 +14,7 @@ msgpack = pytest.importorskip("msgpack", reason="the extra groot is not installe
 
 import mazeplan  # noqa: E402
 from mazeplan.apps.monitor.server import Monitor  # noqa: E402
+from mazeplan.apps.monitor.tree_xml import tree_xml  # noqa: E402
 from mazeplan.behavior.builtin_leaves import BUILTIN_LEAVES  # noqa: E402
 from mazeplan.behavior.status import FAILURE, RUNNING, SUCCESS  # noqa: E402
 from mazeplan.behavior.treefile import load_tree  # noqa: E402
@@ -91,9 +92,27 @@ def test_the_tree_has_numbers_paths_and_models(watched):
     assert struct.unpack("<BBI", header[:6]) == (2, ord("T"), 77)
     root = etree.fromstring(body)
     trees = root.findall("BehaviorTree")
-    assert [(t.get("ID"), t.get("_fullpath")) for t in trees] == [("Main", ""), ("Inner", "both/Inner")]
+    assert [(t.get("ID"), t.get("_fullpath")) for t in trees] == [("Main", ""), ("Inner", "Inner::3")]
     assert [e.get("_uid") for t in trees for e in t.iter() if e is not t] == ["1", "2", "3", "5", "4"]
     assert root.find("TreeNodesModel/Action[@ID='Sleep']/input_port").get("name") == "msec"
+
+
+TWICE = """<root BTCPP_format="4" main_tree_to_execute="Main">
+<BehaviorTree ID="Main"><Sequence><SubTree ID="Inner"/><SubTree ID="Inner"/><SubTree ID="Inner" name="last"/></Sequence>
+</BehaviorTree>
+<BehaviorTree ID="Inner"><Sequence><SubTree ID="Deep"/><SubTree ID="Deep" name="deep"/></Sequence></BehaviorTree>
+<BehaviorTree ID="Deep"><AlwaysSuccess/></BehaviorTree></root>"""
+
+
+def test_each_use_of_a_tree_has_a_path_of_its_own_with_its_number_unless_it_has_a_name():
+    root = etree.fromstring(tree_xml(load_tree(TWICE, BUILTIN_LEAVES, Clock())).encode())
+    paths = [t.get("_fullpath") for t in root.findall("BehaviorTree")]
+    assert paths == [
+        "", "Inner::2", "Inner::2/Deep::4", "Inner::2/deep", "Inner::8", "Inner::8/Deep::10", "Inner::8/deep",
+        "last", "last/Deep::16", "last/deep",
+    ]  # fmt: skip
+    assert [e.get("_fullpath") for e in root.iter("SubTree")][:3] == ["Inner::2", "Inner::8", "last"]
+    assert [e.get("_uid") for e in root.iter("SubTree")][:2] == ["2", "8"]
 
 
 def test_the_statuses_are_those_of_the_last_tick(watched):
@@ -109,9 +128,9 @@ def test_the_statuses_are_those_of_the_last_tick(watched):
 def test_blackboards_by_the_names_of_their_trees(watched):
     tree, _, client = watched
     tree.tick()
-    dump = msgpack.unpackb(client.ask("B", b"Main;both/Inner")[1])
+    dump = msgpack.unpackb(client.ask("B", b"Main;Inner::3")[1])
     assert dump["Main"] == {"n": 3, "word": "red"}
-    assert dump["both/Inner"] == {}
+    assert dump["Inner::3"] == {}
 
 
 def hook(uid, mode, result="SUCCESS", once=False, position=0):

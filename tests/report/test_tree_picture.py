@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import pytest
 from commands import call as run_command
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from mazeplan.apps.report import tree_picture
 from mazeplan.apps.report.tree_picture import History, history, save_tree_picture
+from mazeplan.apps.testing import run_tree
 from mazeplan.behavior.outline import rows_of, tree_text
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.treefile import load_tree
@@ -47,7 +52,7 @@ def test_the_path_to_the_last_failure_is_marked_and_statuses_stand_beside_the_no
     monkeypatch.setattr(tree_picture, "draw_ending", lambda axes, *what: drawn.append(what))
     draw = tree_picture._draw_nodes
     monkeypatch.setattr(
-        tree_picture, "_draw_nodes", lambda axes, rows, bad: marked.append(bad) or draw(axes, rows, bad)
+        tree_picture, "_draw_nodes", lambda axes, rows, bad, ended: marked.append(bad) or draw(axes, rows, bad, ended)
     )
     tree = tree_of(TWICE)
     changes = ((0.0, "-" * 11), (0.1, "RSFFS----R-"), (0.4, "RSFFSRRRR--"), (1.0, "-" * 11))
@@ -73,7 +78,7 @@ def test_of_a_run_the_tree_and_its_failures_come_from_the_log(tmp_path, monkeypa
     assert (code, picture.read_bytes()[:4]) == (0, b"\x89PNG"), err
     did = history(load_tree(tmp_path / "tree.xml", registry_with(), Context()), read_log(log))
     assert [number for _, number in did.failures] == [3, 3]
-    assert did.path == {0, 2, 3}
+    assert (did.path, did.ended) == ({0, 2, 3}, 3)
     with pytest.raises(
         LogError, match=r"run.mcap: got the log of another tree, expected one of a run with the tree Main"
     ):
@@ -81,3 +86,59 @@ def test_of_a_run_the_tree_and_its_failures_come_from_the_log(tmp_path, monkeypa
     code, _, err = run_command(monkeypatch, capsys, "behavior", "show", "--log", str(log))
     assert code == 2
     assert "--log: expected -o FILE, too" in err
+
+
+BODY = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence><AlwaysSuccess/>{}</Sequence></BehaviorTree></root>'
+RETRY = '<RetryUntilSuccessful num_attempts="2"><PassOpening opening="1-2@45" timeout_s="0.2"/></RetryUntilSuccessful>'
+RAISING = "from mazeplan import MazeLeaf\nclass Breaks(MazeLeaf):\n    def step(self):\n        raise KeyError\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "reason", "ended"),
+    [
+        (RETRY, "missed_opening", 3),
+        ("<Fallback><InRing ring='4'/><Sleep msec='9000'/></Fallback>", "out_of_time", 4),  # which ran
+        ("<Fallback><InRing ring='4'/><AlwaysFailure/></Fallback>", "failed", 4),
+        (f"<ForceSuccess>{RETRY}</ForceSuccess><AlwaysFailure/>", "missed_opening", 4),
+        ("<Inverter><Breaks/></Inverter>", "leaf_failed", 3),
+        (f"<ForceSuccess>{RETRY}</ForceSuccess>", "arrived", None),
+    ],
+)
+def test_the_node_that_ended_a_run_without_success_is_found(tmp_path, monkeypatch, body, reason, ended):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "breaking_for_pictures.py").write_text(RAISING)
+    (tmp_path / "tree.xml").write_text(BODY.format(body))
+    modules = ("breaking_for_pictures",)
+    with suppress(KeyError):
+        run_tree("tree.xml", goal=1, time_limit=1.0, log="run.mcap", behavior_modules=modules)
+    log = read_log(tmp_path / "run.mcap")
+    did = history(load_tree("tree.xml", registry_with(modules), Context()), log)
+    assert (log.result["reason"], did.ended) == (reason, ended)
+    assert ended is None or max(did.path) == ended
+
+
+def test_the_node_that_ended_a_run_is_marked_and_the_legend_stands_below_all(tmp_path, monkeypatch):
+    figures = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: figures.append(self) or save(self, *a, **k))
+    changes = ((0.0, "-" * 11), (0.1, "RSFFS----R-"), (0.4, "RSFFSRRRR--"), (1.0, "-" * 11))
+    did = History(1.0, changes, ((0.4, 8),), frozenset({0, 5, 6, 7, 8}), 8)
+    save_tree_picture(tree_of(TWICE), tmp_path / "t.png", did)
+    (figure,) = figures
+    nodes, over_time = figure.axes
+    marks = [text.get_position()[1] for text in nodes.texts if "ended the run" in text.get_text()]
+    assert len(marks) == 1
+    filled = [
+        t.get_text()
+        for t in nodes.texts
+        if t.get_bbox_patch() and to_hex(t.get_bbox_patch().get_facecolor()) == "#f6c9c0"
+    ]
+    assert filled == ["Dither"]
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    below = legend.get_window_extent()
+    assert over_time.get_legend() is None
+    assert below.y1 <= over_time.get_tightbbox().y0
+    assert below.y0 >= 0.0
+    assert {text.get_text() for text in legend.get_texts()} == {"running", "succeeded", "failed", "a leaf's failure"}

@@ -2,7 +2,8 @@
 
 Exit status: 0 success, 1 the job ran without success, 2 bad input or usage, 3 the rig failed, 130 Ctrl-C, 143 SIGTERM,
 129 SIGHUP. A signal ends a run like Ctrl-C: the plate is level and the log complete.
-Streams: a full or closed stderr changes nothing. A stdout that cannot be written gives one line and turns 0 into 1.
+Streams: a full or closed stderr changes nothing. A stdout that cannot be written turns 0 into 1 and gives one line, or
+none where the reader left (`| head`).
 Each command imports what it needs when it runs, so that `--help` answers at once.
 """
 
@@ -113,8 +114,9 @@ def flush_output(status: int, stdout: Any) -> int:
 
 
 def end_unwritable(problem: OSError, status: int = 0) -> NoReturn:
-    """End at once: stdout takes no more, and its buffer would fail again."""
-    print(f"mazeplan: cannot write: {problem.strerror}", file=sys.stderr)
+    """End at once: stdout takes no more, and its buffer would fail again. A reader that left knows it."""
+    if problem.errno != errno.EPIPE:
+        print(f"mazeplan: cannot write: {problem.strerror}", file=sys.stderr)
     sys.stderr.flush()
     os._exit(status or 1)
 
@@ -175,7 +177,8 @@ def _run(received: list[int]) -> int:
         with short_warnings():
             status = app(standalone_mode=False)  # otherwise typer prints usage errors itself, over several lines
     except MazeplanError as error:
-        return _fail(with_option(error, sys.argv[1:]), error.exit_status)
+        others = error.others if isinstance(error, InputError) else ()
+        return _fail(with_option(error, sys.argv[1:]), error.exit_status, *(str(other) for other in others))
     except _UsageError as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command: its message is the help
             print(error.format_message(), file=sys.stderr)
@@ -202,6 +205,7 @@ def _run(received: list[int]) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _fail(message: str, status: int) -> int:
-    print(f"mazeplan: {message}", file=sys.stderr)
+def _fail(message: str, status: int, *more: str) -> int:
+    for line in (message, *more):
+        print(f"mazeplan: {line}", file=sys.stderr)
     return status

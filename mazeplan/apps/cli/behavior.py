@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -84,11 +85,11 @@ class _NoContext:
         """Ignore the failure."""
 
 
-def _load(source: str, modules: list[str] | None, maze: Maze | None = None) -> BehaviorTree:
+def _load(source: str, modules: list[str] | None) -> BehaviorTree:
     from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.behavior.treefile import load_tree
 
-    return load_tree(source, registry_with(modules or ()), _NoContext(maze))
+    return load_tree(source, registry_with(modules or ()), _NoContext())
 
 
 @app.command("check")
@@ -110,18 +111,21 @@ def check(
 
 def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
     """What there is to say of one tree."""
-    from mazeplan.behavior.check import check_tree
+    from mazeplan.behavior.check import Findings, check_file
+    from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.maze.mapfile import load_map
 
     maze = None if map_ is None else load_map(map_)
+    registry = registry_with(modules or ())
     try:
-        tree = _load(source, modules, maze)
+        found = check_file(source, registry, _NoContext(maze))
     except TreeError as error:
-        return {"file": source, "ok": False, "nodes": None, "error": str(error), "errors": [str(error)], "warnings": []}
-    findings = check_tree(tree)
-    errors, warnings = [str(e) for e in findings.errors], [str(w) for w in findings.warnings]
-    error, nodes = (errors[0] if errors else None), len(list(tree.nodes()))
-    return {"file": source, "ok": not errors, "nodes": nodes, "error": error, "errors": errors, "warnings": warnings}
+        found = Findings((error,))
+    errors, warnings = [str(e) for e in found.errors], [str(w) for w in found.warnings]
+    return {
+        "file": source, "ok": not errors, "nodes": found.nodes, "error": errors[0] if errors else None,
+        "errors": errors, "warnings": warnings,
+    }  # fmt: skip
 
 
 @app.command("show")
@@ -194,8 +198,10 @@ def _print_node(name: str, node: type[TreeNode], owner: str) -> None:
         print(f"    {port_name} ({_port_kind(port)}): {port.doc}{_allowed(port)}")
 
 
-def _purpose(leaf: type[TreeNode]) -> str:
-    return (leaf.__doc__ or "").strip().partition("\n")[0]
+def _purpose(node: type[TreeNode]) -> str:
+    """The first paragraph of its docstring, in one line."""
+    paragraph, _, _ = cleandoc(node.__doc__ or "").partition("\n\n")
+    return " ".join(paragraph.split())
 
 
 def _port_kind(port: Port) -> str:
@@ -244,10 +250,10 @@ def palette(
     from mazeplan.behavior.groot_palette import renewed, write_palette
     from mazeplan.behavior.own_nodes import registry_with
 
-    leaves = registry_with(behavior_module or ()).usable(_report_unusable)
+    registry = registry_with(behavior_module or ())
+    leaves = registry.usable(_report_unusable)
     if into is not None:
-        _load(str(into), behavior_module)
-        write_text(into, renewed(into.read_text(encoding="utf-8"), leaves))
+        write_text(into, renewed(_tree_text(into, behavior_module), leaves, registry.of_modules))
         say(f"wrote the leaves into {into}")
         return
     text = write_palette(leaves)
@@ -256,3 +262,14 @@ def palette(
     else:
         write_text(output, text)
         say(f"wrote {output}")
+
+
+def _tree_text(file: Path, modules: list[str] | None) -> str:
+    """The text of a tree's file, with its ends of lines. Raises InputError, also for a tree with mistakes."""
+    if not file.is_file():
+        raise InputError("--into: got no file, expected that of a tree", file=file)
+    _load(str(file.absolute()), modules)
+    try:
+        return file.read_bytes().decode()
+    except UnicodeDecodeError:
+        raise InputError("--into: got text that is not UTF-8, which alone is written", file=file) from None

@@ -48,7 +48,7 @@ def navigate(
         start, goal, map_, rig, model, sense=sense, log=log, effects=effects, behavior=behavior,
         behavior_modules=tuple(behavior_module or ()), settings=settings, start_angle_deg=start_angle,
         closed=close or (), seed=seed, time_limit=time_limit, memory=memory,
-        via=tuple(ring.strip() for ring in via.split(",")) if via is not None else (),
+        via=tuple(ring.strip() for rings in via or () for ring in rings.split(",")),
     )  # fmt: skip
     check_learning(learn, output)
     if view and groot is not None:

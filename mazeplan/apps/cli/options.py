@@ -92,8 +92,8 @@ Groot = Annotated[
 ]
 GrootHost = Annotated[str, Option("--groot-host", metavar="ADDRESS", help="Address at which Groot2 is answered.")]
 Via = Annotated[
-    str | None,
-    Option("--via", metavar="RINGS", help="Rings to visit before the goal, in this order, such as ring3,ring2."),
+    list[str] | None,
+    Option("--via", metavar="RINGS", help="Rings to visit before the goal, in order, such as ring3,ring2; repeatable."),
 ]
 Close = Annotated[
     list[str] | None,

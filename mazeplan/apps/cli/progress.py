@@ -127,7 +127,8 @@ class NavigationProgress:
         self.__exit__()
         outcome = "arrived" if result.success else f"did not arrive: {result.reason}"
         failures = plural(len(result.failures), "failure")
-        self._print(f"{result.time_s:7.2f} s  {outcome} (rig {result.rig}, seed {result.seed}, {failures})")
+        goals = f", goals: rings {', '.join(str(g.ring) for g in result.goals)}" if len(result.goals) > 1 else ""
+        self._print(f"{result.time_s:7.2f} s  {outcome} (rig {result.rig}, seed {result.seed}, {failures}{goals})")
 
 
 class ProgressBar:

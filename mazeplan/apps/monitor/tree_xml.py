@@ -32,13 +32,20 @@ class Instance:
 
 
 def instances(tree: BehaviorTree) -> tuple[Instance, ...]:
-    """The main tree, then each SubTree."""
-    paths = {id(node): path for (path, _), node in zip(tree.snapshot(), tree.nodes(), strict=True)}
-    subtrees = (node for node in tree.nodes() if isinstance(node, SubTree))
-    return (
-        Instance(tree.name, "", tree.root, tree.blackboard),
-        *(Instance(_name(node), paths[id(node)], node.parts[0], node.board) for node in subtrees),
-    )
+    """The main tree, then each SubTree. A path has the names of SubTrees; one without a name of its own has the ID of
+    its tree, with its number, as BehaviorTree.CPP has it: no two are alike."""
+    numbers = {id(node): i for i, node in enumerate(tree.nodes(), 1)}
+    return (Instance(tree.name, "", tree.root, tree.blackboard), *_below(tree.root, "", numbers))
+
+
+def _below(node: TreeNode, path: str, numbers: dict[int, int]) -> Iterator[Instance]:
+    """The SubTrees from a node down, in order; path: that of the tree in which it stands."""
+    if isinstance(node, SubTree):
+        own = node.name if node.named else f"{_name(node)}::{numbers[id(node)]}"
+        path = f"{path}/{own}" if path else own
+        yield Instance(_name(node), path, node.parts[0], node.board)
+    for child in parts_of(node):
+        yield from _below(child, path, numbers)
 
 
 def tree_xml(tree: BehaviorTree) -> str:

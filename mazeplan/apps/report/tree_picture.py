@@ -1,7 +1,7 @@
 """Picture of a behaviour tree: an indented outline, so that nothing overlaps however wide the tree is.
 
-With the log of a run it shows beside each node what its ticks ended with over time. The path to the last leaf that
-failed has the colour of failures.
+With the log of a run it shows beside each node what its ticks ended with over time. The path to the node that ended a
+failed run has the colour of failures; of any other run that to the last leaf that failed.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from mazeplan.behavior.outline import FOLDED, Row, rows_of
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.logs.run_log import STATUSES, RunLog
+from mazeplan.core.records import FailureKind
 from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -39,17 +40,21 @@ SHAPES = {  # matplotlib's box styles
     "Condition": "round,pad=0.28,rounding_size=0.75", "SubTree": "square,pad=0.28",
 }  # fmt: skip
 STEP, ROW, WORDS, TIME, DPI = 0.42, 0.29, 5.0, 5.2, 150  # indent; inches: a row, words, picture over time; dots an inch
+AXIS, LEGEND = 0.5, 0.62  # inches below the rows: time, legend
+ENDED, ENDED_FILL = "ended the run", "#f6c9c0"
 
 
 @dataclass(frozen=True)
 class History:
     """What a tree did. end: s; changes: (t, a letter of `STATUSES` for each node) from that rig time on; failures: (t,
-    number of the leaf that failed); path: numbers of the nodes from the root to the last leaf that failed."""
+    number of the leaf that failed); ended: number of the node that ended a failed run, or that ran when it was ended;
+    path: numbers of the nodes from the root to that one, else to the last leaf that failed."""
 
     end: float
     changes: tuple[tuple[float, str], ...]
     failures: tuple[tuple[float, int], ...]
     path: frozenset[int]
+    ended: int | None = None
 
 
 def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> History:
@@ -68,11 +73,36 @@ def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> Histor
     failures = tuple(
         (m.t, number) for m in mishaps(log) if (number := _failed(outline.names, changes, m.t, m.where)) is not None
     )
-    path, number = set[int](), failures[-1][1] if failures else -1
+    ended = _ended(tree, log, changes, failures[-1][1] if failures else None)
+    path, number = set[int](), ended if ended is not None else failures[-1][1] if failures else -1
     while number >= 0:
         path.add(number)
         number = outline.parents[number]
-    return History(end_of(log), tuple(changes), failures, frozenset(path))
+    return History(end_of(log), tuple(changes), failures, frozenset(path), ended)
+
+
+def _ended(tree: BehaviorTree, log: RunLog, changes: list[tuple[float, str]], failed: int | None) -> int | None:
+    """The node that ended a run without success: the one that raised, the leaf whose failure is the reason, else what
+    failed or ran last. None for a run that succeeded, or has no result."""
+    if log.result is None or log.result.get("success"):
+        return None
+    outline, last = tree.outline(), next(reversed(mishaps(log)), None)
+    if last is not None and last.kind == FailureKind.LEAF_FAILED:
+        named = [i for i, path in enumerate(outline.paths) if f": {tree.name}/{path}" in last.detail]
+        return max(named, key=lambda i: len(outline.paths[i]), default=None)
+    if last is not None and last.where in outline.names and last.kind == log.result.get("reason"):
+        return failed
+    idle = STATUSES["INVALID"]
+    letters = next((letters for _, letters in reversed(changes) if letters.strip(idle)), "")
+    if letters[:1] not in (STATUSES["FAILURE"], STATUSES["RUNNING"]):
+        return None
+    number: int | None = 0
+    while number is not None:
+        below = [i for i, parent in enumerate(outline.parents) if parent == number and letters[i] == letters[0]]
+        if not below:
+            return number
+        number = below[-1]
+    return None
 
 
 def _failed(names: tuple[str, ...], changes: list[tuple[float, str]], t: float, where: str) -> int | None:
@@ -98,14 +128,15 @@ def save_tree_picture(
 
     rows = rows_of(tree, whole, () if did is None else did.path)
     deepest, n = max(row.depth for row in rows), len(rows)
-    width, height = 0.3 * deepest + WORDS + 1.5, ROW * n + 0.9
+    lowest = AXIS + (0.0 if did is None else LEGEND)
+    width, height = 0.3 * deepest + WORDS + 1.5, ROW * n + 0.4 + lowest
     figure = Figure(figsize=(width + TIME, height), dpi=DPI)
-    below, tall = 0.5 / height, ROW * n / height
+    below, tall = lowest / height, ROW * n / height
     axes = figure.add_axes((0.0, below, width / (width + TIME), tall))
     axes.set_axis_off()
     axes.set_xlim(-0.1, deepest * STEP + WORDS)
     axes.set_ylim(n - 0.5, -0.5)
-    texts = _draw_nodes(axes, rows, frozenset() if did is None else did.path)
+    texts = _draw_nodes(axes, rows, frozenset() if did is None else did.path, None if did is None else did.ended)
     try:
         figure.draw_without_rendering()  # only then is it known how wide the words are, at this resolution
         crop = Bbox.union([text.get_window_extent() for text in texts]).transformed(figure.dpi_scale_trans.inverted())
@@ -113,6 +144,7 @@ def save_tree_picture(
             left = (crop.x1 + 0.25) / (width + TIME)
             over_time = figure.add_axes((left, below, (TIME - 0.4) / (width + TIME), tall))
             _draw_history(over_time, rows, did)
+            figure.legend(handles=_legend(rows, did), **_below_axes(left))
             over_time.set_title(title, fontsize=8, loc="left")
             crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, TIME, height)])
         with whole_file(path) as beside:
@@ -125,7 +157,7 @@ def _kind(node: TreeNode) -> str:
     return "SubTree" if isinstance(node, SubTree) else node.category
 
 
-def _draw_nodes(axes: Axes, rows: list[Row], failed: frozenset[int]) -> list[Text]:
+def _draw_nodes(axes: Axes, rows: list[Row], failed: frozenset[int], ended: int | None = None) -> list[Text]:
     texts = list[Any]()
     for y, row in enumerate(rows):
         x, bad = row.depth * STEP, row.number in failed
@@ -134,9 +166,10 @@ def _draw_nodes(axes: Axes, rows: list[Row], failed: frozenset[int]) -> list[Tex
             trunk = (row.depth - 1) * STEP + 0.12
             axes.plot([trunk, trunk, x], [row.parent + 0.35, y, y], color=colour, lw=width, zorder=2 if bad else 1)
         kind = _kind(row.node)
+        fill, edge = ENDED_FILL if row.number == ended else FILLS[kind], colour if bad else "#333333"
         box = axes.text(
             x, y, row.title, va="center", ha="left", fontsize=8, zorder=3, family="DejaVu Sans", parse_math=False,
-            bbox={"boxstyle": SHAPES[kind], "fc": FILLS[kind], "ec": colour if bad else "#333333", "lw": width},
+            bbox={"boxstyle": SHAPES[kind], "fc": fill, "ec": edge, "lw": width},
         )  # fmt: skip
         note = "  ".join(filter(None, (row.name, row.attributes, FOLDED * row.folded)))
         beside = axes.annotate(
@@ -144,15 +177,18 @@ def _draw_nodes(axes: Axes, rows: list[Row], failed: frozenset[int]) -> list[Tex
             va="center", fontsize=7, color="#444444", parse_math=False,
         )  # fmt: skip
         texts += [box, beside] if note else [box]
+        if row.number == ended:
+            texts.append(axes.annotate(
+                f"✖ {ENDED}", xy=(1.0, 0.5), xycoords=beside if note else box, xytext=(8, 0),
+                textcoords="offset points", va="center", fontsize=8, weight="bold", family="DejaVu Sans",
+                color=COLOURS["failure"],
+            ))  # fmt: skip
     return texts
 
 
 def _draw_history(axes: Axes, rows: list[Row], did: History) -> None:
-    met = set[str]()
     for y, row in enumerate(rows):
-        for letter, start, end in _stretches(did, row.number):
-            name = ending(letter, row.node.category == "Condition")
-            met.add(name)
+        for name, start, end in _endings(did, row):
             draw_ending(axes, name, y, start, end)
         at = [t for t, number in did.failures if number == row.number]
         axes.plot(at, [y] * len(at), **failure_mark("X", markersize=8.0))
@@ -166,7 +202,28 @@ def _draw_history(axes: Axes, rows: list[Row], did: History) -> None:
     axes.set_xlabel("time, s", fontsize=8)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
-    axes.legend(handles=endings_met(met), title="last tick", fontsize=7, title_fontsize=7, loc="best")
+
+
+def _legend(rows: list[Row], did: History) -> list[Any]:
+    """What the legend explains: how the last tick ended, where it did, and marks of failures."""
+    from matplotlib.lines import Line2D
+
+    marks = [Line2D([], [], label="a leaf's failure", **failure_mark("X", markersize=8.0))] if did.failures else []
+    return [*endings_met({name for row in rows for name, *_ in _endings(did, row)}), *marks]
+
+
+def _below_axes(left: float) -> dict[str, Any]:
+    """Keywords of a legend below everything, whose left edge is there (share of the figure's width)."""
+    return {
+        "title": "last tick", "fontsize": 7, "title_fontsize": 7, "ncols": 3, "loc": "lower left", "borderaxespad": 0.0,
+        "bbox_to_anchor": (left, 0.0), "frameon": False, "alignment": "left",
+    }  # fmt: skip
+
+
+def _endings(did: History, row: Row) -> list[tuple[str, float, float]]:
+    """(how its last tick ended, start, end) of a row."""
+    condition = row.node.category == "Condition"
+    return [(ending(letter, condition), start, end) for letter, start, end in _stretches(did, row.number)]
 
 
 def _stretches(did: History, number: int) -> list[tuple[str, float, float]]:

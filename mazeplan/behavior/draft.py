@@ -1,0 +1,42 @@
+"""A tree with all its mistakes, for those who check a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from mazeplan.behavior.builder import Builder
+from mazeplan.behavior.leaf import Context
+from mazeplan.behavior.mistakes import MOST, EnoughError, Mistakes
+from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.tree_parts import Part
+from mazeplan.core.errors import TreeError
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a file says, mistakes and all. tree: with `Unbuilt` in place of nodes that have mistakes, None where there
+    is no main tree; unused: a remark at each tree of the file itself that none uses."""
+
+    tree: BehaviorTree | None
+    mistakes: tuple[TreeError, ...]
+    unused: tuple[TreeError, ...]
+
+
+def draft(
+    parts: Sequence[Part], registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None
+) -> Draft:
+    """Build what can be built, and keep the mistakes."""
+    mistakes, tree, unused = Mistakes(MOST), None, ()
+    try:
+        builder = Builder(parts, registry, context, mistakes)
+        with mistakes:
+            tree = builder.build(main)
+        if tree is None:
+            builder.look(None)
+        else:
+            unused = builder.files.unused(tree.name)
+    except EnoughError:
+        tree = None
+    return Draft(tree, mistakes.found, unused)

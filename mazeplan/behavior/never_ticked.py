@@ -1,0 +1,136 @@
+"""Branches of a tree that no tick reaches: behind a node that always ends the row, or under a constant condition."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mazeplan.behavior.blackboard import Blackboard
+from mazeplan.behavior.builtin_leaves import AlwaysFailure, AlwaysSuccess
+from mazeplan.behavior.choices import IfThenElse, WhileDoElse, equal_cases
+from mazeplan.behavior.conditions import DECISIONS
+from mazeplan.behavior.controls import (
+    AsyncFallback,
+    AsyncSequence,
+    Fallback,
+    ReactiveFallback,
+    ReactiveSequence,
+    Sequence,
+    SequenceWithMemory,
+)
+from mazeplan.behavior.decorators import (
+    ForceFailure,
+    ForceSuccess,
+    Inverter,
+    Precondition,
+    Repeat,
+    RetryUntilSuccessful,
+    SubTree,
+)
+from mazeplan.behavior.leaf import Leaf
+from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
+from mazeplan.behavior.tree import parts_of
+from mazeplan.core.errors import TreeError
+
+SEQUENCES = (Sequence, AsyncSequence, SequenceWithMemory, ReactiveSequence)
+FALLBACKS = (Fallback, AsyncFallback, ReactiveFallback)
+SUCCESS, FAILURE = frozenset({"SUCCESS"}), frozenset({"FAILURE"})
+BOTH = SUCCESS | FAILURE
+ANY = BOTH | {"SKIPPED"}
+OTHER = {"SUCCESS": "FAILURE", "FAILURE": "SUCCESS"}
+
+
+def never_ticked(node: TreeNode) -> Iterator[TreeError]:
+    """A remark at the first node of each branch, from this node down, that is never ticked."""
+    decisive, _ = _decision(node)
+    if decisive is not None:
+        yield node.wrong(f"never ticked: {decisive} is always {'false' if decisive == '_while' else 'true'}")
+        return
+    idle = dict(_idle_children(node))
+    for i, child in enumerate(parts_of(node)):
+        if i in idle:
+            yield child.wrong(f"never ticked: {idle[i]}")
+        else:
+            yield from never_ticked(child)
+
+
+def _idle_children(node: TreeNode) -> Iterator[tuple[int, str]]:
+    """(number of a child that is never ticked, why); of a row the first one alone, since it stands for the rest."""
+    parts = parts_of(node)
+    goes_on = "SUCCESS" if isinstance(node, SEQUENCES) else "FAILURE" if isinstance(node, FALLBACKS) else None
+    if goes_on is not None:
+        for i, child in enumerate(parts[:-1], 1):
+            if not _ends(child) & {goes_on, "SKIPPED"}:
+                yield i, f"{child.name} before it never ends with {goes_on}"
+                return
+    elif isinstance(node, IfThenElse | WhileDoElse):
+        for i, result in enumerate(("SUCCESS", "FAILURE")[: len(parts) - 1], 1):
+            if result not in _ends(parts[0]):
+                yield i, f"the condition {parts[0].name} never ends with {result}"
+    elif isinstance(node, Repeat | RetryUntilSuccessful) and node.values.get(node.limit) == 0:
+        yield 0, f"{node.limit} of the {type(node).__name__} above it is 0"
+    elif isinstance(node, Precondition) and _always(node) is False:
+        yield 0, "the script `if` of the Precondition above it is always false"
+    for first, second in equal_cases(node):
+        yield second - 1, f"case_{second} is equal to case_{first}, which comes before it"
+
+
+def _constant(script: Script | None, node: TreeNode) -> bool | None:
+    """What a script always says; None where it depends on the blackboard, or is none."""
+    enums = node.board.enums
+    if script is None or script.sets or script.reads - set(enums):
+        return None
+    try:
+        return script.holds(Scope(Blackboard(enums=enums)))
+    except ScriptError:  # told at its tick
+        return None
+
+
+def _always(node: Precondition) -> bool | None:
+    """What the script of a Precondition always says."""
+    text = node.values.get("if")
+    try:
+        return _constant(parse_script(text), node) if isinstance(text, str) else None
+    except ScriptError:  # refused where it stands
+        return None
+
+
+def _decision(node: TreeNode) -> tuple[str | None, frozenset[str]]:
+    """(the precondition by which a node is never ticked, how its preconditions may end it)."""
+    ends = set[str]()
+    given = {} if node.conditions is None else node.conditions.given
+    for name, (wanted, result) in DECISIONS.items() if given else ():
+        script = given.get(name)
+        value = None if script is None else _constant(script, node)
+        if script is not None and value in (None, wanted):
+            ends.add(result.name)
+        if value is wanted:
+            return name, frozenset(ends)
+    return None, frozenset(ends)
+
+
+def _ends(node: TreeNode) -> frozenset[str]:
+    """How a node may end."""
+    decisive, decided = _decision(node)
+    return decided if decisive is not None else decided | _ends_itself(node)
+
+
+def _ends_itself(node: TreeNode) -> frozenset[str]:
+    """How a node may end where its preconditions let it be ticked."""
+    if isinstance(node, Leaf):
+        return SUCCESS if isinstance(node, AlwaysSuccess) else FAILURE if isinstance(node, AlwaysFailure) else BOTH
+    inner = [_ends(child) for child in parts_of(node)]
+    if isinstance(node, ForceSuccess | ForceFailure):
+        return (SUCCESS if isinstance(node, ForceSuccess) else FAILURE) | (inner[0] - BOTH)
+    if isinstance(node, Inverter):
+        return frozenset(OTHER.get(end, end) for end in inner[0])
+    if isinstance(node, SubTree):
+        return inner[0]
+    if isinstance(node, (*SEQUENCES, *FALLBACKS)):
+        goes_on, stops = ("SUCCESS", "FAILURE") if isinstance(node, SEQUENCES) else ("FAILURE", "SUCCESS")
+        through = all(ends & {goes_on, "SKIPPED"} for ends in inner) and any(goes_on in ends for ends in inner)
+        skipped = {"SKIPPED"} if all("SKIPPED" in ends for ends in inner) else set()
+        reached = next((i for i, ends in enumerate(inner, 1) if not ends & {goes_on, "SKIPPED"}), len(inner))
+        stopped = {stops} if any(stops in ends for ends in inner[:reached]) else set()
+        return frozenset(({goes_on} if through else set()) | stopped | skipped)
+    return ANY

@@ -1,0 +1,182 @@
+"""The elements of a tree's files by name, before nodes are made of them, and errors at their lines.
+
+A file has <BehaviorTree>, <include> and <TreeNodesModel> at its top; `treefile` reads it, `builder` makes the nodes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mazeplan.behavior.mistakes import Mistakes
+from mazeplan.behavior.ports import Key, shown
+from mazeplan.core.errors import TreeError
+
+EXPLICIT = ("Action", "Condition", "Control", "Decorator")
+ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
+NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
+FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
+KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
+BRACED = re.compile(r"\{.*\}", re.DOTALL)
+WHOLE = re.compile(r"-?[0-9]{1,18}")
+REAL = re.compile(r"-?[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]+)?")
+TOPS = "<BehaviorTree>, <include> or <TreeNodesModel>"
+
+ELSEWHERE = {
+    **dict.fromkeys(("SequenceStar", "PopFromQueue", "ConsumeQueue", "SubTreePlus"), "BehaviorTree.CPP"),
+    **dict.fromkeys(
+        ("PipelineSequence", "RecoveryNode", "RoundRobin", "RateController", "DistanceController", "SpeedController",
+         "GoalUpdater", "PathLongerOnApproach", "SingleTrigger", "GoalUpdated", "ComputePathToPose", "FollowPath",
+         "ComputePathThroughPoses", "ClearEntireCostmap", "Spin", "BackUp", "Wait", "DriveOnHeading", "NavigateToPose"),
+        "Nav2",
+    ),
+}  # fmt: skip
+
+Element = Any  # lxml's element class is not public
+
+
+@dataclass(frozen=True)
+class Part:
+    """The root element of one file."""
+
+    root: Element
+    file: Path
+
+
+def bad_name(name: str) -> str | None:
+    """What is wrong with the name of a tree or of a kind of node; None: nothing."""
+    if name in ("Root", "root"):
+        return "which is reserved; expected another name"
+    wrong = next((c for c in name if c in FORBIDDEN or not c.isprintable()), None)
+    return None if wrong is None else f"expected a name without {wrong!r}"
+
+
+def one_line(text: str, most: int = 600) -> str:
+    """Text for an error: one line, nothing that a terminal would obey, not endless."""
+    clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
+    return clean if len(clean) <= most else f"{clean[: most - 3]}..."
+
+
+class TreeParts:
+    """What stands at the top of a file and of those that it includes. trees: {ID: <BehaviorTree>}; models: {ID of a
+    SubTree: {port: default}}, None for a port that has to be given; taken: whether a name is that of a node, which no
+    tree may have. Raises TreeError, unless `mistakes` keeps it."""
+
+    def __init__(self, parts: Sequence[Part], taken: Callable[[str], bool], mistakes: Mistakes) -> None:
+        self.first, self._taken, self._mistakes = parts[0], taken, mistakes
+        self._of = {id(part.root): part.file for part in parts}
+        self.trees: dict[str, Element] = {}
+        self.models: dict[str, dict[str, str | None]] = {}
+        for part in parts:
+            with mistakes:
+                self._read_part(part.root)
+        if not self.trees:
+            raise mistakes.last(self.error(self.first.root, "", "no <BehaviorTree> in it"))
+
+    def error(self, element: Element, path: str, problem: str) -> TreeError:
+        """The error at an element; `path` is the way to it through the tree."""
+        path = path if len(path) <= 200 else f"...{path[-197:]}"
+        return TreeError(
+            one_line(problem), file=self.file_of(element), line=element.sourceline, key=one_line(path) or None
+        )
+
+    def file_of(self, element: Element) -> Path:
+        """The file in which an element stands."""
+        return self._of[id(element.getroottree().getroot())]
+
+    def known(self, element: Element, path: str, allowed: Iterable[str]) -> None:
+        """Refuse other attributes than these; those of another namespace and NOTES mean nothing here."""
+        for attribute in map(str, element.attrib):
+            if attribute not in (*allowed, *NOTES) and not attribute.startswith("{"):
+                problem = f"unknown attribute {shown(attribute)}, expected one of {', '.join(allowed)}"
+                raise self.error(element, path, problem)
+
+    def key(self, element: Element, path: str, attribute: str, text: str) -> Key | None:
+        """The key that {key} or {=} stands for; None for a literal."""
+        text = text.strip()
+        if not BRACED.fullmatch(text):
+            return None
+        key = KEY.fullmatch(text)
+        if not key and text != "{=}":
+            allowed = "{key} of letters, digits, _ and ., or {=}"
+            raise self.error(element, path, f"{attribute}: got {shown(text)}, expected {allowed}")
+        return Key(key.group(1) if key else attribute)
+
+    def main(self, given: str | None) -> str:
+        """The name of the tree to execute: the one given, the file's main one, or its only one."""
+        root = self.first.root
+        name = given or root.get("main_tree_to_execute")
+        if name is None:
+            if len(self.trees) > 1:
+                raise self.error(root, "", "main_tree_to_execute is missing, and there is more than one tree")
+            name = next(iter(self.trees))
+        if name not in self.trees:
+            raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self.trees)}")
+        return name
+
+    def unused(self, main: str) -> tuple[TreeError, ...]:
+        """A remark at each tree of the first file that neither is the main one nor stands in a SubTree of any file."""
+        used = {main, *(e.get("ID") for tree in self.trees.values() for e in tree.iter("SubTree"))}
+        own = [(name, e) for name, e in self.trees.items() if self.file_of(e) == self.first.file and name not in used]
+        return tuple(
+            self.error(element, name, "not used: it is not the main tree, and no SubTree names it")
+            for name, element in own
+        )
+
+    def _read_part(self, root: Element) -> None:
+        if root.tag != "root":
+            raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
+        if root.get("BTCPP_format") != "4":
+            raise self.error(root, "", f"BTCPP_format: got {shown(root.get('BTCPP_format'))}, expected '4'")
+        with self._mistakes:
+            self.known(root, "", ROOT_ATTRIBUTES)
+        for element in root:
+            with self._mistakes:
+                self._top(element)
+
+    def _top(self, element: Element) -> None:
+        if element.tag == "TreeNodesModel":
+            for model in element.iterchildren("SubTree"):
+                self._model(model)
+        elif element.tag == "BehaviorTree":
+            self._tree(element)
+        elif element.tag != "include":
+            raise self.error(element, "", f"got <{element.tag}>, expected {TOPS}")
+
+    def _tree(self, element: Element) -> None:
+        name = element.get("ID")
+        if not name and len(element.getparent().findall("BehaviorTree")) > 1:
+            raise self.error(element, "", "<BehaviorTree> without ID, in a file with more than one")
+        name = name or "BehaviorTree"
+        if name in self.trees:
+            first = self.trees[name]
+            where = f"{self.file_of(first)}:{first.sourceline}"
+            raise self.error(element, name, f"a second tree of this name; the first is at {where}")
+        with self._mistakes:
+            self._check_tree(element, name)
+        self.trees[name] = element
+
+    def _check_tree(self, element: Element, name: str) -> None:
+        problem = bad_name(name) or ("which is the name of a node" if self._taken(name) else None)
+        if problem is not None:
+            raise self.error(element, "", f"ID: got {shown(name)}, {problem}")
+        self.known(element, name, ("ID",))
+
+    def _model(self, model: Element) -> None:
+        """The ports of a SubTree: {name: default}; one without a default has to be given."""
+        ports = self.models.setdefault(str(model.get("ID", "")), {})
+        for port in model.iterchildren("input_port", "output_port", "inout_port"):
+            name = port.get("name")
+            if not name:
+                raise self.error(port, "TreeNodesModel", f"<{port.tag}> without name")
+            ports[name] = port.get("default") or None
+
+
+def literal(text: str) -> int | float | str:
+    """A literal for a SubTree: a number where it reads like one, so that scripts can count with it."""
+    if WHOLE.fullmatch(text):
+        return int(text)
+    return float(text) if REAL.fullmatch(text) else text

@@ -1,0 +1,256 @@
+"""`behavior check` tells all mistakes of a file in one go, and what does no harm as warnings."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from commands import call as run_command
+
+from mazeplan.behavior.check import check_file
+from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.treefile import load_tree
+from mazeplan.core.errors import TreeError
+
+HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n'
+
+
+class Still:
+    def clock(self):
+        return 0.0
+
+    def failed(self, failure):
+        pass
+
+
+def found_in(*lines, module=()):
+    """What is found in a file whose second line is the first of these."""
+    return check_file(HEAD + "\n".join(lines) + "\n</root>", registry_with(module), Still())
+
+
+def main(content):
+    return f'<BehaviorTree ID="Main">{content}</BehaviorTree>'
+
+
+def lines_of(found):
+    return [(e.line, e.problem.partition(" ")[0]) for e in found]
+
+
+MANY = (
+    '<BehaviorTree ID="Main" colour="red"><Sequence nam="all">',
+    '<Sai word="a"><Setle/></Sai>',
+    '<Settle ring="one" hold_s="none"/>',
+    '<Repeat num_cycles="x"><Replan times="2"/></Repeat>',
+    '<Settle ring="{rong}" _skipIf="1 +"/>',
+    '<SubTree ID="Lag"/>',
+    "<Inverter><Replan/><Replan/></Inverter>",
+    '<Parallel success_count="3"><Replan/></Parallel>',
+    '<SubTree ID="Leg"/><SubTree ID="Leg"/>',
+    "</Sequence></BehaviorTree>",
+    '<BehaviorTree ID="Leg"><Sequence><InRing ring="x"/></Sequence></BehaviorTree>',
+    '<BehaviorTree ID="Main"><Replan/></BehaviorTree><Tree/>',
+)
+
+
+def test_all_mistakes_of_a_file_are_told_each_once():
+    found = found_in(*MANY)
+    assert lines_of(found.errors) == [
+        (2, "unknown"), (2, "unknown"), (3, "unknown"), (3, "unknown"), (4, "ring:"), (4, "hold_s:"),
+        (5, "num_cycles:"), (5, "unknown"), (6, "_skipIf:"), (7, "SubTree:"), (8, "Inverter:"), (9, "success_count:"),
+        (12, "ring:"), (13, "a"), (13, "got"),
+    ]  # fmt: skip
+    assert found.nodes is None
+
+
+def test_every_other_reader_raises_at_the_first_mistake():
+    with pytest.raises(TreeError, match="unknown attribute 'colour'"):
+        load_tree(HEAD + "\n".join(MANY[:10]) + "\n</root>", registry_with(), Still())
+
+
+def test_the_key_of_a_node_that_cannot_be_built_is_not_missed():
+    content = (
+        '<Sequence><PlanRute goal="{goal}" legs="{legs}"/>\n<InRing ring="{legs}"/><InRing ring="{lags}"/></Sequence>'
+    )
+    errors = found_in(main(content)).errors
+    assert [e.problem.partition("{")[0] for e in errors] == [
+        "unknown node 'PlanRute'; did you mean PlanRoute?", "ring: nothing sets ",
+    ]  # fmt: skip
+    assert "nothing sets {lags}" in errors[1].problem
+
+
+def test_no_more_than_twenty_mistakes_are_told():
+    assert len(found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 30 + "</Sequence>")).errors) == 20
+    unset = "".join(f'\n<InRing ring="{{k{i}}}"/>' for i in range(30))
+    assert len(found_in(main(f"<Sequence>{unset}</Sequence>")).errors) == 20
+
+
+def test_a_file_that_multiplies_is_given_up():
+    trees = [main('<SubTree ID="T0"/>')]
+    for i in range(30):
+        inner = f'<SubTree ID="T{i + 1}"/>' * 2 if i < 29 else "<Sai/>"
+        trees.append(f'<BehaviorTree ID="T{i}"><Sequence>{inner}</Sequence></BehaviorTree>')
+    found = found_in(*trees)
+    assert found.nodes is None
+    assert "levels or" in found.errors[-1].problem
+
+
+def test_a_node_of_ones_own_that_cannot_be_made_is_one_mistake(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "unmade_nodes.py").write_text(
+        "from mazeplan import Control\n"
+        "class Bad(Control):\n    def __init__(self, *more):\n        raise KeyError('k')\n    def run(self): ...\n"
+        "class Lazy(Control):\n    def __init__(self, *more): pass\n    def run(self): ...\n"
+    )
+    found = found_in(main("<Sequence>\n<Bad><Lazy><Replan/></Lazy></Bad>\n<Nope/></Sequence>"), module=["unmade_nodes"])
+    bad, lazy, nope = sorted(found.errors, key=lambda e: e.problem)
+    assert (bad.line, lazy.line, nope.line) == (3, 3, 4)
+    assert bad.problem.startswith("Bad could not be made: ")
+    assert bad.problem.endswith("unmade_nodes.py:4: KeyError: 'k'")
+    assert lazy.problem.endswith("its __init__ does not call super().__init__(name, children, clock, board, values)")
+    assert nope.problem.startswith("unknown node 'Nope'")
+
+
+def test_they_go_out_one_line_each_and_with_json(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "tree.xml"
+    path.write_text(HEAD + main('<Sequence>\n<Replam/>\n<InRing ring="x"/></Sequence>') + "</root>")
+    code, out, err = run_command(monkeypatch, capsys, "behavior", "check", str(path))
+    assert (code, out) == (2, "")
+    assert [line.split(": ")[1:3] for line in err.splitlines()] == [
+        [f"{path}:3", "Main/Sequence"], [f"{path}:4", "Main/Sequence/InRing"],
+    ]  # fmt: skip
+    code, out, _ = run_command(monkeypatch, capsys, "behavior", "check", str(path), "--json")
+    (document,) = json.loads(out)
+    assert (code, document["nodes"], len(document["errors"])) == (2, None, 2)
+    assert document["error"] == document["errors"][0]
+
+
+LEG = (
+    '<BehaviorTree ID="Leg"><Sequence><InRing ring="{ring}"/><SubTree ID="Deep" to="{ring}"/></Sequence></BehaviorTree>'
+)
+DEEP = '<BehaviorTree ID="Deep"><Settle ring="{to}" hold_s="{hold}"/></BehaviorTree>'
+
+
+def test_a_port_that_a_subtree_misses_is_told_at_the_call_once():
+    found = found_in(main('<Sequence><SubTree ID="Leg" ring="2"/>\n<SubTree ID="Leg"/></Sequence>'), LEG, DEEP)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (3, "ring is missing: inside, InRing reads {ring} at <text>:4"),
+        (4, "hold is missing: inside, Settle reads {hold} at <text>:5"),
+    ]
+
+
+def test_a_missing_port_may_be_a_slip_inside():
+    tree = (
+        '<BehaviorTree ID="Leg"><Sequence><Script code="rings := 1"/><InRing ring="{ring}"/></Sequence></BehaviorTree>'
+    )
+    (error,) = found_in(main('<SubTree ID="Leg"/>'), tree).errors
+    assert error.problem.endswith("at <text>:3; or was {rings} meant there?")
+
+
+WARNED = [
+    ('<SubTree ID="Leg" ring="2" rang="3"/>', "rang: nothing in Leg reads it"),
+    ('<SubTree ID="Leg" ring="2" rang="{goal}"/>', "rang: nothing in Leg reads it"),
+    ('<Script code="CALM := 2"/>', "code: sets CALM, but scripts read the enum of that name, 1"),
+    ('<Replan _onSuccess="CALM = 2"/>', "_onSuccess: sets CALM, but"),
+    (
+        '<Switch2 variable="{goal}" case_1="1" case_2="1.0"><Replan/><Replan/><Replan/></Switch2>',
+        "never ticked: case_2 is equal to case_1",
+    ),
+    (
+        '<Switch2 variable="{goal}" case_1="CALM" case_2="1"><Replan/><Replan/><Replan/></Switch2>',
+        "never ticked: case_2",
+    ),
+    ('<Switch2 variable="{goal}" case_1="{goal}" case_2="{goal}"><Replan/><Replan/><Replan/></Switch2>', "case_2 is"),
+    ('<Replan _skipIf="true"/>', "never ticked: _skipIf is always true"),
+    ('<Replan _skipIf="CALM == 1"/>', "never ticked: _skipIf is always true"),
+    ('<Sequence _while="1 &gt; 2"><Replan/></Sequence>', "never ticked: _while is always false"),
+    ('<Replan _failureIf="goal == 1" _successIf="true"/>', "never ticked: _successIf is always true"),
+    ('<Fallback><Replan _successIf="true"/>\n</Fallback>', "never ticked: _successIf"),
+    ('<Repeat num_cycles="0"><Replan/></Repeat>', "never ticked: num_cycles of the Repeat above it is 0"),
+    ("<IfThenElse><AlwaysSuccess/><Replan/><Replan/></IfThenElse>", "never ticked: the condition AlwaysSuccess never"),
+    ('<Precondition if="false"><Replan/></Precondition>', "never ticked: the script `if` of the Precondition"),
+    ("<Fallback><Sequence><AlwaysSuccess/><AlwaysSuccess/></Sequence><Replan/></Fallback>", "never ticked: Sequence"),
+]
+QUIET = [
+    '<SubTree ID="Leg" ring="{goal}"/>',
+    '<SubTree ID="Out" found="{ring}"/>',
+    '<SubTree ID="Auto" goal="{goal}"/>',
+    '<SubTree ID="Model"/>',
+    '<Script code="calm := 2"/>',
+    '<Switch2 variable="{goal}" case_1="1" case_2="2"><Replan/><Replan/><Replan/></Switch2>',
+    '<Replan _skipIf="false"/>',
+    '<Replan _skipIf="goal == 1"/>',
+    '<Replan _while="true"/>',
+    '<Replan _onSuccess="done := true"/>',
+    '<Fallback><ForceSuccess><Sequence><Replan _skipIf="goal == 1"/></Sequence></ForceSuccess><Replan/></Fallback>',
+    '<Fallback><Sequence><AlwaysSuccess/><InRing ring="2"/></Sequence><Replan/></Fallback>',
+    '<Fallback><AlwaysSuccess _onSuccess="a := 1" _while="goal == 2"/><Replan/></Fallback>',
+    "<Sequence><RunOnce><AlwaysSuccess/></RunOnce><Replan/></Sequence>",
+]
+OTHERS = """<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>
+<BehaviorTree ID="Out"><Script code="found := 2"/></BehaviorTree>
+<BehaviorTree ID="Auto"><SubTree ID="Inner" _autoremap="true"/></BehaviorTree>
+<BehaviorTree ID="Inner"><InRing ring="{goal}"/></BehaviorTree>
+<BehaviorTree ID="Model"><Replan/></BehaviorTree>
+<BehaviorTree ID="All"><Sequence><SubTree ID="Leg" ring="1"/><SubTree ID="Out"/><SubTree ID="Auto" goal="1"/>
+<SubTree ID="Model"/></Sequence></BehaviorTree>
+<TreeNodesModel><SubTree ID="Model"><input_port name="never" default="3"/></SubTree></TreeNodesModel>"""
+
+
+def warnings_of(content, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "enum_of_paces.py").write_text("from enum import IntEnum\nclass Pace(IntEnum):\n    CALM = 1\n")
+    found = found_in(main(content), OTHERS, module=["enum_of_paces"])
+    assert found.errors == ()
+    return [(e.line, e.problem) for e in found.warnings if not e.problem.startswith("not used")]
+
+
+@pytest.mark.parametrize(("content", "said"), WARNED)
+def test_what_does_nothing_is_a_warning(tmp_path, monkeypatch, content, said):
+    ((line, problem),) = warnings_of(content, tmp_path, monkeypatch)
+    assert line == 2
+    assert said in problem
+
+
+@pytest.mark.parametrize("content", QUIET)
+def test_what_may_do_something_is_none(tmp_path, monkeypatch, content):
+    assert warnings_of(content, tmp_path, monkeypatch) == []
+
+
+def test_a_tree_of_the_file_that_none_uses_is_a_warning(tmp_path):
+    found = found_in(
+        main('<SubTree ID="Used"/>'),
+        '<include path="navigate.xml"/>',  # whose trees are those of another file
+        '<BehaviorTree ID="Used"><Replan/></BehaviorTree>',
+        '<BehaviorTree ID="Left"><SubTree ID="Below"/></BehaviorTree>',
+        '<BehaviorTree ID="Below"><Replan/></BehaviorTree>',
+    )
+    assert [(e.line, e.key, e.problem) for e in found.warnings] == [
+        (5, "Left", "not used: it is not the main tree, and no SubTree names it")
+    ]
+
+
+REST = """<BehaviorTree ID="Rest"><Replan/></BehaviorTree>
+<BehaviorTree ID="Two"><SubTree ID="Rest" name="b"/></BehaviorTree>"""
+
+
+@pytest.mark.parametrize(
+    ("content", "refused"),
+    [  # as the original does: one path within one use of a tree, wherever in it the SubTree stands
+        ('<Sequence><SubTree ID="Rest" name="a"/>\n<SubTree ID="Rest" name="a"/></Sequence>', True),
+        ('<Sequence><SubTree ID="Rest" name="a"/><Inverter>\n<SubTree ID="Two" name="a"/></Inverter></Sequence>', True),
+        ('<Sequence><SubTree ID="Two" name="a"/>\n<SubTree ID="Rest" name="a/b"/></Sequence>', True),
+        ('<Sequence><SubTree ID="Rest"/>\n<SubTree ID="Rest"/></Sequence>', False),
+        (
+            '<Sequence><SubTree ID="Rest" name="a"/>\n<SubTree ID="Rest"/><SubTree ID="Rest" name="b"/></Sequence>',
+            False,
+        ),
+        ('<Sequence><SubTree ID="Two" name="a"/>\n<SubTree ID="Two"/><SubTree ID="Two"/></Sequence>', False),
+    ],
+)
+def test_two_subtrees_of_one_path_are_refused(content, refused):
+    text = HEAD + main(content) + REST + "</root>"
+    if not refused:
+        assert load_tree(text, registry_with(), Still()).name == "Main"
+        return
+    with pytest.raises(TreeError, match=r"<text>:3: .*which has the path of <text>:[234]; expected another"):
+        load_tree(text, registry_with(), Still())
