@@ -209,6 +209,7 @@ class FailureKind(StrEnum):
     FELL_BACK = "fell_back"
     WRONG_RING = "wrong_ring"
     BALL_LOST = "ball_lost"
+    BALL_OUT = "ball_out"
     PLAN_FAILED = "plan_failed"
     NO_ROUTE = "no_route"
     OPENING_CLOSED = "opening_closed"

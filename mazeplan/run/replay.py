@@ -182,6 +182,7 @@ def _setup_of(
         memory=None if facts.memory is None else memory_from_document(facts.memory),
         latency=facts.latency,
         unseen_s=facts.unseen_s,
+        out_s=facts.out_s,
         effects=None if facts.effects is None else facts.effects.spec,
     )
 
