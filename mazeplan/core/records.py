@@ -218,6 +218,7 @@ class FailureKind(StrEnum):
     ELSEWHERE = "elsewhere"
     LEAF_FAILED = "leaf_failed"
     RIG_FAILED = "rig_failed"
+    LOG_FAILED = "log_failed"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from weakref import WeakMethod
 
 import numpy as np
 
-from mazeplan.behavior.blame import blames_a_node, fault
+from mazeplan.behavior.blame import blames_a_node, fault, outside
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.tree import BehaviorTree
@@ -26,7 +26,7 @@ from mazeplan.control.estimation.delay_bank import estimator_for
 from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.control.estimation.sample_check import Scrutiny
 from mazeplan.core.display import Display
-from mazeplan.core.errors import RigError
+from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.events import (
     DoubtRaised,
     GoalChanged,
@@ -279,7 +279,10 @@ class Run:
         return self.result(False, str(FailureKind.RIG_FAILED))
 
     def broke_off(self, error: Exception) -> NavigationResult:
-        """What has happened until a leaf, or the program itself, could not go on."""
+        """What has happened until a leaf, the log, or the program itself, could not go on."""
+        if isinstance(error, LogError) and not blames_a_node(error):
+            self.context.failed(Failure(FailureKind.LOG_FAILED, "log", self.context.now, str(error)))
+            return self.result(False, str(FailureKind.LOG_FAILED))
         if not blames_a_node(error):
             return self.result(False, CRASHED)
         self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, fault(error)))
@@ -381,6 +384,7 @@ def _to(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunE
     def passed_on(event: RunEvent | Plan) -> None:
         to = report()
         if to is not None:
-            to(event)
+            with outside():
+                to(event)
 
     return passed_on

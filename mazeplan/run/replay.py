@@ -54,7 +54,11 @@ CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "plann
 MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # fields of other messages that are no decisions
 UNCOMPARED = ("/header", "/tree", "/status", "/openings")  # the tick shows their effect
 # reasons of runs that stopped anywhere in a tick
-UNFINISHED = ("interrupted", CRASHED, str(FailureKind.RIG_FAILED), str(FailureKind.LEAF_FAILED))
+UNFINISHED = (
+    "interrupted",
+    CRASHED,
+    *map(str, (FailureKind.RIG_FAILED, FailureKind.LEAF_FAILED, FailureKind.LOG_FAILED)),
+)
 
 
 @dataclass(frozen=True)
