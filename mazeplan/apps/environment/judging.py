@@ -100,7 +100,7 @@ class Judge:
         self._since[rows] = since = _held(self._since[rows], t, inside)
         arrived = seen & (t - since >= HOLD - 1e-6)
         self._votes[rows] = votes = np.column_stack([self._votes[rows, 1:], vote])
-        left = ~arrived & (votes.min(axis=1) >= 0) & (votes.sum(axis=1) >= AGREEING)
+        left = ~arrived & (votes.sum(axis=1) >= AGREEING)
         out = left | (~arrived & (unseen >= LOST - 1e-6))
         reward = arrived.astype(float)
         if self._task.reward == "dense":

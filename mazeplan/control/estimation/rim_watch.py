@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from mazeplan.maze.geometry import Maze
 
 SIGMAS = 4.0  # of one sample of the camera, past the middle of the outermost wall
-SAMPLES, AGREEING = 3, 2  # of so many samples at least so many say the same, and none the opposite
+SAMPLES, AGREEING = 3, 2  # of so many samples so many more say it than say the opposite
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +51,16 @@ class RimWatch:
     def take(self, t: float, place: tuple[float, float] | None) -> Out | None:
         """Take in where the ball was measured, x and y in m, None: it was not seen; rig time in s. Returns `out`.
 
-        The last SAMPLES decide, either way: AGREEING of them, and none against it. So one wrong position is no ball
-        outside, and a ball that flies out of the picture is."""
+        The last SAMPLES decide, either way: AGREEING of them, none against. So one wrong position is no ball outside,
+        and a ball that flies out of the picture is."""
         beyond = math.nan if place is None else math.hypot(*place) - self._rim
         self._last.append((t, 0 if place is None else 1 if beyond > self._margin else -1))
-        votes, out = [vote for _, vote in self._last], self.out
-        if place is not None and votes[-1] > 0:
+        votes, out = sum(vote for _, vote in self._last), self.out
+        if place is not None and beyond > self._margin:
             self._outside = (*place, beyond)
-        if len(votes) == SAMPLES and min(votes) >= 0 and sum(votes) >= AGREEING:
+        if votes >= AGREEING:
             since = next(then for then, vote in self._last if vote > 0) if out is None else out.since
             self.out = Out(since, *self._outside)
-        elif len(votes) == SAMPLES and max(votes) <= 0 and sum(votes) <= -AGREEING:
+        elif votes <= -AGREEING:
             self.out = None
         return self.out
