@@ -38,6 +38,7 @@ from bench_improve import improve_section
 from bench_learning import learning_section
 from bench_models import collect_toy, measured_section, toy_section, training_section
 from bench_moves import moves_section
+from bench_out import out_section
 from bench_pairs import pairs_section
 from bench_plant import plant_section
 from bench_predictability import predictability_section
@@ -182,6 +183,7 @@ def models_sections(quick: bool) -> list[list[str]]:
         trees_section(quick),
         faults_section(mazeplan, quick),
         pairs_section(quick),
+        out_section(quick),
         replay_section(quick),
         camera_section(mazeplan, quick),
     ]
@@ -216,7 +218,8 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "campaign": campaign_section, "batch": batch_section,
     "trees": trees_section, "waypoints": waypoints_section,
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
-    "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "firmware": firmware_section,
+    "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
+    "firmware": firmware_section,
 }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from typing import Any
 from mazeplan.behavior.blame import CommandError
 from mazeplan.behavior.ports import shown
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.estimation.rim_watch import Out
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
 from mazeplan.control.ring_planner import RingPlanner
@@ -85,7 +86,8 @@ class RunContext:
     model; `rollout`: tries commands before an opening, None: only the law for the opening; `rerouted`: openings
     were closed or opened since the route was planned, so that it is another now; `since`: the first of `failures` that
     belongs to this goal; `left_from`: the ring that is to be left by the opening chosen; `heading`:
-    the ring to which the tree has planned its route last, None: it has not."""
+    the ring to which the tree has planned its route last, None: it has not; `out`: where the ball is that has left the
+    maze, None: it has not."""
 
     maze: Maze
     graph: RouteGraph
@@ -115,6 +117,7 @@ class RunContext:
     since: int = 0
     left_from: int | None = None
     heading: int | None = None
+    out: Out | None = None
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 
@@ -149,10 +152,10 @@ class RunContext:
         """Rig time of this tick, s."""
         return self.now
 
-    def begin(self, now: float, state: State, measured: State) -> None:
+    def begin(self, now: float, state: State, measured: State, out: Out | None = None) -> None:
         """Start a tick."""
         self.now = self.graph.now = now
-        self.state, self.measured = self._entered(state), measured
+        self.state, self.measured, self.out = self._entered(state), measured, out
         self.command, self.commanded_by = None, ""
 
     def again(self) -> None:
@@ -217,8 +220,9 @@ class RunContext:
     def failed(self, failure: Failure) -> None:
         """Keep a failure, with the place of the ball, and tell log and display."""
         seen = self.measured
-        if seen is not None and not seen.lost and math.isfinite(seen.r):
-            failure = replace(failure, x=round(seen.x, 6), y=round(seen.y, 6))
+        place = self.out or (None if seen is None or seen.lost or not math.isfinite(seen.r) else seen)
+        if place is not None:
+            failure = replace(failure, x=round(place.x, 6), y=round(place.y, 6))
         self.failures.append(failure)
         self.report(FailureReported(str(failure.kind), failure.where, failure.detail))
 

@@ -16,13 +16,15 @@ BESIDE = 2.5  # diameters of the ball between an opening and a wall that leave n
 
 
 class BallSeen(MazeLeaf):
-    """Whether the ball is seen, or was until a moment ago."""
+    """Whether the ball is seen in the maze, or was until a moment ago."""
 
     category: ClassVar[str] = "Condition"
     ports: ClassVar[dict[str, Port]] = {}
 
     def step(self) -> Status:
-        """FAILURE ball_lost when the estimator gave the ball up."""
+        """FAILURE ball_out when it was measured beyond the rim, ball_lost when the estimator gave it up."""
+        if self.context.out is not None:
+            return self.fail_as(FailureKind.BALL_OUT, self.context.out.told)
         if self.context.here.lost:
             return self.fail_as(FailureKind.BALL_LOST, "not seen for too long")
         return Status.SUCCESS
@@ -57,7 +59,7 @@ class FailureIs(MazeLeaf):
 
 
 class LevelPlate(MazeLeaf):
-    """Keep the plate level until the ball is seen again."""
+    """Keep the plate level until the ball is seen in the maze again."""
 
     ports: ClassVar[dict[str, Port]] = {"timeout_s": Port(float, 5.0, "how long to wait", least=0.0)}
 
@@ -69,7 +71,7 @@ class LevelPlate(MazeLeaf):
     def step(self) -> Status:
         """SUCCESS once seen; FAILURE when the wait is over."""
         run = self.context
-        if not run.here.lost:
+        if not run.here.lost and run.out is None:
             return Status.SUCCESS
         if run.now - self._began >= self.get("timeout_s"):
             return Status.FAILURE

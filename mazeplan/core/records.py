@@ -209,6 +209,7 @@ class FailureKind(StrEnum):
     FELL_BACK = "fell_back"
     WRONG_RING = "wrong_ring"
     BALL_LOST = "ball_lost"
+    BALL_OUT = "ball_out"
     PLAN_FAILED = "plan_failed"
     NO_ROUTE = "no_route"
     OPENING_CLOSED = "opening_closed"
@@ -217,6 +218,7 @@ class FailureKind(StrEnum):
     ELSEWHERE = "elsewhere"
     LEAF_FAILED = "leaf_failed"
     RIG_FAILED = "rig_failed"
+    LOG_FAILED = "log_failed"
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,8 @@ class RigTraits:
     """Optional attributes and methods of a rig, each with the value for a rig without it.
 
     realtime: False for a simulation, which needs no watchdog; latency: a measured one replaces the model's; unseen_s: a
-    run ends after so many seconds without the ball; ready(): raises SettingsError if the rig cannot be driven yet;
+    run ends after so many seconds without the ball; out_s: and after so many with the ball out of the maze (None: as
+    `Setup` has it); ready(): raises SettingsError if the rig cannot be driven yet;
     begin_run(n): announces run n of a campaign, from 1 on; stop(): levels the plate until the next reset, from any
     thread; inject(fault): makes the machine fail; cannot: kinds of faults that `inject` refuses; truth(), pictured():
     state and picture of a simulation; surprise: what a simulated rig hides from the planner."""
@@ -58,6 +59,7 @@ class RigTraits:
     realtime: bool = True
     latency: Latency | None = None
     unseen_s: float | None = None
+    out_s: float | None = None
     ready: Callable[[], None] | None = None
     begin_run: Callable[[int], None] | None = None
     stop: Callable[[], None] | None = None

@@ -14,7 +14,7 @@ from weakref import WeakMethod
 
 import numpy as np
 
-from mazeplan.behavior.blame import blames_a_node, fault
+from mazeplan.behavior.blame import blames_a_node, fault, outside
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.tree import BehaviorTree
@@ -23,9 +23,10 @@ from mazeplan.behavior.winding import WindDown
 from mazeplan.control.backlash import Gears
 from mazeplan.control.deadline import Live, Stopwatch
 from mazeplan.control.estimation.delay_bank import estimator_for
+from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.control.estimation.sample_check import Scrutiny
 from mazeplan.core.display import Display
-from mazeplan.core.errors import RigError
+from mazeplan.core.errors import LogError, RigError
 from mazeplan.core.events import (
     DoubtRaised,
     GoalChanged,
@@ -86,6 +87,7 @@ class Run:
         self._gears = Gears(model.stage, setup.maze.tilt_limit)
         self._estimator = estimator_for(setup.maze, model, setup.settings.estimator, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
+        self._rim = RimWatch(setup.maze, setup.settings.estimator.camera_sigma)
         # a plate that is kept from moving fast answers later, by half its range on average
         self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._watch = watch or Live()
@@ -202,6 +204,8 @@ class Run:
             if self._serve_requests(observation.t):
                 return self._end(False, "stopped", observation)
             status = self._answer(observation)
+            if self._out_for_long(observation):
+                return self._end(False, str(FailureKind.BALL_OUT))
             if self._unseen_for_long(observation):
                 return self._end(False, str(FailureKind.BALL_LOST))
             late = observation.t - self._goals[-1].t >= job.time_limit
@@ -217,6 +221,17 @@ class Run:
             detail = f"not in ring {self.context.goal} after {job.time_limit:g} s"
             self.context.failed(Failure(FailureKind.OUT_OF_TIME, "run", observation.t, detail))
             return self._end(False, str(FailureKind.OUT_OF_TIME))
+
+    def _out_for_long(self, observation: Observation) -> bool:
+        """Whether the ball is out of the maze for as long as it may be; tells of it where the tree has not."""
+        run, limit = self.context, self._setup.out_s
+        if run.out is None or limit is None:
+            return False
+        self._seen_at = observation.t  # it is known where it went
+        over = observation.t - run.out.since >= limit
+        if not any(f.kind is FailureKind.BALL_OUT and f.t >= run.out.since for f in run.failures):
+            run.failed(Failure(FailureKind.BALL_OUT, "run", observation.t, run.out.told))
+        return over
 
     def _unseen_for_long(self, observation: Observation) -> bool:
         """Whether the ball was not seen for as long as the rig allows: it may lie beside the plate."""
@@ -234,9 +249,10 @@ class Run:
         run, measured = self.context, self.context.measured
         lost = measured is None or measured.lost or not math.isfinite(measured.r)
         ring = None if measured is None or lost else measured.ring
-        if ring == run.goal:
+        if ring == run.goal and run.out is None:
             return self._end(True, "arrived")
         where = "nobody knows where" if ring is None else f"in ring {ring}"
+        where = where if run.out is None else "out of the maze"
         detail = f"the tree succeeded with the ball {where}, the goal is ring {run.goal}"
         run.failed(Failure(FailureKind.ELSEWHERE, "run", run.now, detail))
         return self._end(False, str(FailureKind.ELSEWHERE))
@@ -263,7 +279,10 @@ class Run:
         return self.result(False, str(FailureKind.RIG_FAILED))
 
     def broke_off(self, error: Exception) -> NavigationResult:
-        """What has happened until a leaf, or the program itself, could not go on."""
+        """What has happened until a leaf, the log, or the program itself, could not go on."""
+        if isinstance(error, LogError) and not blames_a_node(error):
+            self.context.failed(Failure(FailureKind.LOG_FAILED, "log", self.context.now, str(error)))
+            return self.result(False, str(FailureKind.LOG_FAILED))
         if not blames_a_node(error):
             return self.result(False, CRASHED)
         self.context.failed(Failure(FailureKind.LEAF_FAILED, "tree", self.context.now, fault(error)))
@@ -304,10 +323,17 @@ class Run:
         state = self._estimator.update(observation)
         doubts = self._scrutiny.judge(self._estimator.doubts, observation.t)
         measured = self._estimator.filtered or state
-        self.context.begin(observation.t, state, measured)
+        self.context.begin(observation.t, state, measured, self._left(observation))
         for doubt in doubts:
             self._report(DoubtRaised(doubt.what))
         self._record.in_ring(self.context, observation.t, state.ring, lost=state.lost)
+
+    def _left(self, observation: Observation) -> Out | None:
+        """Where the ball is, if it has left the maze."""
+        if self._setup.out_s is None:
+            return None
+        x, y = observation.x, observation.y
+        return self._rim.take(observation.t, None if x is None or y is None else self._model.camera.true(x, y))
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
         """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
@@ -358,6 +384,7 @@ def _to(report: WeakMethod[Callable[[RunEvent | Plan], None]]) -> Callable[[RunE
     def passed_on(event: RunEvent | Plan) -> None:
         to = report()
         if to is not None:
-            to(event)
+            with outside():
+                to(event)
 
     return passed_on

@@ -54,7 +54,11 @@ CHOSEN = ("status", "leaf", "u_beta", "u_gamma", "opening", "goal_theta", "plann
 MEASURED = ("ms", "planner_ms", "tick_ms", "log", "rig", "doubts")  # fields of other messages that are no decisions
 UNCOMPARED = ("/header", "/tree", "/status", "/openings")  # the tick shows their effect
 # reasons of runs that stopped anywhere in a tick
-UNFINISHED = ("interrupted", CRASHED, str(FailureKind.RIG_FAILED), str(FailureKind.LEAF_FAILED))
+UNFINISHED = (
+    "interrupted",
+    CRASHED,
+    *map(str, (FailureKind.RIG_FAILED, FailureKind.LEAF_FAILED, FailureKind.LOG_FAILED)),
+)
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,7 @@ def _setup_of(
         memory=None if facts.memory is None else memory_from_document(facts.memory),
         latency=facts.latency,
         unseen_s=facts.unseen_s,
+        out_s=facts.out_s,
         effects=None if facts.effects is None else facts.effects.spec,
     )
 

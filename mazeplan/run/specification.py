@@ -32,6 +32,7 @@ from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import traits
 from mazeplan.run.settings import Settings, load_settings
 
+PUT_BACK_S = 10.0  # s that a run on a real rig waits for a ball that left the maze
 REPLAY_FORMAT = 1  # of what the header holds for `replay`
 SHAPE_STEP = math.radians(4.0)  # of arcs in the log's drawing: 0.06 mm from the circle at the rim
 TIME_LIMIT = 20.0  # s of rig time; the limit under which the published figures were taken
@@ -58,7 +59,8 @@ class Setup:
     model: of ball and stage; behavior: name or file of the tree; behavior_modules: of the user, with leaves; memory: of
     openings, which the run adds to; model_source: where to load the model from again; watch: called with each tree
     before it begins; latency: measured on the rig, in place of the model's; unseen_s: the run ends after so many
-    seconds without the ball, None: never; effects: MODULE:FUNCTION of the user."""
+    seconds without the ball, None: never; out_s: and after so many with the ball out of the maze, None: nobody asks
+    whether it is; effects: MODULE:FUNCTION of the user."""
 
     maze: Maze
     model: RigModel
@@ -72,14 +74,22 @@ class Setup:
     watch: Callable[[BehaviorTree, RunContext], None] | None = None
     latency: Latency | None = None
     unseen_s: float | None = None
+    out_s: float | None = 0.0
     effects: str | None = None
 
     def on(self, rig: Any) -> Setup:
-        """With the latency and the limit without the ball that the rig states (`interface.Rig`)."""
+        """With what the rig states (`interface.RigTraits`): latency, and the limits without the ball. On a real rig
+        somebody can put the ball back."""
         own = traits(rig)
-        if own.latency is None and own.unseen_s is None:
+        out_s = PUT_BACK_S if own.out_s is None and own.realtime else own.out_s
+        if own.latency is None and own.unseen_s is None and out_s is None:
             return self
-        return replace(self, latency=own.latency or self.latency, unseen_s=own.unseen_s or self.unseen_s)
+        return replace(
+            self,
+            latency=own.latency or self.latency,
+            unseen_s=own.unseen_s or self.unseen_s,
+            out_s=self.out_s if out_s is None else out_s,
+        )
 
     @property
     def driving_model(self) -> RigModel:
@@ -123,6 +133,7 @@ class ReplayFacts:
     start_theta: float | None = None
     model: str | None = None
     unseen_s: float | None = None
+    out_s: float | None = None
     latency: Latency | None = None
     effects: OwnEffects | None = None
 
@@ -202,6 +213,7 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
         start_theta=job.theta,
         model=setup.model_source,
         unseen_s=setup.unseen_s,
+        out_s=setup.out_s,
         latency=setup.latency,
         effects=None if setup.effects is None else OwnEffects(setup.effects, effects_sha256(setup.effects)),
     )

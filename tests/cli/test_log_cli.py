@@ -7,6 +7,9 @@ import io
 import json
 import math
 import shutil
+import signal
+import subprocess
+import sys
 from functools import partial
 
 import numpy as np
@@ -15,7 +18,7 @@ from mcap.reader import make_reader
 
 from mazeplan.apps.cli.log import summary
 from mazeplan.core.events import FailureReported, OpeningPassed, OtherEvent, RecoveryChosen, RingEntered
-from mazeplan.core.logs.run_log import RunLogWriter, read_log
+from mazeplan.core.logs.run_log import CHUNK_S, RunLogWriter, read_log
 from mazeplan.core.records import Command, Observation, Plan, State, StopReason
 
 STATE = State(0.0, 0.08, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, ring=2)
@@ -86,6 +89,50 @@ def test_info_as_text(run, log, cut):
     got = json.loads(run("info", cut, "--json")[1])
     assert (got["complete"], got["ticks"], got["result"]) == (False, 54, None)
     assert "cut off" in run("info", cut)[1]
+
+
+KILLED = """
+import os, signal, sys
+from mazeplan.core.logs.run_log import RunLogWriter
+from mazeplan.core.records import LEVEL, Observation
+
+log = RunLogWriter(sys.argv[1], {})
+for k in range(101):
+    log.sample(Observation(k / 30.0, 0.09, 0.0, 0.0, 0.0), LEVEL)
+if sys.argv[2] == "ended":
+    log.result({"reason": "arrived"})
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("when", ["under way", "ended"])
+def test_info_of_a_log_of_a_killed_program_tells_what_is_kept_and_what_is_missing(run, tmp_path, when):
+    path = tmp_path / "killed.mcap"
+    done = subprocess.run([sys.executable, "-c", KILLED, str(path), when], timeout=60, check=False)
+    assert done.returncode == -signal.SIGKILL
+    got, text = json.loads(run("info", path, "--json")[1]), run("info", path)[1]
+    assert got["complete"] is False
+    assert text.startswith(f"{path}: cut off: the program did not finish it\n")
+    if when == "ended":
+        assert (got["ticks"], got["missing"]) == (101, ["the index"])
+    else:
+        assert 100 - 30 * CHUNK_S - 1 <= got["ticks"] <= 100
+        last = (got["ticks"] - 1) / 30.0
+        assert got["missing"] == [f"what came after t = {last:.2f} s", "the result", "the index"]
+    assert f"  ticks       kept {got['ticks']} over" in text
+    assert f"  missing     {', '.join(got['missing'])}\n" in text + "\n"
+
+
+def test_nothing_is_missing_in_a_whole_log_and_all_in_one_with_a_header_alone(run, log, tmp_path):
+    assert json.loads(run("info", log, "--json")[1])["missing"] == []
+    text = run("info", log)[1]
+    assert "\n  missing" not in text
+    assert "ticks       91 over" in text
+    path = tmp_path / "begun.mcap"
+    begun = RunLogWriter(path, {})
+    begun.close()
+    path.write_bytes(path.read_bytes()[:-8])
+    assert json.loads(run("info", path, "--json")[1])["missing"] == ["all ticks", "the result", "the index"]
 
 
 def test_info_of_an_empty_log(run, tmp_path):

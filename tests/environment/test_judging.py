@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.apps.environment.judging import HOLD, LOST, OUT, Judge, expected_times
+from mazeplan.apps.environment.judging import HOLD, LOST, Judge, expected_times
 from mazeplan.apps.environment.senses import HIGH, LOW, NAMES, RATE, Senses
 from mazeplan.apps.environment.task import Task
+from mazeplan.control.estimation.rim_watch import SAMPLES
 from mazeplan.core.errors import SettingsError
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.mapfile import load_map
@@ -104,12 +105,18 @@ def test_arrival_is_a_hold_inside_the_goal_in_all_samples_that_saw_the_ball():
     assert not any(v.out[0] for v in whole)
 
 
-def test_out_is_a_ball_unseen_or_outside_for_long():
+def test_out_is_a_ball_unseen_for_long_or_beyond_the_rim():
     lost = walk([(math.nan, math.nan)] * round(30 * LOST))
     assert [bool(v.out[0]) for v in lost] == [False] * (len(lost) - 1) + [True]
-    outside = walk([(0.12, 0.0)] * (round(30 * OUT) + 1))
+    assert not any(v.left[0] for v in lost)
+    outside = walk([(0.12, 0.0)] * SAMPLES)
     assert [bool(v.out[0]) for v in outside] == [False] * (len(outside) - 1) + [True]
-    assert not any(v.out[0] for v in walk([(0.12, 0.0), (0.09, 0.0)] * 8))  # single wrong positions
+    assert [bool(v.left[0]) for v in outside] == [bool(v.out[0]) for v in outside]
+    assert not any(v.out[0] for v in walk([(0.12, 0.0), (0.12, 0.0), (0.09, 0.0)] * 8))  # a wrong position or two
+    nowhere = (math.nan, math.nan)
+    assert not any(v.left[0] for v in walk([(0.12, 0.0), nowhere, nowhere, nowhere] * 4))
+    for flown in ([(0.12, 0.0), (0.13, 0.0), nowhere], [(0.12, 0.0), nowhere, (0.13, 0.0)]):  # out of the picture
+        assert [bool(v.left[0]) for v in walk(flown)] == [False, False, True]
 
 
 def test_the_dense_reward_is_the_sparse_one_and_a_potential():

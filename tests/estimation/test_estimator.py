@@ -204,6 +204,41 @@ def test_commands_that_have_not_acted_yet_are_predicted_through():
         predict(z, t, t + DT, np.array(moments), np.array(commands), *planar.arrays())
 
 
+def test_before_the_first_command_the_plate_is_expected_to_stay_where_it_is():
+    """And a command that acts at once is one that acts: there is nothing to predict through."""
+    radius = MAZE.track_radius(1)
+    for dead_time in (0.0, 0.05):
+        nominal = model(0.0)
+        axes = {name: replace(getattr(nominal.stage, name), dead_time=dead_time) for name in ("beta", "gamma")}
+        estimator = Estimator(MAZE, replace(nominal, stage=replace(nominal.stage, **axes)))
+        state = estimator.update(Observation(0.0, radius, 0.0, 0.0, 0.0))
+        assert state.t == pytest.approx(dead_time)
+        assert (state.beta, state.gamma, state.beta_dot, state.gamma_dot) == (0.0, 0.0, 0.0, 0.0)
+        assert (state.x, state.y, state.vx, state.vy) == pytest.approx((radius, 0.0, 0.0, 0.0), abs=1e-9)
+
+
+def test_a_ball_is_lost_when_it_was_not_seen_for_longer_than_that_and_not_before():
+    estimator = Estimator(MAZE, model(0.0), EstimatorOptions(lost_after=0.5))
+    radius = MAZE.track_radius(1)
+    assert not estimator.update(Observation(0.0, radius, 0.0, 0.0, 0.0)).lost
+    lost = [estimator.update(Observation(k / 30.0, None, None, 0.0, 0.0)).lost for k in range(1, 18)]
+    assert lost == [False] * 15 + [True] * 2  # half a second is 15 samples
+    assert estimator.filtered is not None
+    assert estimator.filtered.lost
+
+
+def test_an_outlier_is_not_said_to_be_seen_where_the_filter_is():
+    estimator, radius = Estimator(MAZE, model(0.0)), MAZE.track_radius(1)
+    for k in range(9):
+        estimator.update(Observation(k / 30.0, radius, 0.0, 0.0, 0.0))
+        assert estimator.filtered is not None
+        assert estimator.filtered.seen
+    state = estimator.update(Observation(0.3, -radius, 0.0, 0.0, 0.0))
+    assert state.seen  # the rig did
+    assert not estimator.filtered.seen
+    assert estimator.doubts == {"ball"}
+
+
 def test_a_kick_that_no_model_knows_is_found_by_the_filter():
     rig = model(0.0)
     estimator, played = Estimator(MAZE, rig), Played(rig)

@@ -233,7 +233,7 @@ def plug_all(rig):
 def test_every_recovery_of_the_packaged_tree_has_a_budget_in_the_file():
     recover = PACKAGED.split('<BehaviorTree ID="Recover">')[1].split("</BehaviorTree>")[0]
     conditions, branches = re.findall(r"<FailureIs [^>]*>", recover), re.findall(r"<Sequence ", recover)
-    assert len(conditions) == len(branches) == 6
+    assert len(conditions) == len(branches) == 7
     budgets = [int(re.search(r'at_most="(\d+)"', condition).group(1)) for condition in conditions]
     total = int(re.search(r'num_attempts="(\d+)"', PACKAGED).group(1))
     assert all(0 < budget < total for budget in budgets)

@@ -107,6 +107,20 @@ def pushed_out_of_the_goal():
     return record.reaches()
 
 
+def put_back():
+    record = run_tree(mishaps="- ball_out: {from_s: 0.5, to_s: 1.5, ring: 2}\n")
+    record.visits("BallSeen", "LevelPlate", "Track")
+    assert record.failures[0] == "ball_out"
+    return record.reaches()
+
+
+def not_put_back():
+    record = run_tree(mishaps="- ball_out: {from_s: 0.5}\n").ends_with("ball_out")
+    assert record.failures == ["ball_out"]
+    assert record.recoveries == ["level_plate"]
+    return record.within(0.6)
+
+
 def no_way():
     record = run_tree(closed=["4-5@180"]).ends_with("no_route").never("Recover")
     assert len(record.ticks) == 1
@@ -115,7 +129,7 @@ def no_way():
 
 RUNS = (
     smooth, already_there, stuck, stuck_for_good, blind, blind_for_good, blocked, two_blocked, taken_from_in_front,
-    fell_back, jumped_on, pushed_out_of_the_goal, no_way,
+    fell_back, jumped_on, pushed_out_of_the_goal, put_back, not_put_back, no_way,
 )  # fmt: skip
 
 
@@ -166,6 +180,7 @@ def test_the_tree_of_waypoints_ends_in_the_goal_ring():
     ("failures", "leaf"),
     [
         (["ball_lost"], "LevelPlate"),
+        (["ball_out"], "LevelPlate"),
         (["stuck"], "Dither"),
         (["stuck"] * 6, "Dither"),
         (["stuck"] * 7, "AvoidOpening"),

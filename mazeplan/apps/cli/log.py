@@ -126,6 +126,7 @@ def summary(log: RunLog) -> dict[str, Any]:
     document = {
         "file": str(log.path),
         "complete": log.complete,
+        "missing": _missing(log),
         "header": {key: value for key, value in log.header.items() if key not in ("map", "replay")},
         "ticks": len(t),
         "duration_s": duration,
@@ -141,6 +142,15 @@ def summary(log: RunLog) -> dict[str, Any]:
         "result": log.result,
     }
     return finite(document)
+
+
+def _missing(log: RunLog) -> list[str]:
+    """What a log lacks whose program did not finish it, in words."""
+    if log.complete:
+        return []
+    t = log.ticks["t"]
+    after = f"what came after t = {t[-1]:.2f} s" if len(t) else "all ticks"
+    return ["the index"] if log.result is not None else [after, "the result", "the index"]
 
 
 def _events(log: RunLog, kind: str) -> list[tuple[float, dict[str, Any]]]:
@@ -172,7 +182,8 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
     rows = [(key, document["header"][key]) for key in HEADER if document["header"].get(key) is not None]
     seen = "" if document["ball_seen"] is None else f", ball seen in {100 * document['ball_seen']:.1f} %"
     rate = "" if document["rate_hz"] is None else f" at {document['rate_hz']:.2f} Hz"
-    rows.append(("ticks", f"{document['ticks']} over {document['duration_s']:.2f} s{rate}{seen}"))
+    kept = "" if document["complete"] else "kept "
+    rows.append(("ticks", f"{kept}{document['ticks']} over {document['duration_s']:.2f} s{rate}{seen}"))
     stays = [f"{stay['ring']} from {stay['t']:.2f} s for {stay['time_s']:.2f} s" for stay in document["rings"]]
     rows.append(("rings", "; ".join(stays) or "not recorded"))
     passed = [f"{p['opening']} at {p['t']:.2f} s" for p in document["passed"]]
@@ -186,6 +197,8 @@ def summary_lines(document: dict[str, Any]) -> list[str]:
             rows.append((name, ", ".join(f"{figure} {value:.2f} ms" for figure, value in document[key].items())))
     result = document["result"]
     rows.append(("result", "none" if result is None else f"{result.get('reason')} after {result.get('time_s')} s"))
+    if document["missing"]:
+        rows.append(("missing", ", ".join(document["missing"])))
     state = "complete" if document["complete"] else "cut off: the program did not finish it"
     return [f"{document['file']}: {state}", *(f"  {name:11s} {text}" for name, text in rows)]
 

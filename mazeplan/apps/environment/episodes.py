@@ -81,7 +81,7 @@ class Episodes:
         self._keep(rows, samples)
         radius, _ = self._senses.place(rows)
         nothing = np.zeros(len(rows), dtype=bool)
-        return self._observed(rows), self._info(rows, self._senses.ring(radius), nothing)
+        return self._observed(rows), self._info(rows, self._senses.ring(radius), nothing, nothing.copy())
 
     def step(self, rows: IntArray, actions: np.ndarray) -> tuple[np.ndarray, Verdict, dict[str, np.ndarray]]:
         """Observations, verdicts and info. actions: (len(rows), 2), -1 to 1; what is beyond counts as that. Raises
@@ -99,7 +99,7 @@ class Episodes:
         self._senses.take(rows, samples, commands)
         verdict = self._judge.judge(rows)
         self._keep(rows, samples)
-        return self._observed(rows), verdict, self._info(rows, verdict.ring, verdict.arrived)
+        return self._observed(rows), verdict, self._info(rows, verdict.ring, verdict.arrived, verdict.left)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -145,11 +145,11 @@ class Episodes:
         drawn = [pictures.small(self.world.pictured(row), rng, size) for row, rng in light if rng is not None]
         return np.stack(drawn)
 
-    def _info(self, rows: IntArray, ring: IntArray, arrived: np.ndarray) -> dict[str, np.ndarray]:
+    def _info(self, rows: IntArray, ring: IntArray, arrived: np.ndarray, left: np.ndarray) -> dict[str, np.ndarray]:
         """ring: where the ball was seen last; time_s: of the rig; is_success: the same as success, as others call
-        it."""
+        it; ball_out: whether the ball has left the maze."""
         seen = self._senses.unseen_s(rows) <= 0.0
         return {
             "ring": ring, "time_s": self._senses.t[rows], "seen": seen, "success": arrived,
-            "is_success": arrived.copy(),
+            "is_success": arrived.copy(), "ball_out": left,
         }  # fmt: skip

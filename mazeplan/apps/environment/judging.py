@@ -9,7 +9,8 @@ are (Ng, Harada and Russell 1999), for a learner with the same discount. Standin
 the more, so that returns without discount rank policies as one would.
 
 Arrival is what it is for `navigate`: the ball's centre was measured inside the goal ring for HOLD s, in each sample in
-which it was seen. Out is a ball that was not seen for LOST s, or seen outside the rim for OUT s.
+which it was seen. Out is a ball that was not seen for LOST s, or was seen beyond the rim, as `navigate`
+tells `ball_out`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ import numpy as np
 
 from mazeplan.apps.environment.senses import Senses
 from mazeplan.apps.environment.task import Task
+from mazeplan.control.estimation.estimator import EstimatorOptions
+from mazeplan.control.estimation.rim_watch import AGREEING, SAMPLES, SIGMAS, rim_of
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Array, IntArray
 from mazeplan.maze.geometry import Maze
@@ -29,17 +32,18 @@ from mazeplan.maze.graph import RouteGraph
 
 HOLD = 0.2  # s, as the leaf Settle
 LOST = 1.0  # s
-OUT = 0.2  # s; a single wrong position is no ball outside
 ANGLES = 120  # of the table of expected times, per ring
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Each (rows,): reward, whether the ball has arrived, whether it is out, in which ring it was seen."""
+    """Each (rows,): reward, whether the ball has arrived, whether it is out (unseen, or out of the maze), whether it
+    has left the maze, in which ring it was seen."""
 
     reward: Array
     arrived: np.ndarray
     out: np.ndarray
+    left: np.ndarray
     ring: IntArray
 
 
@@ -68,11 +72,12 @@ class Judge:
         longest = float(np.max(times[np.isfinite(times)]))
         self._potential = 1.0 - np.where(np.isfinite(times), times, longest) / longest
         self._phi, self._since = np.zeros(number), np.full(number, math.nan)
-        self._outside = np.full(number, math.nan)  # since when it is seen there, s
+        self._votes = np.full((number, SAMPLES), -1)  # of the last samples: 1 outside, -1 inside, 0 not seen
+        self._beyond = rim_of(maze) + SIGMAS * EstimatorOptions().camera_sigma  # m
 
     def reset(self, rows: IntArray) -> None:
         """Begin anew, with what the senses know."""
-        self._since[rows] = self._outside[rows] = math.nan
+        self._since[rows], self._votes[rows] = math.nan, -1
         self._phi[rows] = self.potential(rows)
 
     def potential(self, rows: IntArray) -> Array:
@@ -91,17 +96,18 @@ class Judge:
         unseen = senses.unseen_s(rows)
         seen, goal = unseen <= 0.0, senses.maze.ring(self.goal)
         inside = (goal.inner_radius <= radius) & (radius <= goal.outer_radius)
-        beyond = radius > senses.maze.rings[0].outer_radius
+        vote = np.where(seen, np.where(radius > self._beyond, 1, -1), 0)
         self._since[rows] = since = _held(self._since[rows], t, inside)
         arrived = seen & (t - since >= HOLD - 1e-6)
-        self._outside[rows] = outside = _held(self._outside[rows], t, beyond)
-        out = ~arrived & ((unseen >= LOST - 1e-6) | (seen & (t - outside >= OUT - 1e-6)))
+        self._votes[rows] = votes = np.column_stack([self._votes[rows, 1:], vote])
+        left = ~arrived & (votes.sum(axis=1) >= AGREEING)
+        out = left | (~arrived & (unseen >= LOST - 1e-6))
         reward = arrived.astype(float)
         if self._task.reward == "dense":
             phi = np.where(arrived | out, 0.0, self.potential(rows))
             reward += self._task.discount * phi - self._phi[rows]
             self._phi[rows] = phi
-        return Verdict(reward, arrived, out, senses.ring(radius))
+        return Verdict(reward, arrived, out, left, senses.ring(radius))
 
 
 def _held(since: Array, t: Array, holds: np.ndarray) -> Array:

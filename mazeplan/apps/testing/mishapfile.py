@@ -5,6 +5,7 @@
     - camera_blind: {from_s: 1.0, to_s: 1.4}
     - ball_pushed: {at_s: 1.2, speed_m_s: 0.3, direction_deg: 90}
     - ball_teleported: {ring: 1, theta_deg: 120, in_ring: 3}
+    - ball_out: {from_s: 1.0, to_s: 3.0, ring: 2}
     - axis_dead: {axis: beta, from_s: 1.0, to_s: 2.0}
 
 The faults of a simulated rig's file (`{kind: blackout, at_s: 1.0, duration_s: 0.4}`) are taken, too. An error names
@@ -91,7 +92,15 @@ class BallTeleported(_Once):
     theta_deg: Angle = 0.0
 
 
-Mishap = BallStuck | OpeningBlocked | CameraBlind | AxisDead | BallPushed | BallTeleported
+class BallOut(_While):
+    """The ball lies outside, beyond the rim; then somebody puts it back into `ring`, at theta_deg (None: where it was
+    when it got out)."""
+
+    ring: Ring = 1
+    theta_deg: Angle | None = None
+
+
+Mishap = BallStuck | OpeningBlocked | CameraBlind | AxisDead | BallPushed | BallTeleported | BallOut
 KINDS: dict[str, type[Mishap]] = {
     "ball_stuck": BallStuck,
     "opening_blocked": OpeningBlocked,
@@ -99,6 +108,7 @@ KINDS: dict[str, type[Mishap]] = {
     "axis_dead": AxisDead,
     "ball_pushed": BallPushed,
     "ball_teleported": BallTeleported,
+    "ball_out": BallOut,
 }
 Given = str | Path | Sequence[Mishap | Mapping[str, Any]]
 

@@ -10,7 +10,9 @@ import numpy as np
 
 from mazeplan.apps.testing.lightrig import LightRig
 from mazeplan.apps.testing.mishapfile import (
+    FOR_EVER,
     AxisDead,
+    BallOut,
     BallPushed,
     BallStuck,
     BallTeleported,
@@ -23,6 +25,7 @@ from mazeplan.core.records import Observation
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
 from mazeplan.rigs.sim.simulated import SimulatedRig
+from mazeplan.run.specification import PUT_BACK_S
 
 SAME_PLACE = math.radians(0.5)  # a ball that rests within this of an angle is at it
 
@@ -61,6 +64,34 @@ class _Sticking:
         return before * left < 0.0 and abs(before) + abs(left) < 0.5 * math.pi  # not on the far side of the ring
 
 
+class _Outside:
+    """Where a ball is put that is out of the maze for a while."""
+
+    def __init__(self, mishap: BallOut, maze: Maze) -> None:
+        self._mishap, self._maze, self._theta, self._out = mishap, maze, 0.0, False
+
+    def place(self, t: float, rig: _Placed) -> tuple[float, float] | None:
+        """Radius (m) and angle (rad) to which the ball is put at this sample; None: nobody touches it."""
+        active, mishap = self._mishap.active(t), self._mishap
+        if active == self._out:
+            return (self._beyond, self._theta) if active else None
+        self._out = active
+        if active:
+            self._theta = rig.theta
+            return self._beyond, self._theta
+        theta = self._theta if mishap.theta_deg is None else math.radians(mishap.theta_deg)
+        return self._maze.track_radius(mishap.ring), theta
+
+    @property
+    def _beyond(self) -> float:
+        return self._maze.walls[0].outer_radius + 2.0 * self._maze.ball.radius
+
+
+def _put_back(mishaps: Sequence[Mishap]) -> float | None:
+    """How long a run waits for the ball: as on a real rig where somebody puts it back, None where nobody does."""
+    return PUT_BACK_S if any(isinstance(m, BallOut) and m.to_s < FOR_EVER for m in mishaps) else None
+
+
 class _Happened:
     """Which mishaps of one moment are due; each happens once."""
 
@@ -82,12 +113,14 @@ class ScriptedRig(LightRig):
     ) -> None:
         super().__init__(maze, mishap=lambda _: self._happen())
         self.mishaps = tuple(mishaps)
+        self.out_s = _put_back(self.mishaps)
 
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator | None) -> None:
         """The script begins anew, too."""
         super().reset(ring=ring, theta=theta, rng=rng)
         self._once = _Happened(self.mishaps)
         self._sticking = [_Sticking(m) for m in self.mishaps if isinstance(m, BallStuck)]
+        self._outside = [_Outside(m, self.maze) for m in self.mishaps if isinstance(m, BallOut)]
 
     def _happen(self) -> None:
         t = self.t
@@ -103,6 +136,9 @@ class ScriptedRig(LightRig):
                 self.glued = True
                 if not held:  # exactly there, however far it would have come in this sample
                     self.put(math.hypot(self.z[0], self.z[1]), self.theta if sticking.theta is None else sticking.theta)
+        for outside in self._outside:
+            if (place := outside.place(t, self)) is not None:
+                self.put(*place)
         self.hidden = any(isinstance(m, CameraBlind) and m.active(t) for m in self.mishaps)
         self.dead = frozenset(axis for m in self.mishaps if isinstance(m, AxisDead) and m.active(t) for axis in m.axes)
         self.block(frozenset(m.opening for m in self.mishaps if isinstance(m, OpeningBlocked) and m.active(t)))
@@ -123,6 +159,7 @@ class ScriptedSimulation(SimulatedRig):
         settings = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
         faults = (*settings.faults, *(fault for mishap in mishaps for fault in _faults(mishap)))
         super().__init__(maze, settings.model_copy(update={"faults": faults}))
+        self.out_s = _put_back(self.mishaps)
 
     @property
     def ring(self) -> int:
@@ -141,6 +178,7 @@ class ScriptedSimulation(SimulatedRig):
         super().reset(ring=ring, theta=theta, rng=rng)
         self._once = _Happened(self.mishaps)
         self._sticking = [_Sticking(m) for m in self.mishaps if isinstance(m, BallStuck)]
+        self._outside = [_Outside(m, self.maze) for m in self.mishaps if isinstance(m, BallOut)]
 
     def observe(self) -> Observation:
         """The next sample; what happens to the ball at it is seen in the next one."""
@@ -148,16 +186,22 @@ class ScriptedSimulation(SimulatedRig):
         t = observation.t
         for mishap in self._once.due(t, self.ring):
             if isinstance(mishap, BallTeleported):
-                r, angle = self.maze.track_radius(mishap.ring), math.radians(mishap.theta_deg)
-                place = np.array([r * math.cos(angle), r * math.sin(angle), self.maze.ball.radius])
-                self.set_ball(place, np.zeros(3), np.zeros(3))
+                self._put(self.maze.track_radius(mishap.ring), math.radians(mishap.theta_deg))
             else:
                 self.inject(Fault(kind="push", at_s=t, speed_m_s=mishap.speed_m_s, direction_deg=mishap.direction_deg))
         for sticking in self._sticking:
             held = sticking.held
             if sticking.catches(t, self) and not held:
                 self.inject(Fault(kind="stuck", at_s=t, duration_s=sticking.stuck.to_s - t))
+        for outside in self._outside:
+            if (place := outside.place(t, self)) is not None:
+                self._put(*place)
         return observation
+
+    def _put(self, r: float, theta: float) -> None:
+        """Put the ball to rest on the floor; m, rad."""
+        place = np.array([r * math.cos(theta), r * math.sin(theta), self.maze.ball.radius])
+        self.set_ball(place, np.zeros(3), np.zeros(3))
 
 
 def _faults(mishap: Mishap) -> list[Fault]:

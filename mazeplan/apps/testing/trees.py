@@ -36,6 +36,7 @@ from mazeplan.run.settings import Settings, load_settings
 from mazeplan.run.specification import TIME_LIMIT, Job, Setup
 
 Leaves = Mapping[str, str | Script]
+OF_THE_RUN = (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE, FailureKind.BALL_OUT)  # that no leaf need have reported
 PATIENCE_MS = 1e6  # for a plan: with a deadline in wall time a run would depend on how busy the machine is
 
 
@@ -105,7 +106,7 @@ def run_tree(
         return _record(watch, maze, aim, "rig_failed", False)
     finally:
         machine.close()
-    if result.reason in (FailureKind.OUT_OF_TIME, FailureKind.ELSEWHERE):  # the run's own, which no leaf reported
+    if result.reason in OF_THE_RUN:
         last = result.failures[-1]
         failure = FailureReported(str(last.kind), last.where, last.detail)
         if not any(timed.event == failure for timed in watch.events):

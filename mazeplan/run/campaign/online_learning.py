@@ -31,7 +31,7 @@ from mazeplan.run.resolve import resolve_model
 
 LOCK = ".learning.lock"
 SEEN = 0.8  # of the ticks, at least, in which the ball must have been seen
-BAD = (FailureKind.RIG_FAILED, FailureKind.BALL_LOST, FailureKind.LEAF_FAILED)
+BAD = (FailureKind.RIG_FAILED, FailureKind.BALL_LOST, FailureKind.BALL_OUT, FailureKind.LEAF_FAILED)
 
 
 @dataclass
