@@ -25,12 +25,14 @@ from mazeplan.behavior.ports import REQUIRED, Key, Port, shown
 from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.core.errors import InputError, MazeplanError, TreeError
+from mazeplan.core.file_format import advice
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
 MAX_NODES = 5_000  # after subtrees are put in their places
 MAX_NAME = 100  # characters of a node's name
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
+FORMAT = "4"  # BehaviorTree.CPP's own number
 ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
 NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
 KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
@@ -72,6 +74,14 @@ def bad_name(name: str) -> str | None:
     return None if wrong is None else f"expected a name without {wrong!r}"
 
 
+def _format_problem(given: str | None) -> str:
+    """Why a tree with this BTCPP_format cannot be read."""
+    problem = f"got {shown(given)}, expected '{FORMAT}'"
+    if given is None or not WHOLE.fullmatch(given) or int(given) <= int(FORMAT):
+        return problem
+    return problem + advice(None)
+
+
 def one_line(text: str, most: int = 600) -> str:
     """Text for an error: one line, nothing that a terminal would obey, not endless."""
     clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
@@ -94,8 +104,8 @@ class Builder:
     def _read_part(self, root: Element) -> None:
         if root.tag != "root":
             raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
-        if root.get("BTCPP_format") != "4":
-            raise self.error(root, "", f"BTCPP_format: got {shown(root.get('BTCPP_format'))}, expected '4'")
+        if root.get("BTCPP_format") != FORMAT:
+            raise self.error(root, "", f"BTCPP_format: {_format_problem(root.get('BTCPP_format'))}")
         self._known(root, "", ROOT_ATTRIBUTES)
         for element in root:
             self._top(element)
