@@ -147,8 +147,15 @@ def test_kept_documents_are_reports(kept):
     assert load_model(kept / "diagnosis/model").declared(1)["rolling_inertia"]["factor"] < 0.7
 
 
+def test_the_kept_document_of_an_improvement_names_what_the_model_lacked(kept):
+    (found,) = read_input(kept / "improvement.json")
+    assert found.kind == "diagnosis"
+    assert [effect.name for effect in found.document.effects] == ["tilt_offset"]
+    assert found.document.navigation.after.runs == 1
+
+
 def test_a_report_of_all_kept_files_can_be_drawn(kept, tmp_path, monkeypatch, capsys):
-    for name in ("run.mcap", "evaluation.json", "comparison.json", "diagnosis", "models/sp"):
+    for name in ("run.mcap", "evaluation.json", "comparison.json", "improvement.json", "diagnosis", "models/sp"):
         page = tmp_path / f"{name.replace('/', '-')}.html"
         code, _, err = call(monkeypatch, capsys, "report", kept / name, "-o", page)
         assert (code, page.exists()) == (0, True), err

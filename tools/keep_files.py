@@ -104,10 +104,12 @@ def driven(folder: Path) -> None:
 
 
 def judged(folder: Path, record: Path) -> None:
-    """A comparison of models, and the folder of a diagnosis."""
+    """A comparison of models, the folder of a diagnosis, and the document of a rig that was improved."""
     (folder / "comparison.json").write_text(mazeplan(folder, "compare", record, "--json"))
     mazeplan(folder, "diagnose", record, "--model", "models/p", "-o", "diagnosis")
     (folder / "diagnosis" / "report.html").unlink()  # nothing reads it
+    improve = ("improve", "--rig", "surprise@table", "--seconds", "90", "--runs", "1", "--json")
+    (folder / "improvement.json").write_text(mazeplan(folder, *improve))
 
 
 def keep(target: Path) -> None:

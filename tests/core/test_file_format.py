@@ -93,6 +93,7 @@ KINDS: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], object]]] =
     "memory": ("memory.yaml", yaml_of, lambda path: load_memory(path, ["4-5@180"])),
     "evaluation": ("evaluation.json", json_of, read_input),
     "comparison": ("comparison.json", json_of, read_input),
+    "improvement": ("improvement.json", json_of, read_input),
     "diagnosis": ("diagnosis/report.json", json_of, lambda path: read_input(path.parent)),
     "evidence": ("diagnosis/evidence.json", json_of, lambda path: read_input(path.parent)),
     "episodes": ("episodes.parquet", episodes_of, load_episodes),
