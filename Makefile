@@ -133,12 +133,13 @@ licences: $(VENV)/installed-dev
 # An environment of its own, and Numba's share in a place of its own: another version of Numba throws away what is
 # compiled. Old packages beside new ones warn of each other, so warnings of what is deprecated are no errors here.
 LOWEST := build/lowest
-LOWEST_TESTS := tests/control tests/maze tests/behavior tests/logs tests/core tests/cli/test_main.py tests/test_kept_files.py
+LOWEST_TESTS := tests/control tests/maze tests/behavior tests/logs tests/core tests/cli/test_main.py tests/test_kept_files.py \
+  tests/learning/test_gp_training.py
 lowest: $(VENV)/installed
 	@mkdir -p build
 	$(BIN)/python tools/lowest.py > $(LOWEST).txt
 	[ -e $(LOWEST)/bin/python ] || $(PYTHON) -m venv $(LOWEST)
-	$(LOWEST)/bin/python -m pip --disable-pip-version-check install --quiet -c $(LOWEST).txt -e '.[dev]'
+	$(LOWEST)/bin/python -m pip --disable-pip-version-check install --quiet -c $(LOWEST).txt -e '.[dev,learn]'
 	NUMBA_CACHE_DIR=$(CURDIR)/build/lowest-numba OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= \
 	  $(LOWEST)/bin/python -m pytest -n $(JOBS) --dist worksteal -W default::DeprecationWarning \
 	  -m 'not realtime and not slow' $(LOWEST_TESTS) $(ARGS)
