@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 JOBS ?= 2
 ARGS ?=
 
-.PHONY: help navigate picture test test-all check unit all docs pictures coverage compiled bench constraints wheel firmware emulator clean
+.PHONY: help navigate picture test test-all check unit all docs pictures coverage compiled bench constraints pins lowest wheel try-wheel licences firmware emulator clean
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 
@@ -23,7 +23,11 @@ help:
 	@echo "make coverage                       the tests, and the lines they reach: 85 % or more"
 	@echo "make bench [ARGS=--quick]           measure, and write BENCHMARKS.md"
 	@echo "make constraints                    pin the newest versions of everything in constraints.txt"
+	@echo "make pins                           compare constraints.txt with what is installed and needed"
+	@echo "make licences                       licences of all dependencies, docs/licences.md"
+	@echo "make lowest                         tests with the lowest versions that pyproject.toml allows"
 	@echo "make wheel                          dist/*.whl"
+	@echo "make try-wheel                      the wheel in an empty environment: the commands of README"
 	@echo "make firmware                       for the board, into build/firmware/ (needs Debian packages)"
 	@echo "make emulator                       firmware and simulated board into build/ (needs Debian packages)"
 	@echo "make docs                           the documentation as a site, build/docs/index.html"
@@ -120,8 +124,31 @@ constraints: $(VENV)/installed
 	$(BIN)/python tools/pin.py > $(VENV)/constraints.txt
 	mv $(VENV)/constraints.txt constraints.txt
 
+pins: $(VENV)/installed-dev
+	$(BIN)/python tools/check_pins.py
+
+licences: $(VENV)/installed-dev
+	$(BIN)/python tools/licences.py
+
+# An environment of its own, and Numba's share in a place of its own: another version of Numba throws away what is
+# compiled. Old packages beside new ones warn of each other, so warnings of what is deprecated are no errors here.
+LOWEST := build/lowest
+LOWEST_TESTS := tests/control tests/maze tests/behavior tests/logs tests/core tests/cli/test_main.py tests/test_kept_files.py \
+  tests/learning/test_gp_training.py
+lowest: $(VENV)/installed
+	@mkdir -p build
+	$(BIN)/python tools/lowest.py > $(LOWEST).txt
+	[ -e $(LOWEST)/bin/python ] || $(PYTHON) -m venv $(LOWEST)
+	$(LOWEST)/bin/python -m pip --disable-pip-version-check install --quiet -c $(LOWEST).txt -e '.[dev,learn]'
+	NUMBA_CACHE_DIR=$(CURDIR)/build/lowest-numba OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= \
+	  $(LOWEST)/bin/python -m pytest -n $(JOBS) --dist worksteal -W default::DeprecationWarning \
+	  -m 'not realtime and not slow' $(LOWEST_TESTS) $(ARGS)
+
 wheel: $(VENV)/installed-dev
 	$(BIN)/python -m build --wheel
+
+try-wheel: $(VENV)/installed-dev
+	$(BIN)/python tools/try_wheel.py --python $(PYTHON)
 
 # what they need is named in one line, and not each missing header in many
 firmware:

@@ -46,6 +46,7 @@ from bench_real import real_section
 from bench_replay import replay_section
 from bench_rig import rig_section
 from bench_solver import solver_section
+from bench_supply import supply_section
 from bench_trees import trees_section
 from bench_view import view_section
 from bench_waypoints import waypoints_section
@@ -219,7 +220,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "trees": trees_section, "waypoints": waypoints_section,
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
-    "firmware": firmware_section,
+    "firmware": firmware_section, "supply": supply_section,
 }  # fmt: skip
 
 
@@ -271,7 +272,13 @@ def main() -> None:
     # what is timed runs alone
     sections += [tick_section(), start_section(), training_section(), timed_solver_section(options.quick)]
     sections += [view_section(options.quick), firmware_section(options.quick), rig_section(options.quick)]
-    sections += [gym_section(options.quick), campaign_section(options.quick), batch_section(options.quick), *tables]
+    sections += [
+        supply_section(options.quick),
+        gym_section(options.quick),
+        campaign_section(options.quick),
+        batch_section(options.quick),
+        *tables,
+    ]
     if options.parallel:
         head.insert(-1, "- models and navigation were measured at the same time, on two cores; what is timed, alone")
     text = "\n".join(head + [line for section in sections for line in [*section, ""]])

@@ -14,8 +14,10 @@ from typing import Any
 from mazeplan.behavior.mistakes import Mistakes
 from mazeplan.behavior.ports import Key, shown
 from mazeplan.core.errors import TreeError
+from mazeplan.core.file_format import advice
 
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
+FORMAT = "4"  # BehaviorTree.CPP's own number
 ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
 NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
 FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
@@ -58,6 +60,14 @@ def one_line(text: str, most: int = 600) -> str:
     """Text for an error: one line, nothing that a terminal would obey, not endless."""
     clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
     return clean if len(clean) <= most else f"{clean[: most - 3]}..."
+
+
+def _format_problem(given: str | None) -> str:
+    """Why a tree with this BTCPP_format cannot be read."""
+    problem = f"got {shown(given)}, expected '{FORMAT}'"
+    if given is None or not WHOLE.fullmatch(given) or int(given) <= int(FORMAT):
+        return problem
+    return problem + advice(None)
 
 
 class TreeParts:
@@ -129,8 +139,8 @@ class TreeParts:
     def _read_part(self, root: Element) -> None:
         if root.tag != "root":
             raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
-        if root.get("BTCPP_format") != "4":
-            raise self.error(root, "", f"BTCPP_format: got {shown(root.get('BTCPP_format'))}, expected '4'")
+        if root.get("BTCPP_format") != FORMAT:
+            raise self.error(root, "", f"BTCPP_format: {_format_problem(root.get('BTCPP_format'))}")
         with self._mistakes:
             self.known(root, "", ROOT_ATTRIBUTES)
         for element in root:

@@ -39,7 +39,7 @@ from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, Body
-from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
+from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.registry import EFFECTS, make_term
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
@@ -155,11 +155,8 @@ class _Reader:
         """The whole file."""
         known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body",
                  "processes", "data", "scores")  # fmt: skip
+        check_format(self._tree, FORMAT, file=self._path, error=ModelError)
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
-        if root["format"] != FORMAT:
-            newer = isinstance(root["format"], int) and root["format"] > FORMAT
-            advice = "; it was written by a newer version of mazeplan" if newer else ""
-            raise self.fail(f"got {shown(root['format'])}, expected {FORMAT}{advice}", "format")
         delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")
         if not 0.0 <= delay <= 0.5:
             raise self.fail(f"got {delay}, expected 0 to 0.5 s", "camera_delay_s")

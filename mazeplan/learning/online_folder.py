@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.core.errors import InputError, ModelError
+from mazeplan.core.file_format import format_problem
 from mazeplan.learning.features import INPUTS
 from mazeplan.learning.gp_file import MOST_BYTES, MOST_ROWS, arrays_of
 from mazeplan.learning.modelfile import load_model, save_model
@@ -136,15 +137,17 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise ValueError(f"it is larger than {MOST_BYTES} bytes")
-        return arrays_of(path.read_bytes(), MOST_BYTES)
+        arrays = arrays_of(path.read_bytes(), MOST_BYTES)
     except (OSError, ValueError) as problem:
         raise ModelError(f"cannot be read: {' '.join(str(problem).split())}", file=path) from None
+    given, version = (arrays[name].tolist() if name in arrays else None for name in ("format", "version"))
+    if refused := format_problem(given, FORMAT, version):
+        raise ModelError(refused, file=path, key="format")
+    return arrays
 
 
 def _fill(online: OnlineModel, arrays: dict[str, np.ndarray]) -> None:
     """Put the rows into the rings. Raises KeyError, ValueError or ModelError."""
-    if int(arrays["format"]) != FORMAT:
-        raise ValueError(f"got format {arrays['format']}, expected {FORMAT}")
     online.now, online.clock = int(arrays["now"]), float(arrays["clock"])
     watched = arrays["watched"]
     bad = online.now < 0 or not 0.0 <= online.clock < np.inf

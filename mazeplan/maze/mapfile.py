@@ -26,8 +26,9 @@ from mazeplan.maze.wallrules import (
     wall_name,
     wall_problems,
 )
-from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
+from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
+FORMAT = 1  # of a file without `format`, too
 MIN_WALL_MM = 1.0  # thinner walls break in print and let a fast ball through in simulation
 
 MAX_REPORTED = 50  # errors of one file
@@ -101,7 +102,10 @@ def _check_tree(tree: Tree, file: str | Path) -> MapCheck:
         problem = f"got the keys {names} ..., expected a map: keys such as name, ball, rings"
         return MapCheck(None, (error(((), problem)),))
     try:
-        spec = MapFile.model_validate(tree.data)
+        check_format(tree, FORMAT, file=file, error=MapError)
+        spec = MapFile.model_validate({key: value for key, value in tree.data.items() if key != "format"})
+    except MapError as newer:
+        return MapCheck(None, (newer,))
     except ValidationError as wrong:
         return MapCheck(None, tuple(sorted(map(error, complaints(wrong)), key=_line)[:MAX_REPORTED]))
     # openings are judged only when the rings make sense, radial walls when both do

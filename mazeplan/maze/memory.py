@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from mazeplan.core.errors import InputError
-from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
+from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1
 FADING_S = 120.0  # s of rig time in which counts fall to 1/e
@@ -76,9 +76,10 @@ def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
         return memory
     tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (JSON)")
     names = tuple(openings)
+    check_format(tree, FORMAT, file=path)
     root = _mapping(tree, path, (), tree.data, ("format", "openings"))
-    if root.get("format") != FORMAT:
-        raise _wrong(tree, path, ("format",), f"got {shown(root.get('format'))}, expected {FORMAT}")
+    if "format" not in root:
+        raise _wrong(tree, path, ("format",), f"is missing, expected {FORMAT}")
     entries = _mapping(tree, path, ("openings",), root.get("openings") or {}, names)
     for name, entry in entries.items():
         key = ("openings", name)

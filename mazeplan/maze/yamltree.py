@@ -17,6 +17,7 @@ import yaml
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
+from mazeplan.core.file_format import format_problem
 
 MAX_BYTES = 1 << 20
 MAX_ENTRIES = 20_000  # scalars and containers in one file
@@ -109,6 +110,16 @@ def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputEr
         said = getattr(problem, "problem", None) or getattr(problem, "reason", None) or "cannot be parsed"
         line = None if mark is None else mark.line + 1
         raise error(f"not valid {language}: {' '.join(str(said).split())}", file=file, line=line) from None
+
+
+def check_format(tree: Tree, reads: int, *, file: str | Path, error: type[InputError] = InputError) -> None:
+    """Refuse a file whose `format` is not the one that can be read; a file without it has that one.
+
+    Raises `error` with file and line."""
+    if isinstance(tree.data, dict) and "format" in tree.data:
+        problem = format_problem(tree.data["format"], reads, tree.data.get("version"))
+        if problem is not None:
+            raise error(problem, file=file, line=tree.line(("format",)), key="format")
 
 
 class _Builder:

@@ -10,8 +10,10 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.maze.yamltree import Key, Tree, key_path, read_yaml, shown
+from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
+FORMAT = 1  # of a file without `format`, too
+OURS = "mazeplan."  # classes of the package, whose settings are ours
 MAPPING = "settings as `key: value`"
 EXPECTED = {  # pydantic's kind of error: what to expect, in the words of a YAML file
     "model_type": MAPPING, "model_attributes_type": MAPPING, "dict_type": MAPPING, "tuple_type": "a list",
@@ -42,6 +44,9 @@ def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:
     kind = data.pop("class", None)
     if kind is not None and not isinstance(kind, str):
         raise placed(SettingsError(f"got {shown(kind)}, expected module:Class", key="class"), data)
+    if kind is None or kind.startswith(OURS):  # another class may have a setting of this name
+        check_format(tree, FORMAT, file=path, error=SettingsError)
+        data.pop("format", None)
     return kind, data
 
 

@@ -28,6 +28,7 @@ from mazeplan.core import resources
 from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import LogError, ModelError, SettingsError, TreeError
 from mazeplan.core.events import TimedEvent
+from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.run_log import RunMessages, encode
 from mazeplan.core.logs.run_log_reader import read_attachment, read_messages
 from mazeplan.core.maths.fingerprint import fingerprint
@@ -134,8 +135,10 @@ def _check_kind(header: dict[str, Any], complete: bool, path: Path) -> None:
     kept = header.get("replay")
     if kept is None:
         raise LogError("was written before runs could be replayed: its header does not hold what decided", file=path)
-    if not isinstance(kept, dict) or kept.get("format") != REPLAY_FORMAT:
-        raise LogError("what it holds for a replay is of another version", file=path, key="header.replay")
+    if not isinstance(kept, dict):
+        raise LogError("damaged: expected a mapping", file=path, key="header.replay")
+    if problem := format_problem(kept.get("format"), REPLAY_FORMAT, header.get("version")):
+        raise LogError(problem, file=path, key="header.replay.format")
     if not complete:
         raise LogError("cut off: the program did not finish it; expected a whole log", file=path)
 

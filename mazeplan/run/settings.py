@@ -15,9 +15,10 @@ from typing import Any
 from mazeplan.behavior.context import LeafOptions
 from mazeplan.control.estimation.estimator import EstimatorOptions
 from mazeplan.core.errors import SettingsError
-from mazeplan.maze.yamltree import Tree, key_path, parse_yaml, read_yaml, shown
+from mazeplan.maze.yamltree import Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
 PACKAGED = Path(__file__).resolve().parent / "settings.yaml"
+FORMAT = 1  # of a file without `format`, too
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def _packaged() -> Settings:
 
 def _apply(base: Settings, tree: Tree, path: Path) -> Settings:
     sections = [*(f.name for f in fields(base.leaves)), "estimator"]
-    data = _mapping(tree.data, tree, path, ())
+    check_format(tree, FORMAT, file=path, error=SettingsError)
+    data = {name: values for name, values in _mapping(tree.data, tree, path, ()).items() if name != "format"}
     for section, values in data.items():
         if section not in sections:
             expected = f"unknown section, expected one of {', '.join(sections)}"

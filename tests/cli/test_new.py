@@ -117,3 +117,25 @@ def test_the_rig_can_be_driven_from_any_folder(new, tmp_path):
     assert done.returncode == 2
     taken = f"module 'bla', for which the folder {away / 'bla'} is taken, has no"
     assert f"odd.yaml:1: rig 'bla:Rig': {taken}" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "packaged"),
+    [
+        ("map", (), "maps/cme.yaml"), ("map", ("detour",), "maps/detour.yaml"),
+        ("tree", (), "behaviors/navigate.xml"), ("tree", ("waypoints",), "behaviors/waypoints.xml"),
+    ],
+)  # fmt: skip
+def test_a_copy_of_a_packaged_map_or_tree_may_be_changed(call, tmp_path, kind, name, packaged):
+    file = tmp_path / f"mine.{packaged.rpartition('.')[2]}"
+    code, out, err = call("new", kind, *name, "-o", file)
+    assert (code, out) == (0, ""), err
+    assert file.read_bytes() == (ROOT / packaged).read_bytes()
+
+
+@pytest.mark.parametrize(("kind", "ending", "known"), [("map", "yaml", "detour"), ("tree", "xml", "waypoints")])
+def test_only_packaged_maps_and_trees_can_be_copied(refused, tmp_path, kind, ending, known):
+    line = refused("new", kind, "../nothing", "-o", tmp_path / f"mine.{ending}")
+    assert line.startswith("mazeplan: NAME: got '../nothing', expected one of ")
+    assert known in line
+    assert not (tmp_path / f"mine.{ending}").exists()

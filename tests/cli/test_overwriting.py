@@ -41,6 +41,8 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("calibrate camera", "--sheet"): ((), "sheet.pdf"),
     ("calibrate tilt", "--keep"): (("--readings", "readings.csv", "--dry-run"), "kept.csv"),
     ("new rig", "-o"): (("cart",), "there/cart.py"),
+    ("new map", "-o"): (("detour",), "mine.yaml"),
+    ("new tree", "-o"): ((), "mine.xml"),
 }
 # the same, where the work is long: with --force they go on to an input that is not there
 LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {

@@ -54,7 +54,7 @@ def test_it_belongs_to_the_rings_that_the_model_had(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("format: 1", "format: 2", "expected a mapping with format: 1"),
+        ("format: 1", "format: 2", "format: got 2, expected 1, which mazeplan"),
         ("value: 0.0631", "value: much", "body.rolling: value: got 'much', expected a number"),
         ("value: 0.0631", "value: 900", "expected a number from"),
         ("rolling:", "roling:", "got roling, expected one of rolling, "),

@@ -66,7 +66,7 @@ rings:
     ("old", "new", "where", "said"),
     [
         ("format: 1\n", "", "1: ", "format is missing"),
-        ("format: 1", "format: 3", "1: format: ", "got 3, expected 1; it was written by a newer version"),
+        ("format: 1", "format: 3", "1: format: ", "got 3, expected 1, which mazeplan"),
         ("format: 1", "format: 0", "1: format: ", "got 0, expected 1"),
         ("kind: pi", "kind: magic", "2: kind: ", "got 'magic', expected one of p, pi"),
         ("kind: pi", "kind: [pi]", "2: kind: ", "got a list, expected one of p, pi"),

@@ -98,7 +98,7 @@ def no_time(header, messages):
     ("change", "said"),
     [
         (old, "was written before runs could be replayed"),
-        (newer, "header.replay: what it holds for a replay is of another version"),
+        (newer, "header.replay.format: got 2, expected 1, which mazeplan"),
         (settings_of_others, "header.replay.settings: of another version: expected"),
         (settings_out_of_range, "header.replay.settings: of another version: deadline_ms: got -1, expected"),
         (no_rate, "damaged: a field is missing or of the wrong kind ('rate_hz'"),

@@ -153,6 +153,14 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "Recover the data of the published model files.",
         "mazeplan data import-cme CircularMaze/Models -o runs/cme",
     ),
+    "new map": (
+        "Write a copy of a packaged map, to be changed.",
+        "mazeplan new map cme -o maps/mine.yaml",
+    ),
+    "new tree": (
+        "Write a copy of a packaged tree, to be changed.",
+        "mazeplan new tree navigate -o mine.xml",
+    ),
     "new rig": (
         "Write a folder with a rig of your own to start from.",
         "mazeplan new rig my_rig",

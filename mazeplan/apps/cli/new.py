@@ -1,4 +1,4 @@
-"""`new rig`: a template for your own rig."""
+"""`new rig`: a template for your own rig; `new map`, `new tree`: a copy of a packaged one, to be changed."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import Annotated
 
 import typer
 
+from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import folder_problem
 from mazeplan.apps.cli.output import check_new, say, write_text
+from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 
 app = typer.Typer(help="Write templates.", no_args_is_help=True)
@@ -39,6 +41,50 @@ NewFolder = Annotated[
         help="Folder to write. Default: ./NAME.",
     ),
 ]
+
+MapFile = Annotated[
+    Path,
+    typer.Option(
+        "-o", "--output", parser=opt.file(".yaml", ".yml"), callback=opt.new_file, metavar="FILE", help="File to write."
+    ),
+]
+TreeFile = Annotated[
+    Path,
+    typer.Option(
+        "-o", "--output", parser=opt.file(".xml"), callback=opt.new_file, metavar="FILE", help="File to write."
+    ),
+]
+
+
+@app.command("map")
+def copy_map(
+    output: MapFile,
+    name: Annotated[str, typer.Argument(metavar="MAP", autocompletion=names.MAPS, help="Packaged map.")] = "cme",
+    force: opt.Force = False,
+) -> None:
+    """Write a copy of a packaged map for you to change."""
+    _copy("maps", name, output)
+
+
+@app.command("tree")
+def copy_tree(
+    output: TreeFile,
+    name: Annotated[
+        str, typer.Argument(metavar="TREE", autocompletion=names.TREES, help="Packaged behaviour tree.")
+    ] = "navigate",
+    force: opt.Force = False,
+) -> None:
+    """Write a copy of a packaged behaviour tree for you to change."""
+    _copy("behaviors", name, output)
+
+
+def _copy(kind: str, name: str, file: Path) -> None:
+    """Copy a packaged file. Raises InputError."""
+    packaged = {path.stem: path for path in resources.share(kind).iterdir()}
+    if name not in packaged:
+        raise InputError(f"NAME: got {name!r}, expected one of {', '.join(sorted(packaged))}")
+    write_text(file, packaged[name].read_text(encoding="utf-8"))
+    say(f"wrote {file}")
 
 
 @app.command("rig")

@@ -25,11 +25,12 @@ from mazeplan.apps.environment.expert import Expert
 from mazeplan.apps.environment.senses import NAMES
 from mazeplan.apps.environment.single import CircularMazeEnv
 from mazeplan.core.errors import InputError, SettingsError
+from mazeplan.core.file_format import format_problem
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
 from mazeplan.core.resources import to_install
 
-KEY = b"mazeplan"
+KEY, FORMAT = b"mazeplan", 1  # a header without `format` has 1, too
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class Recording:
     def header(self, env: CircularMazeEnv) -> dict[str, Any]:
         """What a reader needs to know."""
         return {
-            "environment": ID, "options": self.options, "expert": {"model": self.model, "behavior": self.behavior},
+            "format": FORMAT, "environment": ID, "options": self.options,
+            "expert": {"model": self.model, "behavior": self.behavior},
             "version": version("mazeplan"), "observation_shape": list(env.observation_space.shape or ()),
             "observation_names": list(NAMES) if env.episodes.task.observation == "state" else [],
             "tilt_limit_rad": env.episodes.maze.tilt_limit,
@@ -242,6 +244,8 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Any], list[Episode]]:
     except (OSError, KeyError, ValueError) as problem:
         what = problem.strerror if isinstance(problem, OSError) and problem.strerror else "is no recording of mazeplan"
         raise SettingsError(what, file=path) from None
+    if refused := format_problem(header.get("format", FORMAT), FORMAT, header.get("version")):
+        raise SettingsError(refused, file=path, key="format")
     columns = {name: table.column(name) for name in table.column_names}
     numbers = columns["episode"].to_numpy()
     shape, read = tuple(header["observation_shape"]), _reader(tuple(header["observation_shape"]))

@@ -17,8 +17,10 @@ from mazeplan.apps.report import diagnosis_documents, documents
 from mazeplan.apps.report.documents import checked
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
+from mazeplan.core.file_format import format_problem
 
 KINDS = "a run log, or the JSON of evaluate, compare, diagnose or improve, or the folder of diagnose -o or of a model"
+FORMAT = 1  # of a document without `format`, too
 MOST = 200 * 2**20  # bytes of a document
 
 
@@ -96,6 +98,9 @@ def read_document(path: Path) -> dict[str, Any]:
         raise InputError(f"is nested too deeply; expected {KINDS}", file=path) from None
     if not isinstance(document, dict):
         raise InputError(f"got a {type(document).__name__}, expected {KINDS}", file=path)
+    given = document.pop("format", FORMAT)
+    if problem := format_problem(given, FORMAT, document.get("version")):
+        raise InputError(problem, file=path, key="format")
     return document
 
 

@@ -22,6 +22,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import TimedEvent
+from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.viewer_topics import VIEWER_SCHEMAS
 from mazeplan.core.records import Array, TreeOutline
 
@@ -129,8 +130,7 @@ def read_messages(path: Path) -> tuple[dict[str, Any], list[tuple[str, dict[str,
     header = next((document for topic, document in messages if topic == "/header"), {})
     if header.get("program") != PROGRAM:
         raise LogError(f"got an MCAP file without the header of a run, expected {EXPECTED}", file=path)
-    if header.get("format") != FORMAT:
-        raise LogError(f"got format {header.get('format')!r}, expected {FORMAT}: written by another version", file=path)
+    _check_format(header, path)
     return header, messages, complete
 
 
@@ -167,6 +167,8 @@ def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, 
                 topics[record.id] = record.topic
             elif isinstance(record, Message) and topics[record.channel_id] not in VIEWER_SCHEMAS:
                 found.append((topics[record.channel_id], _document(record.data)))
+                if len(found) == 1:  # the header: what follows it may be written in another way
+                    _check_format(found[0][1], path)
     except EndOfFile:
         if finished:  # it has its end, so a length in its middle must be wrong
             raise LogError("damaged: a record is longer than the file", file=path) from None
@@ -174,6 +176,14 @@ def _messages(stream: IO[bytes], path: Path) -> tuple[list[tuple[str, dict[str, 
     except (McapError, ValueError, KeyError, RecursionError) as problem:
         raise LogError(f"damaged after {len(found)} messages: {_one_line(problem)}", file=path) from None
     return found, True
+
+
+def _check_format(header: dict[str, Any], path: Path) -> None:
+    """Refuse a log of a format that cannot be read; a document that is no header of ours passes."""
+    if header.get("program") == PROGRAM:
+        problem = format_problem(header.get("format"), FORMAT, header.get("version"))
+        if problem is not None:
+            raise LogError(problem, file=path, key="header.format")
 
 
 def _unpacked(records: Iterable[McapRecord]) -> Iterator[McapRecord]:

@@ -19,6 +19,7 @@ import yaml
 from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.errors import ModelError
+from mazeplan.core.file_format import format_problem
 from mazeplan.core.whole_file import whole_file
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
 from mazeplan.diagnosis.rig.search import Reference
@@ -32,6 +33,7 @@ from mazeplan.physics.effects import local_forces as planeterms
 from mazeplan.physics.registry import PACKAGED as EFFECTS
 
 NAME = "reference.yaml"
+FORMAT = 1
 TERMS: dict[str, Effect] = {e.name: e for e in vars(planeterms).values() if isinstance(e, Effect)}
 
 
@@ -45,7 +47,7 @@ def save_reference(was: RigReference, model: RigModel, folder: str | Path) -> Pa
     """Write the reference beside its model, and return its path. Raises ModelError."""
     body, path = was.body.model, Path(folder) / NAME
     document = {
-        "format": 1, "of": stamp(model.balls),
+        "format": FORMAT, "of": stamp(model.balls),
         "body": {name: _entry(value_of(body, name), was.body.stderr.get(name), number.unit)
                  for name, number in PARAMETERS.items() if math.isfinite(value_of(body, name))},
         "terms": {t.name: {k: float(f"{v:.6g}") for k, v in t.values().items()} for t in body.terms if not idle(t)},
@@ -77,8 +79,10 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as problem:
         raise ModelError(f"cannot be read: {str(problem).splitlines()[0]}", file=path) from None
-    if not isinstance(document, Mapping) or document.get("format") != 1:
-        raise ModelError("expected a mapping with format: 1", file=path)
+    if not isinstance(document, Mapping):
+        raise ModelError(f"expected a mapping with format: {FORMAT}", file=path)
+    if problem := format_problem(document.get("format"), FORMAT, document.get("version")):
+        raise ModelError(problem, file=path, key="format")
     if document.get("of") != stamp(model.balls):
         return None
     values, stderr = {}, {}

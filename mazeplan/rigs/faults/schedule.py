@@ -22,10 +22,11 @@ from pydantic import BeforeValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from mazeplan.core.errors import SettingsError
-from mazeplan.maze.yamltree import read_yaml, shown
+from mazeplan.maze.yamltree import check_format, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
 from mazeplan.rigs.files import FileSettings, RigSection, validated
 
+FORMAT = 1  # of a file without `format`, too
 MOST = 1e3  # of any number in a schedule
 
 
@@ -139,7 +140,9 @@ def load_schedule(path: str | Path) -> tuple[FaultTrial, ...]:
     tree = read_yaml(file, error=SettingsError, what="a schedule of faults (YAML)")
     if not isinstance(tree.data, dict):
         raise SettingsError(f"got {shown(tree.data)}, expected `faults:` and a list", file=file, line=1)
-    return _trials(validated(Schedule, FileSettings(tree.data, file, tree)).faults)
+    check_format(tree, FORMAT, file=file, error=SettingsError)
+    data = {key: value for key, value in tree.data.items() if key != "format"}
+    return _trials(validated(Schedule, FileSettings(data, file, tree)).faults)
 
 
 def _trials(entries: Sequence[Entry]) -> tuple[FaultTrial, ...]:

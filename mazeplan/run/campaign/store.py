@@ -14,10 +14,12 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.file_format import format_problem
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.resources import to_install
 from mazeplan.rigs.registry import rig_label
@@ -28,6 +30,7 @@ from mazeplan.run.campaign.parcel import Parcel, packed
 from mazeplan.run.campaign.worker import Ran
 from mazeplan.run.resolve import model_source
 
+FORMAT, KEY = 1, b"mazeplan_format"  # in the metadata of a file; a file without it has 1, too
 TOGETHER = 1000  # runs, each in a file of its own, that are put together on the way
 SPREADS = ("p50", "p99", "max")
 
@@ -132,7 +135,8 @@ class Store:
         beside = path.with_name(f".{path.name}.{os.getpid()}")  # readers of the folder leave out what begins with a dot
         try:
             with beside.open("wb") as file:
-                pq.write_table(table, file, compression="zstd", write_statistics=False)
+                told = {KEY: str(FORMAT), b"mazeplan_version": version("mazeplan")}
+                pq.write_table(table.replace_schema_metadata(told), file, compression="zstd", write_statistics=False)
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(path)
@@ -181,11 +185,20 @@ def _table(path: Path, only: list[str] | None = None) -> Any:
 
     try:
         with pq.ParquetFile(path) as file:
+            told = file.schema_arrow.metadata or {}
+            if refused := _refused(told):
+                raise InputError(refused, file=path, key="mazeplan_format")
             return file.read(only).replace_schema_metadata()
     except (pa.ArrowException, OSError) as problem:
         why = " ".join(str(problem).split())
         problem = f"cannot be read as runs of a campaign: {why}; without this file its runs are done again"
         raise InputError(problem, file=path) from None
+
+
+def _refused(told: Mapping[bytes, bytes]) -> str | None:
+    """Why a file with this metadata cannot be read."""
+    given, written_by = (told.get(key, b"").decode(errors="replace") for key in (KEY, b"mazeplan_version"))
+    return format_problem(int(given) if given.isdecimal() else given or FORMAT, FORMAT, written_by)
 
 
 def _setup_in(path: Path) -> Mapping[str, Any]:
