@@ -17,6 +17,11 @@ SCRIPT = Path(__file__).resolve().parents[2] / "examples" / "sac.py"
 def without(monkeypatch, package):
     """As if it were not installed, and nothing of it or of the environment loaded yet."""
     for name in [n for n in sys.modules if n.partition(".")[0] == package or n.startswith("mazeplan.apps.environment")]:
+        above, _, last = name.rpartition(".")
+        if hasattr(
+            sys.modules.get(above), last
+        ):  # importing it anew sets this attribute, which no one else would reset
+            monkeypatch.setattr(sys.modules[above], last, sys.modules[name])
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
 

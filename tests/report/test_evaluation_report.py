@@ -93,7 +93,7 @@ def test_a_real_evaluation_has_starts_and_its_setup():
     document = {**summary(evaluate(campaign)), "setup": setup_document(campaign)}
     (one,) = of_document(document, Path("e.json"))
     runs = runs_of(one)
-    assert np.degrees(runs.start) == pytest.approx([11.25, 33.75])  # the first two of the published evaluation
+    assert np.degrees(runs.start) == pytest.approx([11.25, 191.25])  # opposite each other
     assert [result["start"]["ring"] for result in document["results"]] == [4, 4]
     assert evaluation_section([one]).facts[:2] == [("rig", "toy"), ("map", "cme")]
     assert figures(runs)["mean"] == pytest.approx(document["time_s"]["mean"], abs=1e-4)

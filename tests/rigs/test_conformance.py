@@ -14,7 +14,7 @@ import pytest
 from mazeplan import check_rig
 from mazeplan.apps.cli import main
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.registry import make_rig, rig_names
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 MAZE = load_map("cme")
@@ -166,5 +166,5 @@ def test_command_line(monkeypatch, capsys, tmp_path):
     assert code == 1
     assert "FAILED  tilt follows beta" in got.out
     code, got = command(monkeypatch, capsys, "list")
-    assert "ideal, rough, surprise, toy" in got.out
+    assert [line.split()[0] for line in got.out.splitlines()[1:8]] == [*rig_names()]
     assert "camera_noise_mm" in got.out
