@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.script import Scope, ScriptError, parse_script
+from mazeplan.behavior.script import parse_script
+from mazeplan.behavior.script_values import Scope, ScriptError
 
 FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 

@@ -33,6 +33,7 @@ from bench_effects import effects_section
 from bench_emps import emps_section
 from bench_faults import faults_section
 from bench_firmware import firmware_section
+from bench_growth import growth_section
 from bench_gym import gym_section
 from bench_improve import improve_section
 from bench_learning import learning_section
@@ -221,6 +222,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
     "firmware": firmware_section, "supply": supply_section,
+    "growth": growth_section,
 }  # fmt: skip
 
 

@@ -21,7 +21,8 @@ from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.mistakes import Mistakes, Unbuilt
 from mazeplan.behavior.node import Node, Place, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port, shown
-from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
+from mazeplan.behavior.script import Script, parse_script
+from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.tree_parts import ELSEWHERE, EXPLICIT, NOTES, Element, Part, TreeParts, literal
 from mazeplan.core.errors import InputError, MazeplanError

@@ -9,7 +9,8 @@ from py_trees.common import Status
 from mazeplan.behavior.blackboard import EMPTY
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.ports import REQUIRED, Key, Port
-from mazeplan.behavior.script import WHOLE, Scope, Script, ScriptError, number_of, parse_script
+from mazeplan.behavior.script import Script, parse_script
+from mazeplan.behavior.script_values import WHOLE, Scope, ScriptError, number_of
 
 
 class AlwaysSuccess(Leaf):

@@ -15,7 +15,8 @@ from mazeplan.behavior.mistakes import MOST, Unbuilt
 from mazeplan.behavior.never_ticked import never_ticked
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.ports import Key
-from mazeplan.behavior.script import Script, ScriptError, parse_script
+from mazeplan.behavior.script import Script, parse_script
+from mazeplan.behavior.script_values import ScriptError
 from mazeplan.behavior.tree import BehaviorTree, parts_of
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.core.errors import TreeError

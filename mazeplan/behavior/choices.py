@@ -13,7 +13,7 @@ from py_trees.common import Status
 
 from mazeplan.behavior.node import Control, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port
-from mazeplan.behavior.script import EPSILON, number_of, text_of
+from mazeplan.behavior.script_values import EPSILON, number_of, text_of
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
 
 

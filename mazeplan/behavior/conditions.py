@@ -18,7 +18,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mazeplan.behavior.script import Scope, Script, ScriptError
+from mazeplan.behavior.script import Script
+from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
 
 WHILE, POST, ON_HALTED = "_while", "_post", "_onHalted"

@@ -10,7 +10,8 @@ from py_trees.common import Status
 
 from mazeplan.behavior.node import Node
 from mazeplan.behavior.ports import REQUIRED, Key, Port
-from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
+from mazeplan.behavior.script import Script, parse_script
+from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.status import FAILURE, FINISHED, INVALID, RUNNING, SKIPPED, SUCCESS, Result, result_named
 
 RESULTS = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED")

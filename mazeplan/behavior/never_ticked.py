@@ -28,7 +28,8 @@ from mazeplan.behavior.decorators import (
 )
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.node import TreeNode
-from mazeplan.behavior.script import Scope, Script, ScriptError, parse_script
+from mazeplan.behavior.script import Script, parse_script
+from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import parts_of
 from mazeplan.core.errors import TreeError
 

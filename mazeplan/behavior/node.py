@@ -22,7 +22,7 @@ from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.blame import blame
 from mazeplan.behavior.conditions import Conditions
 from mazeplan.behavior.ports import Key, Port, shown
-from mazeplan.behavior.script import ScriptError
+from mazeplan.behavior.script_values import ScriptError
 from mazeplan.behavior.status import FINISHED, INVALID, RESULTS, RUNNING, SKIPPED, Result
 from mazeplan.core.errors import TreeError
 

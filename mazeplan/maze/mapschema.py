@@ -14,9 +14,9 @@ from mazeplan.maze.yamltree import Key, shown
 
 NAME_PATTERN = r"^[A-Za-z0-9_.@+-][A-Za-z0-9_.@+ -]{0,39}$"
 _NAME_WORDS = "1 to 40 letters, digits, spaces or _ . @ + -"
-MAX_RINGS = 20
-MAX_OPENINGS = 200
-MAX_RADIAL_WALLS = 200
+MAX_RINGS = 60
+MAX_OPENINGS = 2000
+MAX_RADIAL_WALLS = 2000
 
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 

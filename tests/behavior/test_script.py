@@ -7,7 +7,8 @@ import time
 import pytest
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.script import MAX_DEPTH, MAX_LENGTH, Scope, ScriptError, parse_script
+from mazeplan.behavior.script import MAX_DEPTH, MAX_LENGTH, parse_script
+from mazeplan.behavior.script_values import Scope, ScriptError
 
 VALUES = {
     "n": 3, "x": 2.5, "yes": True, "no": False, "word": "red", "three": "3", "less": "-0.5", "said": "false",

@@ -59,8 +59,8 @@ def test_flush_beside_an_opening_is_near_enough():
 
 
 def test_too_many():
-    found = check(*(wall() for _ in range(201)))
-    assert "got 201 entries, expected at most 200" in str(found.errors[0])
+    found = check(*(wall() for _ in range(2001)))
+    assert "got 2001 entries, expected at most 2000" in str(found.errors[0])
 
 
 def test_a_ring_that_walls_cut_off_is_an_error():
