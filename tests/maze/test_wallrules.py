@@ -29,7 +29,7 @@ def test_a_wall_has_a_name_of_its_own_or_one_by_ring_and_angle():
     ("walls", "line", "words"),
     [
         ([wall(angle=400)], 0, "radial_walls[0].angle_deg: got 400, expected 0 <= angle_deg < 360"),
-        ([wall(ring=0)], 0, "radial_walls[0].ring: got 0, expected 1 <= ring <= 20"),
+        ([wall(ring=0)], 0, "radial_walls[0].ring: got 0, expected 1 <= ring <= 60"),
         (["ring: 1, angle_deg: 90"], 0, "radial_walls[0].thickness_mm: missing, expected 1 <= thickness_mm <= 100"),
         ([wall(more=", colour: red")], 0, "unknown key, expected one of ring, angle_deg, thickness_mm, name"),
         ([wall(), wall(ring=5)], 1, "radial_walls[1].ring: got the disc, expected a ring from 1 to 4"),
