@@ -3,8 +3,8 @@
 Usage: python tools/check_pins.py
 
 Exit status 1 and a line for each pin that is wrong. Run it with the Python that wrote the pins: another one may need
-other packages. Known vulnerabilities are not looked up: mirrors of the package index do not have their data. Where
-pypi.org itself can be reached, ask it with: pip-audit -r constraints.txt --no-deps
+other packages. Known vulnerabilities are not looked up: mirrors of the package index do not have that data. Where
+it can be had, use: pip-audit -r constraints.txt --no-deps
 """
 
 from __future__ import annotations

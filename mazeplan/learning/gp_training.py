@@ -85,7 +85,7 @@ def require_torch() -> None:
         with warnings.catch_warnings():  # from a dependency of gpytorch
             warnings.filterwarnings("ignore", "`torch.jit.script` is deprecated", DeprecationWarning)
             import gpytorch  # noqa: F401  only to see whether it loads
-            import torch  # noqa: F401
+            import torch  # noqa: F401  the same
     except ImportError as problem:
         advice = f"Gaussian-process models need torch and gpytorch: {to_install('learn')}"
         raise InputError(f"{advice} ({problem})") from None
