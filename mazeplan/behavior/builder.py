@@ -25,7 +25,7 @@ from mazeplan.behavior.script import Script, parse_script
 from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.tree_parts import ELSEWHERE, EXPLICIT, NOTES, Element, Part, TreeParts, literal
-from mazeplan.core.errors import InputError, MazeplanError
+from mazeplan.core.errors import InputError, MazeplanError, TreeError
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
@@ -64,6 +64,8 @@ class Builder:
     def _begin(self) -> None:
         self._count = 0
         self._subtrees: dict[str, Element | None] = {"": None}  # by their paths; the main tree has the empty one
+        self._calls: dict[int, tuple[Element, str]] = {}  # the SubTree that made a scope, and its path
+        self._given_wrong: dict[tuple[int, str], TreeError] = {}  # by scope and port
 
     def build(self, main: str | None) -> BehaviorTree:
         """The tree `main`, the file's main one, or its only one."""
@@ -110,8 +112,8 @@ class Builder:
         path = f"{above}/{name}"
         self._count += 1
         if path.count("/") > MAX_DEPTH or self._count > MAX_NODES:
-            problem = self.files.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
-            raise self._mistakes.last(problem)
+            beyond = f"{MAX_NODES} nodes" if self._count > MAX_NODES else f"{MAX_DEPTH} levels of nesting"
+            raise self._mistakes.last(self.files.error(element, above, f"more than {beyond}"))
         before = self._mistakes.noted
         conditions = self._conditions(element, path, attributes, board)
         if kind == "SubTree":
@@ -262,9 +264,22 @@ class Builder:
                 port.accept(given, self._context)
             return key
         except (ValueError, OverflowError):
-            source = f" from {{{key.name}}}" if key else ""
-            problem = f"{attribute}: got {shown(given)}{source}, expected {port.expects(self._context)}"
-            raise self.files.error(element, path, problem) from None
+            problem = f"got {shown(given)}, expected {port.expects(self._context)}"
+            if key is None:
+                raise self.files.error(element, path, f"{attribute}: {problem}") from None
+            self._mistakes.elsewhere(self._wrong_value(element, path, key, board, problem))
+            return key
+
+    def _wrong_value(self, element: Element, path: str, key: Key, board: Blackboard, problem: str) -> TreeError:
+        """The error for a value that a SubTree gives: at its call, the same one for all nodes inside that read it."""
+        *_, (scope, name) = board.way(key.name)
+        call, above = self._calls[id(scope)]
+        inside = (
+            f"inside, {path.rpartition('/')[2]} reads {key} at {self.files.file_of(element).name}:{element.sourceline}"
+        )
+        return self._given_wrong.setdefault(
+            (id(scope), name), self.files.error(call, above, f"{name}: {problem}; {inside}")
+        )
 
     def _subtree(
         self,
@@ -299,6 +314,7 @@ class Builder:
         for key in remap.values():
             board.declare(key)
         scope = Blackboard(board, remap, literals, autoremap=autoremap)
+        self._calls[id(scope)] = element, path
         inside = self._content(tree, scope, path, here)
         values = {**({"ID": tree} if tree != name else {}), **given}
         node = SubTree(name, [inside], self._context.clock, scope, values)

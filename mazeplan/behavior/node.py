@@ -109,7 +109,7 @@ class TreeNode(Behaviour):
             return self.ports[port].accept(found, getattr(self, "context", None))
         except (ValueError, OverflowError):
             expected = self.ports[port].expects(getattr(self, "context", None))
-            raise self.wrong(f"{port}: got {shown(found)} from {{{value.name}}}, expected {expected}") from None
+            raise self.wrong(f"{port}: got {shown(found)} from {value}, expected {expected}") from None
 
     def set(self, port: str, value: Any) -> None:
         """Write an output, or an input that is a key; nothing happens where the tree gave none."""

@@ -156,6 +156,9 @@ class Key:
 
     name: str
 
+    def __str__(self) -> str:
+        return f"{{{self.name}}}"
+
 
 def shown(value: Any, most: int = 60) -> str:
     """A value for an error: its repr, cut where it is long."""

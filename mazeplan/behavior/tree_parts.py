@@ -127,7 +127,7 @@ class TreeParts:
             raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self.trees)}")
         return name
 
-    def unused(self, main: str) -> tuple[TreeError, ...]:
+    def remarks(self, main: str) -> tuple[TreeError, ...]:
         """A remark at each tree of the first file that neither is the main one nor stands in a SubTree of any file."""
         used = {main, *(e.get("ID") for tree in self.trees.values() for e in tree.iter("SubTree"))}
         own = [(name, e) for name, e in self.trees.items() if self.file_of(e) == self.first.file and name not in used]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.builder import Builder
+from mazeplan.behavior.builder import MAX_DEPTH, Builder
 from mazeplan.behavior.draft import Draft, draft
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
@@ -139,6 +139,8 @@ def _parse(path: Path, data: bytes) -> Element:
         if kind not in ("XML", "HTML", "text", "no such file"):  # of text that was handed in there is no file
             line = problem.lineno if kind in DAMAGED else None  # where a tree was spoilt; a picture has no lines
             raise TreeError(f"got {kind}, expected {EXPECTED}", file=path, line=line) from None
+        if "Excessive depth" in str(problem.msg):  # of the parser, which gives up far deeper
+            raise TreeError(f"more than {MAX_DEPTH} levels of nesting", file=path, line=problem.lineno) from None
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
         raise TreeError(f"not XML: {one_line(message)}", file=path, line=problem.lineno) from None
     if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII

@@ -28,7 +28,16 @@ PLANTED = [
         3,
         "none: opening is missing: inside, PlanInRing reads {opening} at tree.xml:6",
     ),
-    ('\n<SubTree ID="Leg" opening="{gate}"/>', 6, "nothing sets {opening}, which is {gate} outside"),
+    (
+        '\n<SubTree ID="Leg" opening="{gate}"/>',
+        3,
+        "opening: nothing sets {gate}; set are goal, opening, waypoints; inside, PlanInRing reads {opening} at",
+    ),
+    (
+        '\n<SubTree ID="Leg" opening="1-2@46"/>',
+        3,
+        "opening: got '1-2@46', expected one of 1-2@",
+    ),
     ('\n<Align opening="1-2@46"/>', 3, "got '1-2@46', expected one of"),
     ('\n<InRing ring="9"/>', 3, "got '9', expected one of"),
     ('\n<Settle ring="{goal}" _skipIf="tries &gt; 2"/>', 3, "_skipIf: nothing sets {tries}"),

@@ -75,13 +75,38 @@ def test_the_key_of_a_node_that_cannot_be_built_is_not_missed():
     assert [e.problem.partition("{")[0] for e in errors] == [
         "unknown node 'PlanRute'; did you mean PlanRoute?", "ring: nothing sets ",
     ]  # fmt: skip
-    assert "nothing sets {lags}" in errors[1].problem
+    assert "nothing sets {lags}; set are goal, waypoints" in errors[1].problem  # none of the words of PlanRute
 
 
-def test_no_more_than_twenty_mistakes_are_told():
-    assert len(found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 30 + "</Sequence>")).errors) == 20
+def test_twenty_mistakes_are_told_and_how_many_there_are_beyond():
     unset = "".join(f'\n<InRing ring="{{k{i}}}"/>' for i in range(30))
-    assert len(found_in(main(f"<Sequence>{unset}</Sequence>")).errors) == 20
+    for content in ('\n<InRing ring="x"/>' * 30, unset):
+        errors = found_in(main(f"<Sequence>{content}</Sequence>")).errors
+        assert [e.line for e in errors] == [*range(3, 23), None]
+        assert str(errors[-1]) == "<text>: and 10 more mistakes"
+    assert found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 21 + "</Sequence>")).errors[-1].problem == (
+        "and 1 more mistake"
+    )
+    assert len(found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 20 + "</Sequence>")).errors) == 20
+
+
+def test_a_thousand_mistakes_are_counted():
+    errors = found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 3000 + "</Sequence>")).errors
+    assert errors[-1].problem == "and 980 or more more mistakes"
+
+
+def test_mistakes_of_the_file_itself_come_before_those_of_files_that_it_includes(tmp_path):
+    (tmp_path / "a.xml").write_text(
+        HEAD.replace(' main_tree_to_execute="Main"', "")
+        + '<BehaviorTree ID="Other"><Sequence>'
+        + "<Sai/>\n" * 30
+        + "</Sequence></BehaviorTree></root>"
+    )
+    path = tmp_path / "tree.xml"
+    path.write_text(HEAD + '<include path="a.xml"/>' + main('\n<InRing ring="x"/>') + "</root>")
+    errors = check_file(path, registry_with(), Still()).errors
+    assert [(e.file.name, e.line) for e in errors[:2]] == [("tree.xml", 3), ("a.xml", 2)]
+    assert str(errors[-1]) == f"{path}: and 11 more mistakes"
 
 
 def test_a_file_that_multiplies_is_given_up():
@@ -91,7 +116,14 @@ def test_a_file_that_multiplies_is_given_up():
         trees.append(f'<BehaviorTree ID="T{i}"><Sequence>{inner}</Sequence></BehaviorTree>')
     found = found_in(*trees)
     assert found.nodes is None
-    assert "levels or" in found.errors[-1].problem
+    assert [e.problem for e in found.errors if "more than" in e.problem] == ["more than 5000 nodes"]
+
+
+@pytest.mark.parametrize("levels", [61, 250, 300, 10_000])
+def test_nesting_has_a_limit(levels):
+    text = HEAD + main("<Inverter>\n" * levels + "<Replan/>" + "</Inverter>" * levels) + "</root>"
+    with pytest.raises(TreeError, match=r"^<text>:\d+:( \S+)? more than 60 levels of nesting$"):
+        load_tree(text, registry_with(), Still())
 
 
 def test_a_node_of_ones_own_that_cannot_be_made_is_one_mistake(tmp_path, monkeypatch):
@@ -136,6 +168,32 @@ def test_a_port_that_a_subtree_misses_is_told_at_the_call_once():
         (3, "ring is missing: inside, InRing reads {ring} at <text>:4"),
         (4, "hold is missing: inside, Settle reads {hold} at <text>:5"),
     ]
+
+
+def test_a_wrong_value_that_a_subtree_gives_is_told_at_the_call_once():
+    leg = LEG.replace("<Sequence>", '<Sequence><Settle ring="{ring}"/>')
+    call = '<SubTree ID="Leg" ring="2.5"/>'
+    found = found_in(main(f'<Sequence>{call}\n<SubTree ID="Pass" gate="ring 1"/></Sequence>'), leg, PASS, DEEP)
+    assert [(e.line, e.key, e.problem) for e in found.errors] == [
+        (2, "Main/Sequence/Leg", "ring: got 2.5, expected int; inside, Settle reads {ring} at <text>:4"),
+        (3, "Main/Sequence/Pass", "gate: got 'ring 1', expected int; inside, Settle reads {ring} at <text>:4"),
+        (4, "Main/Sequence/Leg/Sequence/Deep", "hold is missing: inside, Settle reads {hold} at <text>:6"),
+    ]
+
+
+PASS = '<BehaviorTree ID="Pass"><SubTree ID="Leg" ring="{gate}"/></BehaviorTree>'
+
+
+def test_a_key_that_nothing_sets_is_told_at_the_outermost_call_that_gives_it_once():
+    leg = '<BehaviorTree ID="Leg"><Sequence><InRing ring="{ring}"/><Settle ring="{ring}"/></Sequence></BehaviorTree>'
+    content = '<Sequence><SubTree ID="Pass" gate="{gaol}"/>\n<SubTree ID="Leg" ring="{gaol}"/></Sequence>'
+    found = found_in(main(content), PASS, leg)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (2, "gate: nothing sets {gaol}; did you mean {goal}?; inside, InRing reads {ring} at <text>:5"),
+        (3, "ring: nothing sets {gaol}; did you mean {goal}?; inside, InRing reads {ring} at <text>:5"),
+    ]
+    auto = found_in(main('<SubTree ID="Leg" _autoremap="true"/>'), leg).errors
+    assert [e.problem.partition(";")[0] for e in auto] == ["ring: nothing sets {ring}"] * 1
 
 
 def test_a_missing_port_may_be_a_slip_inside():
