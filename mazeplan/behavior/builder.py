@@ -24,7 +24,7 @@ from mazeplan.behavior.ports import REQUIRED, Key, Port, shown
 from mazeplan.behavior.script import Script, parse_script
 from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.tree_parts import ELSEWHERE, EXPLICIT, NOTES, Element, Part, TreeParts, literal
+from mazeplan.behavior.tree_parts import ATTRIBUTES, ELSEWHERE, EXPLICIT, Element, Part, TreeParts, literal
 from mazeplan.core.errors import InputError, MazeplanError, TreeError
 from mazeplan.core.user_modules import reason
 
@@ -168,8 +168,9 @@ class Builder:
         raise self.files.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
-        """(kind of node, its attributes but for the ID of the explicit form and what editors note)."""
-        attributes = {str(key): str(value) for key, value in element.attrib.items() if key not in NOTES}
+        """(kind of node, its attributes but for the ID of the explicit form and those of editors)."""
+        given = {str(key): str(value) for key, value in element.attrib.items()}
+        attributes = {key: value for key, value in given.items() if key[0] != "_" or key in ATTRIBUTES}
         if element.tag not in EXPLICIT:
             return str(element.tag), attributes
         kind = attributes.pop("ID", "")
@@ -340,9 +341,6 @@ class Builder:
         """What a SubTree is given: {port: Key or literal}, with the defaults of its model."""
         given: dict[str, Any] = {}
         for port, text in attributes.items():
-            if port.startswith("_"):
-                expected = f"ID, name, _autoremap, {', '.join(CONDITIONS)} or names of the tree's keys"
-                raise self.files.error(element, path, f"unknown attribute {shown(port)}, expected {expected}")
             given[port] = self.files.key(element, path, port, text) or literal(text)
         for port, default in model.items():
             if port in given:

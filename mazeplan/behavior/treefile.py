@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from xml.parsers import expat
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
@@ -18,7 +20,7 @@ from mazeplan.behavior.draft import Draft, draft
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.tree_parts import EXPLICIT, Element, Part, one_line
+from mazeplan.behavior.tree_parts import EXPLICIT, Part, one_line
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import TreeError
 
@@ -61,9 +63,9 @@ def read_tree(source: str | Path) -> TreeFile:
     """A file, the packaged tree of that name, or XML text. Raises TreeError where it is no XML."""
     if isinstance(source, str) and source.lstrip().startswith("<"):
         path = Path("<text>")
-        return TreeFile(tuple(_with_includes(Part(_parse(path, source.lstrip().encode()), path), Path.cwd(), set())))
+        return TreeFile(tuple(_with_includes(_parse(path, source.lstrip().encode()), Path.cwd(), set())))
     path = resources.find("behaviors", source, ".xml")
-    first = Part(_parse(path, _read(path)), path)
+    first = _parse(path, _read(path))
     return TreeFile(tuple(_with_includes(first, path.parent, {path.resolve()})))
 
 
@@ -90,7 +92,7 @@ def _with_includes(part: Part, folder: Path, known: set[Path]) -> Iterator[Part]
             raise TreeError(
                 f"got {one_line(given, 200)!r}, expected an XML file, seen from {folder}, or a packaged one", **where
             )
-        yield from _with_includes(Part(_parse(path, _read(path)), path), path.parent, known)
+        yield from _with_includes(_parse(path, _read(path)), path.parent, known)
 
 
 def tree_files(source: str | Path) -> tuple[Path, ...]:
@@ -121,7 +123,7 @@ def _read(path: Path) -> bytes:
         raise TreeError(file_kinds.refused(path, EXPECTED), file=str(path)[:200]) from None
 
 
-def _parse(path: Path, data: bytes) -> Element:
+def _parse(path: Path, data: bytes) -> Part:
     if len(data) > MAX_BYTES:
         raise TreeError(f"larger than {MAX_BYTES} bytes, which no tree is", file=path)
     if not data.strip():
@@ -145,4 +147,30 @@ def _parse(path: Path, data: bytes) -> Element:
         raise TreeError(f"not XML: {one_line(message)}", file=path, line=problem.lineno) from None
     if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII
         raise TreeError("document types and entities are not allowed", file=path)
-    return root
+    return Part(root, path, tuple(_stray_text(data)))
+
+
+def _stray_text(data: bytes) -> list[tuple[int, str, bool]]:
+    """(line, text, whether it stands in a tree) of text between elements; that of a model describes ports."""
+    found, above, tags = dict[int, tuple[int, str, bool]](), list[str](), 0  # found: by the number of tags before it
+    parser = expat.ParserCreate()
+
+    def start(tag: str, _: object) -> None:
+        nonlocal tags
+        tags += 1
+        above.append(tag)
+
+    def end(_: str) -> None:
+        nonlocal tags
+        tags += 1
+        above.pop()
+
+    def text(piece: str) -> None:  # of one line at most
+        if piece.strip() and "TreeNodesModel" not in above:
+            line, before, inside = found.get(tags, (parser.CurrentLineNumber, "", len(above) > 1))
+            found[tags] = line, f"{before} {piece.strip()}".strip(), inside
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    with suppress(expat.ExpatError):  # an encoding that it does not know
+        parser.Parse(data, True)
+    return list(found.values())

@@ -287,6 +287,50 @@ def test_a_tree_of_the_file_that_none_uses_is_a_warning(tmp_path):
     ]
 
 
+def test_attributes_of_editors_are_ignored():
+    content = '<Sequence _collapsed="1"><SubTree ID="S" _favorite="x" _uid="3"/><Replan _note="{=}"/></Sequence>'
+    tree = '<BehaviorTree ID="S" _favorite="true"><Sleep msec="1" _description="a"/></BehaviorTree>'
+    found = found_in(main(content).replace('ID="Main"', 'ID="Main" _collapsed="1"'), tree)
+    assert (found.errors, found.warnings, found.nodes) == ((), (), 4)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('<Replan _skipif="true"/>', "_skipif is ignored here; did you mean _skipIf?"),
+        ('<SubTree ID="Rest" _onSucces="a := 1"/>', "_onSucces is ignored here; did you mean _onSuccess?"),
+        ('<SubTree ID="Rest" _autoRemap="true"/>', "_autoRemap is ignored here; did you mean _autoremap?"),
+        ('<Replan _autoremap="true"/>', "_autoremap is ignored here"),
+    ],
+)
+def test_an_attribute_that_is_ignored_but_looks_like_another_is_a_warning(content, said):
+    rest = '<BehaviorTree ID="Rest"><Replan/></BehaviorTree><BehaviorTree ID="Used"><SubTree ID="Rest"/></BehaviorTree>'
+    found = found_in(main(content), rest)
+    assert [(e.line, e.problem) for e in found.warnings if not e.problem.startswith("not used")] == [(2, said)]
+    assert found.errors == ()
+
+
+def test_a_precondition_of_a_whole_tree_is_ignored_with_a_warning():
+    (warning,) = found_in(main("<Replan/>").replace('ID="Main"', 'ID="Main" _skipIf="true"')).warnings
+    assert warning.problem == "_skipIf is ignored here"
+
+
+def test_text_between_elements_is_a_mistake_at_its_line():
+    found = found_in(
+        "lost",
+        "<!-- a comment",
+        "of two lines -->",
+        main('<Sequence>\n<Replan/><!--\n\n-->\n  Settle ring="2"/>\n<Replan/> <![CDATA[a]]>b\n</Sequence>'),
+        '<TreeNodesModel><Action ID="Replan"><input_port name="a">what it is</input_port></Action></TreeNodesModel>',
+    )
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (9, "got the text 'Settle ring=\"2\"/>', expected elements alone"),
+        (10, "got the text 'a b', expected elements alone"),
+    ]
+    (warning,) = found.warnings  # outside the trees, where the original's own examples have some
+    assert str(warning) == "<text>:2: got the text 'lost', expected elements alone"
+
+
 REST = """<BehaviorTree ID="Rest"><Replan/></BehaviorTree>
 <BehaviorTree ID="Two"><SubTree ID="Rest" name="b"/></BehaviorTree>"""
 

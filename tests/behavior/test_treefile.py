@@ -146,13 +146,7 @@ def test_two_trees_in_one_process_do_not_see_each_other(tmp_path):
         (main("<Repeat num_cycles='-2'><Say word='a'/></Repeat>"), 3, "got '-2', expected int >= -1"),
         (main("<Parallel success_count='2'>\n<Say word='a'/></Parallel>"), 3, "at most its number of children, 1"),
         (main("<SubTree ID='S'>\n<Say word='a'/></SubTree>") + SUB, 3, "a SubTree has no children"),
-        (
-            main("<SubTree ID='S' _skip='true'/>") + SUB,
-            3,
-            "unknown attribute '_skip', expected ID, name, _autoremap, _f",
-        ),
         (main("<SubTree ID='S' _successIf='1 +'/>") + SUB, 3, "Main/S: _successIf: column 4: got the end"),
-        ("<BehaviorTree ID='Main' _skipIf='true'><Say word='a'/></BehaviorTree>", 2, "unknown attribute '_skipIf'"),
         (main("<SubTree ID='S' _autoremap='perhaps'/>") + SUB, 3, "got 'perhaps', expected bool"),
         (
             main("<SubTree ID='S' n='three'/>") + "\n" + SUB,
