@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.decorators import SubTree
+from mazeplan.behavior.builtin_leaves import ScriptCondition
+from mazeplan.behavior.check_values import read_before_set, wrong_constants
+from mazeplan.behavior.conditions import DECISIONS
+from mazeplan.behavior.decorators import Precondition, SubTree
 from mazeplan.behavior.key_uses import Home, Use, all_uses, scope_of, scripts_of
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.mistakes import MOST, MOST_KEPT, Unbuilt
@@ -58,9 +61,11 @@ def check_tree(tree: BehaviorTree) -> Findings:
     known = {use.home for use in writes} | given
     real = {use.home for use in writes if not isinstance(use.node, Unbuilt)} | given
     calls = {id(node.board): node for node in nodes if isinstance(node, SubTree)}
-    errors = _unknown((use for use in reads if use.home not in known), real, calls)
-    warnings = [*never_ticked(tree.root), *_unread(nodes, (*reads, *writes)), *_hidden(nodes)]
-    return Findings(_once(errors), _once(warnings), len(nodes))
+    errors = list(_unknown((use for use in reads if use.home not in known), real, calls))
+    wrong, doubtful = wrong_constants(reads, writes, given)
+    warnings = [*never_ticked(tree.root), *_unread(nodes, (*reads, *writes)), *_doubtful_scripts(nodes)]
+    warnings += [*doubtful, *read_before_set(reads, writes, given)]
+    return Findings(_once((*errors, *wrong)), _once(warnings), len(nodes))
 
 
 def refuse_mistakes(tree: BehaviorTree) -> None:
@@ -147,10 +152,12 @@ def _unread(nodes: Iterable[TreeNode], uses: Iterable[Use]) -> Iterator[TreeErro
                 yield call.wrong(f"{port}: nothing in {tree} reads it")
 
 
-def _hidden(nodes: Iterable[TreeNode]) -> Iterator[TreeError]:
-    """Scripts that set a key which they cannot read: it has the name of an enum."""
+def _doubtful_scripts(nodes: Iterable[TreeNode]) -> Iterator[TreeError]:
+    """Scripts that set a key which they cannot read, since it has the name of an enum; conditions that set one."""
     for node in nodes:
         enums = node.board.enums
         for attribute, script in scripts_of(node):
             for name in sorted(script.sets & set(enums)):
                 yield node.wrong(f"{attribute}: sets {name}, but scripts read the enum of that name, {enums[name]}")
+            if script.assigned and (attribute in DECISIONS or isinstance(node, ScriptCondition | Precondition)):
+                yield node.wrong(f"{attribute}: = sets {script.assigned}; did you mean ==?")

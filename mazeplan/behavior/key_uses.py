@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.decorators import SubTree
@@ -76,6 +77,7 @@ def scripts_of(node: TreeNode) -> Iterator[tuple[str, Script]]:
         yield from node.conditions.given.items()
 
 
+@lru_cache(maxsize=1000)
 def _parsed(text: str) -> Script | None:
     try:
         return parse_script(text)

@@ -11,6 +11,7 @@ from mazeplan.behavior.check import check_file
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core.errors import TreeError
+from mazeplan.maze.mapfile import load_map
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n'
 
@@ -227,6 +228,35 @@ WARNED = [
     ("<IfThenElse><AlwaysSuccess/><Replan/><Replan/></IfThenElse>", "never ticked: the condition AlwaysSuccess never"),
     ('<Precondition if="false"><Replan/></Precondition>', "never ticked: the script `if` of the Precondition"),
     ("<Fallback><Sequence><AlwaysSuccess/><AlwaysSuccess/></Sequence><Replan/></Fallback>", "never ticked: Sequence"),
+    ('<Fallback><Script code="a := 1"/><Replan/></Fallback>', "never ticked: Script before it never ends with FAILURE"),
+    (
+        '<Fallback><SetBlackboard value="1" output_key="a"/><Replan/></Fallback>',
+        "never ticked: SetBlackboard before it",
+    ),
+    (
+        "<Sequence><KeepRunningUntilFailure><BallSeen/></KeepRunningUntilFailure><Replan/></Sequence>",
+        "never ticked: KeepRunningUntilFailure before it never ends with SUCCESS",
+    ),
+    (
+        '<Fallback><RetryUntilSuccessful num_attempts="-1"><BallSeen/></RetryUntilSuccessful><Replan/></Fallback>',
+        "never ticked: RetryUntilSuccessful before it never ends with FAILURE",
+    ),
+    (
+        '<Sequence><Repeat num_cycles="-1"><Delay delay_msec="5"><BallSeen/></Delay></Repeat><Replan/></Sequence>',
+        "never ticked: Repeat before it never ends with SUCCESS",
+    ),
+    ('<Replan _skipIf="goal = 3"/>', "_skipIf: = sets goal; did you mean ==?"),
+    ('<Replan _while="a := 1; (goal = a)"/>', "_while: = sets goal; did you mean ==?"),
+    ('<ScriptCondition code="goal = 3"/>', "code: = sets goal; did you mean ==?"),
+    ('<Precondition if="goal = 3"><Replan/></Precondition>', "if: = sets goal; did you mean ==?"),
+    (
+        '<Sequence><Fallback><InRing ring="{a}"/><Replan/></Fallback><Script code="a := 1"/></Sequence>',
+        "ring: reads {a}, which Script at <text>:2 sets later",
+    ),
+    (
+        '<Sequence><Replan _skipIf="a == 1"/><SubTree ID="Out" found="{a}"/></Sequence>',
+        "_skipIf: reads {a}, which Script at <text>:4 sets later",
+    ),
 ]
 QUIET = [
     '<SubTree ID="Leg" ring="{goal}"/>',
@@ -243,6 +273,22 @@ QUIET = [
     '<Fallback><Sequence><AlwaysSuccess/><InRing ring="2"/></Sequence><Replan/></Fallback>',
     '<Fallback><AlwaysSuccess _onSuccess="a := 1" _while="goal == 2"/><Replan/></Fallback>',
     "<Sequence><RunOnce><AlwaysSuccess/></RunOnce><Replan/></Sequence>",
+    '<Fallback><SetBlackboard value="{goal}" output_key="a"/><Replan/></Fallback>',  # which may have no value
+    '<Fallback><Script code="a := 1" _skipIf="goal == 1"/><Replan/></Fallback>',
+    '<Fallback><RetryUntilSuccessful num_attempts="{goal}"><BallSeen/></RetryUntilSuccessful><Replan/></Fallback>',
+    '<Sequence><Repeat num_cycles="2"><BallSeen/></Repeat><Replan/></Sequence>',
+    '<Sequence><RetryUntilSuccessful num_attempts="-1"><BallSeen/></RetryUntilSuccessful><Replan/></Sequence>',
+    "<Fallback><KeepRunningUntilFailure><BallSeen/></KeepRunningUntilFailure><Replan/></Fallback>",
+    '<Replan _skipIf="a := 1; goal == a"/>',
+    '<Replan _onSuccess="goal = 3"/>',
+    '<Sequence><Replan _skipIf="goal == 1" _onSuccess="b := a"/><Script code="a := 1"/></Sequence>',
+    '<Sequence><Script code="a := 1"/><InRing ring="{a}"/><Script code="a := 2"/></Sequence>',
+    '<Sequence><Fallback><Replan/><InRing ring="{a}"/></Fallback><Script code="a := 1"/></Sequence>',
+    '<Fallback><InRing ring="{a}"/><Script code="a := 1"/></Fallback>',  # told when it is ticked
+    '<Sequence><SkipUnlessUpdated entry="{a}"><Replan/></SkipUnlessUpdated><Script code="a := 1"/></Sequence>',
+    '<Sequence><Script code="d := 1"/><Settle ring="1" hold_s="{d}"/></Sequence>',
+    '<Sequence><SetBlackboard value="0.5" output_key="d"/><Settle ring="1" hold_s="{d}"/></Sequence>',
+    '<LoopInt queue="3;5" value="{r}"><InRing ring="{r}"/></LoopInt>',
 ]
 OTHERS = """<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>
 <BehaviorTree ID="Out"><Script code="found := 2"/></BehaviorTree>
@@ -252,6 +298,64 @@ OTHERS = """<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>
 <BehaviorTree ID="All"><Sequence><SubTree ID="Leg" ring="1"/><SubTree ID="Out"/><SubTree ID="Auto" goal="1"/>
 <SubTree ID="Model"/></Sequence></BehaviorTree>
 <TreeNodesModel><SubTree ID="Model"><input_port name="never" default="3"/></SubTree></TreeNodesModel>"""
+
+
+MAZE = load_map("cme")
+
+
+class OnTheMap(Still):
+    maze = MAZE
+
+
+CONSTANTS = [
+    ('<SetBlackboard value="soon" output_key="d"/>', "hold_s", "value: got 'soon' for {d}, expected float >= 0"),
+    ("<Script code=\"d := 'long'\"/>", "hold_s", "code: got 'long' for {d}, expected float >= 0"),
+    ('<Script code="d := -(1 + 2)"/>', "hold_s", "code: got -3.0 for {d}, expected float >= 0"),
+    ("<Replan _onSuccess=\"d := 'long'\"/>", "hold_s", "_onSuccess: got 'long' for {d}, expected float >= 0"),
+]
+
+
+@pytest.mark.parametrize(("setter", "port", "said"), CONSTANTS)
+def test_a_constant_that_the_port_which_reads_it_refuses_is_told_where_it_is_set(setter, port, said):
+    (error,) = found_in(main(f'<Sequence>{setter}\n<Settle ring="1" {port}="{{d}}"/></Sequence>')).errors
+    assert (error.line, error.problem.partition(", finite; ")) == (
+        2,
+        (said, ", finite; ", "Settle reads {d} at <text>:3"),
+    )
+
+
+def on_the_map(content):
+    text = HEAD + main(content) + '<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree></root>'
+    found = check_file(text, registry_with(), OnTheMap())
+    return found.errors, [e.problem for e in found.warnings if not e.problem.startswith("not used")]
+
+
+def test_each_value_of_a_literal_queue_is_one_of_the_map():
+    loop = '<LoopInt queue="3;8;9" value="{r}">\n{}<SubTree ID="Leg" ring="{r}"/></LoopInt>'
+    ((error,), warnings) = on_the_map(loop.replace("{}", ""))
+    said = "queue: got 8 for {r}, expected one of 1, 2, 3, 4, 5; InRing reads {ring} at <text>:3"
+    assert (error.line, error.problem, warnings) == (2, said, [])
+    guarded = loop.replace("{}", "").replace('ring="{r}"', 'ring="{r}" _skipIf="r == 8"')
+    assert on_the_map(guarded) == ((), [said])
+    ((error,), _) = on_the_map('<LoopInt queue="3;x" value="{r}"><InRing ring="{r}"/></LoopInt>')
+    assert error.problem == "queue: got 'x', expected whole numbers, separated by ;"
+
+
+@pytest.mark.parametrize(
+    ("setters", "warned"),
+    [
+        ('<Script code="a := 0"/><Script code="a := 3"/>', True),  # the second one comes before the reader
+        ('<Script code="a := 0"/><Script code="a := goal"/>', False),
+        ('<Script code="a := 0; a := a + 1"/>', False),
+        ('<Script code="a := 0"/><Script code="a = 4"/>', True),
+        ('<Script code="a := 0"/><PlanRoute goal="3" legs="{a}"/>', False),
+        ('<Script code="a := 0"/><SetBlackboard value="3" output_key="{b}"/><PlanRoute goal="3" legs="{b}"/>', False),
+    ],
+)
+def test_a_constant_that_is_not_the_only_value_is_a_warning_at_most(setters, warned):
+    errors, warnings = on_the_map(f'<Sequence>{setters}<InRing ring="{{a}}"/></Sequence>')
+    assert errors == ()
+    assert [w.partition(",")[0] for w in warnings] == ["code: got 0 for {a}"] * warned
 
 
 def warnings_of(content, tmp_path, monkeypatch):
