@@ -34,6 +34,8 @@ MAX_NAME = 100  # characters of a node's name
 BUILTIN: dict[str, type[TreeNode]] = {**CONTROLS, **DECORATORS, **BUILTIN_LEAVES}
 SCRIPTS = {"Script": ("code",), "ScriptCondition": ("code",), "Precondition": ("if",)}  # ports that are scripts
 
+OPTION = "--behavior-module"  # brings nodes of one's own
+
 AUTOREMAP = Port(bool, False, "whether keys of the same name are those outside")
 
 
@@ -59,6 +61,7 @@ class Builder:
         self._registry, self._context, self._mistakes = registry, context, mistakes or Mistakes()
         self._enums = getattr(registry, "enums", None)
         self.files = TreeParts(parts, lambda name: name in BUILTIN or name in registry, self._mistakes)
+        self._cycles = set[frozenset[str]]()
         self._begin()
 
     def _begin(self) -> None:
@@ -207,7 +210,9 @@ class Builder:
             return f": a node of {ELSEWHERE[kind]} that mazeplan lacks; a leaf of your own can take its place"
         known = ["SubTree", *BUILTIN, *self._registry]
         near = difflib.get_close_matches(kind, known, 1)
-        return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}, or a leaf of yours"
+        if near:
+            return f"; did you mean {near[0]}? One of your own needs {OPTION}"
+        return f"; one of your own needs {OPTION}; expected one of {', '.join(known)}"
 
     def _check_children(self, element: Element, path: str, node: type[TreeNode], values: Mapping[str, Any]) -> None:
         n = len(element)
@@ -290,7 +295,7 @@ class Builder:
         board: Blackboard,
         path: str,
         use: _Use,
-    ) -> SubTree:
+    ) -> TreeNode:
         """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
         tree = attributes.pop("ID", "")
         if tree not in self.files.trees:
@@ -298,6 +303,10 @@ class Builder:
                 element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self.files.trees)}"
             )
         if tree in use.trees:
+            cycle = frozenset(use.trees[use.trees.index(tree) :])
+            if cycle in self._cycles:  # told where it was entered by another of its trees
+                return self._unbuilt(element, board, path, ())
+            self._cycles.add(cycle)
             raise self.files.error(element, path, f"{tree} contains itself: {' > '.join((*use.trees, tree))}")
         if len(element):
             raise self.files.error(

@@ -48,6 +48,7 @@ POWERS = {  # how tightly an operator binds; assignments and ?: are apart
     "||": 6, "&&": 8, "==": 10, "!=": 10, "<": 10, "<=": 10, ">": 10, ">=": 10,
     "|": 12, "^": 12, "&": 14, "+": 16, "-": 16, "..": 16, "*": 18, "/": 18,
 }  # fmt: skip
+QUOTES = ("'", '"')
 PREFIXES = ("-", "!", "~")
 ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ ! {' '.join((*POWERS, *ASSIGNMENTS))}"
 
@@ -87,9 +88,10 @@ def parse_script(text: str) -> Script:
     if len(text) > MAX_LENGTH:
         raise ScriptError(f"got {len(text)} characters, expected at most {MAX_LENGTH}")
     parser = _Parser(text)
-    evaluate, sets = parser.whole(), map(frozenset, (parser.reads, parser.writes, parser.sets))
+    evaluate = parser.whole()
+    reads, writes, sets = (frozenset(names) for names in (parser.reads, parser.writes, parser.sets))
     constants = {name: tuple(values) for name, values in parser.constants.items() if name not in parser.changing}
-    return Script(text, evaluate, *sets, constants, parser.assigned)
+    return Script(text, evaluate, reads, writes, sets, constants, parser.assigned)
 
 
 class _Parser:
@@ -246,6 +248,10 @@ def _tokens(text: str) -> list[_Token]:
     while at < len(text):
         match = TOKEN.match(text, at)
         if match is None:
+            if text[at] in QUOTES:
+                raise ScriptError(
+                    f"column {at + 1}: the text that begins here has no end, expected {text[at]} after it"
+                )
             raise ScriptError(f"column {at + 1}: got {text[at : at + 10]!r}, expected {ALLOWED}")
         if match.lastgroup != "space":
             found.append(_Token(str(match.lastgroup), match.group(), at + 1))

@@ -14,7 +14,7 @@ from typing import Any
 
 from mazeplan.behavior.conditions import CONDITIONS
 from mazeplan.behavior.mistakes import Mistakes
-from mazeplan.behavior.ports import Key, shown
+from mazeplan.behavior.ports import Key, one_line, shown
 from mazeplan.core.errors import TreeError
 from mazeplan.core.file_format import advice
 
@@ -58,12 +58,6 @@ def bad_name(name: str) -> str | None:
         return "which is reserved; expected another name"
     wrong = next((c for c in name if c in FORBIDDEN or not c.isprintable()), None)
     return None if wrong is None else f"expected a name without {wrong!r}"
-
-
-def one_line(text: str, most: int = 600) -> str:
-    """Text for an error: one line, nothing that a terminal would obey, not endless."""
-    clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
-    return clean if len(clean) <= most else f"{clean[: most - 3]}..."
 
 
 def _format_problem(given: str | None) -> str:

@@ -19,8 +19,9 @@ from mazeplan.behavior.builder import MAX_DEPTH, Builder
 from mazeplan.behavior.draft import Draft, draft
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.ports import one_line
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.tree_parts import EXPLICIT, Part, one_line
+from mazeplan.behavior.tree_parts import EXPLICIT, Part
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import TreeError
 

@@ -74,7 +74,8 @@ def test_the_key_of_a_node_that_cannot_be_built_is_not_missed():
     )
     errors = found_in(main(content)).errors
     assert [e.problem.partition("{")[0] for e in errors] == [
-        "unknown node 'PlanRute'; did you mean PlanRoute?", "ring: nothing sets ",
+        "unknown node 'PlanRute'; did you mean PlanRoute? One of your own needs --behavior-module",
+        "ring: nothing sets ",
     ]  # fmt: skip
     assert "nothing sets {lags}; set are goal, waypoints" in errors[1].problem  # none of the words of PlanRute
 
@@ -106,8 +107,39 @@ def test_mistakes_of_the_file_itself_come_before_those_of_files_that_it_includes
     path = tmp_path / "tree.xml"
     path.write_text(HEAD + '<include path="a.xml"/>' + main('\n<InRing ring="x"/>') + "</root>")
     errors = check_file(path, registry_with(), Still()).errors
-    assert [(e.file.name, e.line) for e in errors[:2]] == [("tree.xml", 3), ("a.xml", 2)]
+    assert [(e.file, e.line) for e in errors[:2]] == [(path, 3), (tmp_path / "a.xml", 2)]
     assert str(errors[-1]) == f"{path}: and 11 more mistakes"
+
+
+def test_both_thresholds_of_a_parallel_are_told_at_once():
+    (error,) = found_in(main('<Parallel success_count="3" failure_count="2"><Replan/></Parallel>')).errors
+    assert error.problem == (
+        "success_count: got 3, expected at most its number of children, 1; "
+        "failure_count: got 2, expected at most its number of children, 1"
+    )
+
+
+def test_an_unknown_node_may_be_one_of_ones_own():
+    (error,) = found_in(main("<Qzxwv/>")).errors
+    assert error.problem.startswith("unknown node 'Qzxwv'; one of your own needs --behavior-module; expected one of")
+    (near,) = found_in(main("<Replam/>")).errors
+    assert near.problem == "unknown node 'Replam'; did you mean Replan? One of your own needs --behavior-module"
+
+
+def test_what_is_too_long_is_shortened_everywhere():
+    long = "k" * 40_000
+    calls = f'<SubTree ID="Leg" {long}="1"/><SubTree ID="Leg" ring="{{{long}}}"/><SubTree ID="{long}"/>'
+    nodes = (
+        f'<InRing ring="{{{long}}}"/><InRing ring="{long}"/><InRing {long}="1"/><{long}/><Script code="a = {long}"/>'
+        f'<Replan _skipIf="{long}"/><Sequence name="{long}"><Replan/></Sequence>'
+    )
+    leg = '<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>'
+    for content in (calls + nodes, calls, '<InRing ring="{' + long + '}"/>', f'<Script code="{long[:9000]} = 1"/>'):
+        found = found_in(main(f"<Sequence>{content}</Sequence>"), leg)
+        assert found.errors
+        for told in (*found.errors, *found.warnings):
+            assert len(str(told)) < 1000
+            assert "k" * 61 not in str(told)
 
 
 def test_a_file_that_multiplies_is_given_up():
@@ -195,6 +227,17 @@ def test_a_key_that_nothing_sets_is_told_at_the_outermost_call_that_gives_it_onc
     ]
     auto = found_in(main('<SubTree ID="Leg" _autoremap="true"/>'), leg).errors
     assert [e.problem.partition(";")[0] for e in auto] == ["ring: nothing sets {ring}"] * 1
+
+
+def test_a_tree_that_contains_itself_is_one_mistake():
+    trees = (
+        '<BehaviorTree ID="A"><SubTree ID="B"/></BehaviorTree>\n<BehaviorTree ID="B"><SubTree ID="A"/></BehaviorTree>'
+    )
+    found = found_in(main('<Sequence><SubTree ID="Main"/><SubTree ID="A"/><SubTree ID="B"/></Sequence>'), trees)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (2, "Main contains itself: Main > Main"),
+        (4, "A contains itself: A > B > A"),
+    ]
 
 
 def test_a_missing_port_may_be_a_slip_inside():
