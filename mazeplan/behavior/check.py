@@ -23,6 +23,7 @@ from mazeplan.behavior.tree import BehaviorTree, parts_of
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.core.errors import TreeError
 
+MOST_NAMES = 200  # among which a similar one is looked for, which takes its time
 SET_BY_THE_RUN = ("goal", "waypoints")  # on the outermost scope, before the first tick
 
 
@@ -44,7 +45,7 @@ def check_file(source: str | Path, registry: Mapping[str, type[TreeNode]], conte
     file = read_tree(source)
     draft, first = file.draft(registry, context), file.parts[0].file
     if draft.tree is None:
-        return Findings(_told(draft.mistakes, first))
+        return Findings(_told(draft.mistakes, first, len(draft.mistakes) >= MOST_KEPT))
     found = check_tree(draft.tree)
     warnings = _in_order((*found.warnings, *draft.remarks), first)
     return Findings(_told((*draft.mistakes, *found.errors), first), warnings, None if draft.mistakes else found.nodes)
@@ -100,14 +101,15 @@ def _in_order(found: Iterable[TreeError], first: Path | None) -> tuple[TreeError
     return tuple(sorted(found, key=lambda e: (e.file != first, str(e.file), e.line or 0)))
 
 
-def _told(found: Iterable[TreeError], first: Path | None) -> tuple[TreeError, ...]:
-    """The first mistakes in order, and how many there are beyond; `first`: the file whose mistakes come first."""
+def _told(found: Iterable[TreeError], first: Path | None, given_up: bool = False) -> tuple[TreeError, ...]:
+    """The first mistakes in order, and how many there are beyond. first: the file whose mistakes come first; given_up:
+    there may be still more."""
     errors = _in_order(found, first)
     beyond = len(errors) - MOST
     if beyond <= 0:
         return errors
-    more = f"and {beyond}{' or more' if len(errors) >= MOST_KEPT else ''} more mistakes"
-    return *errors[:MOST], TreeError(more if beyond > 1 else "and 1 more mistake", file=first)
+    more = f"and {'at least ' * given_up}{beyond} more mistake{'s' * (beyond > 1)}"
+    return *errors[:MOST], TreeError(more, file=first)
 
 
 def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]) -> Iterator[TreeError]:
@@ -123,8 +125,9 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
         if mistake in told:
             continue
         told.add(mistake)
-        near = difflib.get_close_matches(key, names.get(scope, ()), 1)
-        hint = f"did you mean {Key(near[0])}?" if near else f"set are {', '.join(names.get(scope, ())) or 'none'}"
+        there = names.get(scope, ())
+        near = difflib.get_close_matches(key, there, 1) if len(there) <= MOST_NAMES else ()
+        hint = f"did you mean {Key(near[0])}?" if near else f"set are {', '.join(there[:MOST_NAMES]) or 'none'}"
         inside = f"inside, {use.node.name} reads {Key(use.name)}{use.at}"
         if missing is not None:
             slip = f"; or was {Key(near[0])} meant there?" if near else ""

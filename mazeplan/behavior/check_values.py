@@ -62,17 +62,20 @@ def wrong_constants(
         readers.setdefault(use.home, []).append(use)
     errors, warnings = list[TreeError](), list[TreeError]()
     for home, found in sources.items():
-        values = [value for source in found for value in source.values or ()]
         if home in given or any(source.values is None for source in found):
             continue
+        values = {(type(value), value): value for source in found for value in source.values or ()}
+        refusing = {
+            one: next((use for use in readers.get(home, ()) if not _takes(use, value)), None)
+            for one, value in values.items()
+        }
         for source in found:
-            for value in source.values or ():
-                reader = next((use for use in readers.get(home, ()) if not _takes(use, value)), None)
-                if reader is not None:
-                    sure = not any(_takes(reader, one) for one in values)
-                    sure = sure or (source.in_turn and not any(_takes(use, value) for use in readers[home]))
-                    (errors if sure else warnings).append(_refused(source, value, reader))
-                    break
+            wrong = next((value for value in source.values or () if refusing[type(value), value] is not None), None)
+            reader = refusing.get((type(wrong), wrong))
+            if reader is not None:
+                sure = not any(_takes(reader, value) for value in values.values())
+                sure = sure or (source.in_turn and not any(_takes(use, wrong) for use in readers[home]))
+                (errors if sure else warnings).append(_refused(source, wrong, reader))
     return errors, warnings
 
 

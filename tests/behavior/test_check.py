@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -90,3 +92,13 @@ def test_a_branch_that_no_tick_reaches_is_a_warning(tmp_path, content, warned):
     code, found = checked(tmp_path, content)
     assert code == 0
     assert any("never ticked" in warning and "tree.xml:3:" in warning for warning in found["warnings"]) is warned
+
+
+def test_a_check_loads_nothing_that_plans_or_computes_routes():
+    code = (
+        "import sys, mazeplan.apps.cli.behavior as command, mazeplan.behavior.check\n"
+        "assert command._checked('navigate', None, None)['ok']\n"
+        "print(*sorted({'numba', 'scipy', 'networkx', 'pandas', 'mujoco'} & sys.modules.keys()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n"

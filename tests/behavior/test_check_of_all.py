@@ -94,7 +94,7 @@ def test_twenty_mistakes_are_told_and_how_many_there_are_beyond():
 
 def test_a_thousand_mistakes_are_counted():
     errors = found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 3000 + "</Sequence>")).errors
-    assert errors[-1].problem == "and 980 or more more mistakes"
+    assert errors[-1].problem == "and at least 980 more mistakes"
 
 
 def test_mistakes_of_the_file_itself_come_before_those_of_files_that_it_includes(tmp_path):
