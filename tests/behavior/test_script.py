@@ -44,6 +44,13 @@ def test_what_holds(text):
     assert parse_script(text).holds(scope()) is True
 
 
+@pytest.mark.parametrize("text", ["!said", "said && 1", "1 && said", "said || 1", "!'true'", "'false' || 1"])
+def test_a_text_beside_a_sign_of_logic_is_an_error_though_it_is_a_condition_alone(text):
+    assert parse_script("'true'").holds(scope()) is True
+    with pytest.raises(ScriptError, match="got (the text )?'(true|false)' (beside|after)"):
+        parse_script(text).holds(scope())
+
+
 @pytest.mark.parametrize(
     ("text", "name", "worth"),
     [
