@@ -47,7 +47,7 @@ def test_what_holds(text):
 @pytest.mark.parametrize("text", ["!said", "said && 1", "1 && said", "said || 1", "!'true'", "'false' || 1"])
 def test_a_text_beside_a_sign_of_logic_is_an_error_though_it_is_a_condition_alone(text):
     assert parse_script("'true'").holds(scope()) is True
-    with pytest.raises(ScriptError, match="got (the text )?'(true|false)' (beside|after)"):
+    with pytest.raises(ScriptError, match=r"got (the text )?'(true|false)' (beside|after)"):
         parse_script(text).holds(scope())
 
 
