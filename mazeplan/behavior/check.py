@@ -133,7 +133,7 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
             slip = f"; or was {Key(near[0])} meant there?" if near else ""
             yield missing.wrong(f"{key} is missing: {inside}{slip}")
         elif giving is not None:
-            yield giving[0].wrong(f"{giving[1]}: nothing sets {Key(key)}; {hint}; {inside}")
+            yield giving[0].wrong(f"{giving[1]}: nothing sets {Key(key)}; {inside}; {hint}")
         else:
             outside = "" if key == use.name else f", which is {Key(key)} outside"
             yield use.node.wrong(f"{use.attribute}: nothing sets {Key(use.name)}{outside}; {hint}")

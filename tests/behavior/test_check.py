@@ -33,7 +33,7 @@ PLANTED = [
     (
         '\n<SubTree ID="Leg" opening="{gate}"/>',
         3,
-        "opening: nothing sets {gate}; set are goal, opening, waypoints; inside, PlanInRing reads {opening} at",
+        "opening: nothing sets {gate}; inside, PlanInRing reads {opening} at tree.xml:6; set are goal, opening, ",
     ),
     (
         '\n<SubTree ID="Leg" opening="1-2@46"/>',
