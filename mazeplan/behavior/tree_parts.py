@@ -45,11 +45,11 @@ Element = Any  # lxml's element class is not public
 
 @dataclass(frozen=True)
 class Part:
-    """The root element of one file. stray: (line, text, whether it stands in a tree) of text between its elements."""
+    """The root element of one file. stray: (line, text) of text between its elements."""
 
     root: Element
     file: Path
-    stray: tuple[tuple[int, str, bool], ...] = ()
+    stray: tuple[tuple[int, str], ...] = ()
 
 
 def bad_name(name: str) -> str | None:
@@ -82,12 +82,13 @@ class TreeParts:
         for part in parts:
             with mistakes:
                 self._read_part(part.root)
-            for line, text, inside in part.stray:
+            for line, text in part.stray:
                 error = TreeError(f"got the text {shown(text)}, expected elements alone", file=part.file, line=line)
-                self._stray += [] if inside else [error]
-                with mistakes:
-                    if inside:
-                        raise error
+                if ">" not in text:  # the original ignores it
+                    self._stray.append(error)
+                    continue
+                with mistakes:  # an element that has lost its <
+                    raise error
         if not self.trees:
             raise mistakes.last(self.error(self.first.root, "", "no <BehaviorTree> in it"))
 
@@ -134,7 +135,7 @@ class TreeParts:
 
     def remarks(self, main: str) -> tuple[TreeError, ...]:
         """A remark at each tree of the first file that neither is the main one nor stands in a SubTree of any file, at
-        each attribute that is ignored, but looks like one that would not be, and at text outside the trees."""
+        each attribute that is ignored, but looks like one that would not be, and at text that is no lost element."""
         used = {main, *(e.get("ID") for tree in self.trees.values() for e in tree.iter("SubTree"))}
         unused = [
             self.error(element, name, "not used: it is not the main tree, and no SubTree names it")

@@ -151,9 +151,9 @@ def _parse(path: Path, data: bytes) -> Part:
     return Part(root, path, tuple(_stray_text(data)))
 
 
-def _stray_text(data: bytes) -> list[tuple[int, str, bool]]:
-    """(line, text, whether it stands in a tree) of text between elements; that of a model describes ports."""
-    found, above, tags = dict[int, tuple[int, str, bool]](), list[str](), 0  # found: by the number of tags before it
+def _stray_text(data: bytes) -> list[tuple[int, str]]:
+    """(line, text) of each text between elements; that of a model describes ports."""
+    found, above, tags = dict[int, tuple[int, str]](), list[str](), 0  # found: by the number of tags before it
     parser = expat.ParserCreate()
 
     def start(tag: str, _: object) -> None:
@@ -168,8 +168,8 @@ def _stray_text(data: bytes) -> list[tuple[int, str, bool]]:
 
     def text(piece: str) -> None:  # of one line at most
         if piece.strip() and "TreeNodesModel" not in above:
-            line, before, inside = found.get(tags, (parser.CurrentLineNumber, "", len(above) > 1))
-            found[tags] = line, f"{before} {piece.strip()}".strip(), inside
+            line, before = found.get(tags, (parser.CurrentLineNumber, ""))
+            found[tags] = line, f"{before} {piece.strip()}".strip()
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
     with suppress(expat.ExpatError):  # an encoding that it does not know

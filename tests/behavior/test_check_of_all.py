@@ -462,20 +462,19 @@ def test_a_precondition_of_a_whole_tree_is_ignored_with_a_warning():
     assert warning.problem == "_skipIf is ignored here"
 
 
-def test_text_between_elements_is_a_mistake_at_its_line():
+def test_an_element_that_has_lost_its_first_sign_is_a_mistake_at_its_line_other_text_a_warning():
     found = found_in(
-        "lost",
+        'include path="a.xml"/>;',
         "<!-- a comment",
         "of two lines -->",
         main('<Sequence>\n<Replan/><!--\n\n-->\n  Settle ring="2"/>\n<Replan/> <![CDATA[a]]>b\n</Sequence>'),
-        '<TreeNodesModel><Action ID="Replan"><input_port name="a">what it is</input_port></Action></TreeNodesModel>',
+        '<TreeNodesModel><Action ID="Replan"><input_port name="a">a -> b</input_port></Action></TreeNodesModel>',
     )
-    assert [(e.line, e.problem) for e in found.errors] == [
-        (9, "got the text 'Settle ring=\"2\"/>', expected elements alone"),
-        (10, "got the text 'a b', expected elements alone"),
+    assert [str(e) for e in found.errors] == [
+        "<text>:2: got the text 'include path=\"a.xml\"/>;', expected elements alone",
+        "<text>:9: got the text 'Settle ring=\"2\"/>', expected elements alone",
     ]
-    (warning,) = found.warnings  # outside the trees, where the original's own examples have some
-    assert str(warning) == "<text>:2: got the text 'lost', expected elements alone"
+    assert [str(e) for e in found.warnings] == ["<text>:10: got the text 'a b', expected elements alone"]
 
 
 REST = """<BehaviorTree ID="Rest"><Replan/></BehaviorTree>
