@@ -24,8 +24,8 @@ from mazeplan.behavior.ports import REQUIRED, Key, Port, shown
 from mazeplan.behavior.script import Script, parse_script
 from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.tree_parts import ELSEWHERE, EXPLICIT, NOTES, Element, Part, TreeParts, literal
-from mazeplan.core.errors import InputError, MazeplanError
+from mazeplan.behavior.tree_parts import ATTRIBUTES, ELSEWHERE, EXPLICIT, Element, Part, TreeParts, literal
+from mazeplan.core.errors import InputError, MazeplanError, TreeError
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
@@ -33,6 +33,8 @@ MAX_NODES = 5_000  # after subtrees are put in their places
 MAX_NAME = 100  # characters of a node's name
 BUILTIN: dict[str, type[TreeNode]] = {**CONTROLS, **DECORATORS, **BUILTIN_LEAVES}
 SCRIPTS = {"Script": ("code",), "ScriptCondition": ("code",), "Precondition": ("if",)}  # ports that are scripts
+
+OPTION = "--behavior-module"  # brings nodes of one's own
 
 AUTOREMAP = Port(bool, False, "whether keys of the same name are those outside")
 
@@ -59,11 +61,14 @@ class Builder:
         self._registry, self._context, self._mistakes = registry, context, mistakes or Mistakes()
         self._enums = getattr(registry, "enums", None)
         self.files = TreeParts(parts, lambda name: name in BUILTIN or name in registry, self._mistakes)
+        self._cycles = set[frozenset[str]]()
         self._begin()
 
     def _begin(self) -> None:
         self._count = 0
         self._subtrees: dict[str, Element | None] = {"": None}  # by their paths; the main tree has the empty one
+        self._calls: dict[int, tuple[Element, str]] = {}  # the SubTree that made a scope, and its path
+        self._given_wrong: dict[tuple[int, str], TreeError] = {}  # by scope and port
 
     def build(self, main: str | None) -> BehaviorTree:
         """The tree `main`, the file's main one, or its only one."""
@@ -110,8 +115,8 @@ class Builder:
         path = f"{above}/{name}"
         self._count += 1
         if path.count("/") > MAX_DEPTH or self._count > MAX_NODES:
-            problem = self.files.error(element, above, f"more than {MAX_DEPTH} levels or {MAX_NODES} nodes")
-            raise self._mistakes.last(problem)
+            beyond = f"{MAX_NODES} nodes" if self._count > MAX_NODES else f"{MAX_DEPTH} levels of nesting"
+            raise self._mistakes.last(self.files.error(element, above, f"more than {beyond}"))
         before = self._mistakes.noted
         conditions = self._conditions(element, path, attributes, board)
         if kind == "SubTree":
@@ -166,8 +171,9 @@ class Builder:
         raise self.files.error(element, above, f"unknown node {shown(kind)}{self._suggest(kind)}")
 
     def _kind(self, element: Element, above: str) -> tuple[str, dict[str, str]]:
-        """(kind of node, its attributes but for the ID of the explicit form and what editors note)."""
-        attributes = {str(key): str(value) for key, value in element.attrib.items() if key not in NOTES}
+        """(kind of node, its attributes but for the ID of the explicit form and those of editors)."""
+        given = {str(key): str(value) for key, value in element.attrib.items()}
+        attributes = {key: value for key, value in given.items() if key[0] != "_" or key in ATTRIBUTES}
         if element.tag not in EXPLICIT:
             return str(element.tag), attributes
         kind = attributes.pop("ID", "")
@@ -204,7 +210,9 @@ class Builder:
             return f": a node of {ELSEWHERE[kind]} that mazeplan lacks; a leaf of your own can take its place"
         known = ["SubTree", *BUILTIN, *self._registry]
         near = difflib.get_close_matches(kind, known, 1)
-        return f"; did you mean {near[0]}?" if near else f", expected one of {', '.join(known)}, or a leaf of yours"
+        if near:
+            return f"; did you mean {near[0]}? One of your own needs {OPTION}"
+        return f"; one of your own needs {OPTION}; expected one of {', '.join(known)}"
 
     def _check_children(self, element: Element, path: str, node: type[TreeNode], values: Mapping[str, Any]) -> None:
         n = len(element)
@@ -262,9 +270,22 @@ class Builder:
                 port.accept(given, self._context)
             return key
         except (ValueError, OverflowError):
-            source = f" from {{{key.name}}}" if key else ""
-            problem = f"{attribute}: got {shown(given)}{source}, expected {port.expects(self._context)}"
-            raise self.files.error(element, path, problem) from None
+            problem = f"got {shown(given)}, expected {port.expects(self._context)}"
+            if key is None:
+                raise self.files.error(element, path, f"{attribute}: {problem}") from None
+            self._mistakes.elsewhere(self._wrong_value(element, path, key, board, problem))
+            return key
+
+    def _wrong_value(self, element: Element, path: str, key: Key, board: Blackboard, problem: str) -> TreeError:
+        """The error for a value that a SubTree gives: at its call, the same one for all nodes inside that read it."""
+        *_, (scope, name) = board.way(key.name)
+        call, above = self._calls[id(scope)]
+        inside = (
+            f"inside, {path.rpartition('/')[2]} reads {key} at {self.files.file_of(element).name}:{element.sourceline}"
+        )
+        return self._given_wrong.setdefault(
+            (id(scope), name), self.files.error(call, above, f"{name}: {problem}; {inside}")
+        )
 
     def _subtree(
         self,
@@ -274,7 +295,7 @@ class Builder:
         board: Blackboard,
         path: str,
         use: _Use,
-    ) -> SubTree:
+    ) -> TreeNode:
         """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
         tree = attributes.pop("ID", "")
         if tree not in self.files.trees:
@@ -282,6 +303,10 @@ class Builder:
                 element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self.files.trees)}"
             )
         if tree in use.trees:
+            cycle = frozenset(use.trees[use.trees.index(tree) :])
+            if cycle in self._cycles:  # told where it was entered by another of its trees
+                return self._unbuilt(element, board, path, ())
+            self._cycles.add(cycle)
             raise self.files.error(element, path, f"{tree} contains itself: {' > '.join((*use.trees, tree))}")
         if len(element):
             raise self.files.error(
@@ -299,6 +324,7 @@ class Builder:
         for key in remap.values():
             board.declare(key)
         scope = Blackboard(board, remap, literals, autoremap=autoremap)
+        self._calls[id(scope)] = element, path
         inside = self._content(tree, scope, path, here)
         values = {**({"ID": tree} if tree != name else {}), **given}
         node = SubTree(name, [inside], self._context.clock, scope, values)
@@ -324,9 +350,6 @@ class Builder:
         """What a SubTree is given: {port: Key or literal}, with the defaults of its model."""
         given: dict[str, Any] = {}
         for port, text in attributes.items():
-            if port.startswith("_"):
-                expected = f"ID, name, _autoremap, {', '.join(CONDITIONS)} or names of the tree's keys"
-                raise self.files.error(element, path, f"unknown attribute {shown(port)}, expected {expected}")
             given[port] = self.files.key(element, path, port, text) or literal(text)
         for port, default in model.items():
             if port in given:

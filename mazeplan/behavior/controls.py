@@ -133,11 +133,9 @@ class _SideBySide(Control):
 
     @classmethod
     def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
-        """A threshold that so few children cannot reach."""
-        for port, value in values.items():
-            if isinstance(value, int) and value > n:
-                return f"{port}: got {value}, expected at most its number of children, {n}"
-        return None
+        """Thresholds that so few children cannot reach."""
+        high = [(port, value) for port, value in values.items() if isinstance(value, int) and value > n]
+        return "; ".join(f"{port}: got {v}, expected at most its number of children, {n}" for port, v in high) or None
 
     def threshold(self, port: str) -> int:
         """A number of children; a negative one counts from the end, as an index does: -1 is n, -2 is n - 1."""

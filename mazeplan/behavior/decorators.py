@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from py_trees.common import Status
 
-from mazeplan.behavior.node import Node
+from mazeplan.behavior.node import Node, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port
 from mazeplan.behavior.script import Script, parse_script
 from mazeplan.behavior.script_values import Scope, ScriptError
@@ -238,6 +238,20 @@ class _Queue(Decorator):
     _queue: deque[Any] | None = None
     _busy = False
 
+    @classmethod
+    def problem(cls, values: Mapping[str, Any], n: int) -> str | None:
+        """A word of a literal queue that is no value."""
+        try:
+            cls.literals(values.get("queue"))
+        except ValueError as problem:
+            return f"queue: {problem}"
+        return None
+
+    @classmethod
+    def literals(cls, queue: Any) -> tuple[Any, ...]:
+        """The values of a queue that stands in the tree; none of any other. Raises ValueError."""
+        return tuple(map(cls.convert, queue.split(";"))) if queue and isinstance(queue, str) else ()
+
     def act(self) -> Result:
         """One tick; it runs once it has a value."""
         if self.status is not RUNNING:
@@ -271,6 +285,12 @@ class _Queue(Decorator):
             except ValueError as problem:
                 raise self.wrong(f"queue: {problem}") from None
         return self._queue
+
+
+def queued(node: TreeNode) -> tuple[Any, ...] | None:
+    """The values of a loop whose queue stands in the tree; None for another one, and for any other node."""
+    queue = node.values.get("queue")
+    return type(node).literals(queue) if isinstance(node, _Queue) and isinstance(queue, str) else None
 
 
 def _loop(name: str, kind: type, words: str) -> type[_Queue]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mazeplan.behavior.builder import Builder
 from mazeplan.behavior.leaf import Context
-from mazeplan.behavior.mistakes import MOST, EnoughError, Mistakes
+from mazeplan.behavior.mistakes import MOST_KEPT, EnoughError, Mistakes
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.tree_parts import Part
@@ -17,18 +17,18 @@ from mazeplan.core.errors import TreeError
 @dataclass(frozen=True)
 class Draft:
     """What a file says, mistakes and all. tree: with `Unbuilt` in place of nodes that have mistakes, None where there
-    is no main tree; unused: a remark at each tree of the file itself that none uses."""
+    is no main tree; remarks: on the file itself, `TreeParts.remarks`."""
 
     tree: BehaviorTree | None
     mistakes: tuple[TreeError, ...]
-    unused: tuple[TreeError, ...]
+    remarks: tuple[TreeError, ...]
 
 
 def draft(
     parts: Sequence[Part], registry: Mapping[str, type[TreeNode]], context: Context, main: str | None = None
 ) -> Draft:
     """Build what can be built, and keep the mistakes."""
-    mistakes, tree, unused = Mistakes(MOST), None, ()
+    mistakes, tree, remarks = Mistakes(MOST_KEPT), None, ()
     try:
         builder = Builder(parts, registry, context, mistakes)
         with mistakes:
@@ -36,7 +36,7 @@ def draft(
         if tree is None:
             builder.look(None)
         else:
-            unused = builder.files.unused(tree.name)
+            remarks = builder.files.remarks(tree.name)
     except EnoughError:
         tree = None
-    return Draft(tree, mistakes.found, unused)
+    return Draft(tree, mistakes.found, remarks)

@@ -76,7 +76,7 @@ def add_models(model: Any, registry: Mapping[str, type[TreeNode]]) -> None:
 def written(value: Any) -> str:
     """A port's value as it stands in a tree."""
     if isinstance(value, Key):
-        return f"{{{value.name}}}"
+        return str(value)
     if isinstance(value, bool):
         return str(value).lower()
     return ";".join(value) if isinstance(value, list | tuple) else str(value)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from py_trees.common import Status
 
-from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.ports import shown
 from mazeplan.core.records import Failure, FailureKind, State
 from mazeplan.maze.geometry import Opening
+
+if TYPE_CHECKING:
+    from mazeplan.behavior.context import RunContext
 
 STILL_RADIUS = 2.5e-3  # m; five times the noise of a camera sample
 STILL_AFTER = 0.6  # s of standing away from where it should be before it counts as stuck

@@ -14,6 +14,7 @@ from mazeplan.behavior.status import FAILURE, Result
 from mazeplan.core.errors import TreeError
 
 MOST = 20  # mistakes that are told of one file: behind them may stand what follows from the first ones
+MOST_KEPT = 1000  # mistakes that are counted
 WORD = re.compile(r"@?[A-Za-z_][A-Za-z0-9_.]*")
 
 
@@ -47,6 +48,12 @@ class Mistakes:
         if len(self._found) >= self._most:
             raise EnoughError("enough") from None
         return True
+
+    def elsewhere(self, problem: TreeError) -> None:
+        """Raise a mistake, or keep it, of which the node at hand is none the worse."""
+        with self:
+            raise problem
+        self.noted -= 1
 
     def last(self, problem: TreeError) -> TreeError:
         """What to raise for a mistake after which nothing more can be built."""

@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mazeplan.behavior.blackboard import Blackboard
-from mazeplan.behavior.builtin_leaves import AlwaysFailure, AlwaysSuccess
+from mazeplan.behavior.builtin_leaves import (
+    AlwaysFailure,
+    AlwaysSuccess,
+    RunScript,
+    SetBlackboard,
+    Sleep,
+    UnsetBlackboard,
+)
 from mazeplan.behavior.choices import IfThenElse, WhileDoElse, equal_cases
 from mazeplan.behavior.conditions import DECISIONS
 from mazeplan.behavior.controls import (
@@ -18,9 +25,11 @@ from mazeplan.behavior.controls import (
     SequenceWithMemory,
 )
 from mazeplan.behavior.decorators import (
+    Delay,
     ForceFailure,
     ForceSuccess,
     Inverter,
+    KeepRunningUntilFailure,
     Precondition,
     Repeat,
     RetryUntilSuccessful,
@@ -28,11 +37,13 @@ from mazeplan.behavior.decorators import (
 )
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.ports import Key
 from mazeplan.behavior.script import Script, parse_script
 from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import parts_of
 from mazeplan.core.errors import TreeError
 
+SUCCEED = (AlwaysSuccess, RunScript, SetBlackboard, Sleep, UnsetBlackboard)
 SEQUENCES = (Sequence, AsyncSequence, SequenceWithMemory, ReactiveSequence)
 FALLBACKS = (Fallback, AsyncFallback, ReactiveFallback)
 SUCCESS, FAILURE = frozenset({"SUCCESS"}), frozenset({"FAILURE"})
@@ -116,17 +127,34 @@ def _ends(node: TreeNode) -> frozenset[str]:
     return decided if decisive is not None else decided | _ends_itself(node)
 
 
+def _ends_of_leaf(node: Leaf) -> frozenset[str]:
+    """How a leaf may end. A script that goes wrong ends the run."""
+    if isinstance(node, AlwaysFailure):
+        return FAILURE
+    copies = isinstance(node, SetBlackboard) and isinstance(
+        node.values["value"], Key
+    )  # an entry that may have no value
+    return SUCCESS if isinstance(node, SUCCEED) and not copies else BOTH
+
+
 def _ends_itself(node: TreeNode) -> frozenset[str]:
     """How a node may end where its preconditions let it be ticked."""
     if isinstance(node, Leaf):
-        return SUCCESS if isinstance(node, AlwaysSuccess) else FAILURE if isinstance(node, AlwaysFailure) else BOTH
+        return _ends_of_leaf(node)
     inner = [_ends(child) for child in parts_of(node)]
     if isinstance(node, ForceSuccess | ForceFailure):
         return (SUCCESS if isinstance(node, ForceSuccess) else FAILURE) | (inner[0] - BOTH)
     if isinstance(node, Inverter):
         return frozenset(OTHER.get(end, end) for end in inner[0])
-    if isinstance(node, SubTree):
+    if isinstance(node, SubTree | Delay):
         return inner[0]
+    if isinstance(node, KeepRunningUntilFailure):
+        return inner[0] & FAILURE
+    if isinstance(node, Repeat | RetryUntilSuccessful):
+        limit, again = node.values.get(node.limit), frozenset({node.again.name})
+        if not isinstance(limit, int):
+            return inner[0] | again
+        return inner[0] if limit > 0 else again if limit == 0 else inner[0] - again
     if isinstance(node, (*SEQUENCES, *FALLBACKS)):
         goes_on, stops = ("SUCCESS", "FAILURE") if isinstance(node, SEQUENCES) else ("FAILURE", "SUCCESS")
         through = all(ends & {goes_on, "SKIPPED"} for ends in inner) and any(goes_on in ends for ends in inner)

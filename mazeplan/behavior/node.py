@@ -21,7 +21,7 @@ from py_trees.common import Status
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.blame import blame
 from mazeplan.behavior.conditions import Conditions
-from mazeplan.behavior.ports import Key, Port, shown
+from mazeplan.behavior.ports import Key, Port, one_line, shown
 from mazeplan.behavior.script_values import ScriptError
 from mazeplan.behavior.status import FINISHED, INVALID, RESULTS, RUNNING, SKIPPED, Result
 from mazeplan.core.errors import TreeError
@@ -109,7 +109,7 @@ class TreeNode(Behaviour):
             return self.ports[port].accept(found, getattr(self, "context", None))
         except (ValueError, OverflowError):
             expected = self.ports[port].expects(getattr(self, "context", None))
-            raise self.wrong(f"{port}: got {shown(found)} from {{{value.name}}}, expected {expected}") from None
+            raise self.wrong(f"{port}: got {shown(found)} from {value}, expected {expected}") from None
 
     def set(self, port: str, value: Any) -> None:
         """Write an output, or an input that is a key; nothing happens where the tree gave none."""
@@ -130,8 +130,8 @@ class TreeNode(Behaviour):
     def wrong(self, problem: str) -> TreeError:
         """The error that names this node."""
         if self.place is None:
-            return TreeError(problem, key=self.name)
-        return TreeError(problem, file=self.place.file, line=self.place.line, key=self.place.path)
+            return TreeError(one_line(problem), key=one_line(self.name))
+        return TreeError(one_line(problem), file=self.place.file, line=self.place.line, key=one_line(self.place.path))
 
     @property
     def where(self) -> str:

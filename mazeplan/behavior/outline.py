@@ -82,7 +82,7 @@ def _size(node: TreeNode) -> int:
 def _written(value: Any) -> str:
     """A port's value as it stands in a file, if that is short and printable."""
     if isinstance(value, Key):
-        return f"{{{value.name}}}"
+        return str(value)
     text = ";".join(value) if isinstance(value, list) else str(value)
     return text if text.isprintable() and len(text) <= 60 else shown(text)
 

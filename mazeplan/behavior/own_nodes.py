@@ -13,7 +13,7 @@ from enum import IntEnum
 from types import ModuleType
 from typing import Any
 
-from mazeplan.behavior.builder import BUILTIN
+from mazeplan.behavior.builder import BUILTIN, OPTION
 from mazeplan.behavior.controls import Control
 from mazeplan.behavior.decorators import Decorator
 from mazeplan.behavior.leaf import Leaf
@@ -24,7 +24,6 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.plugins import LEAVES, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
 
-OPTION = "--behavior-module"
 CATEGORIES = ("Action", "Condition")
 DIRECTIONS = ("in", "out", "inout")
 EXPECTED = (

@@ -156,8 +156,21 @@ class Key:
 
     name: str
 
+    def __str__(self) -> str:
+        return f"{{{self.name}}}"
+
 
 def shown(value: Any, most: int = 60) -> str:
     """A value for an error: its repr, cut where it is long."""
     text = repr(value)
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+LONG = re.compile(r"[^\s/\\]{61,}")  # a word, or a part of a path
+
+
+def one_line(text: str, most: int = 600) -> str:
+    """Text for an error: one line, nothing that a terminal would obey, not endless; of a long word its two ends."""
+    short = LONG.sub(lambda word: f"{word[0][:40]}...{word[0][-17:]}", text)
+    clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in short[: most + 1])
+    return clean if len(clean) <= most else f"{clean[: most - 3]}..."

@@ -8,7 +8,7 @@ and how the plate leans, and what the model says about the way.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from py_trees.common import Status
 
@@ -17,7 +17,9 @@ from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.behavior.travel import arrival_s, plan_to
 from mazeplan.core.events import OpeningChosen, RoutePlanned
 from mazeplan.core.records import FailureKind
-from mazeplan.maze.graph import Choice
+
+if TYPE_CHECKING:
+    from mazeplan.maze.graph import Choice
 
 MARGIN = 0.6  # s; an opening expected to be later than the best by more is not planned to
 

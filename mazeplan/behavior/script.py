@@ -18,7 +18,9 @@ there are neither calls, attributes nor indices. Numbers compare with the tolera
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 from mazeplan.behavior.script_values import (
@@ -46,6 +48,7 @@ POWERS = {  # how tightly an operator binds; assignments and ?: are apart
     "||": 6, "&&": 8, "==": 10, "!=": 10, "<": 10, "<=": 10, ">": 10, ">=": 10,
     "|": 12, "^": 12, "&": 14, "+": 16, "-": 16, "..": 16, "*": 18, "/": 18,
 }  # fmt: skip
+QUOTES = ("'", '"')
 PREFIXES = ("-", "!", "~")
 ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ ! {' '.join((*POWERS, *ASSIGNMENTS))}"
 
@@ -53,13 +56,16 @@ ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ !
 @dataclass(frozen=True)
 class Script:
     """A script as it was written, ready to run. reads, writes: the names on the blackboard that it uses; sets: those
-    that it assigns to by any sign, which `:=` alone makes."""
+    that it assigns to by any sign, which `:=` alone makes; constants: the values of those that get nothing else;
+    assigned: a name to which `=` assigns in the last statement, which gives the value."""
 
     text: str
     evaluate: Evaluate
     reads: frozenset[str] = frozenset()
     writes: frozenset[str] = frozenset()
     sets: frozenset[str] = frozenset()
+    constants: Mapping[str, tuple[Value, ...]] = field(default_factory=dict)
+    assigned: str | None = None
 
     def holds(self, scope: Scope) -> bool:
         """Whether its value is true. Raises ScriptError."""
@@ -82,7 +88,10 @@ def parse_script(text: str) -> Script:
     if len(text) > MAX_LENGTH:
         raise ScriptError(f"got {len(text)} characters, expected at most {MAX_LENGTH}")
     parser = _Parser(text)
-    return Script(text, parser.whole(), *map(frozenset, (parser.reads, parser.writes, parser.sets)))
+    evaluate = parser.whole()
+    reads, writes, sets = (frozenset(names) for names in (parser.reads, parser.writes, parser.sets))
+    constants = {name: tuple(values) for name, values in parser.constants.items() if name not in parser.changing}
+    return Script(text, evaluate, reads, writes, sets, constants, parser.assigned)
 
 
 class _Parser:
@@ -93,6 +102,10 @@ class _Parser:
         self.reads: set[str] = set()
         self.writes: set[str] = set()
         self.sets: set[str] = set()
+        self.constants: dict[str, list[Value]] = {}
+        self.changing: set[str] = set()
+        self.assigned: str | None = None
+        self._names = 0  # that were read or assigned to
 
     def whole(self) -> Evaluate:
         """All statements; the value is that of the last one."""
@@ -100,6 +113,7 @@ class _Parser:
             self._unexpected("a script")
         statements = []
         while self._now.kind != "end":
+            self.assigned = None
             statements.append(self._expression(0))
             while self._take(";"):
                 pass
@@ -161,8 +175,20 @@ class _Parser:
         if sign == ":=":  # which needs no entry; its name was read as that of a value
             self.reads.discard(name)
             self.writes.add(name)
+        self._names += 1
+        before = self._names
         value = self._expression(0)
+        self._keep_constant(name, value if self._names == before and sign in (":=", "=") else None)
+        self.assigned = name if sign == "=" else self.assigned
         return lambda scope: assigned(scope, name, sign, value)
+
+    def _keep_constant(self, name: str, value: Evaluate | None) -> None:
+        """Take note of an assigned value that depends on no name; None: one that does."""
+        if value is not None:
+            with suppress(ScriptError):  # told at its tick
+                self.constants.setdefault(name, []).append(value(Scope()))
+                return
+        self.changing.add(name)
 
     def _choice(self, condition: Evaluate) -> Evaluate:
         self._at += 1
@@ -211,6 +237,7 @@ class _Parser:
         self._at += 1
         if token.kind == "name" and token.text not in TRUTHS:
             self.reads.add(token.text)
+            self._names += 1
             return lambda scope: value_of(token.text, scope)
         value = TRUTHS[token.text] if token.kind == "name" else _literal(token)
         return lambda scope: value
@@ -221,6 +248,10 @@ def _tokens(text: str) -> list[_Token]:
     while at < len(text):
         match = TOKEN.match(text, at)
         if match is None:
+            if text[at] in QUOTES:
+                raise ScriptError(
+                    f"column {at + 1}: the text that begins here has no end, expected {text[at]} after it"
+                )
             raise ScriptError(f"column {at + 1}: got {text[at : at + 10]!r}, expected {ALLOWED}")
         if match.lastgroup != "space":
             found.append(_Token(str(match.lastgroup), match.group(), at + 1))

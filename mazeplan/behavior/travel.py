@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from py_trees.common import Status
 
-from mazeplan.behavior.context import RunContext, TravelOptions
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
 from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.control.opening import aligned
@@ -24,6 +23,9 @@ from mazeplan.core.errors import SettingsError
 from mazeplan.core.maths.angles import difference, nearest
 from mazeplan.core.records import Command, FailureKind, Plan
 from mazeplan.maze.geometry import Opening
+
+if TYPE_CHECKING:
+    from mazeplan.behavior.context import RunContext, TravelOptions
 
 USUAL_S = 4.0  # for a way along a ring before its opening counts as missed; ...
 LONG_WAY = 2.0  # ... so many times what a way is expected to take, where that is more: wide rings, long detours

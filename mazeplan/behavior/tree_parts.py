@@ -5,21 +5,24 @@ A file has <BehaviorTree>, <include> and <TreeNodesModel> at its top; `treefile`
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mazeplan.behavior.conditions import CONDITIONS
 from mazeplan.behavior.mistakes import Mistakes
-from mazeplan.behavior.ports import Key, shown
+from mazeplan.behavior.ports import Key, one_line, shown
 from mazeplan.core.errors import TreeError
 from mazeplan.core.file_format import advice
 
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 FORMAT = "4"  # BehaviorTree.CPP's own number
 ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
-NOTES = ("_description", "_fullpath", "_uid")  # written into files by editors and loggers, without a meaning here
+ATTRIBUTES = (*CONDITIONS, "_autoremap")  # those with _ that mean something; others are of editors
+LOWER = {name.lower(): name for name in ATTRIBUTES}
 FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
 KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
 BRACED = re.compile(r"\{.*\}", re.DOTALL)
@@ -42,10 +45,11 @@ Element = Any  # lxml's element class is not public
 
 @dataclass(frozen=True)
 class Part:
-    """The root element of one file."""
+    """The root element of one file. stray: (line, text) of text between its elements."""
 
     root: Element
     file: Path
+    stray: tuple[tuple[int, str], ...] = ()
 
 
 def bad_name(name: str) -> str | None:
@@ -54,12 +58,6 @@ def bad_name(name: str) -> str | None:
         return "which is reserved; expected another name"
     wrong = next((c for c in name if c in FORBIDDEN or not c.isprintable()), None)
     return None if wrong is None else f"expected a name without {wrong!r}"
-
-
-def one_line(text: str, most: int = 600) -> str:
-    """Text for an error: one line, nothing that a terminal would obey, not endless."""
-    clean = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: most + 1])
-    return clean if len(clean) <= most else f"{clean[: most - 3]}..."
 
 
 def _format_problem(given: str | None) -> str:
@@ -80,9 +78,17 @@ class TreeParts:
         self._of = {id(part.root): part.file for part in parts}
         self.trees: dict[str, Element] = {}
         self.models: dict[str, dict[str, str | None]] = {}
+        self._stray = list[TreeError]()
         for part in parts:
             with mistakes:
                 self._read_part(part.root)
+            for line, text in part.stray:
+                error = TreeError(f"got the text {shown(text)}, expected elements alone", file=part.file, line=line)
+                if ">" not in text:  # the original ignores it
+                    self._stray.append(error)
+                    continue
+                with mistakes:  # an element that has lost its <
+                    raise error
         if not self.trees:
             raise mistakes.last(self.error(self.first.root, "", "no <BehaviorTree> in it"))
 
@@ -98,9 +104,9 @@ class TreeParts:
         return self._of[id(element.getroottree().getroot())]
 
     def known(self, element: Element, path: str, allowed: Iterable[str]) -> None:
-        """Refuse other attributes than these; those of another namespace and NOTES mean nothing here."""
+        """Refuse other attributes than these; those of another namespace, and of editors (_name), mean nothing here."""
         for attribute in map(str, element.attrib):
-            if attribute not in (*allowed, *NOTES) and not attribute.startswith("{"):
+            if attribute not in allowed and not attribute.startswith(("{", "_")):
                 problem = f"unknown attribute {shown(attribute)}, expected one of {', '.join(allowed)}"
                 raise self.error(element, path, problem)
 
@@ -127,14 +133,26 @@ class TreeParts:
             raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self.trees)}")
         return name
 
-    def unused(self, main: str) -> tuple[TreeError, ...]:
-        """A remark at each tree of the first file that neither is the main one nor stands in a SubTree of any file."""
+    def remarks(self, main: str) -> tuple[TreeError, ...]:
+        """A remark at each tree of the first file that neither is the main one nor stands in a SubTree of any file, at
+        each attribute that is ignored, but looks like one that would not be, and at text that is no lost element."""
         used = {main, *(e.get("ID") for tree in self.trees.values() for e in tree.iter("SubTree"))}
-        own = [(name, e) for name, e in self.trees.items() if self.file_of(e) == self.first.file and name not in used]
-        return tuple(
+        unused = [
             self.error(element, name, "not used: it is not the main tree, and no SubTree names it")
-            for name, element in own
-        )
+            for name, element in self.trees.items()
+            if self.file_of(element) == self.first.file and name not in used
+        ]
+        return *unused, *self._slips(), *self._stray
+
+    def _slips(self) -> Iterator[TreeError]:
+        for name, tree in self.trees.items():
+            for element in tree.iter():
+                kept = () if element is tree else ATTRIBUTES if element.tag == "SubTree" else CONDITIONS
+                for attribute in map(str, element.attrib):
+                    near = difflib.get_close_matches(attribute.lower(), LOWER, 1, 0.75) if attribute[0] == "_" else ()
+                    if near and attribute not in kept:
+                        hint = "" if attribute in ATTRIBUTES else f"; did you mean {LOWER[near[0]]}?"
+                        yield self.error(element, name, f"{attribute} is ignored here{hint}")
 
     def _read_part(self, root: Element) -> None:
         if root.tag != "root":

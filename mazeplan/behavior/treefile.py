@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from xml.parsers import expat
 
 from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # compiled, without stubs
 
-from mazeplan.behavior.builder import Builder
+from mazeplan.behavior.builder import MAX_DEPTH, Builder
 from mazeplan.behavior.draft import Draft, draft
 from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.ports import one_line
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.tree_parts import EXPLICIT, Element, Part, one_line
+from mazeplan.behavior.tree_parts import EXPLICIT, Part
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import TreeError
 
@@ -61,9 +64,9 @@ def read_tree(source: str | Path) -> TreeFile:
     """A file, the packaged tree of that name, or XML text. Raises TreeError where it is no XML."""
     if isinstance(source, str) and source.lstrip().startswith("<"):
         path = Path("<text>")
-        return TreeFile(tuple(_with_includes(Part(_parse(path, source.lstrip().encode()), path), Path.cwd(), set())))
+        return TreeFile(tuple(_with_includes(_parse(path, source.lstrip().encode()), Path.cwd(), set())))
     path = resources.find("behaviors", source, ".xml")
-    first = Part(_parse(path, _read(path)), path)
+    first = _parse(path, _read(path))
     return TreeFile(tuple(_with_includes(first, path.parent, {path.resolve()})))
 
 
@@ -90,7 +93,7 @@ def _with_includes(part: Part, folder: Path, known: set[Path]) -> Iterator[Part]
             raise TreeError(
                 f"got {one_line(given, 200)!r}, expected an XML file, seen from {folder}, or a packaged one", **where
             )
-        yield from _with_includes(Part(_parse(path, _read(path)), path), path.parent, known)
+        yield from _with_includes(_parse(path, _read(path)), path.parent, known)
 
 
 def tree_files(source: str | Path) -> tuple[Path, ...]:
@@ -121,7 +124,7 @@ def _read(path: Path) -> bytes:
         raise TreeError(file_kinds.refused(path, EXPECTED), file=str(path)[:200]) from None
 
 
-def _parse(path: Path, data: bytes) -> Element:
+def _parse(path: Path, data: bytes) -> Part:
     if len(data) > MAX_BYTES:
         raise TreeError(f"larger than {MAX_BYTES} bytes, which no tree is", file=path)
     if not data.strip():
@@ -139,8 +142,36 @@ def _parse(path: Path, data: bytes) -> Element:
         if kind not in ("XML", "HTML", "text", "no such file"):  # of text that was handed in there is no file
             line = problem.lineno if kind in DAMAGED else None  # where a tree was spoilt; a picture has no lines
             raise TreeError(f"got {kind}, expected {EXPECTED}", file=path, line=line) from None
+        if "Excessive depth" in str(problem.msg):  # of the parser, which gives up far deeper
+            raise TreeError(f"more than {MAX_DEPTH} levels of nesting", file=path, line=problem.lineno) from None
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
         raise TreeError(f"not XML: {one_line(message)}", file=path, line=problem.lineno) from None
     if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII
         raise TreeError("document types and entities are not allowed", file=path)
-    return root
+    return Part(root, path, tuple(_stray_text(data)))
+
+
+def _stray_text(data: bytes) -> list[tuple[int, str]]:
+    """(line, text) of each text between elements; that of a model describes ports."""
+    found, above, tags = dict[int, tuple[int, str]](), list[str](), 0  # found: by the number of tags before it
+    parser = expat.ParserCreate()
+
+    def start(tag: str, _: object) -> None:
+        nonlocal tags
+        tags += 1
+        above.append(tag)
+
+    def end(_: str) -> None:
+        nonlocal tags
+        tags += 1
+        above.pop()
+
+    def text(piece: str) -> None:  # of one line at most
+        if piece.strip() and "TreeNodesModel" not in above:
+            line, before = found.get(tags, (parser.CurrentLineNumber, ""))
+            found[tags] = line, f"{before} {piece.strip()}".strip()
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    with suppress(expat.ExpatError):  # an encoding that it does not know
+        parser.Parse(data, True)
+    return list(found.values())

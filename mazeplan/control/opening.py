@@ -13,12 +13,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.records import Command, State
 from mazeplan.maze.geometry import Opening
+
+if TYPE_CHECKING:
+    from mazeplan.control.tilt import Plate
 
 
 @dataclass(frozen=True)

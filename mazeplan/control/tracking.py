@@ -11,14 +11,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.field_checks import check_numbers
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.records import Array, Command, Plan, State
+
+if TYPE_CHECKING:
+    from mazeplan.control.tilt import Plate
 
 
 @dataclass(frozen=True)

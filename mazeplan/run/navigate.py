@@ -9,8 +9,8 @@ from pathlib import Path
 
 from mazeplan.behavior.check import reads_key, refuse_mistakes
 from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.ports import one_line
 from mazeplan.behavior.tree import BehaviorTree
-from mazeplan.behavior.tree_parts import one_line
 from mazeplan.core.display import Display
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.logs.run_log import Sink

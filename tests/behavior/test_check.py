@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -28,7 +30,16 @@ PLANTED = [
         3,
         "none: opening is missing: inside, PlanInRing reads {opening} at tree.xml:6",
     ),
-    ('\n<SubTree ID="Leg" opening="{gate}"/>', 6, "nothing sets {opening}, which is {gate} outside"),
+    (
+        '\n<SubTree ID="Leg" opening="{gate}"/>',
+        3,
+        "opening: nothing sets {gate}; inside, PlanInRing reads {opening} at tree.xml:6; set are goal, opening, ",
+    ),
+    (
+        '\n<SubTree ID="Leg" opening="1-2@46"/>',
+        3,
+        "opening: got '1-2@46', expected one of 1-2@",
+    ),
     ('\n<Align opening="1-2@46"/>', 3, "got '1-2@46', expected one of"),
     ('\n<InRing ring="9"/>', 3, "got '9', expected one of"),
     ('\n<Settle ring="{goal}" _skipIf="tries &gt; 2"/>', 3, "_skipIf: nothing sets {tries}"),
@@ -81,3 +92,13 @@ def test_a_branch_that_no_tick_reaches_is_a_warning(tmp_path, content, warned):
     code, found = checked(tmp_path, content)
     assert code == 0
     assert any("never ticked" in warning and "tree.xml:3:" in warning for warning in found["warnings"]) is warned
+
+
+def test_a_check_loads_nothing_that_plans_or_computes_routes():
+    code = (
+        "import sys, mazeplan.apps.cli.behavior as command, mazeplan.behavior.check\n"
+        "assert command._checked('navigate', None, None)['ok']\n"
+        "print(*sorted({'numba', 'scipy', 'networkx', 'pandas', 'mujoco'} & sys.modules.keys()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n"

@@ -11,6 +11,7 @@ from mazeplan.behavior.check import check_file
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core.errors import TreeError
+from mazeplan.maze.mapfile import load_map
 
 HEAD = '<root BTCPP_format="4" main_tree_to_execute="Main">\n'
 
@@ -73,15 +74,72 @@ def test_the_key_of_a_node_that_cannot_be_built_is_not_missed():
     )
     errors = found_in(main(content)).errors
     assert [e.problem.partition("{")[0] for e in errors] == [
-        "unknown node 'PlanRute'; did you mean PlanRoute?", "ring: nothing sets ",
+        "unknown node 'PlanRute'; did you mean PlanRoute? One of your own needs --behavior-module",
+        "ring: nothing sets ",
     ]  # fmt: skip
-    assert "nothing sets {lags}" in errors[1].problem
+    assert "nothing sets {lags}; set are goal, waypoints" in errors[1].problem  # none of the words of PlanRute
 
 
-def test_no_more_than_twenty_mistakes_are_told():
-    assert len(found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 30 + "</Sequence>")).errors) == 20
+def test_twenty_mistakes_are_told_and_how_many_there_are_beyond():
     unset = "".join(f'\n<InRing ring="{{k{i}}}"/>' for i in range(30))
-    assert len(found_in(main(f"<Sequence>{unset}</Sequence>")).errors) == 20
+    for content in ('\n<InRing ring="x"/>' * 30, unset):
+        errors = found_in(main(f"<Sequence>{content}</Sequence>")).errors
+        assert [e.line for e in errors] == [*range(3, 23), None]
+        assert str(errors[-1]) == "<text>: and 10 more mistakes"
+    assert found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 21 + "</Sequence>")).errors[-1].problem == (
+        "and 1 more mistake"
+    )
+    assert len(found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 20 + "</Sequence>")).errors) == 20
+
+
+def test_a_thousand_mistakes_are_counted():
+    errors = found_in(main("<Sequence>" + '\n<InRing ring="x"/>' * 3000 + "</Sequence>")).errors
+    assert errors[-1].problem == "and at least 980 more mistakes"
+
+
+def test_mistakes_of_the_file_itself_come_before_those_of_files_that_it_includes(tmp_path):
+    (tmp_path / "a.xml").write_text(
+        HEAD.replace(' main_tree_to_execute="Main"', "")
+        + '<BehaviorTree ID="Other"><Sequence>'
+        + "<Sai/>\n" * 30
+        + "</Sequence></BehaviorTree></root>"
+    )
+    path = tmp_path / "tree.xml"
+    path.write_text(HEAD + '<include path="a.xml"/>' + main('\n<InRing ring="x"/>') + "</root>")
+    errors = check_file(path, registry_with(), Still()).errors
+    assert [(e.file, e.line) for e in errors[:2]] == [(path, 3), (tmp_path / "a.xml", 2)]
+    assert str(errors[-1]) == f"{path}: and 11 more mistakes"
+
+
+def test_both_thresholds_of_a_parallel_are_told_at_once():
+    (error,) = found_in(main('<Parallel success_count="3" failure_count="2"><Replan/></Parallel>')).errors
+    assert error.problem == (
+        "success_count: got 3, expected at most its number of children, 1; "
+        "failure_count: got 2, expected at most its number of children, 1"
+    )
+
+
+def test_an_unknown_node_may_be_one_of_ones_own():
+    (error,) = found_in(main("<Qzxwv/>")).errors
+    assert error.problem.startswith("unknown node 'Qzxwv'; one of your own needs --behavior-module; expected one of")
+    (near,) = found_in(main("<Replam/>")).errors
+    assert near.problem == "unknown node 'Replam'; did you mean Replan? One of your own needs --behavior-module"
+
+
+def test_what_is_too_long_is_shortened_everywhere():
+    long = "k" * 40_000
+    calls = f'<SubTree ID="Leg" {long}="1"/><SubTree ID="Leg" ring="{{{long}}}"/><SubTree ID="{long}"/>'
+    nodes = (
+        f'<InRing ring="{{{long}}}"/><InRing ring="{long}"/><InRing {long}="1"/><{long}/><Script code="a = {long}"/>'
+        f'<Replan _skipIf="{long}"/><Sequence name="{long}"><Replan/></Sequence>'
+    )
+    leg = '<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>'
+    for content in (calls + nodes, calls, '<InRing ring="{' + long + '}"/>', f'<Script code="{long[:9000]} = 1"/>'):
+        found = found_in(main(f"<Sequence>{content}</Sequence>"), leg)
+        assert found.errors
+        for told in (*found.errors, *found.warnings):
+            assert len(str(told)) < 1000
+            assert "k" * 61 not in str(told)
 
 
 def test_a_file_that_multiplies_is_given_up():
@@ -91,7 +149,14 @@ def test_a_file_that_multiplies_is_given_up():
         trees.append(f'<BehaviorTree ID="T{i}"><Sequence>{inner}</Sequence></BehaviorTree>')
     found = found_in(*trees)
     assert found.nodes is None
-    assert "levels or" in found.errors[-1].problem
+    assert [e.problem for e in found.errors if "more than" in e.problem] == ["more than 5000 nodes"]
+
+
+@pytest.mark.parametrize("levels", [61, 250, 300, 10_000])
+def test_nesting_has_a_limit(levels):
+    text = HEAD + main("<Inverter>\n" * levels + "<Replan/>" + "</Inverter>" * levels) + "</root>"
+    with pytest.raises(TreeError, match=r"^<text>:\d+:( \S+)? more than 60 levels of nesting$"):
+        load_tree(text, registry_with(), Still())
 
 
 def test_a_node_of_ones_own_that_cannot_be_made_is_one_mistake(tmp_path, monkeypatch):
@@ -138,6 +203,43 @@ def test_a_port_that_a_subtree_misses_is_told_at_the_call_once():
     ]
 
 
+def test_a_wrong_value_that_a_subtree_gives_is_told_at_the_call_once():
+    leg = LEG.replace("<Sequence>", '<Sequence><Settle ring="{ring}"/>')
+    call = '<SubTree ID="Leg" ring="2.5"/>'
+    found = found_in(main(f'<Sequence>{call}\n<SubTree ID="Pass" gate="ring 1"/></Sequence>'), leg, PASS, DEEP)
+    assert [(e.line, e.key, e.problem) for e in found.errors] == [
+        (2, "Main/Sequence/Leg", "ring: got 2.5, expected int; inside, Settle reads {ring} at <text>:4"),
+        (3, "Main/Sequence/Pass", "gate: got 'ring 1', expected int; inside, Settle reads {ring} at <text>:4"),
+        (4, "Main/Sequence/Leg/Sequence/Deep", "hold is missing: inside, Settle reads {hold} at <text>:6"),
+    ]
+
+
+PASS = '<BehaviorTree ID="Pass"><SubTree ID="Leg" ring="{gate}"/></BehaviorTree>'
+
+
+def test_a_key_that_nothing_sets_is_told_at_the_outermost_call_that_gives_it_once():
+    leg = '<BehaviorTree ID="Leg"><Sequence><InRing ring="{ring}"/><Settle ring="{ring}"/></Sequence></BehaviorTree>'
+    content = '<Sequence><SubTree ID="Pass" gate="{gaol}"/>\n<SubTree ID="Leg" ring="{gaol}"/></Sequence>'
+    found = found_in(main(content), PASS, leg)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (2, "gate: nothing sets {gaol}; inside, InRing reads {ring} at <text>:5; did you mean {goal}?"),
+        (3, "ring: nothing sets {gaol}; inside, InRing reads {ring} at <text>:5; did you mean {goal}?"),
+    ]
+    auto = found_in(main('<SubTree ID="Leg" _autoremap="true"/>'), leg).errors
+    assert [(e.line, e.problem.partition(";")[0]) for e in auto] == [(3, "ring: nothing sets {ring}")]
+
+
+def test_a_tree_that_contains_itself_is_one_mistake():
+    trees = (
+        '<BehaviorTree ID="A"><SubTree ID="B"/></BehaviorTree>\n<BehaviorTree ID="B"><SubTree ID="A"/></BehaviorTree>'
+    )
+    found = found_in(main('<Sequence><SubTree ID="Main"/><SubTree ID="A"/><SubTree ID="B"/></Sequence>'), trees)
+    assert [(e.line, e.problem) for e in found.errors] == [
+        (2, "Main contains itself: Main > Main"),
+        (4, "A contains itself: A > B > A"),
+    ]
+
+
 def test_a_missing_port_may_be_a_slip_inside():
     tree = (
         '<BehaviorTree ID="Leg"><Sequence><Script code="rings := 1"/><InRing ring="{ring}"/></Sequence></BehaviorTree>'
@@ -169,6 +271,35 @@ WARNED = [
     ("<IfThenElse><AlwaysSuccess/><Replan/><Replan/></IfThenElse>", "never ticked: the condition AlwaysSuccess never"),
     ('<Precondition if="false"><Replan/></Precondition>', "never ticked: the script `if` of the Precondition"),
     ("<Fallback><Sequence><AlwaysSuccess/><AlwaysSuccess/></Sequence><Replan/></Fallback>", "never ticked: Sequence"),
+    ('<Fallback><Script code="a := 1"/><Replan/></Fallback>', "never ticked: Script before it never ends with FAILURE"),
+    (
+        '<Fallback><SetBlackboard value="1" output_key="a"/><Replan/></Fallback>',
+        "never ticked: SetBlackboard before it",
+    ),
+    (
+        "<Sequence><KeepRunningUntilFailure><BallSeen/></KeepRunningUntilFailure><Replan/></Sequence>",
+        "never ticked: KeepRunningUntilFailure before it never ends with SUCCESS",
+    ),
+    (
+        '<Fallback><RetryUntilSuccessful num_attempts="-1"><BallSeen/></RetryUntilSuccessful><Replan/></Fallback>',
+        "never ticked: RetryUntilSuccessful before it never ends with FAILURE",
+    ),
+    (
+        '<Sequence><Repeat num_cycles="-1"><Delay delay_msec="5"><BallSeen/></Delay></Repeat><Replan/></Sequence>',
+        "never ticked: Repeat before it never ends with SUCCESS",
+    ),
+    ('<Replan _skipIf="goal = 3"/>', "_skipIf: = sets goal; did you mean ==?"),
+    ('<Replan _while="a := 1; (goal = a)"/>', "_while: = sets goal; did you mean ==?"),
+    ('<ScriptCondition code="goal = 3"/>', "code: = sets goal; did you mean ==?"),
+    ('<Precondition if="goal = 3"><Replan/></Precondition>', "if: = sets goal; did you mean ==?"),
+    (
+        '<Sequence><Fallback><InRing ring="{a}"/><Replan/></Fallback><Script code="a := 1"/></Sequence>',
+        "ring: reads {a}, which Script at <text>:2 sets later",
+    ),
+    (
+        '<Sequence><Replan _skipIf="a == 1"/><SubTree ID="Out" found="{a}"/></Sequence>',
+        "_skipIf: reads {a}, which Script at <text>:4 sets later",
+    ),
 ]
 QUIET = [
     '<SubTree ID="Leg" ring="{goal}"/>',
@@ -185,6 +316,22 @@ QUIET = [
     '<Fallback><Sequence><AlwaysSuccess/><InRing ring="2"/></Sequence><Replan/></Fallback>',
     '<Fallback><AlwaysSuccess _onSuccess="a := 1" _while="goal == 2"/><Replan/></Fallback>',
     "<Sequence><RunOnce><AlwaysSuccess/></RunOnce><Replan/></Sequence>",
+    '<Fallback><SetBlackboard value="{goal}" output_key="a"/><Replan/></Fallback>',  # which may have no value
+    '<Fallback><Script code="a := 1" _skipIf="goal == 1"/><Replan/></Fallback>',
+    '<Fallback><RetryUntilSuccessful num_attempts="{goal}"><BallSeen/></RetryUntilSuccessful><Replan/></Fallback>',
+    '<Sequence><Repeat num_cycles="2"><BallSeen/></Repeat><Replan/></Sequence>',
+    '<Sequence><RetryUntilSuccessful num_attempts="-1"><BallSeen/></RetryUntilSuccessful><Replan/></Sequence>',
+    "<Fallback><KeepRunningUntilFailure><BallSeen/></KeepRunningUntilFailure><Replan/></Fallback>",
+    '<Replan _skipIf="a := 1; goal == a"/>',
+    '<Replan _onSuccess="goal = 3"/>',
+    '<Sequence><Replan _skipIf="goal == 1" _onSuccess="b := a"/><Script code="a := 1"/></Sequence>',
+    '<Sequence><Script code="a := 1"/><InRing ring="{a}"/><Script code="a := 2"/></Sequence>',
+    '<Sequence><Fallback><Replan/><InRing ring="{a}"/></Fallback><Script code="a := 1"/></Sequence>',
+    '<Fallback><InRing ring="{a}"/><Script code="a := 1"/></Fallback>',  # told when it is ticked
+    '<Sequence><SkipUnlessUpdated entry="{a}"><Replan/></SkipUnlessUpdated><Script code="a := 1"/></Sequence>',
+    '<Sequence><Script code="d := 1"/><Settle ring="1" hold_s="{d}"/></Sequence>',
+    '<Sequence><SetBlackboard value="0.5" output_key="d"/><Settle ring="1" hold_s="{d}"/></Sequence>',
+    '<LoopInt queue="3;5" value="{r}"><InRing ring="{r}"/></LoopInt>',
 ]
 OTHERS = """<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>
 <BehaviorTree ID="Out"><Script code="found := 2"/></BehaviorTree>
@@ -194,6 +341,64 @@ OTHERS = """<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree>
 <BehaviorTree ID="All"><Sequence><SubTree ID="Leg" ring="1"/><SubTree ID="Out"/><SubTree ID="Auto" goal="1"/>
 <SubTree ID="Model"/></Sequence></BehaviorTree>
 <TreeNodesModel><SubTree ID="Model"><input_port name="never" default="3"/></SubTree></TreeNodesModel>"""
+
+
+MAZE = load_map("cme")
+
+
+class OnTheMap(Still):
+    maze = MAZE
+
+
+CONSTANTS = [
+    ('<SetBlackboard value="soon" output_key="d"/>', "hold_s", "value: got 'soon' for {d}, expected float >= 0"),
+    ("<Script code=\"d := 'long'\"/>", "hold_s", "code: got 'long' for {d}, expected float >= 0"),
+    ('<Script code="d := -(1 + 2)"/>', "hold_s", "code: got -3.0 for {d}, expected float >= 0"),
+    ("<Replan _onSuccess=\"d := 'long'\"/>", "hold_s", "_onSuccess: got 'long' for {d}, expected float >= 0"),
+]
+
+
+@pytest.mark.parametrize(("setter", "port", "said"), CONSTANTS)
+def test_a_constant_that_the_port_which_reads_it_refuses_is_told_where_it_is_set(setter, port, said):
+    (error,) = found_in(main(f'<Sequence>{setter}\n<Settle ring="1" {port}="{{d}}"/></Sequence>')).errors
+    assert (error.line, error.problem.partition(", finite; ")) == (
+        2,
+        (said, ", finite; ", "Settle reads {d} at <text>:3"),
+    )
+
+
+def on_the_map(content):
+    text = HEAD + main(content) + '<BehaviorTree ID="Leg"><InRing ring="{ring}"/></BehaviorTree></root>'
+    found = check_file(text, registry_with(), OnTheMap())
+    return found.errors, [e.problem for e in found.warnings if not e.problem.startswith("not used")]
+
+
+def test_each_value_of_a_literal_queue_is_one_of_the_map():
+    loop = '<LoopInt queue="3;8;9" value="{r}">\n{}<SubTree ID="Leg" ring="{r}"/></LoopInt>'
+    ((error,), warnings) = on_the_map(loop.replace("{}", ""))
+    said = "queue: got 8 for {r}, expected one of 1, 2, 3, 4, 5; InRing reads {ring} at <text>:3"
+    assert (error.line, error.problem, warnings) == (2, said, [])
+    guarded = loop.replace("{}", "").replace('ring="{r}"', 'ring="{r}" _skipIf="r == 8"')
+    assert on_the_map(guarded) == ((), [said])
+    ((error,), _) = on_the_map('<LoopInt queue="3;x" value="{r}"><InRing ring="{r}"/></LoopInt>')
+    assert error.problem == "queue: got 'x', expected whole numbers, separated by ;"
+
+
+@pytest.mark.parametrize(
+    ("setters", "warned"),
+    [
+        ('<Script code="a := 0"/><Script code="a := 3"/>', True),  # the second one comes before the reader
+        ('<Script code="a := 0"/><Script code="a := goal"/>', False),
+        ('<Script code="a := 0; a := a + 1"/>', False),
+        ('<Script code="a := 0"/><Script code="a = 4"/>', True),
+        ('<Script code="a := 0"/><PlanRoute goal="3" legs="{a}"/>', False),
+        ('<Script code="a := 0"/><SetBlackboard value="3" output_key="{b}"/><PlanRoute goal="3" legs="{b}"/>', False),
+    ],
+)
+def test_a_constant_that_is_not_the_only_value_is_a_warning_at_most(setters, warned):
+    errors, warnings = on_the_map(f'<Sequence>{setters}<InRing ring="{{a}}"/></Sequence>')
+    assert errors == ()
+    assert [w.partition(",")[0] for w in warnings] == ["code: got 0 for {a}"] * warned
 
 
 def warnings_of(content, tmp_path, monkeypatch):
@@ -227,6 +432,49 @@ def test_a_tree_of_the_file_that_none_uses_is_a_warning(tmp_path):
     assert [(e.line, e.key, e.problem) for e in found.warnings] == [
         (5, "Left", "not used: it is not the main tree, and no SubTree names it")
     ]
+
+
+def test_attributes_of_editors_are_ignored():
+    content = '<Sequence _collapsed="1"><SubTree ID="S" _favorite="x" _uid="3"/><Replan _note="{=}"/></Sequence>'
+    tree = '<BehaviorTree ID="S" _favorite="true"><Sleep msec="1" _description="a"/></BehaviorTree>'
+    found = found_in(main(content).replace('ID="Main"', 'ID="Main" _collapsed="1"'), tree)
+    assert (found.errors, found.warnings, found.nodes) == ((), (), 4)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('<Replan _skipif="true"/>', "_skipif is ignored here; did you mean _skipIf?"),
+        ('<SubTree ID="Rest" _onSucces="a := 1"/>', "_onSucces is ignored here; did you mean _onSuccess?"),
+        ('<SubTree ID="Rest" _autoRemap="true"/>', "_autoRemap is ignored here; did you mean _autoremap?"),
+        ('<Replan _autoremap="true"/>', "_autoremap is ignored here"),
+    ],
+)
+def test_an_attribute_that_is_ignored_but_looks_like_another_is_a_warning(content, said):
+    rest = '<BehaviorTree ID="Rest"><Replan/></BehaviorTree><BehaviorTree ID="Used"><SubTree ID="Rest"/></BehaviorTree>'
+    found = found_in(main(content), rest)
+    assert [(e.line, e.problem) for e in found.warnings if not e.problem.startswith("not used")] == [(2, said)]
+    assert found.errors == ()
+
+
+def test_a_precondition_of_a_whole_tree_is_ignored_with_a_warning():
+    (warning,) = found_in(main("<Replan/>").replace('ID="Main"', 'ID="Main" _skipIf="true"')).warnings
+    assert warning.problem == "_skipIf is ignored here"
+
+
+def test_an_element_that_has_lost_its_first_sign_is_a_mistake_at_its_line_other_text_a_warning():
+    found = found_in(
+        'include path="a.xml"/>;',
+        "<!-- a comment",
+        "of two lines -->",
+        main('<Sequence>\n<Replan/><!--\n\n-->\n  Settle ring="2"/>\n<Replan/> <![CDATA[a]]>b\n</Sequence>'),
+        '<TreeNodesModel><Action ID="Replan"><input_port name="a">a -> b</input_port></Action></TreeNodesModel>',
+    )
+    assert [str(e) for e in found.errors] == [
+        "<text>:2: got the text 'include path=\"a.xml\"/>;', expected elements alone",
+        "<text>:9: got the text 'Settle ring=\"2\"/>', expected elements alone",
+    ]
+    assert [str(e) for e in found.warnings] == ["<text>:10: got the text 'a b', expected elements alone"]
 
 
 REST = """<BehaviorTree ID="Rest"><Replan/></BehaviorTree>

@@ -107,7 +107,7 @@ def test_the_type_is_kept_through_two_subtrees(tmp_path):
     tree, run = load(tmp_path, '<SubTree ID="S" n="7"/>', more)
     tree.tick()
     assert run.seen[0][0] == 7
-    with pytest.raises(TreeError, match=r"Main/S/T/Take: number: got -7 from \{m\}, expected int >= 0"):
+    with pytest.raises(TreeError, match=r"Main/S: n: got -7, expected int >= 0; inside, Take reads \{m\}"):
         load(tmp_path, '<SubTree ID="S" n="-7"/>', more)
 
 

@@ -44,6 +44,13 @@ def test_what_holds(text):
     assert parse_script(text).holds(scope()) is True
 
 
+@pytest.mark.parametrize("text", ["!said", "said && 1", "1 && said", "said || 1", "!'true'", "'false' || 1"])
+def test_a_text_beside_a_sign_of_logic_is_an_error_though_it_is_a_condition_alone(text):
+    assert parse_script("'true'").holds(scope()) is True
+    with pytest.raises(ScriptError, match=r"got (the text )?'(true|false)' (beside|after)"):
+        parse_script(text).holds(scope())
+
+
 @pytest.mark.parametrize(
     ("text", "name", "worth"),
     [
@@ -86,7 +93,8 @@ def test_a_script_knows_what_it_reads_and_writes():
         ("n > * 2", "column 5: got '*', expected a number"),
         ("(n > 2", "column 7: got the end, expected an operator or )"),
         ("n > 2)", "column 6: got ')', expected a number"),
-        ("n == 'red", 'column 6: got "\'red", expected'),
+        ("n == 'red", "column 6: the text that begins here has no end, expected ' after it"),
+        ('a := "', 'column 6: the text that begins here has no end, expected " after it'),
         ("f(2", "column 4: got the end, expected an operator or )"),
         ("n[0]", "column 2: got '[0]', expected"),
         ("2x", "column 1: got '2x', expected"),

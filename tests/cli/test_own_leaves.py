@@ -78,7 +78,10 @@ def test_your_own_leaf_is_checked_shown_listed_and_in_the_palette(call, refused)
     assert "_Hidden" not in listed
     assert "Base:" not in listed
     assert '<Action ID="GiveUp">' in call("behavior", "palette", *MODULE)[1]
-    assert "tree.xml:2: Main: unknown node 'GiveUp', expected one of " in refused("behavior", "check", "tree.xml")
+    assert (
+        "tree.xml:2: Main: unknown node 'GiveUp'; one of your own needs --behavior-module; expected one of "
+        in refused("behavior", "check", "tree.xml")
+    )
 
 
 @pytest.mark.parametrize("words", ["navigate --log run.mcap", "evaluate --runs 1", "evaluate --runs 2 --workers 2"])

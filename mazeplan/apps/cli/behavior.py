@@ -113,9 +113,12 @@ def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[s
     """What there is to say of one tree."""
     from mazeplan.behavior.check import Findings, check_file
     from mazeplan.behavior.own_nodes import registry_with
-    from mazeplan.maze.mapfile import load_map
 
-    maze = None if map_ is None else load_map(map_)
+    maze = None
+    if map_ is not None:
+        from mazeplan.maze.mapfile import load_map
+
+        maze = load_map(map_)
     registry = registry_with(modules or ())
     try:
         found = check_file(source, registry, _NoContext(maze))

@@ -1,0 +1,163 @@
+"""What values keys have: constants that the ports that read them refuse, and keys that are read before they are set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Set
+from dataclasses import dataclass
+from typing import Any
+
+from mazeplan.behavior.builtin_leaves import SetBlackboard
+from mazeplan.behavior.choices import SWITCHES, IfThenElse, ManualSelector, WhileDoElse
+from mazeplan.behavior.conditions import DECISIONS, ON_HALTED
+from mazeplan.behavior.controls import Parallel, ParallelAll, TryCatch
+from mazeplan.behavior.decorators import (
+    Delay,
+    ForceFailure,
+    ForceSuccess,
+    Inverter,
+    KeepRunningUntilFailure,
+    Repeat,
+    RetryUntilSuccessful,
+    RunOnce,
+    SubTree,
+    Timeout,
+    queued,
+)
+from mazeplan.behavior.key_uses import NAMES, Home, Use, scripts_of
+from mazeplan.behavior.never_ticked import FALLBACKS, SEQUENCES
+from mazeplan.behavior.node import TreeNode
+from mazeplan.behavior.ports import Key, shown
+from mazeplan.behavior.tree import parts_of
+from mazeplan.core.errors import TreeError
+
+TICK_THE_FIRST = (*FALLBACKS, IfThenElse, WhileDoElse, Parallel, ParallelAll, TryCatch)
+TICK_ALL = (
+    *SEQUENCES, SubTree, Inverter, ForceSuccess, ForceFailure, Repeat, RetryUntilSuccessful, Timeout, Delay, RunOnce,
+    KeepRunningUntilFailure,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What sets a key: the values that it may set; None where nobody knows them before the run."""
+
+    use: Use
+    values: tuple[Any, ...] | None
+    in_turn: bool = False  # each of them is set, one after another
+
+
+def wrong_constants(
+    reads: Iterable[Use], writes: Iterable[Use], given: Set[Home]
+) -> tuple[list[TreeError], list[TreeError]]:
+    """(errors, warnings) at what sets a key to a constant that a port refuses, where constants alone are set; a warning
+    where the key has other values, too, or somebody looks at them. given: keys that have a value from elsewhere."""
+    readers, sources = dict[Home, list[Use]](), dict[Home, list[_Source]]()
+    for use in (*writes, *reads):
+        found = _source(use)
+        if found is not None:
+            if isinstance(use.node.values.get("output_key"), Key):  # it may set any key
+                return [], []
+            sources.setdefault(use.home, []).append(found)
+    for use in reads:
+        readers.setdefault(use.home, []).append(use)
+    errors, warnings = list[TreeError](), list[TreeError]()
+    for home, found in sources.items():
+        if home in given or any(source.values is None for source in found):
+            continue
+        values = {(type(value), value): value for source in found for value in source.values or ()}
+        refusing = {
+            one: next((use for use in readers.get(home, ()) if not _takes(use, value)), None)
+            for one, value in values.items()
+        }
+        for source in found:
+            wrong = next((value for value in source.values or () if refusing[type(value), value] is not None), None)
+            reader = refusing.get((type(wrong), wrong))
+            if reader is not None:
+                sure = not any(_takes(reader, value) for value in values.values())
+                sure = sure or (source.in_turn and not any(_takes(use, wrong) for use in readers[home]))
+                (errors if sure else warnings).append(_refused(source, wrong, reader))
+    return errors, warnings
+
+
+def _source(use: Use) -> _Source | None:
+    """What a use sets; None where it only reads."""
+    node = use.node
+    script = dict(scripts_of(node)).get(use.attribute)
+    if script is not None:
+        return _Source(use, script.constants.get(use.name)) if use.name in script.sets else None
+    if isinstance(node, SetBlackboard) and use.attribute == "output_key":
+        value = node.values["value"]
+        return _Source(use, None if isinstance(value, Key) else (value,))
+    port = node.ports.get(use.attribute)
+    if port is not None and port.direction == "in":
+        return None
+    values = queued(node) if use.attribute == "value" else None
+    return _Source(use, values, values is not None)
+
+
+def _takes(use: Use, value: Any) -> bool:
+    """Whether a reader takes a value; scripts take any."""
+    port = use.node.ports.get(use.attribute)
+    if port is None or not isinstance(use.node.values.get(use.attribute), Key):
+        return True
+    try:
+        port.accept(value, getattr(use.node, "context", None))
+    except (ValueError, OverflowError):
+        return False
+    return True
+
+
+def _refused(source: _Source, value: Any, reader: Use) -> TreeError:
+    expected = reader.node.ports[reader.attribute].expects(getattr(reader.node, "context", None))
+    what = "queue" if source.in_turn else "value" if source.use.attribute == "output_key" else source.use.attribute
+    inside = f"{reader.node.name} reads {Key(reader.name)}{reader.at}"
+    return source.use.node.wrong(
+        f"{what}: got {shown(value)} for {Key(source.use.name)}, expected {expected}; {inside}"
+    )
+
+
+def read_before_set(reads: Iterable[Use], writes: Iterable[Use], given: Set[Home]) -> Iterator[TreeError]:
+    """A remark at the first node that reads a key, where that comes in a Sequence before all that set it; `reads` and
+    `writes`: parents before children. given: keys that have a value from elsewhere."""
+    first, setters = dict[Home, Use](), dict[Home, list[Use]]()
+    for use in reads:
+        if use.attribute not in ("_onFailure", ON_HALTED) and not _may_miss(use):
+            first.setdefault(use.home, use)
+    for use in writes:
+        setters.setdefault(use.home, []).append(use)
+    for home, use in first.items():
+        found = setters.get(home, ())
+        if found and home not in given and all(_before(use, setter.node) for setter in found):
+            yield use.node.wrong(
+                f"{use.attribute}: reads {Key(use.name)}, which {found[0].node.name}{found[0].at} sets later"
+            )
+
+
+def _may_miss(use: Use) -> bool:
+    """Whether the node at hand takes a key that was never set as it is."""
+    node, port = use.node, use.attribute
+    return port in node.ports and (
+        isinstance(node, (*SWITCHES, ManualSelector)) or port == NAMES.get(type(node).__name__)
+    )
+
+
+def _before(use: Use, setter: TreeNode) -> bool:
+    """Whether a key is read before a node sets it, whatever happens: a Sequence has both in this order, and ticks the
+    reader."""
+    above = dict[int, TreeNode]()  # {node above the setter, or itself: its part of the way}
+    part: Any = setter
+    while part is not None:
+        above[id(part.parent)] = part
+        part = part.parent
+    child: Any = use.node
+    while child.parent is not None:
+        given = () if child.conditions is None else child.conditions.given
+        if (child is not use.node or use.attribute not in DECISIONS) and any(name in DECISIONS for name in given):
+            return False
+        parent, parts = child.parent, parts_of(child.parent)
+        if id(parent) in above:
+            return isinstance(parent, SEQUENCES) and parts.index(child) < parts.index(above[id(parent)])
+        if not isinstance(parent, TICK_ALL) and not (isinstance(parent, TICK_THE_FIRST) and parts[0] is child):
+            return False
+        child = parent
+    return False
