@@ -120,10 +120,11 @@ def live_page(offer: Offer, door: Door, listening: socket.socket, pipe: Connecti
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError, AttributeError):
         os.nice(NICE)
+    from mazeplan.apps.view.clientfix import STOP_BAR
     from mazeplan.apps.view.page import Page
 
     line = _PageEnd(pipe)
-    page = Page(door, listening, [LiveTab(offer, line.drain, line.order)])
+    page = Page(door, listening, [LiveTab(offer, line.drain, line.order)], bar=STOP_BAR)
     viewers = -1
 
     def on() -> bool:

@@ -69,10 +69,11 @@ class LiveTab:
 
     def _build_buttons(self, page: Page) -> None:
         gui, offer = page.server.gui, self._offer
-        level = gui.add_button("Level now", color="red", hint="plate level at once, and the run ends")
+        level = gui.add_command("Emergency stop", hotkey="escape", description="plate level at once, and the run ends")
+        level.on_trigger(lambda event: self._order({"do": "level"}))
         self._start = gui.add_button("Start", color="green", hint="begin a run")
         self._stop = gui.add_button("Stop", color="gray", hint="end the run at its next tick, plate level")
-        for button, what in ((level, "level"), (self._start, "start"), (self._stop, "stop")):
+        for button, what in ((self._start, "start"), (self._stop, "stop")):
             button.on_click(lambda event, what=what: self._order({"do": what}))
         rings = [str(ring.number) for ring in offer.maze.rings]  # short, so that seven are in one row
         goal = gui.add_button_group("Go to ring", rings, hint="from where the ball is; or click a ring's floor")
