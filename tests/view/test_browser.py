@@ -209,6 +209,19 @@ def _in_the_middle(page):
     return ball_in(image, middle) > 0.02 and ball_in(image, beside) < 0.005
 
 
+def test_a_run_is_paused_stepped_and_goes_on_by_keys(page):
+    page.keyboard.press("Space")
+    phase(page, "paused")
+    before = float(fact(page, "time").split()[0])
+    assert not soon(lambda: float(fact(page, "time").split()[0]) > before + 0.2, 1.5)
+    before = float(fact(page, "time").split()[0])
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("t => parseFloat(document.querySelector('[data-fact=\"time\"]').innerText) > t", arg=before)
+    assert float(fact(page, "time").split()[0]) == pytest.approx(before + 1 / 30, abs=0.011)
+    page.keyboard.press("Space")
+    phase(page, "running")
+
+
 def test_a_click_on_a_goal_changes_the_run(page):
     press(page, "4")
     at_rest_in(page, 4)
