@@ -187,8 +187,7 @@ class Run:
         """Place the ball and run until the tree has succeeded, the time is over, the tree gave up, or somebody stopped
         it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
-        theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
-        theta = self._setup.maze.clear_angle(job.start, theta)
+        theta = job.start_angle(self._setup.maze, rng)
         self._report(Start(job.start, theta))
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         began = False

@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from mazeplan.behavior.context import RunContext
@@ -50,6 +51,10 @@ class Job:
     time_limit: float = TIME_LIMIT
     closed: tuple[str, ...] = ()
     via: tuple[int, ...] = ()
+
+    def start_angle(self, maze: Maze, rng: np.random.Generator) -> float:
+        """Where the ball is placed, rad, clear of radial walls; rng: with the seed of the job."""
+        return maze.clear_angle(self.start, float(rng.uniform(-math.pi, math.pi)) if self.theta is None else self.theta)
 
 
 @dataclass(frozen=True)

@@ -50,17 +50,17 @@ class Tab(Protocol):
 
 
 class Page:
-    """An open page. Raises what `open_server` raises."""
+    """An open page. bar: HTML above all of it. Raises what `open_server` raises."""
 
-    def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, title: str = "mazeplan") -> None:
+    def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, bar: str = "") -> None:
         self.door = door
         ready = Event()
-        self.server: ViserServer = open_server(door, listening, ready)
+        self.server: ViserServer = open_server(door, listening, ready, bar)
         self._tabs = tuple(tabs)
         self._printed = False
         gui, scene = self.server.gui, self.server.scene
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 95, 153))
-        gui.set_panel_label(title)
+        gui.set_panel_label("mazeplan")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
         scene.set_up_direction("+z")

@@ -73,7 +73,7 @@ def _add_plot(server: ViserServer, chart: Chart, series: Sequence[Any], data: tu
     axes = {"label": "time (s)", "size": 32, **common}, {"label": chart.unit, "size": 44, **common}
     every: Any = ({"label": "t (s)"}, *series)
     more |= {"axes": axes, "height": HEIGHT, "title": chart.title}
-    return server.gui.add_uplot(data, every, padding=(4, 12, 0, 0), **more)  # pyright: ignore
+    return server.gui.add_uplot(data, every, padding=(9, 12, 0, 0), **more)  # pyright: ignore
 
 
 def scales(time: tuple[float, float], values: tuple[float, float]) -> dict[str, Any]:
