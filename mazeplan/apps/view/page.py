@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from mazeplan.apps.view.camera import Framing
 from mazeplan.apps.view.door import Door
 from mazeplan.apps.view.server import open_server
+from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
     import socket
@@ -80,11 +81,12 @@ class Page:
             try:
                 with self.server.atomic():
                     tab.draw(monotonic())
-            except Exception:  # a picture that fails must not end the page, which has the emergency stop
+            except Exception as problem:  # a picture that fails must not end the page, which has the emergency stop
                 if not self._printed:
                     self._printed = True
+                    why = problem if isinstance(problem, InputError) else traceback.format_exc()
                     with suppress(OSError):
-                        print(f"mazeplan: the page could not draw: {traceback.format_exc()}", file=sys.stderr)
+                        print(f"mazeplan: the page could not draw: {why}", file=sys.stderr)
 
     def loop(self, on: Callable[[], bool]) -> None:
         """Draw while `on()` is true."""
