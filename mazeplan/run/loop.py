@@ -16,6 +16,7 @@ import numpy as np
 
 from mazeplan.behavior.blame import blames_a_node, fault, outside
 from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import read_tree
@@ -122,8 +123,10 @@ class Run:
             options=setup.settings.leaves,
             late_s=self._late_s,
             rollout=self._rollout,
+            policy=setup.policy,
         )
         tree = self._tree_file.build(self._leaves, context)
+        check_policy(tree, setup.policy)
         tree.blackboard.give("goal", goal)
         tree.blackboard.give("waypoints", [*via, goal])
         self._record.tree(t, tree)

@@ -189,6 +189,7 @@ def _setup_of(
         unseen_s=facts.unseen_s,
         out_s=facts.out_s,
         effects=None if facts.effects is None else facts.effects.spec,
+        policy=facts.policy_of_run(path),
     )
 
 
