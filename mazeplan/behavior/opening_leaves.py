@@ -8,12 +8,11 @@ recoveries are in `recovery`.
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from py_trees.common import Status
 
-from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.mazeleaf import MazeLeaf, StillWatch
 from mazeplan.behavior.ports import REQUIRED, Port
 from mazeplan.control.opening import aligned, opening_command
@@ -23,6 +22,9 @@ from mazeplan.core.records import FailureKind
 from mazeplan.maze.geometry import Opening
 
 LOST_TRACK = 2.5  # rad; turn to the opening beyond which aligning makes no sense
+
+if TYPE_CHECKING:  # a check of a tree needs no run
+    from mazeplan.behavior.context import RunContext
 
 
 class Align(MazeLeaf):

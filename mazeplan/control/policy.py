@@ -14,14 +14,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mazeplan.control.tilt import Plate
 from mazeplan.core.records import Array, Command, State
 from mazeplan.maze.geometry import Opening, Ring
+
+if TYPE_CHECKING:  # a check of a tree needs no plate
+    from mazeplan.control.tilt import Plate
 
 Single = NDArray[np.float32]
 
