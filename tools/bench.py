@@ -44,6 +44,7 @@ from bench_pairs import pairs_section
 from bench_plant import plant_section
 from bench_predictability import predictability_section
 from bench_real import real_section
+from bench_realtime import realtime_section
 from bench_replay import replay_section
 from bench_rig import rig_section
 from bench_solver import solver_section
@@ -222,7 +223,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
     "firmware": firmware_section, "supply": supply_section,
-    "growth": growth_section,
+    "growth": growth_section, "realtime": realtime_section,
 }  # fmt: skip
 
 

@@ -42,12 +42,13 @@ def messages(data: bytes) -> list[dict[str, Any]]:
 
 class Viewer:
     """Reads and counts, in a thread of its own. moved: times (monotonic, s) at which a scene node of a name was moved;
-    buttons: label -> uuid; html: uuid -> what is written there."""
+    buttons, commands: label -> uuid; html: uuid -> what is written there."""
 
     def __init__(self, port: int) -> None:
         self.connection = joined(port)
         self.moved: dict[str, list[float]] = {}
         self.buttons: dict[str, str] = {}
+        self.commands: dict[str, str] = {}
         self.html: dict[str, str] = {}
         self.bytes = 0
         self._done = False
@@ -62,6 +63,10 @@ class Viewer:
     def press(self, label: str) -> None:
         """Click the button of that label."""
         self.say({"type": "GuiUpdateMessage", "uuid": self.buttons[label], "updates": {"value": True}})
+
+    def trigger(self, label: str) -> None:
+        """Press the key of the command of that label."""
+        self.say({"type": "CommandTriggerMessage", "uuid": self.commands[label]})
 
     def choose(self, label: str, value: str) -> None:
         """Click one button of a group."""
@@ -86,6 +91,8 @@ class Viewer:
             self.moved.setdefault(message["name"], []).append(now)
         elif kind in ("GuiButtonMessage", "GuiButtonGroupMessage"):
             self.buttons[props["label"]] = message["uuid"]
+        elif kind == "RegisterCommandMessage":
+            self.commands[props["label"]] = message["uuid"]
         elif kind == "GuiHtmlMessage":
             self.html[message["uuid"]] = props["content"]
         elif kind == "GuiUpdateMessage" and "content" in message.get("updates", {}):

@@ -18,6 +18,7 @@ from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.rim_watch import Out
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
+from mazeplan.control.policy import Policy
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions
@@ -87,7 +88,8 @@ class RunContext:
     were closed or opened since the route was planned, so that it is another now; `since`: the first of `failures` that
     belongs to this goal; `left_from`: the ring that is to be left by the opening chosen; `heading`:
     the ring to which the tree has planned its route last, None: it has not; `out`: where the ball is that has left the
-    maze, None: it has not."""
+    maze, None: it has not; `policy`: a learned
+    one, for `FollowPolicy`."""
 
     maze: Maze
     graph: RouteGraph
@@ -118,6 +120,7 @@ class RunContext:
     left_from: int | None = None
     heading: int | None = None
     out: Out | None = None
+    policy: Policy | None = None
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 

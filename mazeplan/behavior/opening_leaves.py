@@ -8,7 +8,7 @@ recoveries are in `recovery`.
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from py_trees.common import Status
@@ -22,6 +22,9 @@ from mazeplan.core.records import FailureKind
 from mazeplan.maze.geometry import Opening
 
 LOST_TRACK = 2.5  # rad; turn to the opening beyond which aligning makes no sense
+
+if TYPE_CHECKING:  # a check of a tree needs no run
+    from mazeplan.behavior.context import RunContext
 
 
 class Align(MazeLeaf):
@@ -61,6 +64,15 @@ class Align(MazeLeaf):
         return Status.RUNNING
 
 
+def gets_in(run: RunContext, opening: Opening, target: int) -> bool:
+    """Whether the ball will be in the next ring soon, also if it is a little to one side of where it seems to be: the
+    gap is hardly wider than the ball."""
+    gate = run.options.gate
+    across = 1e-3 * gate.entry_doubt_mm * np.array([-math.sin(opening.angle), math.cos(opening.angle)])
+    places = (0.0, -1.0, 1.0) if gate.entry_doubt_mm > 0.0 else (0.0,)
+    return all(run.ahead(gate.entry_s, (k * across[0], k * across[1])).ring == target for k in places)
+
+
 class PassOpening(MazeLeaf):
     """Push the ball through the opening by tilting along its radial direction, or by what a rollout says is sooner."""
 
@@ -83,7 +95,7 @@ class PassOpening(MazeLeaf):
         if run.now - self._began > self.get("timeout_s"):
             run.graph.record(opening.name, success=False)
             return self.fail_as(FailureKind.MISSED_OPENING, f"{opening.name} did not take the ball")
-        if self._gets_in(opening, target):
+        if gets_in(run, opening, target):
             run.enter(target)
         # an opening that was missed tells that the model, or its delay, is not what it should be for this
         trusted = None if run.count(FailureKind.MISSED_OPENING) else run.rollout
@@ -93,14 +105,6 @@ class PassOpening(MazeLeaf):
             command = opening_command(ahead, opening, target, run.plate, run.options.gate)
         run.steer(self.name, command)
         return Status.RUNNING
-
-    def _gets_in(self, opening: Opening, target: int) -> bool:
-        """Whether the ball will be in the next ring soon, also if it is a little to one side of where it seems to be:
-        the gap is hardly wider than the ball."""
-        run, gate = self.context, self.context.options.gate
-        across = 1e-3 * gate.entry_doubt_mm * np.array([-math.sin(opening.angle), math.cos(opening.angle)])
-        places = (0.0, -1.0, 1.0) if gate.entry_doubt_mm > 0.0 else (0.0,)
-        return all(run.ahead(gate.entry_s, (k * across[0], k * across[1])).ring == target for k in places)
 
 
 class ConfirmRing(MazeLeaf):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mazeplan.behavior.follow_policy import FollowPolicy
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.opening_leaves import Align, ConfirmRing, PassOpening, Settle
 from mazeplan.behavior.recovery import (
@@ -28,6 +29,7 @@ REGISTRY: dict[str, type[Leaf]] = {
         ConfirmRing,
         Dither,
         FailureIs,
+        FollowPolicy,
         InRing,
         LevelPlate,
         PassOpening,

@@ -49,6 +49,7 @@ class ChooseOpening(MazeLeaf):
 
     ports: ClassVar[dict[str, Port]] = {
         "goal": Port(int, REQUIRED, "ring to reach in the end", choices="rings"),
+        "planned_choices": Port(int, None, "openings that are planned to, 1: none; default: of the settings", least=1),
         "opening": Port(str, None, "name of the opening chosen", "out"),
     }
 
@@ -69,7 +70,8 @@ class ChooseOpening(MazeLeaf):
         """The best by planned time; the plan to it is kept for `PlanInRing`. By the formula alone where only one is in
         question, or nothing is to be planned."""
         run, travel = self.context, self.context.options.travel
-        near = [c for c in choices if c.expected_s < choices[0].expected_s + MARGIN][: travel.planned_choices]
+        near = [c for c in choices if c.expected_s < choices[0].expected_s + MARGIN]
+        near = near[: self.get("planned_choices") or travel.planned_choices]
         if len(near) < 2 or run.here.ring not in run.planners:
             return choices[0]
         share = replace(travel, deadline_ms=travel.deadline_ms / len(near))

@@ -212,6 +212,7 @@ class FailureKind(StrEnum):
     BALL_OUT = "ball_out"
     PLAN_FAILED = "plan_failed"
     NO_ROUTE = "no_route"
+    UNFAMILIAR = "unfamiliar"
     OPENING_CLOSED = "opening_closed"
     ROUTE_CHANGED = "route_changed"
     OUT_OF_TIME = "out_of_time"

@@ -1,6 +1,7 @@
 """A simulated rig at the pace of the wall clock, so that a person can watch it.
 
 Samples come 1 / rate_hz apart and no sooner. A late program delays them; the rig catches up by one sample at most.
+`speed` stretches the time between samples, `hold` stops them, and `step` lets one pass: the simulation notices nothing.
 `level_now` may be called by any thread. It works within one sample, also while the loop computes.
 """
 
@@ -13,8 +14,11 @@ from typing import Protocol
 
 import numpy as np
 
+from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Observation
 from mazeplan.rigs.interface import Rig, RigWrapper
+
+LOOK_S = 0.2  # s between looks while the rig is held
 
 
 class Waiting(Protocol):
@@ -45,6 +49,7 @@ class PacedRig(RigWrapper):
     """See `interface.Rig`; around a simulation."""
 
     realtime = False  # still a simulation: no watchdog
+    _speed = 1.0
 
     def __init__(self, rig: Rig, wall: Waiting | None = None) -> None:
         super().__init__(rig)
@@ -52,6 +57,7 @@ class PacedRig(RigWrapper):
         self._due: float | None = None  # wall time of the next sample
         self._woken = threading.Event()  # some thread wants the plate level
         self._levelled = False
+        self._held, self._let = False, 0  # samples that may pass while the rig is held
         self._orders: list[Callable[[], object]] = []
         self._lock = threading.Lock()
 
@@ -60,7 +66,7 @@ class PacedRig(RigWrapper):
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """As the rig inside; forgets an order to level."""
         super().reset(ring=ring, theta=theta, rng=rng)
-        self._due, self._levelled = None, False
+        self._due, self._levelled, self._held, self._let = None, False, False, 0
         self._woken.clear()
         with self._lock:
             self._orders.clear()
@@ -69,11 +75,12 @@ class PacedRig(RigWrapper):
         """The next sample, when it is due."""
         self._obey()
         sample = super().observe()
-        period, due = 1.0 / self.rate_hz, self._wall.now() if self._due is None else self._due
-        while (left := due - self._wall.now()) > 0.0:
-            self._wall.wait(self._woken, left)
+        period, due = 1.0 / (self.rate_hz * self._speed), self._wall.now() if self._due is None else self._due
+        while (left := due - self._wall.now()) > 0.0 or (self._held and not self._let):
+            self._wall.wait(self._woken, left if left > 0.0 else LOOK_S)
             if self._woken.is_set():
                 self._obey()
+        self._let = max(0, self._let - 1)
         # a program that is late by more than one sample does not hurry afterwards
         self._due = period + max(due, self._wall.now() - period)
         return sample
@@ -99,9 +106,40 @@ class PacedRig(RigWrapper):
 
     # -- calls of other threads -------------------------------------------------------------------------------------
 
+    @property
+    def held(self) -> bool:
+        """Whether the next sample waits for `step` or `go_on`."""
+        return self._held
+
+    @property
+    def speed(self) -> float:
+        """Seconds of the rig in one on the wall; 1: as fast as a real rig. Any thread may set it.
+        Raises SettingsError for a number that is not 0.01 to 10."""
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        if not 0.01 <= speed <= 10.0:
+            raise SettingsError(f"got {speed}, expected 0.01 to 10", key="speed")
+        self._speed = speed
+
+    def hold(self) -> None:
+        """Let no sample pass until `go_on`, `step` or `level_now`. Any thread may call."""
+        self._held = True
+
+    def step(self) -> None:
+        """Let one sample pass and hold the next one. Any thread may call."""
+        self._let, self._held = 1, True
+        self._woken.set()
+
+    def go_on(self) -> None:
+        """End `hold`. Any thread may call."""
+        self._held = False
+        self._woken.set()
+
     def level_now(self) -> None:
         """Level the plate until the next reset, whatever is commanded. Any thread may call."""
-        self._levelled = True
+        self._levelled, self._held = True, False
         self._woken.set()
 
     def between_samples(self, order: Callable[[], object]) -> None:

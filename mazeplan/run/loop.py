@@ -16,6 +16,7 @@ import numpy as np
 
 from mazeplan.behavior.blame import blames_a_node, fault, outside
 from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.follow_policy import check_policy
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import read_tree
@@ -122,8 +123,10 @@ class Run:
             options=setup.settings.leaves,
             late_s=self._late_s,
             rollout=self._rollout,
+            policy=setup.policy,
         )
         tree = self._tree_file.build(self._leaves, context)
+        check_policy(tree, setup.policy)
         tree.blackboard.give("goal", goal)
         tree.blackboard.give("waypoints", [*via, goal])
         self._record.tree(t, tree)
@@ -187,8 +190,7 @@ class Run:
         """Place the ball and run until the tree has succeeded, the time is over, the tree gave up, or somebody stopped
         it. Each goal has the whole time limit, from when it was given; while one waits the run does not end."""
         job, rng = self._job, np.random.default_rng(self._job.seed)
-        theta = float(rng.uniform(-math.pi, math.pi)) if job.theta is None else job.theta
-        theta = self._setup.maze.clear_angle(job.start, theta)
+        theta = job.start_angle(self._setup.maze, rng)
         self._report(Start(job.start, theta))
         self._rig.reset(ring=job.start, theta=theta, rng=rng)
         began = False

@@ -11,6 +11,8 @@ from mazeplan.behavior.check import reads_key, refuse_mistakes
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.ports import one_line
 from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.control.policy import Policy
+from mazeplan.control.policy_file import load_policy
 from mazeplan.core.display import Display
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.logs.run_log import Sink
@@ -37,6 +39,7 @@ def navigate(
     map: str | Path | Maze = "cme",  # the contract's option names
     rig: str | Rig = "toy",
     model: str | Path | RigModel | None = None,
+    policy: str | Path | Policy | None = None,
     behavior: str = "navigate",
     behavior_modules: Sequence[str] = (),
     effects: str | None = None,
@@ -62,6 +65,7 @@ def navigate(
     start, goal: ring numbers, or "ring1"; goal None: the centre
     rig: a packaged name, a YAML file, "module:Class", or a rig
     model: packaged name or folder; None: the rig's own, else a packaged one of its name, else nominal physics
+    policy: learned, or its folder; the packaged tree `policy` follows it, which is the default then
     via: rings to visit before the goal, in this order; the packaged tree `waypoints` does, which is the default then
     behavior: packaged tree or XML file; behavior_modules: modules with leaves beside the packaged ones
     effects: "module:function" with effects of your own that the model has
@@ -89,10 +93,11 @@ def navigate(
     check_ready(machine)
     own_effects(effects)
     kept = None if memory is None else load_memory(Path(memory), [opening.name for opening in maze.openings])
+    chosen = "policy" if policy is not None else "waypoints" if via else behavior
     setup = Setup(
         maze,
         resolve_model(model, rig_name, maze),
-        "waypoints" if via and behavior == "navigate" else behavior,
+        chosen if behavior == "navigate" else behavior,
         rig_label(rig) if isinstance(rig, str) else type(rig).__name__,
         model_name="" if isinstance(model, RigModel | None) else str(model),
         settings=settings if isinstance(settings, Settings) else load_settings(settings),
@@ -100,6 +105,7 @@ def navigate(
         memory=kept,
         model_source=None if isinstance(model, RigModel) else model_source(model, rig_name),
         effects=effects,
+        policy=policy if isinstance(policy, Policy | None) else load_policy(policy),
         watch=_checked(behavior, job.via, watch),
     )
     with _open_rig(machine, guard):

@@ -30,7 +30,7 @@ from mazeplan.core.errors import LogError, ModelError, SettingsError, TreeError
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.run_log import RunMessages, encode
-from mazeplan.core.logs.run_log_reader import read_attachment, read_messages
+from mazeplan.core.logs.run_log_reader import checked_fields, read_attachment, read_messages
 from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.plugins import LEAVES, plugin
 from mazeplan.core.progress import Advance, no_advance
@@ -111,15 +111,13 @@ def replay(
     path = Path(log)
     header, messages, complete = read_messages(path)
     _check_kind(header, complete, path)
-    try:
+    with checked_fields(path):
         facts = replay_facts(header["replay"])
         script = _Script([m for m in messages if m[0] not in UNCOMPARED], facts.rate_hz, advance)
         setup = _setup_of(header, facts, path, model, behavior)
         job = _job_of(header, facts, setup.maze)
         events = (TimedEvent.from_document(document) for topic, document in messages if topic == "/event")
         requests = RecordedRequests(events, setup.maze)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
-        raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
     compared = RunMessages(script.keep)
     run = Run(script, setup, job, compared, NullDisplay(), watch=script.watch, requests=requests)
     with suppress(_OverError):
@@ -191,6 +189,7 @@ def _setup_of(
         unseen_s=facts.unseen_s,
         out_s=facts.out_s,
         effects=None if facts.effects is None else facts.effects.spec,
+        policy=facts.policy_of_run(path),
     )
 
 

@@ -11,14 +11,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import installed_in
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.treefile import nodes_named, tree_files
+from mazeplan.control.policy import Policy
+from mazeplan.control.policy_file import load_policy, policy_sha256
 from mazeplan.core import resources
-from mazeplan.core.errors import ModelError, TreeError
+from mazeplan.core.errors import LogError, ModelError, TreeError
 from mazeplan.core.logs.viewer_topics import MazeShape
 from mazeplan.core.maths.fingerprint import fingerprint
 from mazeplan.core.plugins import Plugin
@@ -51,6 +54,10 @@ class Job:
     closed: tuple[str, ...] = ()
     via: tuple[int, ...] = ()
 
+    def start_angle(self, maze: Maze, rng: np.random.Generator) -> float:
+        """Where the ball is placed, rad, clear of radial walls; rng: with the seed of the job."""
+        return maze.clear_angle(self.start, float(rng.uniform(-math.pi, math.pi)) if self.theta is None else self.theta)
+
 
 @dataclass(frozen=True)
 class Setup:
@@ -60,7 +67,8 @@ class Setup:
     openings, which the run adds to; model_source: where to load the model from again; watch: called with each tree
     before it begins; latency: measured on the rig, in place of the model's; unseen_s: the run ends after so many
     seconds without the ball, None: never; out_s: and after so many with the ball out of the maze, None: nobody asks
-    whether it is; effects: MODULE:FUNCTION of the user."""
+    whether it is; effects: MODULE:FUNCTION of the user; policy:
+    learned, for the leaf FollowPolicy."""
 
     maze: Maze
     model: RigModel
@@ -76,6 +84,7 @@ class Setup:
     unseen_s: float | None = None
     out_s: float | None = 0.0
     effects: str | None = None
+    policy: Policy | None = None
 
     def on(self, rig: Any) -> Setup:
         """With what the rig states (`interface.RigTraits`): latency, and the limits without the ball. On a real rig
@@ -136,6 +145,15 @@ class ReplayFacts:
     out_s: float | None = None
     latency: Latency | None = None
     effects: OwnEffects | None = None
+    policy: SourceFile | None = None
+
+    def policy_of_run(self, log: Path) -> Policy | None:
+        """The policy that the run had. Raises LogError where it has changed, ModelError where it cannot be read."""
+        if self.policy is None:
+            return None
+        if policy_sha256(self.policy.file) != self.policy.sha256:
+            raise LogError(f"the policy {self.policy.file} is not that of the run, by its SHA-256", file=log)
+        return load_policy(self.policy.file)
 
 
 @cache
@@ -199,6 +217,7 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
     behavior = resources.find("behaviors", setup.behavior, ".xml")
     modules = [(name, user_module(name, "--behavior-module").__file__ or "") for name in setup.behavior_modules]
     installed = [(plugin.name, str(plugin.file() or "")) for plugin in installed_leaves(setup)]
+    policy = None if setup.policy is None else setup.policy.source
     return ReplayFacts(
         format=REPLAY_FORMAT,
         rate_hz=rate_hz,
@@ -216,6 +235,7 @@ def _facts_for_replay(setup: Setup, job: Job, rate_hz: float) -> ReplayFacts:
         out_s=setup.out_s,
         latency=setup.latency,
         effects=None if setup.effects is None else OwnEffects(setup.effects, effects_sha256(setup.effects)),
+        policy=None if policy is None else SourceFile(policy, policy_sha256(policy)),
     )
 
 

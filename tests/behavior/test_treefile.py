@@ -242,7 +242,7 @@ def test_packaged_trees_load_and_can_be_shown(tmp_path):
     assert "navigate" in tree_names()
     for name in tree_names():
         tree = load_tree(name, REGISTRY, Run())
-        text = tree_text(tree)
+        text = tree_text(tree, whole=True)
         assert "PassOpening opening={opening}" in text
         assert len(text.splitlines()) == len(list(tree.nodes()))
         picture = tmp_path / f"{name}.png"
@@ -282,4 +282,4 @@ def test_palette_has_every_leaf_with_its_ports():
     ports = {port.get("name"): port for port in actions["Track"]}
     assert ports["law"].get("default") == "gains"
     assert ports["opening"].get("default") is None
-    assert [p.tag for p in actions["ChooseOpening"]] == ["input_port", "output_port"]
+    assert [p.tag for p in actions["ChooseOpening"]] == ["input_port", "input_port", "output_port"]

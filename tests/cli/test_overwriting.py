@@ -13,12 +13,14 @@ import typing
 from pathlib import Path
 
 import pytest
+from policies import hand_made
 from report_documents import a_log, evaluation
 from typer.main import get_command
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.live import numbered
+from mazeplan.control.policy_file import save_policy
 from mazeplan.core.whole_file import is_stream, whole_file
 from mazeplan.rigs.hardware.tiltcalibration import Reading, write_readings
 
@@ -40,6 +42,7 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("behavior palette", "-o"): ((), "palette.xml"),
     ("calibrate camera", "--sheet"): ((), "sheet.pdf"),
     ("calibrate tilt", "--keep"): (("--readings", "readings.csv", "--dry-run"), "kept.csv"),
+    ("policy export", "-o"): (("policy",), "policy.h"),
     ("new rig", "-o"): (("cart",), "there/cart.py"),
     ("new map", "-o"): (("detour",), "mine.yaml"),
     ("new tree", "-o"): ((), "mine.xml"),
@@ -52,6 +55,7 @@ LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("diagnose", "-o"): (("no.csv",), "out/report.html"),
     ("improve", "-o"): (("--rig", "no.yaml"), "out/round1/round.json"),
     ("map learn", "-o"): (("no.csv",), "learned.yaml"),
+    ("policy train", "-o"): (("--rig", "no.yaml"), "trained/policy.yaml"),
     ("rig check", "-o"): (("no.yaml",), "latency.yaml"),
     ("data import-cme", "-o"): (("no",), "tables/ring1.csv"),
 }
@@ -60,8 +64,9 @@ READ = {
     *((command, "log") for command in ("log info", "log export", "log replay")),
     ("compare", "--test"), ("diagnose", "--test"), ("diagnose", "--reference"), ("improve", "--reference"),
     ("report", "inputs"), ("map show", "--log"), ("behavior show", "--log"), ("calibrate tilt", "--readings"),
-    ("data import-cme", "folder"), ("evaluate", "--faults"),
-    *((command, "--settings") for command in ("navigate", "evaluate", "view")),
+    ("data import-cme", "folder"), ("evaluate", "--faults"), ("policy show", "folder"), ("policy export", "folder"),
+    *((command, "--policy") for command in ("navigate", "evaluate")),
+    *((command, "--settings") for command in ("navigate", "evaluate", "view", "policy train")),
 }  # fmt: skip
 RENEWED = {  # docs/commands.md lists them
     ("navigate", "--memory"), ("navigate", "-o"), ("evaluate", "--store"), ("evaluate", "-o"),
@@ -76,6 +81,7 @@ def desk(tmp_path, monkeypatch):
     a_log(tmp_path / "recorded.mcap", rig="ideal", detail="")
     Path("evaluation.json").write_text(json.dumps(evaluation("some")))
     Path("hardware.yaml").write_text(RIG)
+    save_policy(hand_made(), Path("policy"))
     tilts = [(float(beta), float(gamma)) for beta in range(-5, 6, 2) for gamma in range(-5, 6, 2)]
     write_readings(Path("readings.csv"), [Reading((2.5 + 0.2 * b, 2.5 + 0.2 * g), b, g, 0, None) for b, g in tilts])
     return tmp_path

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from report_documents import EVIL, LEAVES, MAZE, STEP, a_log, drawn
 
+from mazeplan.apps.report import run_record
 from mazeplan.apps.report.page import PagePicture, PageTable
 from mazeplan.apps.report.run import run_section, spread_of
 from mazeplan.apps.report.run_record import (
@@ -23,7 +25,10 @@ from mazeplan.apps.report.run_record import (
     visits,
 )  # fmt: skip
 from mazeplan.core.errors import LogError
+from mazeplan.core.events import RingEntered, TimedEvent
 from mazeplan.core.logs.run_log import STATUSES, RunLogWriter, read_log
+from mazeplan.core.logs.run_log_reader import LoggedTree
+from mazeplan.core.records import TreeOutline
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +59,8 @@ def test_what_was_planned_before_is_what_the_newest_plan_old_enough_says(log):
     made = [math.floor((now - AHEAD + 1e-6) / (10 * STEP)) * 10 * STEP for now in t]
     expected = [since + 1.5 * (now - since) if since >= 0 and now - since <= 2 * AHEAD else math.nan
                 for now, since in zip(t, made, strict=True)]  # fmt: skip
-    assert planned_before(log, t) == pytest.approx(np.array(expected), abs=1e-5, nan_ok=True)
-    assert np.isnan(planned_before(log, t)[0])  # none was made so early
+    assert planned_before(followed_plans(log), t) == pytest.approx(np.array(expected), abs=1e-5, nan_ok=True)
+    assert np.isnan(planned_before(followed_plans(log), t)[0])  # none was made so early
 
 
 def test_angles_of_each_ring(log):
@@ -102,11 +107,33 @@ def test_spread_of_nothing():
     assert all(math.isnan(value) for value in spread_of(np.array([math.nan])))
 
 
+def test_plans_are_sought_once_for_all_rings(log, monkeypatch):
+    asked = []
+    monkeypatch.setattr(run_record, "followed_plans", lambda log: asked.append(log) or followed_plans(log))
+    entered = tuple(TimedEvent(0.2 * k, RingEntered(1 + k % 2)) for k in range(10))
+    assert len(theta_lines(replace(log, events=entered), MAZE)) > 5
+    assert len(asked) == 1
+
+
+def test_bars_of_leaves_fill_the_picture_and_none_looks_at_all_others(log, monkeypatch):
+    looked, view = [], Axes.autoscale_view
+
+    def counted(axes, *arguments, **more):
+        looked.append(axes.get_autoscalex_on())
+        view(axes, *arguments, **more)
+
+    monkeypatch.setattr(Axes, "autoscale_view", counted)
+    outline = TreeOutline(("a",), ("Wait",), ("a",), (-1,), ())
+    tree = LoggedTree(0.0, outline, tuple((0.1 * k, "RS"[k % 2]) for k in range(100)))
+    (axes,) = drawn(run_section(replace(log, trees=(tree,), events=())).parts, "tree").axes
+    assert sum(looked) < 10
+    low, high = axes.get_xlim()
+    assert -1.0 < low <= 0.0
+    assert 9.9 <= high < 11.0
+
+
 def test_a_condition_that_answers_no_is_no_failure(log):
     """It has a word of its own, and no cross; another leaf that fails has."""
-    from mazeplan.core.logs.run_log_reader import LoggedTree
-    from mazeplan.core.records import TreeOutline
-
     failed = STATUSES["FAILURE"]
     no = "no (a condition)"
     for kind, conditions, words in (
@@ -117,7 +144,9 @@ def test_a_condition_that_answers_no_is_no_failure(log):
     ):
         tree = LoggedTree(0.0, TreeOutline(("a",), (kind,), ("a",), (-1,), conditions), ((0.0, failed),))
         (axes,) = drawn(run_section(replace(log, trees=[tree], events=[])).parts, "tree").axes
-        assert [text.get_text() for text in axes.get_legend().get_texts()] == [words]
+        legend = axes.get_legend()
+        assert legend is not None
+        assert [text.get_text() for text in legend.get_texts()] == [words]
         assert any(line.get_marker() == "X" for line in axes.lines) == (words == "failed")
 
 

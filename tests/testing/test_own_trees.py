@@ -152,9 +152,9 @@ def test_every_leaf_and_every_branch_of_the_main_tree_is_taken(coverage):
 
 
 def test_every_leaf_succeeds_somewhere_and_those_that_can_fail_do(coverage):
-    for name in REGISTRY:
+    for name in REGISTRY.keys() - {"FollowPolicy"}:  # of the tree `policy`: test_follow_policy
         assert "SUCCESS" in coverage.results(name), name
-    failing = {name for name in REGISTRY if "FAILURE" in coverage.results(name)}
+    failing = {name for name in REGISTRY if name != "FollowPolicy" and "FAILURE" in coverage.results(name)}
     assert {"BallSeen", "InRing", "FailureIs", "PlanRoute", "Track", "PassOpening", "LevelPlate", "Settle"} <= failing
 
 
@@ -166,7 +166,7 @@ def test_without_one_of_the_runs_something_is_missing():
 
 
 def test_there_is_no_packaged_tree_without_such_runs():
-    assert {path.stem for path in resources.share("behaviors").glob("*.xml")} == {"navigate", "waypoints"}
+    assert {path.stem for path in resources.share("behaviors").glob("*.xml")} == {"navigate", "policy", "waypoints"}
 
 
 def test_the_tree_of_waypoints_ends_in_the_goal_ring():

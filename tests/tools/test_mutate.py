@@ -25,6 +25,8 @@ def module(tmp_path, monkeypatch):
     path = tmp_path / "mazeplan" / "core" / "small.py"
     path.parent.mkdir(parents=True)
     path.write_text(SOURCE)
+    for folder in path.parents[:2]:
+        (folder / "__init__.py").write_text("")
     return path
 
 
@@ -49,8 +51,6 @@ def test_a_fault_that_no_test_notices_is_told_and_a_second_call_goes_on(module, 
     (tests / "test_small.py").write_text(
         "from mazeplan.core.small import f\n\n\ndef test_f():\n    assert f(1, 4) == 4\n    assert f(5, 6) is True\n"
     )
-    (module.parent / "__init__.py").write_text("")
-    (module.parents[1] / "__init__.py").write_text("")
     assert files_for("mazeplan/core/small.py") == ["tests/core/test_small.py"]
     faults = [f for f in faults_in(module) if (f.line, f.before) in ((8, "*"), (8, "<="), (6, "0.5"))]
     monkeypatch.setattr(mutate, "drawn", lambda *arguments: faults)
@@ -66,3 +66,39 @@ def test_a_fault_that_no_test_notices_is_told_and_a_second_call_goes_on(module, 
     main()
     assert capsys.readouterr().out == told
     assert isinstance(faults[0], Fault)
+
+
+def test_files_of_tests_are_sorted_by_the_imports_between_them_and_the_module(module):
+    room, tests = module.parent, module.parents[2] / "tests"
+    (room / "near.py").write_text("from mazeplan.core.small import f\n")
+    (room / "far.py").write_text("def g():\n    from mazeplan.core import near\n")
+    (tests / "run").mkdir(parents=True)
+    for name, text in {
+        "test_far": "from mazeplan.core.far import g\n",
+        "run/test_itself": "import mazeplan.core.small\n",
+        "test_near": "from mazeplan.core.near import f\n",
+        "test_of_something_else": "from mazeplan.core.records import State\n",
+    }.items():
+        (tests / f"{name}.py").write_text(text)
+    assert files_for("mazeplan/core/small.py") == [
+        "tests/run/test_itself.py",
+        "tests/test_near.py",
+        "tests/test_far.py",
+    ]
+
+
+def test_a_test_that_fails_without_a_fault_too_hides_none(module, monkeypatch, capsys):
+    tests = module.parents[2] / "tests" / "core"
+    tests.mkdir(parents=True)
+    (tests / "test_small.py").write_text(
+        "from mazeplan.core.small import f\n\n\ndef test_of_another_machine():\n    assert f is None\n\n\n"
+        "def test_f():\n    assert f(1, 4) == 4\n"
+    )
+    faults = [f for f in faults_in(module) if (f.line, f.before) in ((8, "*"), (8, "<="))]
+    monkeypatch.setattr(mutate, "drawn", lambda *arguments: faults)
+    monkeypatch.setattr("sys.argv", ["mutate.py", "-o", str(module.parents[2] / "out.jsonl")])
+    main()
+    told = capsys.readouterr().out
+    assert "noticed 1" in told
+    assert "survived 1" in told
+    assert told.endswith("fail without a fault, too: tests/core/test_small.py::test_of_another_machine\n")

@@ -67,7 +67,8 @@ def page(chromium, program):
     page.on("pageerror", lambda error: page.wrong.append(str(error)))
     # when a button was clicked, by the clock that the rig's notes go by
     page.add_init_script(
-        "window.clicks = []; addEventListener('click', () => window.clicks.push(Date.now() / 1000), true);"
+        "window.clicks = []; for (const kind of ['click', 'keydown'])"
+        "addEventListener(kind, event => event.isTrusted && window.clicks.push(Date.now() / 1000), true);"
     )
     page.goto(url)
     return page
@@ -83,6 +84,16 @@ def fact(page, name):
 
 def press(page, label):
     page.get_by_role("button", name=label, exact=True).click()
+    return page.evaluate("window.clicks.at(-1)")
+
+
+def stopped(page, way):
+    """Emergency stop, by the bar or by the key while a field has the focus; when, by the wall."""
+    if way == "bar":
+        page.locator("#emergency-stop").click()
+    else:
+        page.locator("input").first.focus()
+        page.keyboard.press("Escape")
     return page.evaluate("window.clicks.at(-1)")
 
 
@@ -146,6 +157,41 @@ def test_nothing_of_the_maze_is_below_a_panel(page, size):
     page.set_viewport_size(SIZE)
 
 
+OVERLAPPING = """() => {
+  const found = [], boxes = ['#stop-bar', '[data-dock-region="left"]', '[data-dock-region="right"]']
+    .map(name => [name, document.querySelector(name).getBoundingClientRect()]);
+  boxes.push(['canvas', document.querySelector('canvas').getBoundingClientRect()]);
+  for (const [a, p] of boxes) for (const [b, q] of boxes)
+    if (a < b && Math.min(p.right, q.right) - Math.max(p.left, q.left) > 1
+        && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 1) found.push(`${a} and ${b}`);
+  for (const [a, p] of boxes)
+    if (p.left < -1 || p.right > innerWidth + 1 || p.bottom > innerHeight + 1) found.push(`${a} outside`);
+  return found;
+}"""
+CUT = """() => [...document.querySelectorAll('button, [data-fact], [data-note], #stop-bar span')]
+  .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1 && e.clientWidth).map(e => e.innerText)"""
+
+
+@pytest.mark.parametrize("width", [1920, 1300, 800])
+def test_at_each_width_the_stop_is_seen_and_nothing_is_cut_or_covered(page, width):
+    page.set_viewport_size({"width": width, "height": 800})
+    page.wait_for_selector("text=Behaviour tree")
+    assert soon(lambda: not page.evaluate(OVERLAPPING)), page.evaluate(OVERLAPPING)
+    assert soon(lambda: scene_box(page)[2] > 0.4 * width), scene_box(page)
+    page.evaluate("document.querySelectorAll('.mantine-ScrollArea-viewport').forEach(e => e.scrollTo(0, 1e6))")
+    stop = page.locator("#emergency-stop")
+    assert stop.inner_text() == "Emergency stop Esc"
+    box = stop.bounding_box()
+    middle = [box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]]
+    assert page.evaluate("([x, y]) => document.elementFromPoint(x, y).id", middle) == "emergency-stop"
+    assert page.evaluate(CUT) == []
+    assert "WebGL" not in page.locator("body").inner_text()
+    picture(page, f"width-{width}")
+    folded = page.locator('[data-dock-region="left"]').bounding_box()["width"] < 60
+    assert folded == (width < 900)
+    page.set_viewport_size(SIZE)
+
+
 def test_it_opens_and_shows_ball_and_tree(page):
     page.wait_for_selector("text=Behaviour tree")
     begun(page)
@@ -161,6 +207,19 @@ def _in_the_middle(page):
     image, (x, y) = picture(page, "opened"), pixel(page, (0.0, 0.0, 0.0), Layout(outline(load_map("cme"))))
     middle, beside = (x - 40, y - 45, 80, 80), (x + 80, y - 45, 80, 80)
     return ball_in(image, middle) > 0.02 and ball_in(image, beside) < 0.005
+
+
+def test_a_run_is_paused_stepped_and_goes_on_by_keys(page):
+    page.keyboard.press("Space")
+    phase(page, "paused")
+    before = float(fact(page, "time").split()[0])
+    assert not soon(lambda: float(fact(page, "time").split()[0]) > before + 0.2, 1.5)
+    before = float(fact(page, "time").split()[0])
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("t => parseFloat(document.querySelector('[data-fact=\"time\"]').innerText) > t", arg=before)
+    assert float(fact(page, "time").split()[0]) == pytest.approx(before + 1 / 30, abs=0.011)
+    page.keyboard.press("Space")
+    phase(page, "running")
 
 
 def test_a_click_on_a_goal_changes_the_run(page):
@@ -180,16 +239,17 @@ def test_it_may_be_loaded_again_while_the_run_goes_on(page):
     assert page.locator("[data-tree]").inner_text().count("\n") > 30
 
 
-def test_level_now_levels_within_a_tenth_of_a_second(page, program):
-    """Of the click, by the wall. The machine is shared: it counts if one of three clicks is served so soon."""
+@pytest.mark.parametrize("way", ["bar", "key"])
+def test_the_emergency_stop_levels_within_a_tenth_of_a_second(page, program, way):
+    """Of the click or the key, by the wall. The machine is shared: it counts if one of three is served so soon."""
     _, trace = program
     took = []
-    for attempt in range(3):
-        if attempt:
+    for _attempt in range(3):
+        if page.locator('[data-phase="idle"]').count():
             begun(page)
         press(page, "1")  # the plate is to be tilted
         assert soon(lambda: _notes(trace)[-1][2] > 0.01)
-        clicked = press(page, "Level now")
+        clicked = stopped(page, way)
         phase(page, "idle")
         after = [note for note in _notes(trace) if note[0] >= clicked - 1e-3]
         level = next(at for at, word, _ in after if word == "level")

@@ -58,7 +58,8 @@ def test_what_a_run_tells_is_shown_and_what_is_pressed_arrives(page):
     before = moves(viewer)
     link.take("/tick", 0.1, tick(1))
     assert soon(lambda: moves(viewer) > before)
-    for label in ("Level now", "Start", "Stop", "Inject"):
+    viewer.trigger("Emergency stop")
+    for label in ("Start", "Stop", "Inject"):
         viewer.press(label)
     viewer.choose("Go to ring", "3")
     viewer.choose("Use", "close")

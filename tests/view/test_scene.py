@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +16,17 @@ from mazeplan.apps.view.meshes import gap_box, ribbon, ring_floor, sector, wall_
 from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
 from mazeplan.apps.view.run_statistics import bounds
-from mazeplan.apps.view.scene import UNIT, Scene, attitude, opening_colour, resampled
+from mazeplan.apps.view.scene import (
+    FLOORS,
+    GOAL_FLOOR,
+    PUSH_PER_S,
+    UNIT,
+    Scene,
+    _push,
+    attitude,
+    opening_colour,
+    resampled,
+)
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")
@@ -170,6 +182,44 @@ def test_the_band_is_as_wide_as_the_doubt_and_not_there_without():
     left, right = vertices[:5], vertices[5:]
     np.testing.assert_allclose(left[:, 1] - right[:, 1], [0.0, 0.2, 0.4, 0.0, 0.0])
     np.testing.assert_allclose(vertices[:, 2], 0.5)
+
+
+def test_the_band_stays_in_its_ring_when_an_estimate_was_lost(drawn):
+    scene, nodes, _ = drawn
+    plan = PlanShown(0.0, 0.1, 1, np.linspace(0, 1, 5), np.column_stack([np.full(5, 0.08), np.zeros(5)]), np.ones(5))
+    scene.show(moment(plan=plan))
+    assert np.abs(node(nodes, "errors").vertices[:, :2]).max() < UNIT * (0.08 + 0.016)
+
+
+def test_before_a_run_its_route_its_start_and_its_goal_are_drawn(drawn):
+    scene, nodes, _ = drawn
+    plan = {"start": 1, "goal": 5, "ball": [0.09, 0.0], "points": [[0.09, 0.0], [0.0, 0.05], [0.0, 0.0]]}
+    scene.show_planned(plan)
+    scene.show_goal(5)
+    route, start = node(nodes, "route"), node(nodes, "start")
+    assert route.visible
+    assert start.visible
+    assert route.points[0, 0, :2] == pytest.approx((0.9, 0.0))
+    assert route.points[-1, 1, :2] == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert start.position[:2] == pytest.approx((0.9, 0.0))
+    assert tuple(node(nodes, "ring5").color) == GOAL_FLOOR
+    scene.show_planned(None)
+    scene.show_goal(4)
+    assert not route.visible
+    assert tuple(node(nodes, "ring5").color) == FLOORS[1]
+    assert tuple(node(nodes, "ring4").color) == GOAL_FLOOR
+
+
+def test_a_drag_of_the_ball_is_a_push_along_it_and_comes_at_its_end():
+    pushes = []
+    camera = SimpleNamespace(position=(0.0, 0.0, 5.0))
+    for phase in ("start", "update", "end"):
+        event = SimpleNamespace(
+            phase=phase, start_position=(0.8, 0.0, 0.1), end_position=(0.8, 0.5, 0.1),
+            client=SimpleNamespace(camera=camera),
+        )  # fmt: skip
+        asyncio.run(_push(lambda x, y: pushes.append((x, y)), event))
+    assert pushes == [pytest.approx((0.0, PUSH_PER_S * 0.05))]
 
 
 def test_resampled_keeps_the_ends():

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mazeplan import __version__
-from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, rig
+from mazeplan.apps.cli import behavior, calibrate, data, effect, log, map, model, new, policy, rig
 from mazeplan.apps.cli.collect import collect
 from mazeplan.apps.cli.compare import compare
 from mazeplan.apps.cli.diagnose import diagnose
@@ -43,6 +43,6 @@ def options(version: Version = False) -> None:
 
 for command in (navigate, evaluate, collect, learn, compare, diagnose, improve, record, report, view, doctor):
     app.command()(command)
-for group in (map, log, behavior, rig, model, effect, calibrate, data, new):
+for group in (map, log, behavior, rig, model, policy, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])
 with_help(app)

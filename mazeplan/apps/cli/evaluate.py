@@ -29,6 +29,7 @@ def evaluate(
     map_: opt.Map = "cme",
     model: opt.Model = None,
     effects: opt.EffectModule = None,
+    policy: opt.Policy = None,
     behavior: opt.Behavior = "navigate",
     behavior_module: opt.BehaviorModule = None,
     settings: opt.Settings = None,
@@ -57,10 +58,11 @@ def evaluate(
     maze = load_map(map_)
     note_missing_model(rig, model, maze, sense)
     campaign = Campaign(
-        runs=runs or (FAULT_RUNS if faults else RUNS), rig=rig, map=map_, model=model, behavior=behavior, start=start,
+        runs=runs or (FAULT_RUNS if faults else RUNS), rig=rig, map=map_, model=model, start=start,
+        behavior="policy" if policy is not None and behavior == "navigate" else behavior,
         goal=goal, seed=seed, time_limit=time_limit, settings=settings,
         behavior_modules=tuple(behavior_module or ()), own_process=True, sense=sense, deadline=not no_deadline,
-        effects=effects,
+        effects=effects, policy=policy,
     )  # fmt: skip
     if faults is not None:
         document = _evaluate_faults(campaign, faults, workers, dask, store)

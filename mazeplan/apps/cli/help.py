@@ -133,6 +133,18 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "mazeplan model show toy",
         "mazeplan model show runs/model --json",
     ),
+    "policy train": (
+        "Train a network that imitates the planner.",
+        "mazeplan policy train --rig toy -o runs/policy",
+    ),
+    "policy show": (
+        "Show the network of a policy, and its training.",
+        "mazeplan policy show runs/policy",
+    ),
+    "policy export": (
+        "Write the network of a policy as plain C.",
+        "mazeplan policy export runs/policy -o policy.h",
+    ),
     "effect list": (
         "List the physical effects.",
         "mazeplan effect list",

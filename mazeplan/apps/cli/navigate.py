@@ -22,6 +22,7 @@ def navigate(
     rig: opt.RigName = "toy",
     model: opt.Model = None,
     effects: opt.EffectModule = None,
+    policy: opt.Policy = None,
     behavior: opt.Behavior = "navigate",
     behavior_module: opt.BehaviorModule = None,
     settings: opt.Settings = None,
@@ -45,7 +46,7 @@ def navigate(
 ) -> None:
     """Bring the ball from one ring to another."""
     job = navigation_job(
-        start, goal, map_, rig, model, sense=sense, log=log, effects=effects, behavior=behavior,
+        start, goal, map_, rig, model, sense=sense, log=log, effects=effects, policy=policy, behavior=behavior,
         behavior_modules=tuple(behavior_module or ()), settings=settings, start_angle_deg=start_angle,
         closed=close or (), seed=seed, time_limit=time_limit, memory=memory,
         via=tuple(ring.strip() for rings in via or () for ring in rings.split(",")),

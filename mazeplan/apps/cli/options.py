@@ -60,6 +60,7 @@ Model = Annotated[
 EffectModule = Annotated[
     str | None, Option("--effects", metavar="MODULE:FUNCTION", help="Function that returns your own effects.")
 ]
+Policy = Annotated[str | None, Option("--policy", metavar="DIR", help="Folder of a learned policy to follow.")]
 Behavior = Annotated[
     str, Option("--behavior", autocompletion=names.TREES, metavar="TREE", help="Packaged behaviour tree or XML file.")
 ]

@@ -235,6 +235,7 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers
     asked = {path for tree in log.trees for path in _conditions(tree.outline)}
     met: set[str] = set()
     rows = {path: i for i, path in enumerate(list(named)[:MOST_LEAVES])}
+    axes.set_autoscale_on(False)  # each bar would look at all before it
     _bands(axes, visits(log), named=True)
     for bar in bars:
         if bar.path not in rows or bar.status not in ENDINGS:
@@ -243,6 +244,7 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers
         met.add(name)
         draw_ending(axes, name, rows[bar.path], bar.start, bar.end)
     _failure_lines(axes, failures, markers)
+    axes.autoscale(axis="x")
     axes.set_yticks(list(rows.values()), [named[path] for path in rows], fontsize=7.5)
     axes.set_ylim(len(rows) - 0.4, -1.4 if failures else -0.7)
     axes.set_xlabel("time, s")

@@ -7,6 +7,7 @@ commanded in each tick.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -103,11 +104,10 @@ def followed_plans(log: RunLog) -> list[LoggedPlan]:
     return found
 
 
-def planned_before(log: RunLog, t: Array, ahead: float = AHEAD) -> Array:
-    """Angle (N,), rad, at times t (N,) by the newest plan that is at least `ahead` s old.
+def planned_before(plans: Sequence[LoggedPlan], t: Array, ahead: float = AHEAD) -> Array:
+    """Angle (N,), rad, at times t (N,) by the newest of the plans followed that is at least `ahead` s old.
 
     NaN where that plan ends earlier, or is older than twice `ahead`: nothing follows it any more."""
-    plans = followed_plans(log)
     made = np.array([plan.t0 for plan in plans])
     out = np.full(len(t), math.nan)
     for i, now in enumerate(t):
@@ -124,6 +124,7 @@ def theta_lines(log: RunLog, maze: Maze) -> list[tuple[Visit, Array, Array, Arra
     deg, unwrapped; NaN where unknown."""
     found = []
     x, y, t = trail(log).T
+    plans = followed_plans(log)
     for visit in visits(log):
         here = np.isfinite(t) & (log.ticks["t"] >= visit.start - 1e-9) & (log.ticks["t"] < visit.end - 1e-9)
         if maze.ring(visit.ring).is_disc or not here.any():
@@ -131,7 +132,7 @@ def theta_lines(log: RunLog, maze: Maze) -> list[tuple[Visit, Array, Array, Arra
         theta = np.arctan2(y[here], x[here])
         known = np.isfinite(theta)
         theta[known] = np.unwrap(theta[known])
-        wanted = nearest(planned_before(log, t[here]), theta)
+        wanted = nearest(planned_before(plans, t[here]), theta)
         found.append((visit, t[here], np.degrees(theta), np.degrees(wanted)))
     return found
 

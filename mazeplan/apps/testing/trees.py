@@ -18,6 +18,7 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.cost import CostParameters
+from mazeplan.control.policy import Policy
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError
@@ -70,6 +71,7 @@ def run_tree(
     closed: Sequence[str] = (),
     behavior_modules: Sequence[str] = (),
     settings: str | Path | Settings | None = None,
+    policy: Policy | None = None,
     time_limit: float = TIME_LIMIT,
     seed: int = 0,
     log: str | Path | None = None,
@@ -78,7 +80,7 @@ def run_tree(
 
     leaves: {name, kind or path of leaves: script} that replace what they do; mishaps: what goes wrong, as YAML file or
     text; ball: where the ball is, whatever the plate does; rig: "light", a simulated one, or a rig; goal: the last
-    ring, unless another is given. Raises InputError for what cannot be used."""
+    ring, unless another is given; policy: for leaves that follow one. Raises InputError for what cannot be used."""
     if log is not None and str(tree).lstrip().startswith("<"):
         raise InputError("a log names the file of its tree; write the text into one", key="log")
     maze = map if isinstance(map, Maze) else load_map(map)
@@ -93,6 +95,7 @@ def run_tree(
         settings=how.with_values({"travel": {"deadline_ms": PATIENCE_MS}}),
         behavior_modules=tuple(behavior_modules),
         watch=watch,
+        policy=policy,
     )
     aim = ring_number(len(maze.rings) if goal is None else goal, maze)
     start_ring = ring_number(start, maze)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,6 +85,15 @@ def around(radius: float, at: tuple[float, float] = (0.0, 0.0), low: float = 0.0
     angles = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
     rim = np.column_stack([at[0] + radius * np.cos(angles), at[1] + radius * np.sin(angles)])
     return np.vstack([np.column_stack([rim, np.full(len(rim), z)]) for z in (low, high)])
+
+
+def pointed_place(camera: Any, pointer: Any, height: float) -> tuple[float, float] | None:
+    """x, y where the ray from the camera through `pointer` meets the plane z = `height`; None where it does not."""
+    eye, ray = np.asarray(camera, dtype=float), np.asarray(pointer, dtype=float) - np.asarray(camera, dtype=float)
+    if abs(ray[2]) < 1e-9 or (height - eye[2]) / ray[2] <= 0.0:
+        return None
+    x, y, _ = eye + (height - eye[2]) / ray[2] * ray
+    return float(x), float(y)
 
 
 class Framing:

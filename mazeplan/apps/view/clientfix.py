@@ -8,7 +8,12 @@ Arrow keys turn its camera, wherever else they mean something: a replay steps by
 longer fitted. Its keys for commands are listened for at the root of the document, the camera's at the document, which
 comes after it: an arrow is stopped between them. The view is turned by the pointer.
 
-The scrollbar of a panel would cover its content, and gets room of its own.
+The scrollbar of a panel would cover its content, and gets room of its own. In a narrow window the panel at the left is
+folded, until a person unfolds it. viser warns of drawing in software, which a user cannot help: it is not told which
+device draws.
+
+The emergency stop of a live page is a bar above viser's client, and no part of it: no panel covers, scrolls or folds
+it. The bar and the key press viser's command for Escape, in text fields as well.
 """
 
 from __future__ import annotations
@@ -17,6 +22,7 @@ import gzip
 from functools import lru_cache
 from typing import Any
 
+NARROW = 900  # pixels: beside two panels there would be little of the maze
 SCRIPT = """<script>
 {
   const add = EventTarget.prototype.addEventListener;
@@ -27,22 +33,71 @@ SCRIPT = """<script>
   add.call(document.documentElement, "keydown", event => {
     if (event.key.startsWith("Arrow")) event.stopPropagation();
   });
+  for (const kind of [window.WebGLRenderingContext, window.WebGL2RenderingContext]) {
+    if (!kind) continue;
+    const extension = kind.prototype.getExtension;
+    kind.prototype.getExtension = function (name) {
+      return name === "WEBGL_debug_renderer_info" ? null : extension.call(this, name);
+    };
+  }
+  const narrow = matchMedia("(max-width: NARROWpx)");
+  let folded = false;
+  const fit = tries => {
+    const kind = narrow.matches ? "region-collapse" : "minimize-all";  // of the panels at the left, or of their rail
+    const button = document.querySelector(`[data-dock-region="left"] [data-dock-${kind}]`);
+    if (!button) return tries && setTimeout(fit, 100, tries - 1);
+    if (narrow.matches || folded) button.click();
+    folded = narrow.matches;
+  };
+  add.call(window, "load", () => narrow.matches && fit(300));
+  add.call(narrow, "change", () => fit(0));
 }
 </script>
-<style>.mantine-ScrollArea-viewport > div {box-sizing: border-box; padding-right: 9px}</style>"""
-PLACE = b"<head>"  # the script is the first thing after it
+<style>
+.mantine-ScrollArea-viewport > div {box-sizing: border-box; padding-right: 9px}
+body {display: flex; flex-direction: column}
+#root {flex: 1; min-height: 0; height: auto}
+#stop-bar {display: flex; align-items: center; gap: 12px; padding: 4px 12px; border-bottom: 1px solid #ccc;
+  font-size: 13px; background: #fff; color: #222}
+#stop-bar button {font: bold 15px sans-serif; color: #fff; background: #b00000; border: 2px solid #700000;
+  border-radius: 4px; padding: 6px 18px; cursor: pointer; white-space: nowrap}
+#stop-bar button:active {background: #700000}
+#stop-bar kbd {font: inherit; border: 1px solid #fff; border-radius: 3px; padding: 0 5px; margin-left: 8px}
+</style>""".replace("NARROW", str(NARROW))
+PLACE, ROOT = b"<head>", b'<div id="root">'  # the script follows the one, the bar precedes the other
+STOP_BAR = """<header id="stop-bar">
+<button id="emergency-stop" type="button" aria-keyshortcuts="Escape">Emergency stop <kbd>Esc</kbd></button>
+<span>The plate goes level at once, and the run ends.</span>
+<script>
+{
+  const press = () => document.documentElement.dispatchEvent(
+    new KeyboardEvent("keydown", {key: "Escape", code: "Escape", bubbles: true}));
+  const button = document.getElementById("emergency-stop");
+  button.addEventListener("click", press);
+  addEventListener("keydown", event => {
+    if (event.isTrusted && event.key === "Escape" && !event.repeat) press();
+  }, true);
+  document.documentElement.addEventListener("keydown", event => {
+    if (event.isTrusted && event.key === "Escape") event.stopImmediatePropagation();
+  });
+}
+</script>
+</header>
+"""
 
 
-def mended(response: Any) -> None:
-    """Put the script into viser's answer (of websockets) where that is its page."""
+def mended(response: Any, bar: str = "") -> None:
+    """Put the script, and a bar above the client, into viser's answer (of websockets) where that is its page."""
     if not response.body or not response.headers.get("Content-Type", "").startswith("text/html"):
         return
-    response.body = _with_script(response.body, response.headers.get("Content-Encoding") == "gzip")
+    response.body = _with_script(response.body, response.headers.get("Content-Encoding") == "gzip", bar)
     del response.headers["Content-Length"]
     response.headers["Content-Length"] = str(len(response.body))
 
 
 @lru_cache(maxsize=2)  # of 0.6 MB, asked for by each browser that comes
-def _with_script(body: bytes, packed: bool) -> bytes:
+def _with_script(body: bytes, packed: bool, bar: str) -> bytes:
     page = (gzip.decompress(body) if packed else body).replace(PLACE, PLACE + SCRIPT.encode(), 1)
+    before, root, after = page.rpartition(ROOT)
+    page = before + bar.encode() + root + after
     return gzip.compress(page, mtime=0) if packed else page

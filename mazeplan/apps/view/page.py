@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from mazeplan.apps.view.camera import Framing
 from mazeplan.apps.view.door import Door
 from mazeplan.apps.view.server import open_server
+from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
     import socket
@@ -50,17 +51,17 @@ class Tab(Protocol):
 
 
 class Page:
-    """An open page. Raises what `open_server` raises."""
+    """An open page. bar: HTML above all of it. Raises what `open_server` raises."""
 
-    def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, title: str = "mazeplan") -> None:
+    def __init__(self, door: Door, listening: socket.socket, tabs: Sequence[Tab], *, bar: str = "") -> None:
         self.door = door
         ready = Event()
-        self.server: ViserServer = open_server(door, listening, ready)
+        self.server: ViserServer = open_server(door, listening, ready, bar)
         self._tabs = tuple(tabs)
         self._printed = False
         gui, scene = self.server.gui, self.server.scene
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 95, 153))
-        gui.set_panel_label(title)
+        gui.set_panel_label("mazeplan")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
         scene.set_up_direction("+z")
@@ -80,11 +81,12 @@ class Page:
             try:
                 with self.server.atomic():
                     tab.draw(monotonic())
-            except Exception:  # a picture that fails must not end the page, which has the emergency stop
+            except Exception as problem:  # a picture that fails must not end the page, which has the emergency stop
                 if not self._printed:
                     self._printed = True
+                    why = problem if isinstance(problem, InputError) else traceback.format_exc()
                     with suppress(OSError):
-                        print(f"mazeplan: the page could not draw: {traceback.format_exc()}", file=sys.stderr)
+                        print(f"mazeplan: the page could not draw: {why}", file=sys.stderr)
 
     def loop(self, on: Callable[[], bool]) -> None:
         """Draw while `on()` is true."""

@@ -73,7 +73,7 @@ def _add_plot(server: ViserServer, chart: Chart, series: Sequence[Any], data: tu
     axes = {"label": "time (s)", "size": 32, **common}, {"label": chart.unit, "size": 44, **common}
     every: Any = ({"label": "t (s)"}, *series)
     more |= {"axes": axes, "height": HEIGHT, "title": chart.title}
-    return server.gui.add_uplot(data, every, padding=(4, 12, 0, 0), **more)  # pyright: ignore
+    return server.gui.add_uplot(data, every, padding=(9, 12, 0, 0), **more)  # pyright: ignore
 
 
 def scales(time: tuple[float, float], values: tuple[float, float]) -> dict[str, Any]:
@@ -132,14 +132,17 @@ class LivePlots:
 
 
 class ReplayPlots:
-    """Curves of one recorded run or two, in viser's current container."""
+    """Curves of one recorded run or two, in viser's current container. Axes of long runs follow what is shown."""
 
     def __init__(self, server: ViserServer, runs: Sequence[RecordedRun]) -> None:
-        self._at, self._shown = -1.0, None
-        self._plots = []  # each with its columns and range
-        for chart in CHARTS:
-            columns = table(runs, chart)
-            low, high = spread(columns[1:])
+        self._at, self._shown, self._runs = -1.0, None, runs
+        self._ends = min(run.times[0] for run in runs), max(run.times[-1] for run in runs)
+        self._plots, self._ranges = [], list[tuple[float, float]]()
+        whole = all(run.moments.whole for run in runs)
+        self._tables = [table(runs, chart) if whole else None for chart in CHARTS]
+        for chart, columns in zip(CHARTS, self._tables, strict=True):
+            shown = columns or self._around(chart, self._ends[0])
+            ends = spread(shown[1:]) if columns else range_of(shown[1:], chart.step)
             series = [line(curve.label, curve.style, curve.dashed) for curve in chart.curves]
             if len(runs) > 1:
                 series = [
@@ -147,29 +150,46 @@ class ReplayPlots:
                     line(f"B {chart.curves[1].label}", "planned", True),
                 ]
             here = {"label": "now", "stroke": COLOURS["neutral"], "width": 1, "points": {"show": False}}
-            data = with_line(columns, columns[0][0], low, high)
-            more = {"scales": {"x": {"time": False}, "y": {"range": (low, high)}}}
-            self._plots.append((_add_plot(server, chart, [*series, here], data, **more), columns, low, high))
+            data = with_line(shown, shown[0][0], *ends)
+            self._plots.append(_add_plot(server, chart, [*series, here], data, scales=_up(ends)))
+            self._ranges.append(ends)
+
+    def _around(self, chart: Chart, t: float) -> tuple[Array, ...]:
+        """The part of long runs around t, read for it."""
+        return table(self._runs, chart, window(*self._ends, t))
 
     def show(self, t: float, now: float) -> None:
         """Put the line at t, at most HZ times a second; now: s of any clock."""
         if t == self._shown or now - self._at < 1.0 / HZ:
             return
         self._shown, self._at = t, now
-        for plot, columns, low, high in self._plots:
-            plot.data = with_line(around(columns, t), t, low, high)
+        for i, (chart, plot, columns) in enumerate(zip(CHARTS, self._plots, self._tables, strict=True)):
+            shown = around(columns, t) if columns else self._around(chart, t)
+            if columns is None and (ends := range_of(shown[1:], chart.step)) != self._ranges[i]:
+                self._ranges[i], plot.scales = ends, _up(ends)
+            plot.data = with_line(shown, t, *self._ranges[i])
 
 
-def table(runs: Sequence[RecordedRun], chart: Chart) -> tuple[Array, ...]:
-    """Times of all runs, and each curve at them, NaN where its run has nothing: (N,) each."""
+def _up(ends: tuple[float, float]) -> dict[str, Any]:
+    return {"x": {"time": False}, "y": {"range": ends}}
+
+
+def table(runs: Sequence[RecordedRun], chart: Chart, span: tuple[float, float] | None = None) -> tuple[Array, ...]:
+    """Times of all runs, and each curve at them, NaN where its run has nothing: (N,) each. span: s, from and to; by
+    default all."""
+    parts = [np.searchsorted(run.times, span).tolist() if span else (0, len(run.times)) for run in runs]
+    known = [run.times[first:end] for run, (first, end) in zip(runs, parts, strict=True)]
     if len(runs) == 1:
-        return runs[0].times, *(chart.factor * runs[0].column(curve.column) for curve in chart.curves)
-    times, name = np.unique(np.concatenate([run.times for run in runs])), chart.curves[1].column
-    return times, *(chart.factor * at_times(times, run.times, run.column(name)) for run in runs)
+        return known[0], *(chart.factor * runs[0].column(curve.column, *parts[0]) for curve in chart.curves)
+    times, name = np.unique(np.concatenate(known)), chart.curves[1].column
+    curves = [run.column(name, *part) for run, part in zip(runs, parts, strict=True)]
+    return times, *(chart.factor * at_times(times, *pair) for pair in zip(known, curves, strict=True))
 
 
 def at_times(times: Array, known: Array, values: Array) -> Array:
     """Values at other times, linear between known ones; NaN outside and beside NaN."""
+    if not len(known):
+        return np.full(len(times), np.nan)
     return np.interp(times, known, values, left=np.nan, right=np.nan)
 
 
@@ -178,9 +198,14 @@ def around(columns: tuple[Array, ...], t: float) -> tuple[Array, ...]:
     times = columns[0]
     if times[-1] - times[0] <= SHOWN_S:
         return columns
-    first = min(max(t - 0.5 * SHOWN_S, times[0]), times[-1] - SHOWN_S)
-    start, end = np.searchsorted(times, [first, first + SHOWN_S])
+    start, end = np.searchsorted(times, window(times[0], times[-1], t))
     return tuple(column[start:end] for column in columns)
+
+
+def window(begin: float, end: float, t: float) -> tuple[float, float]:
+    """SHOWN_S around t, within a run from `begin` to `end`, s."""
+    first = max(begin, min(t - 0.5 * SHOWN_S, end - SHOWN_S))
+    return first, first + SHOWN_S
 
 
 def spread(curves: Sequence[Array]) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 opening   grey: untried; else from `bad` over `unsure` to `good` by the chance of getting through, the mean of its
           Beta posterior; a label has this mean and its 90 % bounds; red plug: closed; bright frame: the next one
+goal      its floor is green; before a run a line shows the route from where the ball will be placed
 plan      a line on the track of the ring, in a band of 2 rms errors of earlier plans to either side
 tilt      drawn larger than it is; a slider sets the factor
 """
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mazeplan.apps.palette import rgb
-from mazeplan.apps.view.camera import around
+from mazeplan.apps.view.camera import around, pointed_place
 from mazeplan.apps.view.meshes import Mesh, gap_box, posts, radial_mesh, ribbon, ring_floor, strip, wall_mesh
 from mazeplan.apps.view.moment import Moment, OpeningShown, PlanShown
 from mazeplan.core.records import Array
@@ -28,10 +29,14 @@ if TYPE_CHECKING:
 UNIT = 10.0  # lengths in the scene are dm: cameras and lights of viser are made for things about as large as 1
 TRAIL_S, TRAIL_POINTS = 3.0, 90
 PLAN_POINTS = 64
+ROUTE_POINTS = 400
+WIDEST = 0.015  # m to either side, of the band: an estimate that was lost makes errors larger than the maze
 TILT_SHOWN = 3.0  # times as large as it is
 WALLS_SHOWN = 0.5  # of their height: the ball is to be seen behind them
 WALL, TABLE = (178, 184, 192), (205, 208, 212)
 FLOORS = (238, 240, 242), (250, 250, 248)  # of even and odd rings
+GOAL_FLOOR = (172, 222, 190)
+PUSH_PER_S = 4.0  # speed of a push, m/s, for each m that a person drags the ball
 SHADE = (222, 225, 229)
 SHADE_BELOW, RAISED = 0.3, 0.15  # of the rim's radius: depth of the plate's shade, usual height of its raised edge
 LABELS_AT = -60.0  # deg, where rings have their numbers
@@ -41,11 +46,13 @@ Colour = tuple[int, int, int]
 class Scene:
     """The scene of a page, under `name` in viser's tree: two of them may stand side by side (`at`: x, y in m).
 
-    on_ring, on_opening: called with number or name at a click; None: no clicks."""
+    on_ring, on_opening: called with number or name at a click, on_push: with the velocity x, y, m/s, at the end of a
+    drag of the ball; None: no clicks, no drags."""
 
     def __init__(
         self, server: ViserServer, maze: Maze, name: str = "/maze", at: tuple[float, float] = (0.0, 0.0), *,
         on_ring: Callable[[int], None] | None = None, on_opening: Callable[[str], None] | None = None,
+        on_push: Callable[[float, float], None] | None = None,
     ) -> None:  # fmt: skip
         self._server, self._maze, self._name = server, maze, name
         self.tilt_shown = TILT_SHOWN
@@ -59,7 +66,8 @@ class Scene:
         )  # fmt: skip
         self._build_plate(on_ring)
         self._openings = {o.name: _OpeningMark(self, o, on_opening) for o in maze.openings}
-        self._build_ball()
+        self._build_ball(on_push)
+        self._build_planned()
         self._shown: tuple[Any, ...] = ()
 
     def _mesh(self, name: str, mesh: Mesh, colour: Colour, **more: Any) -> Any:
@@ -69,8 +77,11 @@ class Scene:
         maze, plate = self._maze, f"{self._name}/plate"
         for name, mesh in wall_meshes(maze).items():
             self._mesh(name, mesh, WALL, flat_shading=False)
+        self._floors: dict[int, Any] = {}
         for ring in maze.rings:
-            floor = self._mesh(f"ring{ring.number}", ring_floor(maze, ring.number), FLOORS[ring.number % 2])
+            floor = self._floors[ring.number] = self._mesh(
+                f"ring{ring.number}", ring_floor(maze, ring.number), FLOORS[ring.number % 2]
+            )
             if on_ring is not None:
                 floor.on_click(lambda _, number=ring.number: on_ring(number))
                 out = 0.5 * (ring.inner_radius + ring.outer_radius) if ring.inner_radius else 0.0
@@ -84,9 +95,11 @@ class Scene:
             position=(0.0, 0.0, -UNIT * 0.002),
         )  # fmt: skip
 
-    def _build_ball(self) -> None:
+    def _build_ball(self, on_push: Callable[[float, float], None] | None) -> None:
         scene, plate, radius = self._server.scene, f"{self._name}/plate", UNIT * self._maze.ball.radius
         self._ball = scene.add_icosphere(f"{plate}/ball", radius, rgb("real"), subdivisions=3, visible=False)
+        if on_push is not None:
+            self._ball.on_drag(partial(_push, on_push))
         nothing = np.zeros((TRAIL_POINTS - 1, 2, 3), dtype=np.float32)
         fade = np.linspace(0.0, 1.0, TRAIL_POINTS)[:, None]
         colours = (1.0 - fade) * np.array([215, 222, 230]) + fade * np.array(rgb("real"))
@@ -98,6 +111,18 @@ class Scene:
         self._band = scene.add_mesh_simple(
             f"{plate}/errors", *band, color=rgb("planned"), opacity=0.28, side="double", visible=False,
         )  # fmt: skip
+
+    def _build_planned(self) -> None:
+        """The route of the next run, and where its ball will be placed."""
+        scene, plate, nothing = self._server.scene, f"{self._name}/plate", np.zeros((ROUTE_POINTS - 1, 2, 3))
+        self._route = scene.add_line_segments(
+            f"{plate}/route", nothing.astype(np.float32), rgb("planned"), thickness=0.016, visible=False
+        )
+        self._start = scene.add_label(
+            f"{plate}/start", "start", visible=False, anchor="bottom-center", font_screen_scale=0.8
+        )
+        self._goal: int | None = None
+        self._planned: dict[str, Any] | None = None
 
     # -- what changes -----------------------------------------------------------------------------------------------
 
@@ -122,6 +147,27 @@ class Scene:
             if opening.name in self._openings:
                 self._openings[opening.name].show(opening)
 
+    def show_goal(self, ring: int | None) -> None:
+        """Colour the floor of the goal."""
+        if ring != self._goal:
+            for number, colour in ((self._goal, None), (ring, GOAL_FLOOR)):
+                if number in self._floors:
+                    self._floors[number].color = colour or FLOORS[number % 2]
+            self._goal = ring
+
+    def show_planned(self, plan: dict[str, Any] | None) -> None:
+        """Draw what the next run will do (`PageLink.show_planned`); None: nothing."""
+        if plan is self._planned:
+            return
+        self._planned = plan
+        points = [] if plan is None else plan["points"]
+        self._route.visible, self._start.visible = len(points) > 1, plan is not None
+        if len(points) > 1:
+            self._route.points = segments(resampled(np.array(points, dtype=float), ROUTE_POINTS), UNIT * 0.0018)
+        if plan is not None:
+            x, y = plan["ball"]
+            self._start.position = (UNIT * x, UNIT * y, UNIT * 0.002)
+
     def _show_plan(self, plan: PlanShown | None) -> None:
         self._plan.visible = self._band.visible = plan is not None
         if plan is None:
@@ -129,7 +175,7 @@ class Scene:
         places = resampled(plan.places, PLAN_POINTS)
         errors = resampled(plan.errors[:, None], PLAN_POINTS)[:, 0]
         self._plan.points = segments(places, UNIT * 0.0015)
-        self._band.vertices = (UNIT * ribbon(places, 2.0 * errors, 0.0012)[0]).astype(np.float32)
+        self._band.vertices = (UNIT * ribbon(places, np.minimum(2.0 * errors, WIDEST), 0.0012)[0]).astype(np.float32)
 
 
 class _OpeningMark:
@@ -173,6 +219,14 @@ class _OpeningMark:
         elif self._label is not None:
             self._label.remove()
             self._label = None
+
+
+async def _push(on_push: Callable[[float, float], None], event: Any) -> None:
+    """At the end of a drag of the ball, in proportion to its way."""
+    x, y, height = event.start_position
+    to = pointed_place(event.client.camera.position, event.end_position, height)
+    if event.phase == "end" and to is not None:
+        on_push(PUSH_PER_S * (to[0] - x) / UNIT, PUSH_PER_S * (to[1] - y) / UNIT)
 
 
 def outline(maze: Maze, at: tuple[float, float] = (0.0, 0.0)) -> Array:

@@ -32,9 +32,9 @@ def check_installed() -> None:
         raise InputError(f"the page needs viser: {to_install('view')}")
 
 
-def open_server(door: Door, listening: socket.socket, ready: Event) -> ViserServer:
+def open_server(door: Door, listening: socket.socket, ready: Event, bar: str = "") -> ViserServer:
     """viser's server, which gets a request only after the door's check, and after `ready`: earlier requests wait.
-    Raises RuntimeError for a viser that starts in another way, without the check."""
+    bar: HTML above its client. Raises RuntimeError for a viser that starts in another way, without the check."""
     import rich
     import viser
 
@@ -47,7 +47,7 @@ def open_server(door: Door, listening: socket.socket, ready: Event) -> ViserServ
         def disconnect_share_url(self) -> None:
             """Nothing to disconnect."""
 
-    with _behind(door, listening, ready) as served:
+    with _behind(door, listening, ready, bar) as served:
         server = Server(host=door.host, port=door.port, verbose=False)
     if not served:
         server.stop()
@@ -56,14 +56,14 @@ def open_server(door: Door, listening: socket.socket, ready: Event) -> ViserServ
 
 
 @contextmanager
-def _behind(door: Door, listening: socket.socket, ready: Event) -> Iterator[list[bool]]:
+def _behind(door: Door, listening: socket.socket, ready: Event, bar: str) -> Iterator[list[bool]]:
     import websockets.asyncio.server as asyncio_server
 
     before, served = asyncio_server.serve, []
 
     def serve(handler: Any, host: Any = None, port: Any = None, **more: Any) -> Any:
         served.append(True)
-        more["process_request"] = _checked(door, ready, more.get("process_request"))
+        more["process_request"] = _checked(door, ready, bar, more.get("process_request"))
         return before(handler, sock=listening, **more)
 
     asyncio_server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
@@ -73,7 +73,7 @@ def _behind(door: Door, listening: socket.socket, ready: Event) -> Iterator[list
         asyncio_server.serve = before
 
 
-def _checked(door: Door, ready: Event, then: Any) -> Any:
+def _checked(door: Door, ready: Event, bar: str, then: Any) -> Any:
     """viser's answer to a request, or the door's."""
     from websockets.datastructures import Headers
     from websockets.http11 import Response
@@ -92,7 +92,7 @@ def _checked(door: Door, ready: Event, then: Any) -> Any:
         refusal = door.refusal(request.path, given)
         response = then(connection, request) if refusal is None else answer(refusal)
         if response is not None:
-            mended(response)
+            mended(response, bar)
             hosts = [value for name, value in given if name.lower() == "host"]
             door.dress(response.headers, hosts[0] if hosts else f"{door.host}:{door.port}")
         return response

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -59,7 +59,7 @@ EVENTS = 8  # that a moment keeps
 
 
 class Story:
-    """What a page knows of a run. A header begins another run."""
+    """What a page knows of a run. A header begins another run. ticks: that the run has had."""
 
     def __init__(self) -> None:
         self._runs = 0
@@ -67,7 +67,7 @@ class Story:
 
     def _begin(self, header: dict[str, Any]) -> None:
         self._header, self.maze = header, maze_of(header)
-        self._ticks, self._t, self._tick = 0, 0.0, dict[str, Any]()
+        self.ticks, self._t, self._tick = 0, 0.0, dict[str, Any]()
         replay: Any = header.get("replay")
         replay = replay if isinstance(replay, dict) else {}
         rate = number(replay.get("rate_hz"))
@@ -107,7 +107,7 @@ class Story:
 
     def _take_tick(self, tick: dict[str, Any]) -> None:
         self._tick, self._t = tick, number(tick.get("t"))
-        self._ticks += 1
+        self.ticks += 1
         x, y = _place(tick)
         theta, last, now = math.atan2(y, x), self._rows.last("theta"), number(tick.get("estimate_t"))
         theta = theta if math.isnan(last) or math.isnan(theta) else nearest(theta, last)
@@ -178,7 +178,7 @@ class Story:
         seen = tick.get("x") is not None and tick.get("y") is not None
         return Moment(
             run=self._runs,
-            tick=self._ticks,
+            tick=self.ticks,
             t=self._t,
             header=self._header,
             task=TaskShown(ring, self._goal, opening, str(tick.get("leaf", "")), str(tick.get("doubts", ""))),
@@ -206,18 +206,23 @@ class Story:
 
 def moments(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Moment]:
     """One moment for each tick of a run, with all messages before the next tick; the last has the result."""
-    story, found, waiting = Story(), [], False
+    return list(moments_from(Story(), messages))
+
+
+def moments_from(story: Story, messages: Iterable[tuple[str, dict[str, Any]]], first: int = 0) -> Iterator[Moment]:
+    """The same for a story that has begun, from the tick `first` on, counted from 0."""
+    last, waiting = None, False
     for topic, document in messages:
         if topic in ("/tick", "/event", "/plan", "/tree") and waiting:
-            found.append(story.moment())
-            waiting = False
+            if last is not None:
+                yield last
+            last, waiting = story.moment() if story.ticks > first else None, False
         story.take(topic, document)
         waiting = waiting or topic == "/tick"
-    if waiting:
-        found.append(story.moment())
-    elif found:
-        found[-1] = story.moment()
-    return found
+    if waiting and last is not None:
+        yield last
+    if waiting or last is not None:
+        yield story.moment()
 
 
 def maze_of(header: dict[str, Any]) -> Maze | None:

@@ -116,13 +116,14 @@ def summary(outcomes: list[NavigationResult]) -> dict[str, Any]:
 
 def setup_document(campaign: Campaign) -> dict[str, Any]:
     """The setup of a campaign, for readers of its document: program, rig, map (its text) and the rest by name;
-    changes: from which runs on the rig is otherwise, effects: of a user; both are left out where there is none."""
+    changes: from which runs on the rig is otherwise, effects: of a user, policy: its folder; all are left out where
+    there is none."""
     maze = load_map(campaign.map)
     job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
     header = log_header(setup, job, 0.0)
     names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")
     changes = runs_of_change(campaign.rig)
-    more = {"changes": changes, "effects": campaign.effects}
+    more = {"changes": changes, "effects": campaign.effects, "policy": campaign.policy}
     return {**{name: header[name] for name in (*names, "time_limit_s")}, **{k: v for k, v in more.items() if v}}
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
 
+from mazeplan.control.policy_file import load_policy
 from mazeplan.core.errors import RigError
 from mazeplan.core.logs.run_log import Sink
 from mazeplan.core.maths.spread import spread
@@ -51,6 +52,7 @@ class Campaign:
     sense: str | None = None  # how a simulated rig sees the ball
     deadline: bool = True  # whether plans must be ready in time by the clock on the wall
     effects: str | None = None  # module:function of effects of a user that the model has
+    policy: str | None = None  # folder of a learned one
 
 
 def effect_modules(campaign: Campaign) -> list[str]:
@@ -92,6 +94,7 @@ def setup_of(campaign: Campaign, maze: Maze) -> Setup:
         settings=how,
         behavior_modules=modules,
         effects=campaign.effects,
+        policy=None if campaign.policy is None else load_policy(campaign.policy),
     )
 
 

@@ -26,6 +26,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from mazeplan.control.policy_file import ARRAYS, YAML
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError
 from mazeplan.core.plugins import RIGS, Plugin, plugin
@@ -85,6 +86,9 @@ def packed(campaign: Campaign) -> Parcel:
     if model is not None and not is_packaged_model(model) and not _packaged(Path(model)):
         names["model"], of_model = _model_files(Path(model))
         files |= of_model
+    if campaign.policy is not None:
+        names["policy"] = "policy"
+        files |= {f"policy/{name}": Path(campaign.policy) / name for name in (YAML, ARRAYS)}
     files |= _module_files(modules)
     contents = {name: _content(path) for name, path in sorted(files.items())}
     if (size := sum(map(len, contents.values()))) > MOST_BYTES:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mazeplan.apps.palette import rgb
-from mazeplan.apps.view.camera import Layout, around
+from mazeplan.apps.view.camera import Layout, around, pointed_place
 from mazeplan.apps.view.editor.mapeditor import MapEditor
 from mazeplan.apps.view.meshes import Mesh, gap_box, ring_floor, wall_mesh
 from mazeplan.apps.view.scene import FLOORS, TABLE, UNIT, WALL, WALLS_SHOWN, add_mesh, wall_meshes
@@ -208,8 +208,5 @@ def about_z(angle: float) -> tuple[float, float, float, float]:
 def pointed_angle(camera: Any, pointer: Any, height: float) -> float | None:
     """The angle, rad, where the ray from the camera through `pointer` meets the plane z = `height`; None where it does
     not, or in the middle."""
-    eye, ray = np.asarray(camera, dtype=float), np.asarray(pointer, dtype=float) - np.asarray(camera, dtype=float)
-    if abs(ray[2]) < 1e-9 or (height - eye[2]) / ray[2] <= 0.0:
-        return None
-    x, y, _ = eye + (height - eye[2]) / ray[2] * ray
-    return None if math.hypot(x, y) < 1e-6 else math.atan2(y, x)
+    place = pointed_place(camera, pointer, height)
+    return None if place is None or math.hypot(*place) < 1e-6 else math.atan2(place[1], place[0])

@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.view.moment import Moment
-from mazeplan.apps.view.story import maze_of, moments
+from mazeplan.apps.view.moment import COLUMN, Moment
+from mazeplan.apps.view.replay.logged_moments import LoggedMoments
+from mazeplan.apps.view.story import maze_of
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import FailureReported, RecoveryChosen, TimedEvent
-from mazeplan.core.logs.run_log_reader import read_log, read_messages
+from mazeplan.core.logs.log_index import index_log
+from mazeplan.core.logs.run_log_reader import checked_fields, trees_of
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
@@ -40,19 +42,23 @@ class RecordedRun:
     """One log.
 
     name:     of the file
+    header:   facts about the run
     moments:  one for each tick
     times:    of the ticks, (N,), never decreasing
     maze:     None for a log without a map that can be read
     failures: with their recoveries; of a run that did not arrive, also how it ended
     notes:    what the log lacks, a sentence each
+    result:   the outcome, None when there is none
     """
 
     name: str
-    moments: tuple[Moment, ...]
+    header: dict[str, Any]
+    moments: LoggedMoments
     times: Array
     maze: Maze | None
     failures: tuple[Mark, ...]
     notes: tuple[str, ...]
+    result: dict[str, Any] | None
 
     def at(self, t: float) -> Moment:
         """The moment of the last tick until time t; before the first tick, of the first."""
@@ -62,44 +68,43 @@ class RecordedRun:
         """The number, from 0, of that tick."""
         return max(0, int(np.searchsorted(self.times, t + _NEAR, side="right")) - 1)
 
-    def column(self, name: str) -> Array:
-        """One of `moment.COLUMNS` over the whole run, (N,)."""
-        return np.array([moment.column(name)[-1] if len(moment.rows) else math.nan for moment in self.moments])
+    def column(self, name: str, first: int = 0, end: int | None = None) -> Array:
+        """One of `moment.COLUMNS` over the ticks `first` up to `end`, by default the whole run, (N,)."""
+        return self.moments.rows(first, len(self.moments) if end is None else end)[:, COLUMN[name]]
 
     @property
     def outcome(self) -> str:
         """How the run ended, in words."""
-        result = self.moments[-1].result
-        if result is None:
+        if self.result is None:
             return f"no result: ends at {self.times[-1]:.2f} s"
-        reason = str(result.get("reason") or "no reason given")
-        return f"{'arrived' if result.get('success') else reason} at {self.times[-1]:.2f} s"
+        reason = str(self.result.get("reason") or "no reason given")
+        return f"{'arrived' if self.result.get('success') else reason} at {self.times[-1]:.2f} s"
 
 
 def open_recording(path: str | Path) -> RecordedRun:
-    """Read a log, also one that was cut or is of an older version. Raises LogError for a log that cannot be shown."""
+    """Open a log, also one that was cut or is of an older version: `LoggedMoments` says what is read of it now. Raises
+    LogError for a log that cannot be shown."""
     path = Path(path)
-    log = read_log(path)  # raises for a damaged log
-    header, messages, complete = read_messages(path)
-    try:
-        shown = moments(messages)
-        failures = tuple(_failures(messages))
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as problem:
-        raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
-    if not shown:
+    index = index_log(path)
+    rare, shown = [document for _, document in index.rare], LoggedMoments(index)
+    if not len(shown):
         raise LogError("holds no tick, there is nothing to show", file=path)
-    times = np.maximum.accumulate(np.array([moment.t for moment in shown]))
+    with checked_fields(path):
+        failures, trees = tuple(_failures(rare)), trees_of(rare)
+    times = np.array([moment.t for moment in shown]) if shown.whole else index.times
+    shown[0]  # the first one that is drawn
     if not np.isfinite(times).all():
         raise LogError("damaged: a tick without a time", file=path)
-    maze = maze_of(header)
+    times, maze = np.maximum.accumulate(times), maze_of(index.header)
     notes = []
-    if not complete:
+    if not index.complete:
         notes.append(f"The log was cut off: what came after {times[-1]:.2f} s is not in it.")
-    if not log.trees:
+    if not trees:
         notes.append("The log has no tree: it was not driven by one, or an older version wrote it.")
     if maze is None:
         notes.append("The log has no map that can be read: the maze cannot be drawn.")
-    return RecordedRun(path.name, tuple(shown), times, maze, failures, tuple(notes))
+    result = next((document for topic, document in reversed(rare) if topic == "/result"), None)
+    return RecordedRun(path.name, index.header, shown, times, maze, failures, tuple(notes), result)
 
 
 def _failures(messages: Iterable[tuple[str, dict[str, Any]]]) -> list[Mark]:

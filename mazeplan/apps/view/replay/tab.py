@@ -191,7 +191,7 @@ def head_html(recordings: Sequence[RecordedRun], t: float) -> str:
     """For each run: file, rig, map and seed, how it ended, the tick, and what its log lacks."""
     rows = []
     for recording, letter in zip(recordings, LETTERS, strict=False):
-        header = recording.moments[0].header
+        header = recording.header
         name = f"<b>{letter}</b> " if len(recordings) > 1 else ""
         keys = (("rig", "rig"), ("map", "map_name"), ("seed", "seed"))
         facts = ", ".join(f"{word} {header[key]}" for word, key in keys if header.get(key) not in (None, ""))

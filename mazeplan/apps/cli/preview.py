@@ -1,0 +1,49 @@
+"""What the next run of a page will do, as far as it is known before Start: where the ball is placed, and the route."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+
+from mazeplan.maze.drawing import route_points
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.graph import RouteGraph
+from mazeplan.run.resolve import ring_number
+from mazeplan.run.specification import Job
+
+
+def preview(
+    job: dict[str, Any], number: int = 0, goal: int | None = None, closed: Collection[str] = ()
+) -> dict[str, Any]:
+    """The document of run `number` of a page (from 0) for `view.livetab.PLANNED`; closed: openings beside the map's.
+
+    job: arguments of `mazeplan.navigate`; goal: a ring in place of the job's goal and rings on the way. The route is
+    the one of shortest expected time without a model. Keys: start, goal: rings; ball: x, y, m; points: of the route on
+    the tracks, (N, 2), m, empty without a way."""
+    maze: Maze = job["map"]
+    start, last = ring_number(job["start"], maze), job.get("goal")
+    angle, seed = job.get("start_angle_deg"), job.get("seed", 0) + number
+    theta = Job(start, start, None if angle is None else math.radians(angle), seed).start_angle(
+        maze, np.random.default_rng(seed)
+    )
+    end = len(maze.rings) if last is None else ring_number(last, maze)
+    rings = [goal] if goal is not None else [*(ring_number(ring, maze) for ring in job.get("via") or ()), end]
+    radius = maze.track_radius(start)
+    points = [[radius * math.cos(theta), radius * math.sin(theta)]]
+    graph = RouteGraph(maze)
+    for name in graph.closed - set(closed):
+        graph.reopen(name)
+    for name in closed:
+        graph.close(name)
+    document = {"start": start, "goal": rings[-1], "ball": points[0], "points": points}
+    ring, at = start, theta
+    for towards in rings:
+        route = graph.route(ring, towards, at)
+        if route is None:
+            return {**document, "points": []}
+        points += route_points(maze, route).tolist()
+        ring, at = towards, route.legs[-1].opening.angle if route.legs else at
+    return document

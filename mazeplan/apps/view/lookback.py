@@ -1,0 +1,134 @@
+"""The time of a live run: a slider to look back while it goes on or is over, and its failures to jump to."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable
+from html import escape
+from threading import RLock
+from typing import TYPE_CHECKING, Any
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.apps.view.moment import Moment
+from mazeplan.apps.view.page import FONT, pressed
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+    from mazeplan.core.records import Failure
+
+HZ = 5.0  # at most so often the slider follows the run
+MOST, FEWER = 6000, 1000  # moments that are kept, and that go at once when there are more
+_NEAR = 1e-6  # s
+
+
+class Past:
+    """The moments of a run, as far as they were drawn; shows the newest until `seek`."""
+
+    def __init__(self) -> None:
+        self._moments: list[Moment] = []
+        self._times: list[float] = []
+        self.failures: list[Failure] = []
+        self.at: float | None = None  # s; None: the newest
+
+    def keep(self, moment: Moment) -> None:
+        """Add the newest moment; another run begins anew."""
+        last = self._moments[-1] if self._moments else None
+        if last is not None and moment.run != last.run:
+            self.__init__()
+        if not moment.tick:
+            return
+        if last is not None and (moment.tick, moment.result is None) == (last.tick, last.result is None):
+            return
+        self._moments.append(moment)
+        self._times.append(max(moment.t, self._times[-1]) if self._times else moment.t)
+        failure = moment.failure
+        if failure is not None and (failure.t, failure.kind) not in {(f.t, f.kind) for f in self.failures}:
+            self.failures.append(failure)
+        if len(self._moments) > MOST:
+            del self._moments[:FEWER], self._times[:FEWER]
+
+    @property
+    def last(self) -> float:
+        """Time of the newest moment, s."""
+        return self._times[-1] if self._times else 0.0
+
+    def shown(self) -> Moment | None:
+        """The moment to draw; None before the first."""
+        if self.at is None or not self._moments:
+            return self._moments[-1] if self._moments else None
+        return self._moments[max(0, bisect_right(self._times, self.at + _NEAR) - 1)]
+
+    def seek(self, t: float) -> None:
+        """Look at a time; at the end, follow the run again."""
+        self.at = t if math.isfinite(t) and t < self.last - _NEAR else None
+
+    def jump(self, direction: int) -> None:
+        """Look at the next failure (1) or the one before (-1); beyond the last one, follow the run again."""
+        now = self.last if self.at is None else self.at
+        times = [f.t for f in self.failures if direction * (f.t - now) > _NEAR]
+        if times:
+            self.at = min(times, key=lambda t: abs(t - now))
+        elif direction > 0:
+            self.at = None
+
+
+class LookBack:
+    """Slider, failures and buttons, in viser's current container."""
+
+    def __init__(self, server: ViserServer) -> None:
+        gui, self._lock, self.past = server.gui, RLock(), Past()
+        self._slider = gui.add_slider("Time (s)", 0.0, 1.0, 0.01, 0.0, disabled=True, hint="look back in this run")
+        self._marks = gui.add_html(marks_html(self.past, 1.0))
+        jumps = gui.add_button_group("Failures", ["previous", "next", "now"], hint="keys P and N; now: follow the run")
+        self._slider.on_update(self._pressed(lambda event: self.past.seek(event.target.value)))
+        jumps.on_click(self._pressed(lambda event: self._jump(event.target.value)))
+        gui.add_command("Next failure", hotkey="N").on_trigger(self._pressed(lambda event: self._jump("next")))
+        gui.add_command("Previous failure", hotkey="P").on_trigger(self._pressed(lambda event: self._jump("previous")))
+        self._drawn_at, self._drawn = 0.0, ()
+
+    def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
+        return pressed(self._lock, do)
+
+    def _jump(self, what: str) -> None:
+        if what == "now":
+            self.past.at = None
+        else:
+            self.past.jump(1 if what == "next" else -1)
+
+    def show(self, moment: Moment, now: float) -> Moment:
+        """Keep the newest moment; returns the one to draw. now: s of any clock."""
+        with self._lock:
+            self.past.keep(moment)
+            shown = self.past.shown() or moment
+            at, last, count = shown.t, self.past.last, len(self.past.failures)
+            state = (round(at, 2), round(last, 2), count, self.past.at is None)
+            if state != self._drawn and now - self._drawn_at >= 1.0 / HZ:
+                self._drawn, self._drawn_at = state, now
+                end = max(1.0, float(math.ceil(last)))
+                self._slider.disabled = last <= 0.0
+                self._slider.max = end
+                if self.past.at is None:  # else a person holds it
+                    self._slider.value = min(round(at, 2), end)
+                elif abs(self._slider.value - self.past.at) > 0.01:
+                    self._slider.value = round(self.past.at, 2)
+                self._marks.content = marks_html(self.past, end)
+            return shown
+
+
+def marks_html(past: Past, end: float) -> str:
+    """Failures as crosses below the slider, beside its label and its number, and whether the page looks back.
+
+    end: time at the right end of the slider, s."""
+    ticks = "".join(
+        f'<span title="{f.t:.2f} s: {escape(str(f.kind), quote=True)}" style="position:absolute;'
+        f'left:{100 * f.t / end:.1f}%;transform:translateX(-50%);color:{COLOURS["bad"]}">✕</span>'
+        for f in past.failures
+    )
+    said = f"{len(past.failures)} failures" if len(past.failures) != 1 else "1 failure"
+    where = "" if past.at is None else f" · <b>looks back to {past.at:.2f} s</b>"
+    return (
+        f'<div style="{FONT}" data-past="{"" if past.at is None else f"{past.at:.2f}"}">'
+        f'<div style="position:relative;height:14px;margin:0 56px 0 98px">{ticks}</div>{said}{where}</div>'
+    )

@@ -1,0 +1,153 @@
+"""Folders of policies: `policy.yaml`, which a person can read, and the numbers beside it in `policy.npz`.
+
+    format: 1
+    inputs: [turn, near, ...]
+    hidden: [64, 64]
+    limit: 0.0873          # rad, the tilt that the network calls 1
+    reach: 0.83            # distance in scaled inputs that counts as 1
+    arrays: {file: policy.npz, sha256: ...}
+    trained: {rig: toy, map: cme, seed: 0, ...}
+
+Loading executes nothing: the arrays are read without pickle, and only the file with that sha256 is taken.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from mazeplan.control.policy import INPUTS, KNOWN, Policy, Single
+from mazeplan.core import file_kinds
+from mazeplan.core.errors import ModelError
+from mazeplan.core.whole_file import whole_file
+from mazeplan.learning.gp_file import arrays_of
+from mazeplan.maze.yamltree import Tree, check_format, key_path, read_yaml, shown
+
+FORMAT = 1
+YAML, ARRAYS = "policy.yaml", "policy.npz"
+MOST_BYTES = 16 << 20
+KEYS = ("inputs", "hidden", "limit", "reach", "arrays", "trained")
+MOST_LAYERS, WIDEST = 8, 1024
+
+
+def policy_document(policy: Policy) -> dict[str, Any]:
+    """The content of policy.yaml without the entry `arrays`."""
+    return {
+        "format": FORMAT,
+        "inputs": list(INPUTS),
+        "hidden": [len(bias) for _, bias in policy.layers[:-1]],
+        "limit": policy.limit,
+        "reach": policy.reach,
+        "trained": policy.facts,
+    }
+
+
+def save_policy(policy: Policy, folder: str | Path) -> Path:
+    """Write the folder (created if missing); the path of its policy.yaml. Raises ModelError."""
+    path, stream = Path(folder) / YAML, io.BytesIO()
+    arrays: dict[str, Any] = {"mean": policy.mean, "scale": policy.scale, "centres": policy.centres}
+    for k, (weights, bias) in enumerate(policy.layers):
+        arrays |= {f"weights{k}": weights, f"bias{k}": bias}
+    np.savez(stream, **arrays)
+    held = {"file": ARRAYS, "sha256": hashlib.sha256(stream.getvalue()).hexdigest()}
+    document = policy_document(policy)
+    document = {**document, "arrays": held, "trained": document.pop("trained")}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path.with_name(ARRAYS)) as beside:
+            beside.write_bytes(stream.getvalue())
+        with whole_file(path) as beside:
+            beside.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
+    except OSError as problem:
+        raise ModelError(f"cannot be written: {problem.strerror}", file=path) from None
+    return path
+
+
+def load_policy(folder: str | Path) -> Policy:
+    """The policy in a folder. Raises ModelError with file, line and key."""
+    path = Path(folder) / YAML
+    if not path.exists():
+        raise ModelError(f"got {file_kinds.got(folder)}, expected a folder with {YAML}", file=folder)
+    tree = read_yaml(path, error=ModelError, what=f"a policy ({YAML})")
+    check_format(tree, FORMAT, file=path, error=ModelError)
+
+    def wrong(problem: str, *key: str) -> ModelError:
+        return ModelError(problem, file=path, line=tree.line(key), key=key_path(key) or None)
+
+    data = _mapping(tree, KEYS, wrong)
+    if data["inputs"] != list(INPUTS):
+        raise wrong(f"got others, expected {', '.join(INPUTS)}", "inputs")
+    for name in ("limit", "reach"):
+        value = data[name]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+            raise wrong(f"got {shown(value)}, expected a finite number > 0", name)
+    hidden, widths = data["hidden"], range(1, WIDEST + 1)
+    if not isinstance(hidden, list) or len(hidden) > MOST_LAYERS or not all(w in widths for w in hidden):
+        raise wrong(f"got {shown(hidden)}, expected at most {MOST_LAYERS} widths from 1 to {WIDEST}", "hidden")
+    try:
+        arrays = _arrays(path.with_name(ARRAYS), data["arrays"], [len(INPUTS), *hidden, 2])
+    except (ValueError, TypeError) as problem:
+        raise wrong(str(problem), "arrays") from None
+    layers = tuple((arrays[f"weights{k}"], arrays[f"bias{k}"]) for k in range(len(hidden) + 1))
+    return Policy(
+        layers, arrays["mean"], arrays["scale"], arrays["centres"], float(data["reach"]), float(data["limit"]),
+        data["trained"] if isinstance(data["trained"], dict) else {}, str(path.parent.absolute()),
+    )  # fmt: skip
+
+
+def policy_sha256(folder: str | Path) -> str:
+    """SHA-256 of the policy's policy.yaml, which names that of its arrays; empty where it cannot be read."""
+    try:
+        return hashlib.sha256((Path(folder) / YAML).read_bytes()).hexdigest()
+    except (OSError, ValueError):
+        return ""
+
+
+def _mapping(tree: Tree, keys: tuple[str, ...], wrong: Any) -> dict[str, Any]:
+    data = tree.data
+    if not isinstance(data, dict):
+        raise wrong(f"got {shown(data)}, expected a mapping")
+    for name in data:
+        if name not in (*keys, "format", "version"):
+            raise wrong(f"unknown key, expected one of {', '.join(keys)}", name)
+    for name in keys:
+        if name not in data:
+            raise wrong(f"{name} is missing")
+    return data
+
+
+def _arrays(path: Path, entry: Any, sizes: list[int]) -> dict[str, Single]:
+    """The arrays of the file, of the right shapes. Raises ValueError."""
+    if not isinstance(entry, dict) or entry.get("file") != ARRAYS:
+        raise ValueError(f"expected file: {ARRAYS} and its sha256")
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise ValueError(f"{ARRAYS} is larger than {MOST_BYTES} bytes")
+        content = path.read_bytes()
+    except OSError as problem:
+        raise ValueError(f"{ARRAYS} cannot be read: {problem.strerror}") from None
+    if hashlib.sha256(content).hexdigest() != entry.get("sha256"):
+        raise ValueError(f"{ARRAYS} is not the file that this policy was saved with (its sha256 differs)")
+    try:
+        found = arrays_of(content, MOST_BYTES)
+    except ValueError as problem:
+        raise ValueError(f"{ARRAYS} is no such file of arrays: {problem}") from None
+    shapes: dict[str, tuple[int, ...]] = {"mean": (sizes[0],), "scale": (sizes[0],)}
+    for k, (i, o) in enumerate(pairwise(sizes)):
+        shapes |= {f"weights{k}": (o, i), f"bias{k}": (o,)}
+    nothing = np.empty(0)
+    shapes["centres"] = (max(found.get("centres", nothing).shape[0], 1), KNOWN)
+    for name, shape in shapes.items():
+        got = found.get(name, nothing)
+        good = got.shape == shape and got.dtype == np.float32 and np.isfinite(got).all()
+        if not good or (name == "scale" and not (got > 0.0).all()):
+            more = ", > 0" if name == "scale" else ""
+            raise ValueError(f"{ARRAYS}: {name}: got {got.dtype} {got.shape}, expected float32 {shape}, finite{more}")
+    return found

@@ -1,0 +1,86 @@
+"""Fits the network of a policy to the commands of the planner, with PyTorch on one core.
+
+The loss is that of commands inside the limits: where the planner tilts as far as it may, more is not wrong. A small
+share of what lies beyond stays in it, so that the network finds its way back. Errors count by their size, not by their
+square: before an opening the planner chooses among commands, and a mean of two of them is none of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazeplan.core.progress import Advance, no_advance
+from mazeplan.core.records import Array
+
+BEYOND = 0.05  # share of a command beyond the limits that counts
+WIDTH = 0.1  # of the limit; smaller errors count by their square
+BATCH, RATE = 512, 3e-3
+HELD_OUT = 0.1
+FLOOR = 1e-3  # smallest scale of an input
+
+
+@dataclass(frozen=True)
+class Fit:
+    """layers: weights and biases, float32; mean, scale: of the inputs; error: mean absolute error of a command on
+    held-out samples, rad."""
+
+    layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
+    mean: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    error: float
+
+
+def fit_network(
+    inputs: Array, commands: Array, turned: Array, limit: float, offset: Array, *,
+    hidden: tuple[int, ...] = (64, 64), epochs: int = 30, seed: int = 0, advance: Advance = no_advance,
+) -> Fit:  # fmt: skip
+    """Fit to commands (N, 2), rad. inputs (N, M); turned (N, 2): cosine and sine of the ball's angle; limit: of a
+    command, rad; offset (2,): tilt of the table, rad."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    generator = torch.Generator().manual_seed(seed)
+    mean, scale = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), FLOOR)
+    mean, scale = mean.astype(np.float32), scale.astype(np.float32)
+    x = torch.tensor((inputs - mean) / scale, dtype=torch.float32)
+    u, cs = (torch.tensor(a, dtype=torch.float32) for a in (commands / limit, turned))
+    shift = torch.tensor(np.asarray(offset) / limit, dtype=torch.float32)
+    sizes = (inputs.shape[1], *hidden, 2)
+    parameters = []
+    for i, o in pairwise(sizes):
+        parameters += [torch.randn(o, i, generator=generator) / i**0.5, torch.zeros(o)]
+    for p in parameters:
+        p.requires_grad_(True)
+
+    def predicted(rows: torch.Tensor) -> torch.Tensor:
+        h = x[rows]
+        for k in range(0, len(parameters) - 2, 2):
+            h = torch.tanh(torch.nn.functional.linear(h, parameters[k], parameters[k + 1]))
+        h = torch.nn.functional.linear(h, parameters[-2], parameters[-1])
+        c, s = cs[rows].T
+        raw = torch.stack([c * h[:, 0] - s * h[:, 1], -(s * h[:, 0] + c * h[:, 1])], dim=1) - shift
+        inside = raw.clamp(-1.0, 1.0)
+        return inside + BEYOND * (raw - inside)
+
+    rows = torch.randperm(len(x), generator=generator)
+    held, train = rows[: int(HELD_OUT * len(x))], rows[int(HELD_OUT * len(x)) :]
+    optimiser = torch.optim.Adam(parameters, lr=RATE)
+    steps = max(len(train) // BATCH, 1)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, epochs * steps)
+    for epoch in range(epochs):
+        for batch in train[torch.randperm(len(train), generator=generator)].chunk(steps):
+            optimiser.zero_grad()
+            torch.nn.functional.smooth_l1_loss(predicted(batch), u[batch], beta=WIDTH).backward()
+            optimiser.step()
+            schedule.step()
+        advance(epoch + 1, epochs)
+    with torch.no_grad():
+        error = float((predicted(held).clamp(-1.0, 1.0) - u[held]).abs().mean()) * limit
+    torch.set_num_threads(threads)
+    arrays = [p.detach().numpy() for p in parameters]
+    return Fit(tuple(zip(arrays[::2], arrays[1::2], strict=True)), mean, scale, error)

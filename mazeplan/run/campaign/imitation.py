@@ -1,0 +1,188 @@
+"""A policy learns from the planner, where the policy itself goes (DAgger; Ross, Gordon and Bagnell, 2011).
+
+In the first round the planner drives. In each further round the policy of the round before drives, in the places of the
+leaves LEARNED, while the tree of `navigate` goes on deciding: what it would have commanded in each tick is the lesson.
+After each round a network is fitted to the lessons of all rounds. Runs go from ring 1 to the centre and, in turn,
+between two rings drawn by the seed; start angles and the rig's noise are drawn by it, too. All seeds of the runs lie
+above SEEDS, evaluations begin at 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.control.policy import COS, INPUTS, KNOWN, SIN, Policy, Single, policy_inputs
+from mazeplan.control.tilt import Plate
+from mazeplan.core.maths.angles import difference, nearest
+from mazeplan.core.progress import Advance, Words, no_advance, no_words, piece
+from mazeplan.core.records import Array, Command
+from mazeplan.learning.policy_training import fit_network
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import rig_label
+from mazeplan.run.assembly import plate_of
+from mazeplan.run.campaign.executor import each, open_executor
+from mazeplan.run.campaign.one_run import Campaign, collect, rig_of_run, setup_of
+from mazeplan.run.execution import attempt_job
+from mazeplan.run.specification import Job
+
+LEARNED = ("Track", "Align", "PassOpening")
+SEEDS, MOST_RUNS = 10_000_000, 100_000  # a training with seed n has runs from SEEDS + n MOST_RUNS on
+CENTRES = 256
+KNOWS = 0.999  # share of the training inputs at a distance of at most 1
+
+
+@dataclass(frozen=True)
+class Options:
+    """rounds: of driving and fitting, the first with the planner; runs: of each; workers: processes; epochs: of a fit,
+    the last one has twice as many."""
+
+    rounds: int = 6
+    runs: int = 60
+    seed: int = 0
+    workers: int = 1
+    epochs: int = 20
+    hidden: tuple[int, ...] = (64, 64)
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round brought: its number from 0, runs, how many arrived, samples of all rounds, error of the fit, deg."""
+
+    number: int
+    runs: int
+    arrived: int
+    samples: int = 0
+    error: float = math.nan
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """Of one run: inputs (N, 18), the planner's commands (N, 2), rad, and whether it arrived."""
+
+    inputs: Array
+    commands: Array
+    arrived: bool
+
+
+class Teacher:
+    """Stands between leaves and rig: keeps what the leaves command, and lets the policy drive in their place."""
+
+    def __init__(self, policy: Policy | None) -> None:
+        self.policy, self.rows, self.commands = policy, list[Array](), list[Command]()
+        self._leg: tuple[str, str, int] | None = None
+        self._turn = 0.0
+
+    def watch(self, tree: BehaviorTree, context: RunContext) -> None:
+        """Stand there in this run."""
+        steer = context.steer
+        context.steer = lambda leaf, command: steer(leaf, self._taken(context, leaf, command))
+
+    def _taken(self, run: RunContext, leaf: str, command: Command) -> Command:
+        here, opening = run.here, run.opening
+        ring = run.maze.ring(here.ring)
+        if leaf not in LEARNED or opening is None or ring.is_disc or ring.number not in (opening.outer, opening.inner):
+            self._leg = None
+            return command
+        leg = (opening.name, "PassOpening" if leaf == "PassOpening" else "", here.ring)
+        if self._leg is None or (self._leg[0], self._leg[2]) != (opening.name, here.ring):
+            self._turn = run.turn_to(opening)
+        self._leg = leg
+        self._turn = nearest(difference(opening.angle, here.theta), self._turn)
+        inputs = policy_inputs(here, ring, opening, self._turn, leaf == "PassOpening", run.plate)
+        if not np.isfinite(inputs).all():
+            return command
+        self.rows.append(inputs)
+        self.commands.append(command)
+        return command if self.policy is None else self.policy.command(inputs, run.plate)
+
+
+def lesson(campaign: Campaign, index: int, policy: Policy | None) -> Lesson:
+    """Run number `index`, driven by the policy; None: by the planner."""
+    maze = load_map(campaign.map)
+    seed = campaign.seed + index
+    teacher = Teacher(policy)
+    setup = replace(setup_of(campaign, maze), watch=teacher.watch)
+    rig = rig_of_run(campaign, index, maze)
+    try:
+        result, _ = attempt_job(rig, setup, _job(maze, seed, index, campaign.time_limit))
+    finally:
+        rig.close()
+        collect()
+    commands = np.array([(c.u_beta, c.u_gamma) for c in teacher.commands]).reshape(-1, 2)
+    return Lesson(np.array(teacher.rows).reshape(-1, len(INPUTS)), commands, result.success)
+
+
+def _job(maze: Maze, seed: int, index: int, time_limit: float) -> Job:
+    last = len(maze.rings)
+    if index % 2 == 0:
+        return Job(1, last, None, seed, time_limit)
+    start, goal = np.random.default_rng(seed).choice(np.arange(1, last + 1), 2, replace=False)
+    return Job(int(start), int(goal), None, seed, time_limit)
+
+
+def train(
+    campaign: Campaign, options: Options, *, show: Words = no_words, advance: Advance = no_advance,
+    tell: Callable[[Round], None] = lambda done: None,
+) -> Policy:  # fmt: skip
+    """The policy after the last round; campaign: rig, map, model and settings. `tell` gets each round as it ends."""
+    maze = load_map(campaign.map)
+    plate = plate_of(maze, setup_of(campaign, maze).driving_model)
+    campaign = replace(campaign, deadline=False, own_process=options.workers > 1)
+    first, lessons, policy = SEEDS + MOST_RUNS * options.seed, list[Lesson](), None
+    with open_executor(options.workers) as executor:
+        for number in range(options.rounds):
+            part = piece(advance, number, 0.8, options.rounds)
+            show(f"round {number + 1}: {'the planner' if policy is None else 'the policy'} drives")
+            runs = replace(campaign, seed=first + number * options.runs)
+            new = dict[int, Lesson]()
+            for index, found in each(lesson, [(runs, i, policy) for i in range(options.runs)], executor):
+                new[index] = found
+                part(len(new), options.runs)
+            lessons += [new[index] for index in sorted(new)]  # in one order for any number of workers
+            show(f"round {number + 1}: fitting to {sum(len(of.inputs) for of in lessons)} samples")
+            done = Round(number, options.runs, sum(of.arrived for of in new.values()))
+            facts = {
+                "rig": rig_label(campaign.rig), "map": maze.name, **asdict(options),
+                "run_seeds": [first, first + options.rounds * options.runs - 1],
+            }  # fmt: skip
+            policy = _fitted(lessons, plate, options, facts, done, piece(advance, number + 0.8, 0.2, options.rounds))
+            tell(replace(done, samples=policy.facts["samples"], error=policy.facts["error_deg"]))
+    assert policy is not None
+    return policy
+
+
+def _fitted(
+    lessons: list[Lesson], plate: Plate, options: Options, facts: dict[str, Any], done: Round, advance: Advance
+) -> Policy:
+    """The policy of all lessons; in the last round it takes twice as long."""
+    inputs = np.concatenate([of.inputs for of in lessons])
+    commands = np.concatenate([of.commands for of in lessons])
+    fit = fit_network(
+        inputs, commands, inputs[:, [COS, SIN]], plate.limit, np.array([plate.offset_beta, plate.offset_gamma]),
+        hidden=options.hidden, epochs=options.epochs * (1 + (done.number + 1 == options.rounds)),
+        seed=options.seed + done.number, advance=advance,
+    )  # fmt: skip
+    z = ((inputs - fit.mean) / fit.scale)[:, :KNOWN]
+    centres, reach = _cover(z.astype(np.float32))
+    del facts["workers"]
+    facts |= {"hidden": list(options.hidden), "samples": len(inputs), "error_deg": round(math.degrees(fit.error), 4)}
+    facts["arrived_in_last_round"] = done.arrived
+    return Policy(fit.layers, fit.mean, fit.scale, centres, reach, plate.limit, facts)
+
+
+def _cover(rows: Single) -> tuple[Single, float]:
+    """Centres among rows (N, M), each the one farthest from those before, and the distance to the nearest within which
+    the share KNOWS of the rows lies."""
+    chosen, square = [0], ((rows - rows[0]) ** 2).sum(axis=1)
+    while len(chosen) < min(CENTRES, len(rows)):
+        chosen.append(int(square.argmax()))
+        square = np.minimum(square, ((rows - rows[chosen[-1]]) ** 2).sum(axis=1))
+    return rows[chosen], max(math.sqrt(float(np.quantile(square, KNOWS))), 1e-3)

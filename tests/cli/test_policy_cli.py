@@ -1,0 +1,64 @@
+"""`policy train`, `show` and `export`, and `--policy`: what they print and what they refuse."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from policies import hand_made
+
+from mazeplan.control.policy_file import load_policy, save_policy
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_policy(hand_made(), "made")
+    return tmp_path / "made"
+
+
+def test_a_policy_is_trained_shown_and_followed(call, folder):
+    options = ("--rig", "ideal", "--rounds", "2", "--runs", "2", "--epochs", "1", "--seed", "3")
+    code, out, _ = call("policy", "train", *options, "-o", "mine")
+    first, second, wrote = out.splitlines()
+    assert code == 0
+    assert first.startswith("round 1: 2 of 2 arrived")
+    assert second.startswith("round 2: ")
+    assert wrote == "wrote mine/policy.yaml"
+    facts = load_policy("mine").facts
+    assert (facts["rig"], facts["rounds"], facts["seed"]) == ("ideal", 2, 3)
+    code, out, _ = call("policy", "show", "mine")
+    assert code == 0
+    assert out.splitlines()[0] == "network: 18 inputs, hidden layers 64 x 64, 2 outputs: 5506 numbers"
+    assert f"samples: {facts['samples']}" in out.splitlines()
+    shown = json.loads(call("policy", "show", "mine", "--json")[1])
+    assert shown["trained"] == facts
+    assert shown["hidden"] == [64, 64]
+
+
+def test_a_run_follows_the_policy_with_the_tree_of_that_name(call, folder):
+    code, out, _ = call("navigate", "--rig", "ideal", "--to", "ring3", "--policy", "made", "--json")
+    result = json.loads(out)
+    assert (code, result["reason"], result["planner_ms"]["max"]) == (0, "arrived", 0.0)
+    code, out, _ = call("evaluate", "--rig", "ideal", "--to", "ring2", "--runs", "2", "--policy", "made", "--json")
+    document = json.loads(out)
+    assert (code, document["success"]) == (0, 2)
+    assert (document["setup"]["behavior"], document["setup"]["policy"]) == ("policy", "made")
+
+
+def test_what_is_no_policy_is_refused_with_its_option(refused, folder):
+    error = refused("navigate", "--policy", "nowhere")
+    assert error == "mazeplan: --policy: nowhere: got no such file, expected a folder with policy.yaml\n"
+    assert "policy.yaml" in refused("evaluate", "--policy", "nowhere", "--runs", "1")
+    (folder / "policy.npz").write_bytes(b"other")
+    assert "policy.npz is not the file that this policy was saved with" in refused("policy", "show", "made")
+
+
+def test_tree_and_policy_must_fit(refused, folder):
+    assert "give --policy DIR" in refused("navigate", "--behavior", "policy")
+    assert "the tree has no FollowPolicy" in refused("navigate", "--behavior", "waypoints", "--policy", "made")
+
+
+def test_a_header_is_written_where_it_is_asked_for(call, folder):
+    assert call("policy", "export", "made", "-o", "policy.h")[0] == 0
+    assert "static void policy_tilt" in (folder.parent / "policy.h").read_text()
