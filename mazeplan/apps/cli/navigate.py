@@ -6,11 +6,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import check_learning, navigate_learning
-from mazeplan.apps.cli.output import print_json
+from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.runs import navigate_once, navigation_job
 from mazeplan.core.errors import InputError, RigError
 
@@ -32,6 +33,7 @@ def navigate(
     seed: opt.Seed = 0,
     time_limit: opt.TimeLimit = 20.0,
     log: opt.RunLog = None,
+    video: opt.Video = None,
     memory: opt.Memory = None,
     learn: opt.Learn = False,
     output: opt.LearnedModel = None,
@@ -52,6 +54,12 @@ def navigate(
         via=tuple(ring.strip() for rings in via or () for ring in rings.split(",")),
     )  # fmt: skip
     check_learning(learn, output)
+    if video is not None:
+        from mazeplan.apps.view.film import check_film
+
+        if view:
+            raise InputError("--video with --view: give --log, and film the log with `report --video`")
+        check_film(video)
     if view and groot is not None:
         raise InputError("--groot with --view: the page shows the tree itself; give one of them")
     if view:
@@ -61,7 +69,8 @@ def navigate(
             raise InputError("--learn with --view: a run on the page has no planned end; give one of them")
         sys.exit(navigate_live(job, host, port, as_json=as_json))
     try:
-        with monitored(groot, groot_host) as more:
+        with monitored(groot, groot_host) as more, filmed(video) as camera:
+            more |= camera
             once = partial(navigate_once, **more)
             result = navigate_learning(job, output, once) if learn else once(job)
     except RigError as problem:
@@ -71,6 +80,25 @@ def navigate(
     if as_json:
         print_json(result.to_json())
     sys.exit(0 if result.success else 1)
+
+
+@contextmanager
+def filmed(path: Path | None) -> Iterator[dict[str, Any]]:
+    """Arguments of a run that is filmed; the film is written when the run is over, however it ended."""
+    if path is None:
+        yield {}
+        return
+    from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.apps.view.film import write_film
+
+    messages: list[tuple[str, dict[str, Any]]] = []
+    try:
+        yield {"feed": lambda topic, t, document: messages.append((topic, document))}
+    finally:
+        if any(topic == "/tick" for topic, _ in messages):
+            with ProgressBar("filming", compiles=False):
+                write_film(messages, path)
+            say(f"wrote {path}")
 
 
 @contextmanager

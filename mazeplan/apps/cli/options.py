@@ -178,6 +178,12 @@ Smoothing = Annotated[
 
 # -- navigate, evaluate -------------------------------------------------------------------------------------------
 
+Video = Annotated[
+    Path | None,
+    Option(
+        "--video", callback=new_file, metavar="FILE", help="Write a film of the run: FILE.mp4 (OpenCV) or FILE.gif."
+    ),
+]
 RunLog = Annotated[Path | None, Option("--log", callback=new_file, metavar="LOG", help="Write a run log (MCAP).")]
 Memory = Annotated[
     Path | None, Option("--memory", metavar="FILE", help="File that keeps experience at openings for the next run.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mazeplan.apps.cli.options import Force, file, folder, new_file, new_folder
+from mazeplan.apps.cli.options import Force, Video, file, folder, new_file, new_folder
 from mazeplan.apps.cli.output import finite, say
 from mazeplan.core.errors import InputError
 
@@ -43,16 +43,40 @@ Pictures = Annotated[
 Title = Annotated[str | None, Option("--title", metavar="TEXT", help="Title of the page. Default: its content.")]
 
 
-def report(inputs: Inputs, output: Page, pictures: Pictures = None, title: Title = None, force: Force = False) -> None:
+def report(
+    inputs: Inputs,
+    output: Page,
+    pictures: Pictures = None,
+    video: Video = None,
+    title: Title = None,
+    force: Force = False,
+) -> None:
     """Draw runs, evaluations, models and diagnoses into one HTML file without external content."""
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.inputs import read_input
     from mazeplan.apps.report.page import write_page
+    from mazeplan.apps.view.film import write_film
+    from mazeplan.core.logs.run_log_reader import read_messages
 
+    if video is not None:
+        _check_film(inputs, video)
     with ProgressBar("drawing", compiles=False) as bar:
         sections = _sections([part for path in inputs for part in read_input(path)], bar.show)
         write_page(output, title or sections[0].title + " and more" * (len(sections) > 1), sections, pictures)
-    say(f"wrote {output}" + (f", pictures in {pictures}" if pictures is not None else ""))
+        if video is not None:
+            bar.show(video.name)
+            write_film(read_messages(inputs[0])[1], video)
+    film = f", film {video}" if video is not None else ""
+    say(f"wrote {output}" + (f", pictures in {pictures}" if pictures is not None else "") + film)
+
+
+def _check_film(inputs: list[Path], video: Path) -> None:
+    """Raises InputError unless there is one run log, and a film can have this name."""
+    if len(inputs) != 1 or inputs[0].suffix != ".mcap":
+        raise InputError(f"--video: got {len(inputs)} inputs, expected one run log (.mcap)")
+    from mazeplan.apps.view.film import check_film
+
+    check_film(video)
 
 
 def write_report(kind: str, document: dict[str, Any], path: Path, name: str) -> None:

@@ -9,6 +9,7 @@ page.py                 a page: a server behind the check at its door, and tabs 
 scene.py, meshes.py     maze, ball, trail, plan and openings in 3D
 camera.py               where the camera stands
 plots.py, panel.py      curves; facts and behaviour tree
+film.py                 a film of a run, of the same moments
 lookback.py             the time of a live run, to look back in
 livetab.py, link.py     the tab of a live run; the page's process and its line to the run, which never waits for it
 serving.py              pages without a live run

@@ -1,0 +1,205 @@
+"""A film of a run, .mp4 or .gif: the maze with ball, trail and plan, and beside it the behaviour tree.
+
+    messages of a run -> story -> moments at even times -> matplotlib -> OpenCV (.mp4) or Pillow (.gif)
+
+The background is drawn once; a frame draws only what changes (10 ms).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mazeplan.apps.palette import COLOURS
+from mazeplan.apps.view.moment import Moment
+from mazeplan.apps.view.panel import SIGNS
+from mazeplan.apps.view.story import maze_of, moments
+from mazeplan.core.errors import InputError
+from mazeplan.core.resources import to_install
+from mazeplan.core.whole_file import whole_file
+from mazeplan.maze.drawing import draw_maze
+from mazeplan.maze.geometry import Maze
+
+SUFFIXES = (".mp4", ".gif")
+INCHES, DPI = (9.6, 5.4), {".mp4": 100, ".gif": 75}  # 960 x 540 and 720 x 405 pixels
+HZ = {".mp4": 30.0, ".gif": 12.5}  # frames a second; browsers show a gif at steps of 10 ms
+END_S = 1.5  # s that the last frame stays
+COLOURS_GIF = 64
+ROWS = 30  # of the tree
+TRAIL_S, MM = 3.0, 1000.0
+STEEP = np.radians(5.0)  # tilt of a line of full length
+Frame = NDArray[np.uint8]  # (height, width, 3), RGB
+
+
+def write_film(messages: Iterable[tuple[str, dict[str, Any]]], path: Path) -> None:
+    """Write the film of a run; messages: (topic, document) of its log.
+
+    Raises InputError for another ending of the name, for a run without ticks or map, for a file that cannot be written,
+    and without OpenCV for .mp4."""
+    suffix = path.suffix.lower()
+    check_film(path)
+    shown = moments(messages)
+    maze = maze_of(shown[0].header) if shown else None
+    if maze is None:
+        raise InputError("the run has no tick, or no map: there is nothing to film", file=path)
+    pictures = frames(at_even_times(shown, HZ[suffix]), maze, DPI[suffix])
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as beside:
+            (_write_mp4 if suffix == ".mp4" else _write_gif)(beside, pictures)
+    except (OSError, ValueError) as problem:
+        raise InputError(f"cannot be written: {getattr(problem, 'strerror', None) or problem}", file=path) from None
+
+
+def check_film(path: Path) -> None:
+    """Raises InputError if no film can have this name, or OpenCV is missing for it."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"got {path.name}, expected a name that ends in {' or '.join(SUFFIXES)}")
+    if path.suffix.lower() == ".mp4":
+        try:
+            import cv2  # noqa: F401
+        except ImportError:
+            raise InputError(f"an .mp4 needs OpenCV: {to_install('hardware')}; a .gif does not", file=path) from None
+
+
+def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
+    """The moment that was the newest at each of even times, hz a second, and the last one for END_S."""
+    times = np.maximum.accumulate([moment.t for moment in shown])
+    wanted = np.arange(times[0], times[-1], 1.0 / hz)
+    places = np.maximum(np.searchsorted(times, wanted + 1e-9, side="right") - 1, 0)
+    return [shown[i] for i in places] + [shown[-1]] * max(1, round(END_S * hz))
+
+
+def frames(shown: Sequence[Moment], maze: Maze, dpi: int) -> Iterator[Frame]:
+    """A picture of each moment."""
+    picture = _Picture(maze, shown[0].header, dpi)
+    return (picture.frame(moment) for moment in shown)
+
+
+class _Picture:
+    """The parts of a frame that change, over a background that does not."""
+
+    def __init__(self, maze: Maze, header: dict[str, Any], dpi: int) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.patches import Circle
+
+        figure = Figure(figsize=INCHES, dpi=dpi)
+        self._canvas, self._maze = FigureCanvasAgg(figure), maze
+        plan = figure.add_axes((0.0, 0.02, 0.54, 0.96))
+        draw_maze(maze, plan, labels=False, ball=False)
+        side = figure.add_axes((0.55, 0.0, 0.45, 1.0))
+        side.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+        side.set_axis_off()
+        rig, seed = header.get("rig", ""), header.get("seed")
+        side.text(0.0, 0.955, f"rig {rig}" + ("" if seed is None else f", seed {seed}"), fontsize=10, color="#555555")
+        reach = MM * maze.walls[0].outer_radius
+        self._corner = np.array([-0.86, -0.86]) * reach
+        plan.text(*(self._corner - [0.13 * reach, 0.13 * reach]), "downhill", fontsize=7.5, color="#555555")
+        (self._trail,) = plan.plot([], [], color=COLOURS["real"], linewidth=2.0, alpha=0.5, zorder=5)
+        (self._planned,) = plan.plot([], [], color=COLOURS["planned"], linewidth=2.4, zorder=6)
+        (self._next,) = plan.plot([], [], "o", color=COLOURS["planned"], fillstyle="none", markersize=15, zorder=7)
+        (self._tilt,) = plan.plot([], [], color=COLOURS["measured"], linewidth=3.0, marker="o", markevery=[0])
+        self._ball = Circle((0.0, 0.0), MM * maze.ball.radius, color=COLOURS["real"], zorder=8)
+        plan.add_patch(self._ball)
+        self._time = side.text(0.0, 0.895, "", fontsize=13, weight="bold")
+        self._said = side.text(0.0, 0.84, "", fontsize=10, color=COLOURS["bad"])
+        self._rows = [side.text(0.0, 0.79 - 0.0258 * k, "", fontsize=7.5) for k in range(ROWS)]
+        self._axes = plan, side
+        self._moving = (self._trail, self._planned, self._next, self._tilt, self._ball)
+        self._texts = (self._time, self._said, *self._rows)
+        for artist in (*self._moving, *self._texts):
+            artist.set_animated(True)  # no part of the background
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(figure.bbox)
+
+    def frame(self, moment: Moment) -> Frame:
+        """The picture of a moment."""
+        plan, side = self._axes
+        self._canvas.restore_region(self._background)
+        self._place(moment)
+        self._write(moment)
+        for artist in self._moving:
+            plan.draw_artist(artist)
+        for text in self._texts:
+            side.draw_artist(text)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _place(self, moment: Moment) -> None:
+        trail = MM * moment.trail(TRAIL_S)
+        self._trail.set_data(trail[:, 0], trail[:, 1])
+        places = np.empty((0, 2)) if moment.plan is None else MM * moment.plan.places
+        self._planned.set_data(places[:, 0], places[:, 1])
+        ahead = [self._maze.opening(opening.name) for opening in moment.openings if opening.next]
+        radii = [MM * self._maze.threshold_radius(opening) for opening in ahead]
+        angles = [opening.angle for opening in ahead]
+        self._next.set_data(radii * np.cos(angles), radii * np.sin(angles))
+        way = np.array([moment.tilt[0], -moment.tilt[1]])  # positive beta lowers +x, positive gamma lifts +y
+        ends = np.array([self._corner, self._corner + 0.12 * MM * self._maze.walls[0].outer_radius * way / STEEP])
+        self._tilt.set_data(ends[:, 0], ends[:, 1])
+        ball = moment.ball
+        self._ball.set_visible(ball is not None)
+        if ball is not None:
+            self._ball.set_center((MM * ball.x, MM * ball.y))
+            self._ball.set_color(COLOURS["real" if ball.seen else "neutral"])
+
+    def _write(self, moment: Moment) -> None:
+        task, result, failure = moment.task, moment.result, moment.failure
+        goal = "" if task.goal is None else f" → {task.goal}"
+        state = f"ring {task.ring or '–'}{goal}"
+        if result is not None:
+            state = "arrived" if result.get("success") else str(result.get("reason", "ended"))
+        self._time.set_text(f"{moment.t:.2f} s   {state}")
+        recovery = "" if failure is None or not failure.recovery else f" → {failure.recovery}"
+        self._said.set_text("" if failure is None else f"{failure.t:.2f} s: {failure.kind}{recovery}")
+        nodes = tree_rows(moment)
+        for k, text in enumerate(self._rows):
+            words, style, active = nodes[k] if k < len(nodes) else ("", "neutral", False)
+            text.set_text(words)
+            text.set_color("#8a8a8a" if style == "skipped" else COLOURS[style])
+            text.set_fontweight("bold" if active else "normal")
+
+
+def tree_rows(moment: Moment) -> list[tuple[str, str, bool]]:
+    """Words, style of the palette, and whether it is active, of each node that the tree reached; at most ROWS.
+
+    Of a longer tree the last rows around the active leaf are shown."""
+    tree = moment.tree
+    found, last = [], 0
+    for i, node in enumerate(tree.nodes):
+        sign, style, _ = SIGNS.get(tree.statuses[i : i + 1], SIGNS["-"])
+        if tree.statuses[i : i + 1] in ("", "-"):
+            continue
+        active = i in tree.active
+        last = len(found) if active else last
+        found.append((f"{'   ' * node.depth}{sign} {node.name}", style, active))
+    first = max(0, min(last + 4, len(found)) - ROWS)
+    return found[first : first + ROWS]
+
+
+def _write_mp4(path: Path, pictures: Iterable[Frame]) -> None:
+    import cv2
+
+    writer: Any = None
+    for picture in pictures:
+        if writer is None:
+            height, width = picture.shape[:2]
+            code = cv2.VideoWriter.fourcc(*"mp4v")
+            writer = cv2.VideoWriter(str(path), code, HZ[".mp4"], (width, height))
+            if not writer.isOpened():
+                raise OSError("OpenCV cannot write it")
+        writer.write(picture[..., ::-1])
+    writer.release()
+
+
+def _write_gif(path: Path, pictures: Iterable[Frame]) -> None:
+    from PIL import Image
+
+    images = [Image.fromarray(picture).quantize(COLOURS_GIF) for picture in pictures]
+    images[0].save(
+        path, save_all=True, append_images=images[1:], duration=round(1000.0 / HZ[".gif"]), loop=0, optimize=True
+    )

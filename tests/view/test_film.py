@@ -1,0 +1,118 @@
+"""A film shows the run: as long as it, the ball where it is, and the tree as it changes."""
+
+from __future__ import annotations
+
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from commands import call
+
+from mazeplan.apps.view.film import END_S, HZ, at_even_times, check_film, frames, tree_rows, write_film
+from mazeplan.apps.view.moment import BallShown, Moment, NodeShown, TreeShown
+from mazeplan.apps.view.story import moments
+from mazeplan.core.errors import InputError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run.navigate import navigate
+
+MAZE = load_map("cme")
+
+
+@pytest.fixture(scope="module")
+def messages():
+    """Of a run from ring 4 to ring 5 (simulated)."""
+    told = []
+    navigate(4, 5, map=MAZE, rig="ideal", seed=1, feed=lambda topic, t, document: told.append((topic, document)))
+    return told
+
+
+def test_a_gif_is_as_long_as_the_run_and_moves(messages, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    write_film(messages, tmp_path / "run.gif")
+    shown = moments(messages)
+    with image.open(tmp_path / "run.gif") as film:
+        pictures = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            pictures.append((np.asarray(film.convert("RGB"), dtype=float), film.info["duration"]))
+    took = sum(duration for _, duration in pictures) / 1000.0
+    assert took == pytest.approx(shown[-1].t - shown[0].t + END_S, abs=2.5 / HZ[".gif"])
+    halves = [abs(a[0] - b[0]).mean(axis=(0, 2)) for a, b in pairwise(pictures)]
+    moved = np.max(halves, axis=0)
+    width = len(moved)
+    assert moved[: width // 2].max() > 1.0  # the ball
+    assert moved[width // 2 :].max() > 1.0  # the tree
+    assert (tmp_path / "run.gif").stat().st_size < 2_000_000
+
+
+def test_an_mp4_has_thirty_pictures_a_second(messages, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    write_film(messages, tmp_path / "run.mp4")
+    film, shown = cv2.VideoCapture(str(tmp_path / "run.mp4")), moments(messages)
+    assert film.get(cv2.CAP_PROP_FPS) == 30.0
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) / 30.0 == pytest.approx(shown[-1].t - shown[0].t + END_S, abs=0.1)
+
+
+def ball_at(picture):
+    """Middle of the pixels in the ball's blue, (x, y) in shares of the picture; None without any."""
+    r, g, b = (picture[..., k].astype(int) for k in range(3))
+    rows, columns = np.nonzero((abs(r - 0x00) < 12) & (abs(g - 0x4B) < 12) & (abs(b - 0x79) < 12))
+    # the tilt has the colour as well, and a dot of few pixels in its corner
+    return None if len(rows) < 150 else (np.median(columns) / picture.shape[1], np.median(rows) / picture.shape[0])
+
+
+def test_the_ball_is_where_it_is_and_nowhere_else():
+    here = Moment(run=1, tick=1, ball=BallShown(0.05, 0.03, True))
+    nowhere = Moment(run=1, tick=1)
+    first, second = frames([here, nowhere], MAZE, 100)
+    x, y = ball_at(first)
+    scale = (
+        0.54 / (2 * 1.03 * MAZE.walls[0].outer_radius) * 0.96 * 5.4 / (0.54 * 9.6)
+    )  # of the picture's width, for 1 m
+    assert x == pytest.approx(0.27 + 0.05 * scale, abs=0.01)
+    assert y == pytest.approx(0.5 - 0.03 * scale * 9.6 / 5.4, abs=0.015)
+    assert ball_at(second) is None
+
+
+def test_the_tree_has_what_was_reached_with_its_sign_and_the_active_leaf_stays_in_sight():
+    nodes = tuple(NodeShown(f"/{k}", "Action", f"leaf {k}", -1, 0) for k in range(100))
+    rows = tree_rows(Moment(tree=TreeShown(1, nodes, "S" * 60 + "R" + "-" * 39, (60,))))
+    assert rows[-1] == ("▶ leaf 60", "running", True)
+    assert len(rows) == 30
+    assert all(words.startswith("✓") for words, _, _ in rows[:-1])
+
+
+def test_frames_come_at_even_times_and_the_last_one_stays():
+    shown = [Moment(tick=k + 1, t=t) for k, t in enumerate((0.0, 0.1, 0.5, 0.6))]
+    told = [moment.t for moment in at_even_times(shown, 10.0)]
+    assert told[:7] == [0.0, 0.1, 0.1, 0.1, 0.1, 0.5, 0.6]
+    assert set(told[7:]) == {0.6}
+    assert len(told) == 6 + round(10.0 * END_S)
+
+
+def test_what_cannot_be_filmed_is_refused_in_one_line(messages, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"got run\.avi, expected a name that ends in \.mp4 or \.gif"):
+        check_film(tmp_path / "run.avi")
+    with pytest.raises(InputError, match="nothing to film"):
+        write_film(messages[:1], tmp_path / "run.gif")
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(InputError, match=r"an \.mp4 needs OpenCV: pip install"):
+        check_film(tmp_path / "run.mp4")
+    check_film(tmp_path / "run.gif")
+
+
+def test_navigate_and_report_write_films(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    way = ("--from", "4", "--to", "5", "--rig", "ideal")
+    status, _, told = call(monkeypatch, capsys, "navigate", *way, "--log", "a.mcap", "--video", "a.gif")
+    assert status == 0, told
+    assert "wrote a.gif" in told
+    assert (tmp_path / "a.gif").read_bytes()[:4] == b"GIF8"
+    status, _, told = call(monkeypatch, capsys, "report", "a.mcap", "-o", "a.html", "--video", "b.gif")
+    assert status == 0, told
+    assert (tmp_path / "b.gif").stat().st_size > 1000
+    status, _, told = call(monkeypatch, capsys, "report", "a.mcap", "a.mcap", "-o", "b.html", "--video", "c.gif")
+    assert (status, "--video: got 2 inputs, expected one run log" in told) == (2, True)
+    status, _, told = call(monkeypatch, capsys, "navigate", "--view", "--video", "c.gif")
+    assert (status, "film the log with `report --video`" in told) == (2, True)
