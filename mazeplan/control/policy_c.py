@@ -48,13 +48,14 @@ static void policy_layer{k}(const float *in, float *out)
 DISTANCE = """\
 static float policy_distance(const float *inputs)
 {
-    float least = INFINITY;
+    float least = INFINITY, z[POLICY_KNOWN];
     int i, j;
+    for (j = 0; j < POLICY_KNOWN; j++)
+        z[j] = (inputs[j] - POLICY_READ(&policy_mean[j])) / POLICY_READ(&policy_scale[j]);
     for (i = 0; i < POLICY_CENTRES; i++) {
         float sum = 0.0f;
         for (j = 0; j < POLICY_KNOWN; j++) {
-            float z = (inputs[j] - POLICY_READ(&policy_mean[j])) / POLICY_READ(&policy_scale[j]);
-            float gap = POLICY_READ(&policy_centres[i * POLICY_KNOWN + j]) - z;
+            float gap = POLICY_READ(&policy_centres[i * POLICY_KNOWN + j]) - z[j];
             sum += gap * gap;
         }
         least = sum < least ? sum : least;

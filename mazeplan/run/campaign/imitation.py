@@ -77,7 +77,7 @@ class Teacher:
 
     def __init__(self, policy: Policy | None) -> None:
         self.policy, self.rows, self.commands = policy, list[Array](), list[Command]()
-        self._leg: tuple[str, str, int] | None = None
+        self._leg: tuple[str, int] | None = None  # opening, and ring from which
         self._turn = 0.0
 
     def watch(self, tree: BehaviorTree, context: RunContext) -> None:
@@ -91,10 +91,9 @@ class Teacher:
         if leaf not in LEARNED or opening is None or ring.is_disc or ring.number not in (opening.outer, opening.inner):
             self._leg = None
             return command
-        leg = (opening.name, "PassOpening" if leaf == "PassOpening" else "", here.ring)
-        if self._leg is None or (self._leg[0], self._leg[2]) != (opening.name, here.ring):
-            self._turn = run.turn_to(opening)
-        self._leg = leg
+        leg = (opening.name, here.ring)
+        if self._leg != leg:
+            self._leg, self._turn = leg, run.turn_to(opening)
         self._turn = nearest(difference(opening.angle, here.theta), self._turn)
         inputs = policy_inputs(here, ring, opening, self._turn, leaf == "PassOpening", run.plate)
         if not np.isfinite(inputs).all():
