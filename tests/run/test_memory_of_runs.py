@@ -12,6 +12,7 @@ from mazeplan.behavior.context import RunContext
 from mazeplan.core.errors import RigError
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import make_rig
+from mazeplan.run.campaign.evaluate import Campaign, evaluate
 
 MAZE = load_map("cme")
 STATUS = Path("/proc/self/status")
@@ -77,15 +78,24 @@ def test_a_closed_rig_lets_go_of_its_model(no_collector):
     assert gimbal() is None
 
 
+def resident_mb():
+    line = next(line for line in STATUS.read_text().splitlines() if line.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
 @pytest.mark.skipif(not STATUS.exists(), reason="reads /proc")
 def test_memory_is_flat_over_sixty_runs():
-    def resident_mb():
-        line = next(line for line in STATUS.read_text().splitlines() if line.startswith("VmRSS"))
-        return int(line.split()[1]) / 1024
-
     rings = len(MAZE.rings)
     grown = []
     for seed in range(60):
         navigate(1 + seed % (rings - 1), seed=seed, time_limit=0.8)
         grown.append(resident_mb())
     assert max(grown[10:]) - grown[9] < 15.0
+
+
+@pytest.mark.skipif(not STATUS.exists(), reason="reads /proc")
+def test_memory_of_a_campaign_is_flat_after_the_tenth_run():
+    grown = []
+    evaluate(Campaign(runs=25, time_limit=0.8), progress=lambda finished: grown.append(resident_mb()))
+    assert len(grown) == 25
+    assert max(grown[10:]) - grown[9] < 5.0

@@ -19,6 +19,7 @@ from mazeplan.apps.cli.learn import learn
 from mazeplan.apps.cli.navigate import navigate
 from mazeplan.apps.cli.record import record
 from mazeplan.apps.cli.report import report
+from mazeplan.apps.cli.score import score
 from mazeplan.apps.cli.view import view
 
 app = typer.Typer(
@@ -41,7 +42,7 @@ def options(version: Version = False) -> None:
     """Plan, learn and navigate a ball through a circular maze on a tilting plate."""
 
 
-for command in (navigate, evaluate, collect, learn, compare, diagnose, improve, record, report, view, doctor):
+for command in (navigate, evaluate, collect, learn, score, compare, diagnose, improve, record, report, view, doctor):
     app.command()(command)
 for group in (map, log, behavior, rig, model, policy, effect, calibrate, data, new):
     app.add_typer(group.app, name=group.__name__.rpartition(".")[2])

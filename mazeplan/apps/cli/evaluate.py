@@ -50,7 +50,9 @@ def evaluate(
     as_json: opt.AsJson = False,
 ) -> None:
     """Run many navigations and summarise success, times and failures; with --faults also the response to each fault."""
+    from mazeplan.apps.cli.campaign_verdict import verdict
     from mazeplan.apps.cli.report import write_report
+    from mazeplan.apps.report.words import verdict_lines
     from mazeplan.maze.mapfile import load_map
     from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
 
@@ -74,10 +76,14 @@ def evaluate(
     document["setup"] = setup_document(campaign)
     if report is not None:
         write_report("evaluation", document, report, document["setup"]["rig"] + (" with faults" if faults else ""))
+    if faults is None:
+        document |= verdict(document)
     if as_json:
         print_json(document)
+    elif faults is not None:
+        print("\n".join(fault_lines(document["faults"])))
     else:
-        print("\n".join(fault_lines(document["faults"]) if faults is not None else summary_lines(document)))
+        print("\n".join([*summary_lines(document), *verdict_lines(document)]))
     sys.exit(_exit_status(document, campaign.runs))
 
 

@@ -32,6 +32,10 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "mazeplan learn runs/toy.mcap -o runs/model",
         "mazeplan learn runs/toy.mcap --kind pi -o runs/model",
     ),
+    "score": (
+        "Judge how well a model predicts a log.",
+        "mazeplan score toy runs/toy.mcap",
+    ),
     "compare": (
         "Compare kinds of models, ring by ring.",
         "mazeplan compare runs/toy.mcap --ring 2",

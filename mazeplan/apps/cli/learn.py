@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json
-from mazeplan.core.errors import TableError
+from mazeplan.core.errors import InputError, TableError
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.table import Table
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from mazeplan.learning.identification import RigFit
     from mazeplan.learning.modelfile import RigModel
     from mazeplan.maze.geometry import Maze
+
+TABLE = "tilt_offset"  # an effect of the table: one for all rings
 
 
 def learn(
@@ -33,6 +35,7 @@ def learn(
     """Fit the model of a rig, stage and ball, to its logs."""
     from mazeplan.apps.cli.log_context import logged_map
     from mazeplan.apps.cli.progress import ProgressBar
+    from mazeplan.apps.report.words import verdict_lines
     from mazeplan.core.logs.table import join, read_table
     from mazeplan.learning.fitting import FitOptions
     from mazeplan.learning.gp_training import TrainingOptions, require_torch
@@ -68,13 +71,30 @@ def learn(
                 for ring, x in learned.items()
             ]
         path = save_model(model, output)
+        bar.show("judging")
+        verdict = _verdict(model, tables, maze, output)
         bar.show("reference for later diagnoses")
         reference = _keep_reference(table, maze, model, output)
     if as_json:
         kept = None if reference is None else str(reference)
-        print_json({"model": str(path), "reference": kept, **model_document(model), "windows": fit.windows})
+        written = {"model": str(path), "reference": kept, **model_document(model), "windows": fit.windows}
+        print_json(written | {"verdict": verdict["verdict"], "advice": verdict["advice"], "score": verdict})
     else:
-        print("\n".join([*model_lines(fit, model), *lines, f"wrote {path}"]))
+        print("\n".join([*model_lines(fit, model), *lines, f"wrote {path}", *verdict_lines(verdict)]))
+
+
+def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> dict[str, Any]:
+    """How well the model predicts the logs that it was learned from."""
+    from mazeplan.apps.report.model_score import ring_errors, score_document
+
+    try:
+        rings = ring_errors(model, tables, maze)
+    except InputError:  # too short for any ring
+        rings = {}
+    document = score_document(rings, str(folder), "LOG")
+    document["because"] += "; on the logs that it was learned from"
+    document["advice"].append(f"judge it on a log that it has not seen: mazeplan score {folder} NEW.mcap")
+    return document
 
 
 def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> Path | None:
@@ -104,20 +124,26 @@ def model_lines(fit: RigFit, model: RigModel) -> list[str]:
             lines.append(f"stage {name:5s}  the record shows only the slower pole; the faster one is too fast for it")
     delay, error = 1e3 * model.camera_delay, 1e3 * (model.camera_delay_stderr or 0.0)
     lines.append(f"camera       {delay:.1f} ± {error:.1f} ms behind the tilt sensor")
+    own = {*fit.windows, *model.processes}
+    table = {"; ".join(_parameters(ball, TABLE, True)) for ball in model.balls.values()} - {""}
+    once = len(table) == 1  # the table is as it is in every ring
+    lines += [f"table        {text}" for text in table if once]
     for ring, ball in sorted(model.balls.items()):
-        note = " (no data of its own)" if ring not in model.processes else ""
-        note = f" ({fit.windows[ring]} windows)" if ring in fit.windows else note
-        lines.append(f"ring {ring}{note}  {_parameters(ball)}")
+        names = [effect.name for effect in ball.effects if not (once and effect.name == TABLE)]
+        words = [text for name in names for text in _parameters(ball, name, ring in own)]
+        note = f" ({fit.windows[ring]} windows)" if ring in fit.windows else ""
+        note = note if ring in own else " (no data of its own)"
+        lines.append(f"ring {ring}{note}  {'; '.join(words)}")
     return lines
 
 
-def _parameters(ball: BallModel) -> str:
-    """The fitted parameters of a ring's effects."""
-    parts = []
+def _parameters(ball: BallModel, name: str, measured: bool) -> list[str]:
+    """The fitted parameters of an effect of a ring; measured: with their errors."""
+    texts, errors = [], ball.stderr.get(name, {})
     for effect in ball.effects:
-        for name, value in effect.values().items():
-            error = ball.stderr.get(effect.name, {}).get(name)
-            if error is not None:
-                unit = effect.effect.parameters[name].unit
-                parts.append(f"{effect.name} {name} {value:.4f} ± {error:.4f} {'' if unit == '1' else unit}".rstrip())
-    return "; ".join(parts)
+        for key, value in effect.values().items():
+            if effect.name == name and key in errors:
+                unit = effect.effect.parameters[key].unit
+                error = f" ± {errors[key]:.4f}" if measured else ""
+                texts.append(f"{name} {key} {value:.4f}{error} {'' if unit == '1' else unit}".rstrip())
+    return texts

@@ -30,14 +30,14 @@ class LoggedMap:
 
 def logged_map(name: str | None, *logs: Path) -> LoggedMap:
     """The named map, else that of the first run log that holds one, else cme. Raises MapError."""
-    from mazeplan.core.logs.run_log import read_log
+    from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.maze.mapfile import check_text, load_map
 
     if name is not None:
         return LoggedMap(load_map(name), f"map {name}")
     for log in logs:
         if log.suffix == ".mcap" and log.is_file():
-            text = read_log(log).header.get("map")
+            text = read_header(log).get("map")
             maze = check_text(text, file=log).maze if isinstance(text, str) else None
             if maze is not None:
                 return LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
@@ -64,10 +64,10 @@ def collect_options(log: Path, map_: str | None) -> tuple[list[str], str]:
     """Options with which `collect` uses the rig and map of a log or table, and a note on placeholders in them.
 
     map_: the map given with the log. The map cme is the default of `collect` and is left out."""
-    from mazeplan.core.logs.run_log import read_log
+    from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.rigs.registry import installed_rigs, rig_names, seeded
 
-    header = read_log(log).header if log.suffix == ".mcap" else {}
+    header = read_header(log) if log.suffix == ".mcap" else {}
     label = str(header.get("rig") or "")
     rig = str(header.get("rig_given") or "")
     if not rig and (":" in label or seeded(label)[0] in (*rig_names(), *installed_rigs())):

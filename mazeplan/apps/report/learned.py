@@ -23,7 +23,16 @@ from mazeplan.learning.features import inputs
 from mazeplan.learning.modelfile import RigModel, model_document
 from mazeplan.learning.rig_gp import planned
 from mazeplan.learning.ring_scores import residual_map
-from mazeplan.learning.rollout import CHECKED, PAST, angle_noise, causal_start, choose_windows, roll_out
+from mazeplan.learning.rollout import (
+    CHECKED,
+    PAST,
+    Rollout,
+    Windows,
+    angle_noise,
+    causal_start,
+    choose_windows,
+    roll_out,
+)
 from mazeplan.learning.samples import RingSamples, SampleOptions, joined, ring_samples
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.maze.geometry import Maze
@@ -51,36 +60,42 @@ def predictors(model: RigModel, ring: int) -> dict[str, Predict]:
 
 def judged(model: RigModel, tables: Sequence[Table], maze: Maze) -> Comparison:
     """Scores of each ring. Raises InputError where no ring has enough samples."""
+    return {ring: _ring(model, ring, samples, maze) for ring, samples in samples_of(model, tables, maze).items()}
+
+
+def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int, RingSamples]:
+    """Samples of each ring with enough of them. Raises InputError where there is none."""
     found: dict[int, list[RingSamples]] = {}
     for table in tables:
         options = SampleOptions(delay=model.camera_delay, rates="smoothed")
         for ring, part in ring_samples(table, maze, Smoothing(window=9), options).items():
             found.setdefault(ring, []).append(part)
-    out = {}
-    for ring, parts in sorted(found.items()):
-        samples = joined(parts)
-        if int(samples.good.sum()) >= FEWEST:
-            out[ring] = _ring(model, ring, samples, maze)
-    if not out:
+    together = {ring: joined(parts) for ring, parts in sorted(found.items())}
+    enough = {ring: samples for ring, samples in together.items() if int(samples.good.sum()) >= FEWEST}
+    if not enough:
         raise InputError(f"no ring has {FEWEST} samples in the logs that the model is to be judged on")
-    return out
+    return enough
+
+
+def windows_of(samples: RingSamples, ring: int, maze: Maze) -> Windows:
+    """Where roll-outs begin."""
+    openings = np.array([opening.angle for opening in maze.openings_of(ring)])
+    # the filter that finds a roll-out's start looks back, and must find nothing missing there
+    bad = np.concatenate([[0], np.cumsum(~samples.good)])
+    row = np.arange(len(samples))
+    whole = (bad[row + 1] == bad[np.maximum(row - PAST, 0)]) & (row >= PAST)
+    return choose_windows(samples, whole, openings)
 
 
 def _ring(model: RigModel, ring: int, samples: RingSamples, maze: Maze) -> ComparedRing:
     rows = np.flatnonzero(samples.good)
     k, truth = samples.at(rows), samples.theta_ddot[rows]
-    ways = predictors(model, ring)
+    ways, windows = predictors(model, ring), windows_of(samples, ring, maze)
     left = {kind: truth - way(k) for kind, way in ways.items()}
     spread = max(float(np.std(truth)), 1e-300)
-    openings = np.array([opening.angle for opening in maze.openings_of(ring)])
-    # the filter that finds a roll-out's start looks back, and must find nothing missing there
-    bad = np.concatenate([[0], np.cumsum(~samples.good)])
-    row = np.arange(len(samples))
-    windows = choose_windows(samples, (bad[row + 1] == bad[np.maximum(row - PAST, 0)]) & (row >= PAST), openings)
     rollout, bands = {}, {}
     for kind, way in ways.items() if len(windows) else ():
-        theta, rate, _ = causal_start(way, samples, windows.start, angle_noise(samples), MISFIT * spread)
-        done = roll_out(way, samples, windows.start, theta, rate)
+        done = rolled(way, samples, windows)
         rollout[kind] = {str(n): done.after(n) for n in CHECKED}
         bands[kind] = done.bands()
     return ComparedRing.model_validate({
@@ -89,6 +104,13 @@ def _ring(model: RigModel, ring: int, samples: RingSamples, maze: Maze) -> Compa
         "nrmse_test": {kind: float(np.sqrt(np.mean(e**2)) / spread) for kind, e in left.items()},
         "rollout": rollout, "bands": bands, "residual": residual_map(k.theta, k.theta_dot, left).document(),
     })  # fmt: skip
+
+
+def rolled(way: Predict, samples: RingSamples, windows: Windows) -> Rollout:
+    """Roll-outs of a model from what a filter with it knew."""
+    misfit = MISFIT * max(float(np.std(samples.theta_ddot[samples.good])), 1e-300)
+    theta, rate, _ = causal_start(way, samples, windows.start, angle_noise(samples), misfit)
+    return roll_out(way, samples, windows.start, theta, rate)
 
 
 def effects_table(model: RigModel) -> PageTable:

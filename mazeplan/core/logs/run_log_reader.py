@@ -127,6 +127,12 @@ def read_messages(path: Path) -> tuple[dict[str, Any], list[Document], bool]:
     return header_of(messages, path), messages, chunks.complete
 
 
+def read_header(path: Path) -> dict[str, Any]:
+    """The header of a log; the rest is not read. Raises LogError."""
+    chunks = LogChunks(path)
+    return header_of(next((chunks.documents(found) for _, found in chunks), []), path)
+
+
 def header_of(messages: Sequence[Document], path: Path) -> dict[str, Any]:
     """The header among the messages of a log. Raises LogError without one, or with one of a newer format."""
     header = next((document for topic, document in messages if topic == "/header"), {})

@@ -1,0 +1,36 @@
+"""The verdict on a campaign of `evaluate`: what its runs show, and what to do next."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+SURE = 0.9  # lower end of the 95 % interval of the share that arrives, from which on nothing is left to do
+FEW = 10  # runs that show nothing, if all arrive
+
+
+def verdict(document: dict[str, Any]) -> dict[str, Any]:
+    """`verdict` (good, fair, poor; unknown: too few runs), `because` and `advice`; document: of `evaluate`, without
+    faults."""
+    from mazeplan.apps.report.evaluation_runs import interval
+
+    runs, arrived = document["runs"], document["success"]
+    low, high = interval(arrived, runs)
+    share = f"{100 * low:.0f} to {100 * high:.0f} %"
+    because = f"{arrived} of {runs} runs arrived; of many runs {share} would (95 % interval)"
+    lost = next((result for result in document["results"] if not result["success"]), None)
+    advice = []
+    if lost is not None:
+        worst = max(document["failures"].items(), key=lambda item: item[1], default=None)
+        because += f"; the most frequent failure is {worst[0]}" if worst else ""
+        angle = f" --start-angle {math.degrees(lost['start']['theta']):.2f}" if lost.get("start") else ""
+        again = f"the first that did not: mazeplan navigate --seed {lost['seed']}{angle} --log LOST.mcap"
+        advice = [f"look at {again}, then mazeplan view LOST.mcap"]
+    if low >= SURE:
+        return {"verdict": "good", "because": because, "advice": [*advice, "nothing is left to do for this rig"]}
+    if arrived == runs:
+        more = f"{runs} runs cannot tell 90 % from 100 %: mazeplan evaluate --runs 64"
+        return {"verdict": "good" if runs >= FEW else "unknown", "because": because, "advice": [more]}
+    word = "fair" if arrived >= 0.5 * runs else "poor"
+    log = "mazeplan collect --rings -o NEW.mcap, then mazeplan score MODEL NEW.mcap"
+    return {"verdict": word, "because": because, "advice": [*advice, f"see whether its model is to blame: {log}"]}

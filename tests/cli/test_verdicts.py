@@ -1,0 +1,152 @@
+"""What `evaluate`, `learn` and `score` say in the end: a word, the number behind it, and what to do next."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planar_rig import PlanarRig
+
+from mazeplan.apps.cli.campaign_verdict import verdict
+from mazeplan.apps.cli.learn import model_lines
+from mazeplan.apps.report.model_score import RingError, ring_errors, score_document, whole
+from mazeplan.core.logs.table import read_table
+from mazeplan.learning.ball_models import effect_ball
+from mazeplan.learning.identification import fit_rig
+from mazeplan.learning.modelfile import save_model
+from mazeplan.maze.mapfile import load_map
+from mazeplan.run.collect import Collection, run_collection
+
+MAZE = load_map("cme")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """60 s of the planar rig, excited in ring 2."""
+    path = tmp_path_factory.mktemp("logs") / "log.mcap"
+    run_collection(PlanarRig(MAZE), MAZE, Collection(60.0, (2,), seed=2), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def fit(log):
+    return fit_rig(read_table(log), MAZE)
+
+
+@pytest.fixture(scope="module")
+def fitted(fit):
+    return fit.model
+
+
+def test_a_fitted_model_is_better_than_none_and_one_that_hardly_feels_gravity_is_poor(log, fitted):
+    tables = [read_table(log)]
+    rings = ring_errors(fitted, tables, MAZE)
+    assert rings[2].verdict in ("good", "fair")
+    assert rings[2].noise < rings[2].error < 0.5 * rings[2].persistence
+    light = replace(fitted, balls=dict.fromkeys(fitted.balls, effect_ball([0.05, 0, 0, 0, 0], [0] * 5)))
+    wrong = ring_errors(light, tables, MAZE)[2]
+    assert wrong.verdict == "poor"
+    assert (wrong.windows, wrong.persistence, wrong.noise) == (
+        rings[2].windows,
+        rings[2].persistence,
+        rings[2].noise,
+    )
+
+
+def test_score_prints_the_errors_and_the_verdict(call, log, fitted, tmp_path):
+    save_model(fitted, tmp_path / "model")
+    code, out, _ = call("score", tmp_path / "model", log)
+    assert code == 0
+    *_, because, advice = out.splitlines()
+    assert re.match(r"verdict       (good|fair): after 40 samples \(1\.33 s\) the angle is off by 0\.", because)
+    assert advice.startswith("next          ")
+    assert f"--model {tmp_path / 'model'}" in advice
+    code, out, _ = call("score", tmp_path / "model", log, "--json")
+    document = json.loads(out)
+    assert document["steps"] == 40
+    assert f"verdict       {document['verdict']}: " in because
+    assert document["error"] < 0.5 * document["persistence"]
+    assert f"{document['error']:.3f} rad" in because
+
+
+def errors(error, persistence=1.0, noise=0.01, windows=10):
+    return RingError(windows, 4 / 3, error, persistence, noise)
+
+
+def test_limits_of_a_verdict():
+    words = [errors(e).verdict for e in (0.2, 0.3, 0.6, 2.0)]
+    assert words == ["good", "fair", "poor", "poor"]
+    assert errors(0.06, persistence=0.1, noise=0.02).verdict == "good"  # as good as the camera can tell
+    assert errors(0.2, windows=4).verdict == "unknown"
+
+
+def test_rings_count_by_their_windows_and_a_weak_one_is_named():
+    rings = {1: errors(0.1, windows=30), 2: errors(0.7, windows=10)}
+    assert whole(rings).error == pytest.approx(0.25)
+    document = score_document(rings, "m", "l.mcap")
+    assert document["verdict"] == "good"
+    assert document["advice"][0] == "ring 2 alone is poor: 0.700 rad"
+
+
+def test_a_log_without_windows_has_no_verdict():
+    document = score_document({}, "m", "l.mcap")
+    assert document["verdict"] == "unknown"
+    assert "expected at least 5" in document["because"]
+    assert not any(isinstance(v, float) and math.isnan(v) for v in document.values())
+
+
+def campaign(arrived, runs):
+    lost = {"success": False, "seed": 7, "start": {"ring": 1, "theta": 0.5}}
+    results = [{"success": True, "seed": 0}] * arrived + [lost] * (runs - arrived)
+    return {"runs": runs, "success": arrived, "results": results, "failures": {"stuck": 3, "ball_lost": 1}}
+
+
+def test_a_campaign_says_how_sure_it_is():
+    words = [verdict(campaign(*counts))["verdict"] for counts in ((100, 100), (16, 16), (2, 2), (10, 16), (3, 16))]
+    assert words == ["good", "good", "unknown", "fair", "poor"]
+    assert "16 of 16 runs arrived; of many runs 81 to 100 %" in verdict(campaign(16, 16))["because"]
+    assert verdict(campaign(16, 16))["advice"] == ["16 runs cannot tell 90 % from 100 %: mazeplan evaluate --runs 64"]
+    lost = verdict(campaign(10, 16))
+    assert "the most frequent failure is stuck" in lost["because"]
+    assert "mazeplan navigate --seed 7 --start-angle 28.65 --log LOST.mcap" in lost["advice"][0]
+
+
+def test_evaluate_ends_with_its_verdict(call):
+    code, out, _ = call("evaluate", "--runs", 1, "--rig", "ideal", "--no-deadline", "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert document["verdict"] == "unknown"
+    assert document["because"].startswith("1 of 1 runs arrived")
+    assert len(document["advice"]) == 1
+
+
+def test_the_tilt_of_the_table_is_told_once_and_rings_without_data_have_no_errors(fit, fitted):
+    lines = model_lines(fit, fitted)
+    assert sum("tilt_offset beta" in line for line in lines) == 1
+    assert next(line for line in lines if "tilt_offset" in line).startswith("table ")
+    rings = {line.split()[1]: line for line in lines if line.startswith("ring")}
+    assert list(rings) == ["1", "2", "3", "4", "5"]
+    assert "±" in rings["2"]
+    assert "±" in rings["3"]
+    for ring in "145":
+        assert "(no data of its own)" in rings[ring]
+        assert "±" not in rings[ring]
+
+
+def test_offsets_that_differ_are_told_for_each_ring(fit, fitted):
+    other = effect_ball(np.full(5, 0.1), np.full(5, 0.01))
+    lines = model_lines(fit, replace(fitted, balls=fitted.balls | {1: other}))
+    assert sum("tilt_offset beta" in line for line in lines) == 5
+    assert not any(line.startswith("table") for line in lines)
+
+
+def test_learn_judges_its_model(call, log, tmp_path):
+    code, out, _ = call("learn", "--kind", "pi", log, "-o", tmp_path / "model", "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert document["verdict"] == document["score"]["verdict"] in ("good", "fair")
+    assert document["advice"][-1].endswith(f"mazeplan score {tmp_path / 'model'} NEW.mcap")
