@@ -57,15 +57,17 @@ class Moving:
     """A feed that hands messages on, and tells how long after `began` the ball moved, s, by the clock on the wall."""
 
     def __init__(self, take: Any) -> None:
-        self._take, self._first, self.began, self.after = take, None, monotonic(), float("nan")
+        self._take, self.began, self.after = take, monotonic(), float("nan")
+        self._first: complex | None = None
 
     def __call__(self, topic: str, t: float, document: dict[str, Any]) -> None:
         self._take(topic, t, document)
-        place = (document.get("x"), document.get("y")) if topic == "/tick" and np.isnan(self.after) else (None, None)
-        if None not in place:
-            self._first = self._first or place
-            if np.hypot(*np.subtract(place, self._first)) > MOVED_M:
-                self.after = monotonic() - self.began
+        if topic != "/tick" or document.get("x") is None or not np.isnan(self.after):
+            return
+        place = complex(document["x"], document["y"])
+        self._first = place if self._first is None else self._first
+        if abs(place - self._first) > MOVED_M:
+            self.after = monotonic() - self.began
 
 
 def measured(runs: int) -> tuple[dict[str, np.ndarray], list[float], list[float]]:
