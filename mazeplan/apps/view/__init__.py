@@ -5,7 +5,7 @@
 
 moment.py, story.py     a run at one time, made of its messages; live page and replay share them
 run_statistics.py       rows, errors of plans and chances of openings in a moment
-page.py                 a page: a server behind the check at its door, and tabs that are drawn 25 times a second
+page.py                 a page: a server behind the check at its door, and tabs that are drawn 30 times a second
 scene.py, meshes.py     maze, ball, trail, plan and openings in 3D
 camera.py               where the camera stands
 plots.py, panel.py      curves; facts and behaviour tree

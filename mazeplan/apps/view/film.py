@@ -99,7 +99,7 @@ class _Picture:
         side.text(0.0, 0.955, f"rig {rig}" + ("" if seed is None else f", seed {seed}"), fontsize=10, color="#555555")
         reach = MM * maze.walls[0].outer_radius
         self._corner = np.array([-0.86, -0.86]) * reach
-        plan.text(*(self._corner - [0.13 * reach, 0.13 * reach]), "downhill", fontsize=7.5, color="#555555")
+        plan.text(-0.99 * reach, -0.99 * reach, "downhill", fontsize=7.5, color="#555555")
         (self._trail,) = plan.plot([], [], color=COLOURS["real"], linewidth=2.0, alpha=0.5, zorder=5)
         (self._planned,) = plan.plot([], [], color=COLOURS["planned"], linewidth=2.4, zorder=6)
         (self._next,) = plan.plot([], [], "o", color=COLOURS["planned"], fillstyle="none", markersize=15, zorder=7)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from viser import GuiTabGroupHandle, ViserServer
 
-HZ = 25.0  # drawn so often
+HZ = 30.0  # drawn so often: as a rig gives samples, so that at least 25 a second arrive
 WIDTH = 340  # pixels of the panels at both sides: with one of 1024 there is as much left between them
 FONT = "font-size:13px;line-height:1.4;padding:2px 12px;"
 
