@@ -179,7 +179,7 @@ def draw_trail(ax: Axes, trail: Array) -> None:
         lines.set_cmap(_TRAIL_MAP)
         lines.set_array(0.5 * (trail[:-1, 2] + trail[1:, 2])[whole])
         bar = ax.get_figure().colorbar(lines, ax=ax, shrink=0.5, pad=0.01, aspect=28)  # pyright: ignore
-        bar.set_label("time (s)", fontsize=_FONT)
+        bar.set_label("time, s", fontsize=_FONT)
         bar.ax.tick_params(labelsize=_FONT)
         bar.outline.set_linewidth(0.5)  # pyright: ignore
     ax.plot(*end, "o", color=_INK, markeredgecolor=_FLOOR, markersize=6.0, zorder=6)

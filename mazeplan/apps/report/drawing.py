@@ -16,6 +16,7 @@ from mazeplan.maze.drawing import draw_maze
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
@@ -91,6 +92,16 @@ def sector_map(
     return axes.add_collection(drawn)
 
 
+def round_the_ring(axis: Axis) -> None:
+    """Label an axis of angles, in degrees, by where they are: 0 to 360, though the line goes on beyond a whole turn."""
+    from matplotlib.ticker import MultipleLocator
+
+    low, high = sorted(axis.get_view_interval())
+    step = next((step for step in (15.0, 30.0, 45.0, 90.0, 180.0) if high - low <= 8.0 * step), 360.0)
+    axis.set_major_locator(MultipleLocator(step))
+    axis.set_major_formatter(lambda angle, _: f"{angle % 360.0:g}")
+
+
 def beside(figure: Figure, widths: tuple[float, ...]) -> list[Axes]:
     """Panels beside each other."""
     found = figure.subplots(1, len(widths), gridspec_kw={"width_ratios": widths}, squeeze=False)
@@ -127,9 +138,9 @@ def draw_ending(axes: Axes, name: str, y: float, start: float, end: float, heigh
     height = height if name == "running" else 0.13
     axes.broken_barh([(start, end - start)], (y - 0.5 * height, height), **_look(name))
     if name == "failure":
-        axes.plot([start], [y], **failure_mark("X", markersize=6.0))
+        axes.plot([start], [y], clip_on=False, **failure_mark("X", markersize=6.0))
     elif name == "success":
-        axes.plot([start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5)
+        axes.plot([start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5, clip_on=False)
 
 
 def endings_met(met: Collection[str]) -> list[Patch]:

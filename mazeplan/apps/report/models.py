@@ -191,7 +191,7 @@ def _rollouts(document: Comparison) -> PageTable:
         for ring, s in document.items() if s.rollout
     }  # fmt: skip
     return _scores_table(
-        "Mean absolute error of the angle after 20 / 40 samples, deg", [KINDS.get(kind, kind) for kind in columns],
+        "Mean absolute error of the angle after 20 / 40 samples, degrees", [KINDS.get(kind, kind) for kind in columns],
         columns, labels, lambda ring, kind: document[ring].rollout.get(kind, {}).get("40", math.nan), text,
         _paper(columns, document, published.ROLLOUT, lambda pair: _degrees(*pair)), "after 40",
     )  # fmt: skip
@@ -289,7 +289,7 @@ def _rollout_errors(figure: Figure, document: Comparison) -> None:
         axes.set_title(f"ring {ring}")
         axes.set_xlabel("samples rolled out")
         axes.grid()
-    panels[0].set_ylabel("error of the angle, deg")
+    panels[0].set_ylabel("error of the angle, degrees")
     panels[0].set_ylim(0.0, 1.05 * top if top > 0.0 else None)
     _mark_leaving(panels, 1.05 * top)
     legend_beside(panels[-1])
@@ -339,6 +339,6 @@ def _heat(figure: Figure, residuals: dict[int, ResidualDocument], kind: str) -> 
         axes.set_ylabel(f"ring {ring}\nspeed, rad/s")
         axes.set_yticks(row, [f"{v:.1f}" for v in table.rate], fontsize=7.5)
     panels[-1].set_xticks(range(0, 361, 45))
-    panels[-1].set_xlabel("angle of the ball, deg   (speed: angular; hatched: too few samples)")
+    panels[-1].set_xlabel("angle of the ball, degrees   (speed: angular; hatched: too few samples)")
     bar = figure.colorbar(drawn, ax=list(panels), extend="both", aspect=40)
     bar.set_label("measured less predicted, mean, rad/s²")

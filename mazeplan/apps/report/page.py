@@ -44,7 +44,7 @@ NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
 LETTERS = re.compile(r"[^\W\d_]+")
 AMONG_FIGURES = frozenset(["e", "of", "to", "s", "ms", "mm", "m", "deg", "rad", "Hz"])
 LONGEST = 60  # characters of a cell that stays in one line
-UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
+UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|degrees|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 

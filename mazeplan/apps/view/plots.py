@@ -70,7 +70,7 @@ def line(label: str, style: str, dashed: bool = False) -> dict[str, Any]:
 
 def _add_plot(server: ViserServer, chart: Chart, series: Sequence[Any], data: tuple[Array, ...], **more: Any) -> Any:
     common = {"grid": {"stroke": "#e4e6ea", "width": 1}, "font": "11px sans-serif", "labelSize": 18}
-    axes = {"label": "time (s)", "size": 32, **common}, {"label": chart.unit, "size": 44, **common}
+    axes = {"label": "time, s", "size": 32, **common}, {"label": chart.unit, "size": 44, **common}
     every: Any = ({"label": "t (s)"}, *series)
     more |= {"axes": axes, "height": HEIGHT, "title": chart.title}
     return server.gui.add_uplot(data, every, padding=(4, 12, 0, 0), **more)  # pyright: ignore

@@ -71,7 +71,7 @@ class EditTab:
     def _build_opening(self, gui: Any) -> None:
         with gui.add_folder("Opening"):
             self._which = gui.add_dropdown("Chosen", self._names(), hint="or click it in the maze")
-            self._angle = gui.add_slider("Angle (deg)", 0.0, 359.9, 0.1, 0.0)
+            self._angle = gui.add_slider("Angle, degrees", 0.0, 359.9, 0.1, 0.0)
             self._width = gui.add_slider("Width (mm)", 1.0, 60.0, 0.05, 15.0)
             self._closed = gui.add_checkbox("Closed", False, hint="it is there, but no route uses it")
             self._remove = gui.add_button("Remove it", color="gray", hint="a comment on its line stays")
