@@ -17,6 +17,7 @@ from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.palette import TINTS
 
 TWICE = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main"><Sequence><SubTree ID="Rest"/><Repeat num_cycles="2"><SubTree ID="Rest" name="more"/></Repeat>
@@ -156,7 +157,7 @@ def test_the_node_that_ended_a_run_is_marked_and_the_legend_stands_below_all(tmp
     filled = [
         t.get_text()
         for t in nodes.texts
-        if t.get_bbox_patch() and to_hex(t.get_bbox_patch().get_facecolor()) == "#f6c9c0"
+        if t.get_bbox_patch() and to_hex(t.get_bbox_patch().get_facecolor()) == TINTS["failure"].lower()
     ]
     assert filled == ["Dither"]
     figure.draw_without_rendering()

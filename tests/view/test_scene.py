@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 
-from mazeplan.apps.palette import rgb
 from mazeplan.apps.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
 from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
 from mazeplan.apps.view.run_statistics import bounds
 from mazeplan.apps.view.scene import UNIT, Scene, attitude, opening_colour, resampled
+from mazeplan.core.palette import rgb
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")

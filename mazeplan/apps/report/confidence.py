@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.documents import ComparedRing, Comparison, ConfidenceEntry, best_kind, kinds
 from mazeplan.apps.report.drawing import KIND_STYLES, legend_beside, line, points
 from mazeplan.apps.report.page import PagePicture, PageTable
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
+from mazeplan.core.palette import COLOURS
 from mazeplan.core.records import Array
 from mazeplan.learning.rollout import CHECKED
 from mazeplan.learning.split import TOO_FEW, enough

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS, HATCHES, MARKERS, dashes
 from mazeplan.core.logs.run_log import STATUSES
+from mazeplan.core.palette import COLOURS, HATCHES, INKS, MARKERS, dashes
 from mazeplan.maze.drawing import draw_maze
 
 if TYPE_CHECKING:
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from mazeplan.core.records import Array
     from mazeplan.maze.geometry import Maze
 
-INK = "#1c1f24"
-SERIES = ("real", "ring3", "ring4", "ring5", "ring1")  # of evaluations beside each other
-KIND_STYLES = {"rf": "neutral", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
+INK = INKS["ink"]
+SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # of evaluations beside each other
+KIND_STYLES = {"rf": "sixth", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
                "model": "ring2"}  # fmt: skip
 FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 
@@ -117,7 +117,7 @@ def nothing(axes: Axes, why: str) -> None:
     """Say in an empty panel why it is empty."""
     axes.set_xticks([])
     axes.set_yticks([])
-    axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=COLOURS["neutral"])
+    axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=INKS["quiet"])
 
 
 # how the last tick of a node ended

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report import published, words
 from mazeplan.apps.report.confidence import confidence_parts
 from mazeplan.apps.report.documents import ComparedRing, Comparison, ResidualDocument, best_kind, kinds
@@ -30,6 +29,7 @@ from mazeplan.apps.report.run_record import maze_of
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.palette import COLOURS, FAINT
 from mazeplan.core.records import Array
 from mazeplan.learning.split import BLOCKS, TOO_FEW, WINDOWS, enough
 from mazeplan.maze.geometry import Maze
@@ -329,7 +329,7 @@ def _heat(figure: Figure, residuals: dict[int, ResidualDocument], kind: str) -> 
         mean = table.mean[kind]
         angle, row = np.linspace(0.0, 360.0, mean.shape[1] + 1), np.arange(len(table.rate))
         drawn = axes.pcolormesh(angle, row, np.ma.masked_invalid(mean), cmap="PuOr_r", vmin=-top, vmax=top)
-        axes.patch.set(facecolor="white", edgecolor="#c4c4c4", hatch="//////")
+        axes.patch.set(facecolor="white", edgecolor=FAINT["hatch"], hatch="//////")
         # grey printing shows how large, not which way
         for j, i in zip(*np.nonzero(np.abs(mean) > 0.35 * top), strict=True):
             ink = "white" if abs(mean[j, i]) > 0.65 * top else INK

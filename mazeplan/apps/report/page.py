@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.report.words import HARD
 from mazeplan.core.errors import InputError
+from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS
 from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "axes.linewidth": 0.7,
-    "grid.color": "#dddddd",
+    "grid.color": FAINT["grid"],
     "grid.linewidth": 0.6,
     "hatch.linewidth": 0.6,
     "legend.fontsize": 8.0,
@@ -189,4 +190,8 @@ def _template() -> Any:
         lstrip_blocks=True,
     )  # fmt: skip
     room.tests["figures"], room.filters["whole"] = _figures, _whole
+    room.globals["colours"] = {
+        "ink": INKS["ink"], "quiet": INKS["quiet"], "paper": TINTS["paper"], "band": TINTS["band"],
+        "rule": FAINT["rule"], "strong": COLOURS["real"], "edge": COLOURS["neutral"],
+    }  # fmt: skip
     return room.get_template("page.html")

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report import words
 from mazeplan.apps.report.diagnosis_documents import NavigationChange, PlaceMark, RigDocument, RigEvidenceDocument
 from mazeplan.apps.report.drawing import INK, beside, darker, line, nothing, plan_view, sector_map
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, Steps
 from mazeplan.apps.report.words import DEG
+from mazeplan.core.palette import COLOURS
 from mazeplan.maze.mapfile import check_text
 from mazeplan.physics.registry import EFFECTS
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.drawing import (
     ENDINGS,
     FAILURE_MARKERS,
@@ -44,6 +43,7 @@ from mazeplan.apps.report.words import ANGLE, BETA, DEG, GAMMA, MISSING, TIME, s
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLog
 from mazeplan.core.maths.angles import nearest
+from mazeplan.core.palette import COLOURS, TINTS
 from mazeplan.core.records import Array, TreeOutline
 from mazeplan.maze.drawing import draw_maze
 from mazeplan.maze.geometry import Maze
@@ -210,7 +210,7 @@ def _bands(axes: Axes, stays: list[Visit], named: bool) -> None:
     for i, visit in enumerate(stays):
         length = visit.end - visit.start
         if i % 2 == 0:
-            axes.axvspan(visit.start, visit.end, color="#f1f3f6", lw=0, zorder=0)
+            axes.axvspan(visit.start, visit.end, color=TINTS["band"], lw=0, zorder=0)
         if named and length > 0.02 * (stays[-1].end - stays[0].start):
             text = f"ring {visit.ring}" if length > 0.09 * stays[-1].end else f"{visit.ring}"
             axes.text(0.5 * (visit.start + visit.end), 1.01, text, transform=axes.get_xaxis_transform(), ha="center",

@@ -14,15 +14,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.drawing import ENDINGS, draw_ending, ending, endings_met, failure_mark
 from mazeplan.apps.report.run_record import mishaps, span_of
+from mazeplan.apps.report.words import TIME
 from mazeplan.behavior.decorators import SubTree
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.outline import FOLDED, Row, rows_of
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.logs.run_log import STATUSES, RunLog
+from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS
 from mazeplan.core.records import FailureKind
 from mazeplan.core.whole_file import whole_file
 
@@ -30,25 +31,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Text
 
-# fill by kind of node, readable in grey and with any colour vision: light blue, light orange, white, light yellow
-FILLS = {
-    "Control": "#cfe2f3",
-    "Decorator": "#fce5cd",
-    "Action": "#ffffff",
-    "Condition": "#ffffff",
-    "SubTree": "#fff2a8",
-}
 SHAPES = {  # matplotlib's box styles
     "Control": "square,pad=0.28", "Decorator": "round4,pad=0.38", "Action": "round,pad=0.28",
     "Condition": "round,pad=0.28,rounding_size=0.75", "SubTree": "square,pad=0.28",
 }  # fmt: skip
-STEP, ROW, WORDS, TIME, DPI = 0.42, 0.29, 5.0, 5.2, 150  # indent; inches: a row, words, picture over time; dots an inch
+STEP, ROW, WORDS, WIDE, DPI = 0.42, 0.29, 5.0, 5.2, 150  # indent; inches: a row, words, picture over time; dots an inch
 AXIS, LEGEND = 0.45, 0.5  # inches below the rows: time, legend
-# by what the marked node did: its words and fill
+# by what the marked node did
 MARKS = {
-    "failure": ("✖ ended the run", "#f6c9c0"),
-    "running": ("▶ running at the {limit}", "#cbe3f5"),
-    "success": ("✔ last success", "#c9ecdd"),
+    "failure": "✖ ended the run",
+    "running": "▶ running at the {limit}",
+    "success": "✔ last success",
 }
 
 
@@ -70,7 +63,7 @@ class History:
     @property
     def words(self) -> str:
         """What stands beside the marked node."""
-        return MARKS[self.how][0].format(limit=self.limit)
+        return MARKS[self.how].format(limit=self.limit)
 
 
 def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> History:
@@ -163,9 +156,9 @@ def save_tree_picture(
     deepest, n = max(row.depth for row in rows), len(rows)
     lowest = AXIS + (0.0 if did is None else LEGEND)
     width, height = 0.3 * deepest + WORDS + 1.5, ROW * n + 0.4 + lowest
-    figure = Figure(figsize=(width + TIME, height), dpi=DPI)
+    figure = Figure(figsize=(width + WIDE, height), dpi=DPI)
     below, tall = lowest / height, ROW * n / height
-    axes = figure.add_axes((0.0, below, width / (width + TIME), tall))
+    axes = figure.add_axes((0.0, below, width / (width + WIDE), tall))
     axes.set_axis_off()
     axes.set_xlim(-0.1, deepest * STEP + WORDS)
     axes.set_ylim(n - 0.5, -0.5)
@@ -174,12 +167,12 @@ def save_tree_picture(
         figure.draw_without_rendering()  # only then is it known how wide the words are, at this resolution
         crop = Bbox.union([text.get_window_extent() for text in texts]).transformed(figure.dpi_scale_trans.inverted())
         if did is not None:
-            left = (crop.x1 + 0.25) / (width + TIME)
-            over_time = figure.add_axes((left, below, (TIME - 0.4) / (width + TIME), tall))
+            left = (crop.x1 + 0.25) / (width + WIDE)
+            over_time = figure.add_axes((left, below, (WIDE - 0.4) / (width + WIDE), tall))
             _draw_history(over_time, rows, did)
             figure.legend(handles=_legend(rows, did), **_below_axes(left))
             over_time.set_title(title, fontsize=8, loc="left")
-            crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, TIME, height)])
+            crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, WIDE, height)])
         with whole_file(path) as beside:
             figure.savefig(beside, bbox_inches=crop.padded(0.12))
     except (OSError, ValueError) as problem:
@@ -195,13 +188,13 @@ def _draw_nodes(axes: Axes, rows: list[Row], did: History | None) -> list[Text]:
     on_path = COLOURS["running" if did is not None and did.how == "running" else "failure"]
     for y, row in enumerate(rows):
         x, bad = row.depth * STEP, did is not None and row.number in did.path
-        colour, width = (on_path, 1.8) if bad else ("#555555", 0.9)
+        colour, width = (on_path, 1.8) if bad else (INKS["quiet"], 0.9)
         if row.parent is not None:
             trunk = (row.depth - 1) * STEP + 0.12
             axes.plot([trunk, trunk, x], [row.parent + 0.35, y, y], color=colour, lw=width, zorder=2 if bad else 1)
         kind = _kind(row.node)
         mark = did if did is not None and row.number == did.marked else None
-        fill, edge = FILLS[kind] if mark is None else MARKS[mark.how][1], colour if bad else "#333333"
+        fill, edge = TINTS[kind if mark is None else mark.how], colour if bad else INKS["ink"]
         box = axes.text(
             x, y, row.title, va="center", ha="left", fontsize=8, zorder=3, family="DejaVu Sans", parse_math=False,
             bbox={"boxstyle": SHAPES[kind], "fc": fill, "ec": edge, "lw": width},
@@ -209,14 +202,14 @@ def _draw_nodes(axes: Axes, rows: list[Row], did: History | None) -> list[Text]:
         note = "  ".join(filter(None, (row.name, row.attributes, FOLDED * row.folded)))
         beside = axes.annotate(
             note, xy=(1.0, 0.5), xycoords=box, xytext=(6, 0), textcoords="offset points",
-            va="center", fontsize=7, color="#444444", parse_math=False,
+            va="center", fontsize=7, color=INKS["quiet"], parse_math=False,
         )  # fmt: skip
         texts += [box, beside] if note else [box]
         if mark is not None:
             texts.append(axes.annotate(
                 mark.words, xy=(1.0, 0.5), xycoords=beside if note else box, xytext=(8, 0),
                 textcoords="offset points", va="center", fontsize=8, weight="bold", family="DejaVu Sans",
-                color=COLOURS["good" if mark.how == "success" else mark.how],
+                color=INKS[mark.how],
             ))  # fmt: skip
     return texts
 
@@ -232,9 +225,9 @@ def _draw_history(axes: Axes, rows: list[Row], did: History) -> None:
     axes.set_yticks(range(len(rows)), [])
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", labelsize=7)
-    axes.grid(color="#e4e4e4", lw=0.6)
+    axes.grid(color=FAINT["grid"], lw=0.6)
     axes.set_axisbelow(True)
-    axes.set_xlabel("time, s", fontsize=8)
+    axes.set_xlabel(TIME, fontsize=8)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
 
