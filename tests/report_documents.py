@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from mazeplan.apps.report.page import PagePicture
+from mazeplan.apps.report.page import STYLE, PagePicture
 from mazeplan.core.events import FailureReported, RecoveryChosen, RingEntered
 from mazeplan.core.logs.run_log import RunLogWriter
 from mazeplan.core.records import Plan, StopReason, TreeOutline
@@ -139,10 +140,11 @@ def evidence(title="log, ring 2"):
 
 
 def drawn(parts, name):
-    """A picture of a section's parts by its name, drawn: its figure."""
-    figure = Figure()
+    """A picture of a section's parts by its name, drawn as on its page: its figure."""
     picture = next(part for part in parts if isinstance(part, PagePicture) and part.name == name)
-    picture.draw(figure)
+    with rc_context(STYLE):
+        figure = Figure(figsize=picture.size, layout="constrained" if picture.automatic else None)
+        picture.draw(figure)
     return figure
 
 

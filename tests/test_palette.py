@@ -1,13 +1,16 @@
 """The palette: readable on white, apart in grey and for eyes that see two of the three colours, one set of names."""
 
+import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mazeplan.apps import palette
+from mazeplan.apps.report import drawing
+from mazeplan.core import palette
 
-NAMES = """planned real commanded measured good bad unsure neutral ring1 ring2 ring3 ring4 ring5
+NAMES = """planned real commanded measured good bad unsure neutral ring1 ring2 ring3 ring4 ring5 sixth
 running success failure skipped idle"""
 TOGETHER = [
     ["planned", "real"],
@@ -15,7 +18,10 @@ TOGETHER = [
     ["good", "bad", "unsure"],
     [f"ring{i}" for i in range(1, 6)],
     ["running", "success", "failure", "skipped", "idle"],
+    [*drawing.SERIES],
+    [*dict.fromkeys(drawing.KIND_STYLES.values())],
 ]
+ROOT = Path(palette.__file__).parents[2]
 # linear RGB as they are seen with one kind of cone missing (Machado, Oliveira, Fernandes 2009, severity 1)
 SEEN = {
     "all cones": np.eye(3),
@@ -27,7 +33,9 @@ TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 
 
 
 def linear(name):
-    c = np.array(palette.rgb(name)) / 255
+    """Linear RGB of a name of the palette, or of a colour."""
+    colour = palette.COLOURS.get(name, name)
+    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
 
@@ -45,10 +53,54 @@ def test_every_name_has_a_colour_and_nothing_else_has_a_style():
     assert palette.rgb("planned") == (0xD5, 0x5E, 0x00)
 
 
+def contrast(one, other):
+    """Contrast of two colours by WCAG 2.1: 1 (the same) to 21 (black on white)."""
+    dark, light = sorted(TO_XYZ[1] @ linear(colour) for colour in (one, other))
+    return (light + 0.05) / (dark + 0.05)
+
+
 @pytest.mark.parametrize("name", [n for n in NAMES.split() if n not in ("skipped", "idle")])
 def test_a_line_can_be_read_on_white(name):
-    luminance = TO_XYZ[1] @ linear(name)
-    assert 1.05 / (luminance + 0.05) >= 3.0  # WCAG 2.1, graphical objects
+    assert contrast(name, "#FFFFFF") >= 3.0  # WCAG 2.1, graphical objects
+
+
+def test_contrast_is_that_of_wcag():
+    assert contrast("#000000", "#FFFFFF") == pytest.approx(21.0)
+    assert contrast("#777777", "#FFFFFF") == pytest.approx(4.48, abs=0.005)  # its textbook example that just fails
+
+
+@pytest.mark.parametrize("name", palette.INKS)
+def test_words_can_be_read_on_white_and_on_the_fills_below_them(name):
+    tints = {"bad": ["bad"], "quiet": ["band", "bad", "chosen"], "ink": [*palette.TINTS]}
+    for below in ["#FFFFFF", *(palette.TINTS[tint] for tint in tints.get(name, []))]:
+        assert contrast(palette.INKS[name], below) >= 4.5, below  # WCAG 2.1, text
+
+
+def test_the_edges_of_a_maze_are_seen_on_its_floor_and_the_ball_is_seen_as_one():
+    for name in ("edge", "closed", "ball"):
+        assert contrast(palette.MAZE[name], palette.MAZE["floor"]) >= 3.0
+    assert contrast(palette.COLOURS["planned"], palette.MAZE["floor"]) >= 3.0  # the route
+
+
+def test_what_a_tree_picture_fills_alike_is_not_told_by_colour_alone():
+    from mazeplan.apps.report.tree_picture import MARKS, SHAPES
+
+    assert set(SHAPES) < set(palette.TINTS)
+    assert set(MARKS) < set(palette.TINTS)
+    assert len(set(MARKS.values())) == len(MARKS)  # words say it, too
+
+
+def test_no_other_file_of_the_program_or_its_tools_has_a_colour_of_its_own():
+    files = [*(ROOT / "mazeplan").rglob("*.py"), *(ROOT / "mazeplan").rglob("*.html"), *(ROOT / "tools").glob("*.py")]
+    found = {
+        f"{file.relative_to(ROOT)}:{number}: {line.strip()}"
+        for file in files
+        if file.resolve() != Path(palette.__file__).resolve()
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1)
+        if re.search(r"""(?i)[:'"\s]#(?:[0-9a-f]{6}|[0-9a-f]{3})\b""", line) and "# " not in line[: line.find("#") + 2]
+    }
+    assert len(files) > 300
+    assert not found
 
 
 @pytest.mark.parametrize("seen", SEEN)

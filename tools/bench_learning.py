@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.core.logs.table import read_table
+from mazeplan.core.palette import COLOURS
 from mazeplan.core.records import Array, IntArray, NavigationResult
 from mazeplan.learning.modelfile import RigModel, load_model
 from mazeplan.learning.online_gp import RULES

@@ -24,6 +24,7 @@ from mazeplan.control.tilt import Plate
 from mazeplan.control.tracking import TrackingOptions, finished, follow_gains, follow_pd
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.maths.angles import difference, nearest
+from mazeplan.core.palette import COLOURS, FAINT
 from mazeplan.core.records import LEVEL, Array, Command, Plan, State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
@@ -52,7 +53,7 @@ LEAN = math.radians(1.0)  # twice the angle at which the toy's friction holds th
 PD_GAINS = TrackingOptions(kp=45.0, kd=11.25)
 ESTIMATOR = EstimatorOptions(acceleration_sigma=0.3)  # less than in a run: no ball is shot through an opening here
 INTEGRAL, INTEGRAL_ZONE, INTEGRAL_MOST = 0.5, 0.15, 0.1  # 1/s, rad, rad; of iLQG-MPC
-COLOURS = {"iLQG-MPC": "#0072b2", "iLQG + PD": "#d55e00", "PD": "#009e73"}  # Okabe-Ito palette
+LINES = {"iLQG-MPC": COLOURS["real"], "iLQG + PD": COLOURS["planned"], "PD": COLOURS["success"]}
 
 Law = Callable[[State], Command]
 
@@ -245,11 +246,11 @@ def draw(found: dict[tuple[int, str], list[Outcome]], path: Path) -> None:
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for ring, axes in zip(RINGS, panels.flat, strict=True):
-        axes.axhspan(-BAND, BAND, color="#dde0e4", lw=0.0, zorder=0, label=f"settled: within {BAND:g} rad")
-        for name, colour in COLOURS.items():
+        axes.axhspan(-BAND, BAND, color=FAINT["grid"], lw=0.0, zorder=0, label=f"settled: within {BAND:g} rad")
+        for name, colour in LINES.items():
             axes.plot([], [], color=colour, lw=2.0, label=name)  # for the legend: a move's own line is too thin
         for i in range(len(found[ring, next(iter(LAWS))])):  # law by law within a move, so that none hides another
-            for name, colour in COLOURS.items():
+            for name, colour in LINES.items():
                 outcome = found[ring, name][i]
                 t = outcome.dt * np.arange(outcome.error.size)
                 axes.plot(t, outcome.error, color=colour, lw=0.7, alpha=0.75)

@@ -20,10 +20,12 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
+from mazeplan.core.palette import INKS, TINTS
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mazeplan"
 WIDTH, HEIGHT, GAP = 10.0, 0.62, 0.25  # of the widest floor, of a box, between boxes
-INK, PAPER, ARROW = "#22333b", "#eaf1f4", "#5b7c8d"
+INK, PAPER, ARROW = INKS["ink"], TINTS["chosen"], INKS["quiet"]
 
 
 def floors() -> list[list[str]]:

@@ -1,11 +1,13 @@
 """Draw the pictures of reports that README and docs show: `python tools/draw_reports.py` writes them into docs/.
 
-The run begins where an opening is missed and the ball falls back, so that there is something to be seen."""
+Of runs from all around the circle the first is drawn that missed an opening and then arrived."""
 
 from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+
+import numpy as np
 
 from mazeplan.apps.report.evaluation import evaluation_section
 from mazeplan.apps.report.inputs import Input
@@ -28,7 +30,13 @@ def save(section: PageSection, name: str, target: str) -> None:
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "run.mcap"
-        navigate(rig="rough", seed=0, start_angle_deg=11.25, log=log)
+        for start in np.arange(22.5, 360.0, 22.5):
+            done = navigate(rig="rough", seed=0, start_angle_deg=float(start), log=log)
+            if done.success and "missed_opening" in [failure.kind for failure in done.failures]:
+                break
+            log.unlink()
+        else:
+            raise SystemExit("no run missed an opening")
         run = run_section(read_log(log))
     save(run, "tree", "report-tree.png")
     given = []

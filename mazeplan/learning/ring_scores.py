@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -145,11 +145,33 @@ def residual_map(theta: Array, theta_dot: Array, residuals: Mapping[str, Array])
 
 
 @dataclass(frozen=True)
+class Best:
+    """The kind with the least roll-out error at the last of CHECKED, and the next one. less: by how much its error is
+    less on average, rad; interval: its 95 % interval, of the same windows in pairs, by blocks of time."""
+
+    kind: str
+    next: str
+    less: float
+    interval: tuple[float, float]
+
+    @classmethod
+    def of(cls, errors: Mapping[str, Array], block: IntArray, rng: np.random.Generator) -> Best | None:
+        """errors: of each window (N,), rad, by kind; block: of each window. None for fewer than two kinds."""
+        if len(errors) < 2:
+            return None
+        best, following = sorted(errors, key=lambda kind: float(np.mean(errors[kind])))[:2]
+        less = errors[following] - errors[best]
+        interval = block_bootstrap(less, block, lambda e: float(np.mean(e)), rng)
+        return cls(best, following, float(np.mean(less)), interval)
+
+
+@dataclass(frozen=True)
 class RingScores:
     """Scores of one ring; `document` is their JSON.
 
     delay: s; signs: of beta and gamma; centre: m; rollout, interval, bands: of roll-outs, by kind and sample;
-    confidence: `Confidence.document` by kind; blocks: of time with test rows, and with windows."""
+    confidence: `Confidence.document` by kind; blocks: of time with test rows, and with windows; best: None with fewer
+    than two kinds of roll-outs."""
 
     ring: int
     n_train: int
@@ -168,6 +190,7 @@ class RingScores:
     residual: ResidualMap | None = None
     confidence: dict[str, dict[str, Any]] = field(default_factory=dict)
     blocks: dict[str, int] = field(default_factory=dict)
+    best: Best | None = None
 
     def document(self) -> dict[str, Any]:
         """For JSON, rounded."""
@@ -179,6 +202,8 @@ class RingScores:
             "nrmse_train": self.nrmse_train, "nrmse_test": self.nrmse_test,
             "rollout": self.rollout, "interval95": self.interval,
         }  # fmt: skip
+        if self.best is not None:
+            out["best"] = asdict(self.best)
         more = {"curve": self.curve, "bands": self.bands, "confidence": self.confidence}
         out = _rounded(out | {name: value for name, value in more.items() if value})
         return out | ({"residual": self.residual.document()} if self.residual else {})
@@ -226,13 +251,14 @@ def score(
     rollout: dict[str, dict[str, float]] = {}
     bands: dict[str, dict[str, list[float]]] = {}
     sure: dict[str, dict[str, Any]] = {}
+    errors: dict[str, Array] = {}
     for kind in ROLLED:
         progress(f"rolling out {kind}")
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
         if fitted is not None and len(windows):
             rolled = _roll(kind, fitted.typical, data, windows, misfit, rates, train_rows, options.fit)
             rollout[kind] = {str(n): rolled.after(n) for n in CHECKED}
-            bands[kind] = rolled.bands()
+            bands[kind], errors[kind] = rolled.bands(), rolled.error[:, CHECKED[-1]]
             for n in CHECKED:
                 blocks = data.block[windows.start]
                 interval[str(n)][kind] = block_bootstrap(rolled.error[:, n], blocks, lambda e: float(np.mean(e)), rng)
@@ -249,6 +275,7 @@ def score(
         ring, len(train_rows), len(at), rates, options.samples.delay, signs, windows, data.off, nrmse_train, nrmse_test,
         rollout, interval, curve, bands, residual_map(data.test.k.theta[at], data.test.k.theta_dot[at], left), sure,
         data.blocks(windows),
+        Best.of(errors, data.block[windows.start], np.random.default_rng([options.seed, ring, 2])),
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ Lengths in the drawing are mm. matplotlib is imported when something is drawn, a
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazeplan.core.errors import InputError
-from mazeplan.core.maths.angles import difference
+from mazeplan.core.maths.angles import place_deg
+from mazeplan.core.palette import COLOURS, INKS, MAZE
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
+from mazeplan.maze.label_places import SHOWN, WORD, ball_place, name_places, number_places, word_fits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,14 +29,10 @@ SUFFIXES = (".png", ".svg", ".pdf")
 
 _MM = 1000.0
 _ARC_STEP = math.radians(0.5)
-_WALL, _WALL_EDGE, _FLOOR = "#b9bec5", "#5b626b", "#ffffff"
-_INK, _CLOSED = "#22262b", "#c0392b"
-_ROUTE = "#d55e00"  # vermilion of the Okabe-Ito palette for colour-blind readers
+_INK, _FLOOR = INKS["ink"], MAZE["floor"]
 _TRAIL_MAP = "viridis"
 _FONT = 8.0
-_LABELLED = 1.27  # radii of the rim that a picture with labels shows to each side
-_WORD = (0.066, 0.02)  # half of the width and height of "ring 1", of what such a picture shows to each side
-_NEAR = 1.6  # radii of the ball that a ring's number keeps from a path
+_AXES_IN = 5.3  # inches that the maze has in a picture, at least
 
 Array = NDArray[np.float64]
 
@@ -83,12 +82,14 @@ def maze_outlines(maze: Maze, step: float = _ARC_STEP) -> list[Array]:
 
 
 def draw_maze(
-    maze: Maze, ax: Axes | None = None, *, labels: bool = True, path: Array | None = None, ball: bool = True
-) -> Axes:
+    maze: Maze, ax: Axes | None = None, *, labels: bool = True, names: bool = False, path: Array | None = None,
+    ball: bool = True,
+) -> Axes:  # fmt: skip
     """Draw walls, openings, ball and tilt axes into `ax`, or into a figure of its own; returns the axes.
 
-    labels=False draws the bare maze, ball=False no ball. path: (N, 2) in m, a route or trail to be drawn on top: the
-    ball lies at its first point, ring numbers keep away from it, and the angles of the openings are left out.
+    labels=False draws the bare maze, ball=False no ball; names=True the names of openings beside them, in place of
+    their angles, and a scale of degrees. path: (N, 2) in m, a route or trail to be drawn on top, NaN between two: the
+    ball lies at its first point, numbers and names keep away from it, and the angles of openings are left out.
     """
     if ax is None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -98,23 +99,26 @@ def draw_maze(
         FigureCanvasAgg(figure)
         ax = figure.add_subplot()
     rim = maze.walls[0].outer_radius * _MM
-    reach = rim * (_LABELLED if labels else 1.03)
+    reach = rim * (SHOWN if labels else 1.03)
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     ax.set_axis_off()
     _draw_walls(ax, maze)
     for opening in maze.openings:
         if opening.closed:
             _draw_closed(ax, maze, opening)
-    places = number_places(maze, path)
+    places = number_places(maze, None if path is None else path[np.isfinite(path).all(axis=1)])
     if ball:
-        _draw_ball(ax, maze, _ball_place(maze, places[0]) if path is None else path[0])
+        _draw_ball(ax, maze, ball_place(maze, places[0]) if path is None else path[0])
     if labels:
         for ring, place in zip(maze.rings, places, strict=True):
-            text = "ring 1" if ring.number == 1 and _word_fits(maze, place) else f"{ring.number}"
+            text = "ring 1" if ring.number == 1 and word_fits(maze, place) else f"{ring.number}"
             _text(ax, place[0] * _MM, place[1] * _MM, text, size=_FONT, weight="bold")
-        _draw_tilt_axes(ax, rim)
+        _draw_tilt_axes(ax, rim, names)
         _draw_scale(ax, maze, rim)
-    if labels and path is None:
+    if labels and names:
+        _draw_degrees(ax, rim)
+        _draw_opening_names(ax, maze, places, path, reach)
+    elif labels and path is None:
         _draw_opening_angles(ax, maze)
     return ax
 
@@ -131,7 +135,7 @@ def draw_route(ax: Axes, maze: Maze, route: Route) -> None:
         FancyArrowPatch(
             path=Curve(points),
             arrowstyle="-|>,head_length=6,head_width=3.2",
-            color=_ROUTE,
+            color=COLOURS["planned"],
             linewidth=1.8,
             joinstyle="round",
             capstyle="round",
@@ -174,21 +178,24 @@ def draw_trail(ax: Axes, trail: Array) -> None:
     ax.add_collection(lines)
     end = points[np.isfinite(trail).all(axis=1)][-1]
     if trail.shape[1] == 2:
-        lines.set_color("#0072b2")
+        lines.set_color(COLOURS["real"])
     else:
         lines.set_cmap(_TRAIL_MAP)
         lines.set_array(0.5 * (trail[:-1, 2] + trail[1:, 2])[whole])
         bar = ax.get_figure().colorbar(lines, ax=ax, shrink=0.5, pad=0.01, aspect=28)  # pyright: ignore
-        bar.set_label("time (s)", fontsize=_FONT)
+        bar.set_label("time, s", fontsize=_FONT)
         bar.ax.tick_params(labelsize=_FONT)
         bar.outline.set_linewidth(0.5)  # pyright: ignore
     ax.plot(*end, "o", color=_INK, markeredgecolor=_FLOOR, markersize=6.0, zorder=6)
 
 
 def save_drawing(
-    maze: Maze, path: str | Path, route: Route | None = None, trail: Array | None = None, *, labels: bool = True
-) -> None:
+    maze: Maze, path: str | Path, route: Route | None = None, trail: Array | None = None, *,
+    labels: bool = True, names: bool = False, title: str = "",
+) -> None:  # fmt: skip
     """Draw the maze, with a route and the ball's trail if given, to a .png, .svg or .pdf file.
+
+    labels, names: as in `draw_maze`; title: above the drawing.
 
     Raises InputError for another suffix or a place that cannot be written.
     """
@@ -198,16 +205,21 @@ def save_drawing(
     over = [] if route is None else [route_points(maze, route)]
     if trail is not None:
         trail = np.asarray(trail, dtype=float)
-        over.append(trail[np.isfinite(trail).all(axis=1), :2])
-    drawn = np.vstack(over) if over else np.empty((0, 2))
-    ax = draw_maze(maze, labels=labels, path=drawn if len(drawn) else None)
+        seen = trail[np.isfinite(trail).all(axis=1), :2]
+        over += [np.full((1, 2), math.nan)] * bool(over) + [seen]
+    drawn = np.vstack(over) if any(map(len, over)) else None
+    ax = draw_maze(maze, labels=labels, names=names, path=drawn)
     figure: Any = ax.get_figure()
+    if title:
+        figure.suptitle(title, fontsize=_FONT + 1, color=_INK)
     if trail is not None:
         if trail.shape[1] == 3:
             figure.set_size_inches(6.8, 6.0)  # room for the scale of time
         draw_trail(ax, trail)
     if route is not None:
         draw_route(ax, maze, route)
+    if labels:
+        _draw_legend(ax, route is not None and bool(route.legs), trail is not None)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside:
@@ -216,13 +228,29 @@ def save_drawing(
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 
 
+def _draw_legend(ax: Axes, route: bool, trail: bool) -> None:
+    """What the lines over the maze are."""
+    from matplotlib import colormaps
+    from matplotlib.lines import Line2D
+
+    looks: list[tuple[str, dict[str, Any]]] = []
+    if route:
+        looks.append(("planned route", {"color": COLOURS["planned"], "lw": 1.8}))
+    if trail:
+        looks.append(("path of the ball", {"color": colormaps[_TRAIL_MAP](0.4), "lw": 1.6}))
+        looks.append(("its end", {"color": _INK, "marker": "o", "lw": 0}))
+    if looks:
+        handles = [Line2D([], [], label=label, **look) for label, look in looks]
+        ax.legend(handles=handles, loc="upper left", fontsize=_FONT, frameon=False, borderaxespad=0.0, handlelength=1.6)
+
+
 # Parts of the drawing. Radii and lengths in mm from here on.
 
 
 def _draw_walls(ax: Axes, maze: Maze) -> None:
     from matplotlib.patches import Circle, Polygon, Wedge
 
-    style = {"facecolor": _WALL, "edgecolor": _WALL_EDGE, "linewidth": 0.6}
+    style = {"facecolor": MAZE["wall"], "edgecolor": MAZE["edge"], "linewidth": 0.6}
     ax.add_patch(Circle((0.0, 0.0), maze.walls[0].inner_radius * _MM, facecolor=_FLOOR, edgecolor="none", zorder=1))
     for wall in maze.walls:
         for outline in wall_outlines(wall):
@@ -245,7 +273,13 @@ def _draw_closed(ax: Axes, maze: Maze, opening: Opening) -> None:
     turn = np.array([_unit(opening.angle), _unit(opening.angle + 0.5 * math.pi)])
     ax.add_patch(
         Polygon(
-            corners @ turn, closed=True, facecolor="#f6d5d1", edgecolor=_CLOSED, hatch="////", linewidth=0.8, zorder=3
+            corners @ turn,
+            closed=True,
+            facecolor=MAZE["plug"],
+            edgecolor=MAZE["closed"],
+            hatch="////",
+            linewidth=0.8,
+            zorder=3,
         )
     )
 
@@ -255,8 +289,36 @@ def _draw_opening_angles(ax: Axes, maze: Maze) -> None:
         if opening.closed:
             continue
         x, y = maze.threshold_radius(opening) * _MM * _unit(opening.angle)
-        text = f"{math.degrees(opening.angle) % 360.0:.4g}°"
+        text = f"{place_deg(opening.angle, 1):.4g}°"
         _text(ax, x, y, text, size=6.5)
+
+
+def _draw_opening_names(ax: Axes, maze: Maze, numbers: list[Array], path: Array | None, reach: float) -> None:
+    """The names of openings where they have room; below, how many have none."""
+    ball = ball_place(maze, numbers[0]) if path is None else path[0]
+    word = 2e-3 * reach * np.array(WORD)
+    taken = [(place, word if i == 0 else 0.5 * word) for i, place in enumerate(numbers)]
+    taken.append((ball, np.full(2, maze.ball.radius)))
+    lines = [np.vstack([outline, outline[:1]]) for outline in maze_outlines(maze)]
+    if path is not None:
+        ends = [0, *(np.flatnonzero(np.isnan(path).any(axis=1)) + 1), len(path)]
+        lines += [path[a:b] for a, b in pairwise(ends)]
+    found = name_places(maze, lines, taken, 2e-3 * reach / (_AXES_IN * 72.0))
+    for name in found:
+        _text(ax, name.place[0] * _MM, name.place[1] * _MM, name.text, size=name.size)
+    if missing := len(maze.openings) - len(found):
+        note = f"no room for the name{'s' * (missing > 1)} of {missing} opening{'s' * (missing > 1)}"
+        _text(ax, 0.94 * reach, 0.94 * reach, note, size=_FONT - 1, ha="right")
+
+
+def _draw_degrees(ax: Axes, rim: float) -> None:
+    """A scale of degrees around the rim, counter-clockwise from the x axis, as in the names of openings."""
+    for angle in range(0, 360, 10):
+        way, whole = _unit(math.radians(angle)), angle % 30 == 0
+        ends = np.outer([1.01, 1.035 if whole else 1.022], rim * way)
+        ax.plot(*ends.T, color=_INK, lw=0.9 if whole else 0.6)
+        if whole:
+            _text(ax, 1.085 * rim * way[0], 1.085 * rim * way[1], f"{angle}°", size=_FONT - 1)
 
 
 def _draw_ball(ax: Axes, maze: Maze, place: Array) -> None:
@@ -265,75 +327,21 @@ def _draw_ball(ax: Axes, maze: Maze, place: Array) -> None:
 
     x, y = place * _MM
     radius = maze.ball.radius * _MM
-    ax.add_patch(Circle((x, y), radius, facecolor="#8a929c", edgecolor=_INK, linewidth=0.7, zorder=3))
-    ax.add_patch(Circle((x - 0.35 * radius, y + 0.35 * radius), 0.22 * radius, facecolor="#e8ebee", lw=0, zorder=3))
+    ax.add_patch(Circle((x, y), radius, facecolor=MAZE["ball"], edgecolor=_INK, linewidth=0.7, zorder=3))
+    ax.add_patch(Circle((x - 0.35 * radius, y + 0.35 * radius), 0.22 * radius, facecolor=MAZE["shine"], lw=0, zorder=3))
 
 
-def _label_radius(maze: Maze, ring: int) -> float:
-    """Where on its ray a ring's number stands, m: on the track, in the disc beside the centre."""
-    return maze.track_radius(ring) or 0.55 * maze.ring(ring).outer_radius
-
-
-def _word_fits(maze: Maze, place: Array) -> bool:
-    """Whether "ring 1" touches no circular wall at a place (2,) in m."""
-    half = maze.walls[0].outer_radius * _LABELLED * np.array(_WORD)
-    far = np.linalg.norm(place + half * [[-1, -1], [-1, 1], [1, 1], [1, -1], [0, 1], [0, -1]], axis=1)
-    return bool(maze.ring(1).inner_radius < far.min() and far.max() < maze.ring(1).outer_radius)
-
-
-def number_places(maze: Maze, path: Array | None = None) -> list[Array]:
-    """Where the rings' numbers stand, (2,) in m each: on one ray, far from openings, walls and path; where no ray is
-    free in a ring, in a place of its own."""
-    radii = [_label_radius(maze, ring.number) for ring in maze.rings]
-    taken = [maze.threshold_radius(opening) * _unit(opening.angle) for opening in maze.openings]
-    taken += [maze.track_radius(wall.ring) * _unit(wall.angle) for wall in maze.radial_walls]
-    crowd = np.vstack([np.empty((0, 2)), *taken, *([] if path is None else [path])])
-    enough = 3.0 * maze.ball.radius
-
-    def room(radius: float, angle: float) -> float:
-        """The distance, up to `enough`, to what a number there must not touch."""
-        gap = float(np.linalg.norm(radius * _unit(angle) - crowd, axis=1).min(initial=enough))
-        return round(gap, 6)
-
-    def preference(angle: float) -> float:
-        """Symmetric mazes have many ties: they go to the upper left."""
-        return math.cos(angle - 2.0)
-
-    rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
-    worded = [ray for ray in rays if _word_fits(maze, radii[0] * _unit(ray))] or rays
-    common = max(worded, key=lambda ray: (round(sum(room(r, ray) for r in radii), 6), preference(ray)))
-
-    def angle_of(ring: int, radius: float) -> float:
-        if room(radius, common) >= min(enough, _NEAR * maze.ball.radius):
-            return common
-        free = worded if ring == 1 else rays
-        return max(free, key=lambda ray: (room(radius, ray), -abs(difference(ray, common))))
-
-    return [r * _unit(angle_of(ring.number, r)) for ring, r in zip(maze.rings, radii, strict=True)]
-
-
-def _ball_place(maze: Maze, number: Array) -> Array:
-    """Where the ball lies in ring 1 of a map without a path, (2,) in m: far from its openings, walls and number."""
-    first = math.atan2(number[1], number[0])
-    taken = [opening.angle for opening in maze.openings if opening.outer == 1] + [first - 0.2, first, first + 0.2]
-    taken += [wall.angle for wall in maze.radial_walls_of(1)]
-    rays = np.radians(np.arange(0.0, 360.0, 2.5)).tolist()
-    ray = max(
-        rays, key=lambda ray: (round(min(abs(difference(ray, angle)) for angle in taken), 6), math.cos(ray - 2.0))
-    )
-    return maze.track_radius(1) * _unit(ray)
-
-
-def _draw_tilt_axes(ax: Axes, rim: float) -> None:
-    """The x and y axes of the plate, with the sense of the two tilts."""
+def _draw_tilt_axes(ax: Axes, rim: float, scale: bool = False) -> None:
+    """The x and y axes of the plate, with the sense of the two tilts; scale: outside a scale of degrees."""
+    first, last = (1.125, 1.195) if scale else (1.01, 1.15)
     arrow = {"arrowstyle": "-|>", "color": _INK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", xy=(rim * 1.15, 0.0), xytext=(rim * 1.01, 0.0), arrowprops=arrow)
-    ax.annotate("", xy=(0.0, rim * 1.15), xytext=(0.0, rim * 1.01), arrowprops=arrow)
-    _text(ax, rim * 1.19, 0.0, "$x$", size=_FONT + 2)
-    _text(ax, 0.0, rim * 1.19, "$y$", size=_FONT + 2)
+    ax.annotate("", xy=(rim * last, 0.0), xytext=(rim * first, 0.0), arrowprops=arrow)
+    ax.annotate("", xy=(0.0, rim * last), xytext=(0.0, rim * first), arrowprops=arrow)
+    _text(ax, rim * (last + 0.04), 0.0, "$x$", size=_FONT + 2)
+    _text(ax, 0.0, rim * (last + 0.04), "$y$", size=_FONT + 2)
     size = _FONT - 1
-    _text(ax, rim * 1.1, -rim * 0.05, r"$\beta > 0$ lowers this side", size=size, rotation=-90, va="top")
-    _text(ax, rim * 0.05, rim * 1.1, r"$\gamma > 0$ lifts this side", size=size, ha="left")
+    _text(ax, rim * (last - 0.05), -rim * 0.05, r"$\beta > 0$ lowers this side", size=size, rotation=-90, va="top")
+    _text(ax, rim * 0.05, rim * (last - 0.05), r"$\gamma > 0$ lifts this side", size=size, ha="left")
 
 
 def _draw_scale(ax: Axes, maze: Maze, rim: float) -> None:

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from mazeplan.core.maths.angles import place_deg
 from mazeplan.core.progress import Words, no_words
 from mazeplan.maze.bands import MODEL_ERROR, Bands, Edges, fit_bands
 from mazeplan.maze.geometry import Maze, Opening, Ring
@@ -129,8 +130,7 @@ def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
         if not o.problem
     }
     comments = iter(
-        known.get((o.outer, round(math.degrees(o.angle), PLACES_DEG)), f"never passed; from {learned.prior}")
-        for o in learned.maze.openings
+        known.get((o.outer, _degrees(o.angle)), f"never passed; from {learned.prior}") for o in learned.maze.openings
     )
     lines = _preamble(learned, sources)
     for line in dump_map(learned.maze).splitlines():
@@ -275,7 +275,7 @@ def _rounded(length: float) -> float:
 
 
 def _degrees(angle: float) -> float:
-    return round(math.degrees(angle), PLACES_DEG) % 360.0
+    return place_deg(angle, PLACES_DEG)
 
 
 def _mm(length: float | None) -> str:

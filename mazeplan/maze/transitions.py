@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mazeplan.core.errors import TableError
-from mazeplan.core.maths.angles import difference
+from mazeplan.core.maths.angles import difference, place_deg
 from mazeplan.core.records import Array
 from mazeplan.maze.bands import Bands, Edges, fit_edges, sharpness
 
@@ -186,7 +186,7 @@ def _judged(openings: list[LearnedOpening], radius: float, width: float, min_cou
         if opening.count < min_count:
             problem = f"{opening.count} passage{'s' * (opening.count != 1)}, fewer than {min_count}"
         elif near:
-            problem = f"overlaps the opening at {math.degrees(near[0].angle):.1f} deg"
+            problem = f"overlaps the opening at {place_deg(near[0].angle, 1):.1f} deg"
         else:
             accepted.append(opening)
         judged.append(replace(opening, problem=problem))

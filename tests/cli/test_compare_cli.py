@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
+from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +16,11 @@ from commands import plain
 from ring_record import ring_table, write_csv
 from standalone_page import alone
 
+from mazeplan.apps.cli.compare import verdict
 from mazeplan.apps.report.words import HARD
 from mazeplan.core.logs.table import Table
 from mazeplan.core.resources import to_install
+from mazeplan.learning.ring_scores import Best
 
 QUICK = ("--most", "60", "--kernel", "rbf", "--rates", "smoothed", "--bands", "0")
 KINDS = {"rf", "p", "pi", "np", "sp"}
@@ -105,9 +110,37 @@ def test_bands_have_a_line_for_each_ring(compare):
     assert err == ""
     line = out.split(BANDS)[1].splitlines()[1]
     assert re.fullmatch(r"ring 2  500 roll-outs of 10 windows:  pi \d+/\d+  np \d+/\d+  sp \d+/\d+", line)
-    assert re.search(r"sp 0\.\d{3} ± 0\.\d{3}/\d\.\d{3} ± 0\.\d{3}", out)
+    assert re.search(r"sp \d+\.\d\d ± \d+\.\d\d/\d+\.\d\d ± \d+\.\d\d", out)
     assert re.search(r"95 % of the test( +\[\d\.\d{3}, \d\.\d{3}\]){5}\n", out)
     assert "too few" not in out
+    said = re.search(r"ring 2  (?:best: |no clear best: )(\w+),? (?:has )?(-?\d+\.\d\d) degrees less error", out)
+    assert said
+    document, _ = compare("long.csv", *QUICK, "--json")
+    best, errors = document["ring2"]["best"], {k: e["40"] for k, e in document["ring2"]["rollout"].items()}
+    assert said[1] == best["kind"] == min(errors, key=errors.get)
+    assert best["less"] == pytest.approx(errors[best["next"]] - errors[best["kind"]], abs=2e-4)
+    assert float(said[2]) == pytest.approx(math.degrees(best["less"]), abs=0.02)
+    assert best["interval"][0] <= best["less"] <= best["interval"][1]
+    assert "samples, degrees" in out
+
+
+def test_the_verdict_is_of_pairs_of_windows_and_claims_no_more_than_its_interval():
+    rng = np.random.default_rng(0)
+    block, hard = np.repeat(np.arange(20), 5), rng.uniform(0.0, 1.0, 100)  # how hard a window is shifts both errors
+    close = {"sp": hard, "np": hard + 0.02 + 0.01 * rng.standard_normal(100), "pi": hard + 1.0}
+    best = Best.of(close, block, rng)
+    assert (best.kind, best.next) == ("sp", "np")
+    assert 0.015 < best.interval[0] < best.less < best.interval[1] < 0.025
+    assert Best.of({"sp": hard}, block, rng) is None
+    scores = SimpleNamespace(best=best, windows=range(100), blocks={"windows": 20})
+    assert re.fullmatch(
+        r"best: sp, 1\.\d\d degrees less error after 40 samples than np \(95 % interval \d\.\d\d to \d\.\d\d\)",
+        verdict(scores),
+    )
+    scores.best = replace(best, interval=(-0.01, 0.03))
+    assert verdict(scores).startswith("no clear best: sp has 1.")
+    scores.blocks = {"windows": 3}
+    assert verdict(scores).endswith("too few blocks of time to tell")
 
 
 def test_with_too_few_windows_the_tables_have_no_intervals_but_the_document_has_all_numbers(compare):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mazeplan.core.maths.angles import difference, nearest, wrap
+from mazeplan.core.maths.angles import difference, nearest, place_deg, wrap
 
 TURN = 2.0 * math.pi
 
@@ -66,3 +66,12 @@ def test_the_nearest_follows_a_ball_over_many_turns():
     for exact in travelled:
         angle = nearest(wrap(float(exact)), angle)
     assert angle == pytest.approx(5.0 * TURN, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("angle", "places", "degrees"),
+    [(-math.pi / 2, 0, 270.0), (7.0 * math.pi, 0, 180.0), (-1e-12, 9, 0.0), (math.radians(359.97), 1, 0.0),
+     (math.radians(-0.04), 2, 359.96), (math.radians(45.0), 9, 45.0)],
+)  # fmt: skip
+def test_a_place_on_a_ring_is_read_in_degrees_from_0_to_below_360(angle, places, degrees):
+    assert place_deg(angle, places) == degrees

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,13 +121,27 @@ def test_show(tmp_path):
 )
 def test_the_route_in_a_picture_of_a_run_begins_where_the_run_did(monkeypatch, tmp_path, words, ring, angle):
     trail = np.array([[math.nan, 0.0, 0.0], [CME.track_radius(2), 0.0, 0.1], [0.0, 0.0, 9.0]])
-    monkeypatch.setattr("mazeplan.apps.cli.map._trail", lambda log, maze: trail)
+    log = SimpleNamespace(
+        header={"rig": "toy", "seed": 3, "goal_ring": 4}, ticks=dict(zip("xyt", trail.T, strict=True)),
+        result={"success": True, "time_s": 8.9, "failures": []},
+    )  # fmt: skip
+    monkeypatch.setattr("mazeplan.apps.cli.map._log_of", lambda log_, maze: log)
     drawn = {}
     monkeypatch.setattr("mazeplan.maze.drawing.save_drawing", lambda maze, path, **what: drawn.update(what))
     assert run("show", "--route", "--log", "x.mcap", "-o", str(tmp_path / "x.png"), *words).exit_code == 0
-    expected = RouteGraph(CME).route(ring, 5, angle)
+    expected = RouteGraph(CME).route(ring, 4, angle)  # to the goal of the run
     assert expected is not None
     assert drawn["route"].legs == expected.legs
+    assert drawn["title"] == "map cme, rig toy, seed 3\nThe ball arrived after 8.90 s; nothing went wrong."
+
+
+def test_a_picture_of_a_route_says_where_it_begins_in_degrees_from_0_to_360(monkeypatch, tmp_path):
+    drawn = {}
+    monkeypatch.setattr("mazeplan.maze.drawing.save_drawing", lambda maze, path, **what: drawn.update(what))
+    words = ("show", "--route", "--labels", "--start-angle", "-45", "-o", str(tmp_path / "x.png"))
+    assert run(*words).exit_code == 0
+    assert drawn["title"].startswith("map cme\nroute from ring 1 at 315° to ring 5, ")
+    assert drawn["names"] is True
 
 
 @pytest.mark.parametrize(
@@ -154,6 +169,7 @@ def test_a_start_angle_that_is_no_number_is_a_usage_error():
 def test_a_route_that_is_not_told_where_begins_beside_the_wall_that_is_there():
     done = run("route", "detour", "--from", "ring2", "--json")  # a radial wall at 0 degrees
     angle = json.loads(done.stdout)["start_angle_deg"]
-    assert 5.0 < abs(angle) < 15.0
+    assert 5.0 < min(angle, 360.0 - angle) < 15.0
+    assert 0.0 <= angle < 360.0
     assert load_map("detour").has_room(2, math.radians(angle))
     assert json.loads(run("route", "--json").stdout)["start_angle_deg"] == 0.0

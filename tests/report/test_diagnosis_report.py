@@ -63,13 +63,13 @@ def test_a_placebo_is_shown_though_it_is_far_behind():
 def test_numbers_and_what_would_tell_apart():
     done = section(evidence())
     scores, effects = kept(done.parts, PageTable)
-    assert ["error of the angle after 40 samples, deg", "16.78", "0.35"] in scores.rows
-    assert scores.rows[-1] == ["error of the angle after 40 samples by noise alone, deg", "", "0.29"]
+    assert ["error of the angle after 40 samples, degrees", "16.78", "0.35"] in scores.rows
+    assert scores.rows[-1] == ["error of the angle after 40 samples by noise alone, degrees", "", "0.29"]
     size = "0.412\u00a0±\u00a00.020\u00a0rad/s²"
     assert effects.rows == [["dry friction", "coefficient", size, "321.5", "dry_friction.coefficient"]]
     assert done.lead == (
         "The model lacks dry friction. This record cannot tell dry friction from viscous friction. "
-        "Error of the angle after 40 samples: 16.8 deg before, 0.35 deg after."
+        "Error of the angle after 40 samples: 16.8 degrees before, 0.35 degrees after."
     )
     notes = kept(done.parts, Note)
     assert notes[0].text.startswith("Hard to tell apart in this record: dry friction, viscous friction. Dry friction")
@@ -93,7 +93,8 @@ def test_without_evidence_it_is_said_where_to_get_it():
          "Nothing that is missing was found, but more is left than noise would leave; what causes the rest comes too"),
         ({"verdict": "unknown_effect", "effects": [], "unknown": {"description": "a force by theta_dot (wind_like)"}},
          "Something is there that has no name: a force by angular speed (wind like)."),
-        ({"verdict": "effect_found"}, "The model lacks dry friction. Error of the angle after 40 samples: 16.8 deg"),
+        ({"verdict": "effect_found"},
+         "The model lacks dry friction. Error of the angle after 40 samples: 16.8 degrees"),
     ],
 )  # fmt: skip
 def test_the_verdict_is_said_in_words(changed, told):
@@ -124,7 +125,7 @@ def test_no_name_of_the_program_stands_in_what_people_read():
             part.draw(figure)
             told += [part.title, part.alt, *(text.get_text() for text in figure.findobj(Text))]
     assert "The new model lacks outer gates: a model file has no place for it." in told
-    assert "angle of the ball, deg" in told
+    assert "angle of the ball, degrees" in told
     assert "angular speed of the ball, rad/s" in told
     assert not [text for text in told if "_" in text or "theta" in text or re.search(r"\brad\b(?!/s)", text)]
 

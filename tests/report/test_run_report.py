@@ -88,6 +88,61 @@ def test_the_section_says_how_it_went(log):
     assert [p.name for p in section.parts if isinstance(p, PagePicture)] == ["path", "theta", "tree", "tilt", "times"]
 
 
+def test_pictures_over_time_begin_and_end_alike_so_that_an_instant_is_read_straight_downwards(log):
+    parts = run_section(log).parts
+    sizes = {part.name: part.size[0] for part in parts if isinstance(part, PagePicture)}
+    found = {name: drawn(parts, name).axes for name in ("theta", "tree", "tilt", "times")}
+    panels = [axes for several in found.values() for axes in several]
+    assert len(panels) == 6
+    assert {sizes[name] for name in found} == {9.0}
+    assert len({(axes.get_position().x0, axes.get_position().x1, *axes.get_xlim()) for axes in panels}) == 1
+    first, last = panels[0].get_xlim()
+    assert first <= 0.0
+    assert last >= 90 * STEP
+    assert {several[-1].get_xlabel() for several in found.values()} == {"time, s"}
+    assert [axes.get_ylabel() for axes in found["theta"]] == [
+        "angle of the ball, degrees",
+        "real less\nplanned, degrees",
+    ]
+    assert all(axes.get_ylabel().endswith("degrees") for axes in found["tilt"])
+
+
+@pytest.mark.parametrize("name", ["theta", "tree", "tilt", "times"])
+def test_nothing_of_a_picture_over_time_is_cut_however_long_a_leafs_name_is(log, name):
+    tree = replace(log.trees[0], outline=replace(log.trees[0].outline, paths=tuple(
+        path + " of a tree whose leaves have very long names" for path in log.trees[0].outline.paths)))  # fmt: skip
+    figure = drawn(run_section(replace(log, trees=[tree])).parts, name)
+    figure.draw_without_rendering()
+    everything, page = figure.get_tightbbox(), figure.get_size_inches()
+    assert everything.x0 >= 0.0
+    assert everything.y0 >= 0.0
+    assert everything.x1 <= page[0]
+    assert everything.y1 <= page[1]
+
+
+def test_the_balls_angle_reads_0_to_360_over_whole_turns_like_the_names_of_openings(log):
+    """A ball that rolls from 350 on to 370 and over three turns."""
+    t = log.ticks["t"]
+    for speed, start in ((1.0, 350.0), (-7.0, 20.0)):
+        theta = np.radians(start) + speed * t
+        radius = MAZE.track_radius(1)
+        ticks = {
+            **log.ticks,
+            "estimate_x": radius * np.cos(theta),
+            "estimate_y": radius * np.sin(theta),
+            "estimate_t": t,
+        }
+        moved = replace(log, ticks=ticks)
+        upper = drawn(run_section(moved).parts, "theta").axes[0]
+        upper.figure.draw_without_rendering()
+        shown = [float(text.get_text()) for text in upper.get_yticklabels()]
+        assert all(0.0 <= angle < 360.0 for angle in shown)
+        assert len(shown) >= 3
+        first, second = (real for _, _, real, _ in theta_lines(moved, MAZE))
+        assert 0.0 <= first[0] < 360.0
+        assert second[0] - first[-1] == pytest.approx(np.degrees(speed) * STEP, abs=0.1)  # on over the wall
+
+
 def test_a_log_that_was_cut_says_so(tmp_path):
     whole = a_log(tmp_path / "whole.mcap", result=False).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
@@ -153,7 +208,7 @@ def test_a_condition_that_answers_no_is_no_failure(log):
 def test_intervals_are_those_of_the_statuses(tmp_path):
     track, passing, dither = LEAVES
     bars = [(b.path, b.status, round(b.start, 4), round(b.end, 4)) for b in leaf_bars(read_log(a_log(tmp_path / "a")))]
-    last = round(89 * STEP, 4)
+    last = round(90 * STEP, 4)  # what the last tick said holds for one more sample
     assert bars == [
         (track, "R", 0.0, 1.0), (track, "F", 1.0, 2.0), (track, "R", 2.0, last),
         (dither, "R", 1.0, 2.0), (dither, "S", 2.0, last),
@@ -172,7 +227,7 @@ def test_at_every_tick_a_leaf_runs_that_the_log_says_did(tmp_path):
 def test_of_an_old_log_who_commanded(tmp_path):
     bars = leaf_bars(read_log(a_log(tmp_path / "a", trees=False)))
     assert [(b.path, b.status) for b in bars] == [("Track", "R"), ("Dither", "R"), ("Track", "R")]
-    assert np.array([(b.start, b.end) for b in bars]) == pytest.approx(np.array([(0, 1), (1, 2), (2, 89 * STEP)]))
+    assert np.array([(b.start, b.end) for b in bars]) == pytest.approx(np.array([(0, 1), (1, 2), (2, 90 * STEP)]))
 
 
 def test_names_are_as_short_as_they_can_be():

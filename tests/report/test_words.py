@@ -23,8 +23,8 @@ def test_a_size_whose_error_nobody_knows(error):
 
 
 def test_a_label_and_its_value_change_unit_together():
-    for label, shown in (("theta error after 40 samples, rad", "error of the angle after 40 samples, deg"),
-                         ("theta, rad", "angle of the ball, deg")):  # fmt: skip
+    for label, shown in (("theta error after 40 samples, rad", "error of the angle after 40 samples, degrees"),
+                         ("theta, rad", "angle of the ball, degrees")):  # fmt: skip
         assert words.relabelled(label) == shown
         assert words.labelled(math.pi, label) == pytest.approx(180.0)
     for label in ("theta_dot, rad/s", "position, m", "relative force error"):

@@ -13,6 +13,7 @@ from mazeplan.apps.view.editor.mapeditor import MapEditor
 from mazeplan.apps.view.editor.scene import about_z, pointed_angle
 from mazeplan.apps.view.editor.tab import head_html, problems_html
 from mazeplan.core import resources
+from mazeplan.core.palette import TINTS
 from mazeplan.maze.mapfile import check_text
 
 LOPSIDED = (resources.share("maps") / "lopsided.yaml").read_text()
@@ -36,8 +37,8 @@ def test_each_line_has_its_number_and_each_problem_its_line():
     text = LOPSIDED.replace("angle_deg: 100.5", "angle_deg: 18")
     html = listing(text, check_text(text).errors, 20)
     assert "overlaps openings[0]" in words(row(html, 19))
-    assert "#e3eef7" in row(html, 20)
-    assert "#e3eef7" not in html.replace(row(html, 20), "")
+    assert TINTS["chosen"] in row(html, 20)
+    assert TINTS["chosen"] not in html.replace(row(html, 20), "")
 
 
 def test_what_is_typed_is_shown_and_not_run():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mazeplan.apps.view.moment import COLUMN, COLUMNS, Moment
-from mazeplan.apps.view.plots import STEP_DEG, LivePlots, range_of, span_of
+from mazeplan.apps.view.plots import CHARTS, STEP_DEG, LivePlots, in_unit, range_of, span_of
 
 NAN = float("nan")
 
@@ -87,3 +87,11 @@ def test_all_plots_have_one_axis_of_time_that_holds_the_run(seconds):
         values = np.concatenate(plot.data[1:])
         values = values[np.isfinite(values)]
         assert ((values >= low) & (values <= high)).all()
+
+
+def test_the_balls_angle_is_drawn_from_0_to_below_360_degrees_and_its_curve_breaks_where_it_goes_over_0():
+    chart = next(chart for chart in CHARTS if "theta" in chart.title)
+    shown = in_unit(chart, np.radians([-30.0, -10.0, 10.0, 20.0, 350.0 + 360.0]))
+    assert shown == pytest.approx([330.0, 350.0, NAN, 20.0, NAN], nan_ok=True)
+    tilt = CHARTS[0]
+    assert in_unit(tilt, np.radians([-3.0, 4.0])) == pytest.approx([-3.0, 4.0])

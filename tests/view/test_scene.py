@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from fake_scene import FakeServer
 
-from mazeplan.apps.palette import rgb
 from mazeplan.apps.view.meshes import gap_box, ribbon, ring_floor, sector, wall_mesh
 from mazeplan.apps.view.moment import COLUMNS, BallShown, EventShown, Moment, OpeningShown, PlanShown, TaskShown
 from mazeplan.apps.view.panel import facts_html, tree_html
@@ -27,6 +26,7 @@ from mazeplan.apps.view.scene import (
     opening_colour,
     resampled,
 )
+from mazeplan.core.palette import rgb
 from mazeplan.maze.mapfile import load_map
 
 MAZE = load_map("cme")

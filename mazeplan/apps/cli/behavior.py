@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mazeplan.behavior.node import TreeNode
     from mazeplan.behavior.ports import Port
     from mazeplan.behavior.tree import BehaviorTree
+    from mazeplan.core.logs.run_log import RunLog
     from mazeplan.maze.geometry import Maze
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
@@ -154,12 +155,15 @@ def show(
     from mazeplan.apps.report.tree_picture import history, save_tree_picture
 
     did = None if read is None else history(tree, read, log)
-    save_tree_picture(tree, output, did, "" if read is None else _title(Path(str(log)), read.header), whole)
+    save_tree_picture(tree, output, did, "" if read is None else _title(read), whole)
     say(f"wrote {output}")
 
 
-def _title(log: Path, header: dict[str, Any]) -> str:
-    return f"{log.name}: rig {header.get('rig')}, seed {header.get('seed')}"
+def _title(log: RunLog) -> str:
+    """With what the run was done, and below how it ended."""
+    from mazeplan.apps.report.run import lead
+
+    return f"{log.path.name}: rig {log.header.get('rig')}, seed {log.header.get('seed')}\n{lead(log)}"
 
 
 @app.command("list")

@@ -89,7 +89,7 @@ def report(scores: list[RingScores]) -> None:
         low = "".join(f"   [{a:.3f}, {b:.3f}]" for a, b in (s.interval["nrmse_test"][kind] for kind in kinds))
         few = f"   {TOO_FEW}: {plural(s.blocks['test'], 'block')} of time"
         print(f"   95 % of the test      {low if enough(blocks=s.blocks['test']) else few}")
-    print("\nmean absolute error of theta after 20 / 40 samples, rad (± half of the 95 % interval)")
+    print("\nmean absolute error of theta after 20 / 40 samples, degrees (± half of the 95 % interval)")
     for s in scores:
         if not len(s.windows):
             print(f"ring {s.ring}  0 windows: no stretch of test rows is long enough")
@@ -97,6 +97,9 @@ def report(scores: list[RingScores]) -> None:
         cells = "".join(f"  {kind} {_error(s, kind, '20')}/{_error(s, kind, '40')}" for kind in s.rollout)
         few = "" if _enough(s) else f" in {plural(s.blocks['windows'], 'block')} of time ({TOO_FEW} for ±)"
         print(f"ring {s.ring}  {plural(len(s.windows), 'window')}{few}, {s.windows.chosen}: {cells}")
+    for s in scores:
+        if s.best is not None:
+            print(f"ring {s.ring}  {verdict(s)}")
     covered = [s for s in scores if s.confidence]
     if covered:
         print("\nshare of measured angles within the 90 % band of the roll-outs after 20 / 40 samples, %")
@@ -118,11 +121,28 @@ def report(scores: list[RingScores]) -> None:
     print(f"training rows: {', '.join(str(s.n_train) for s in scores)}")
 
 
+def verdict(s: RingScores) -> str:
+    """Which kind predicts best after 40 samples, by how much, and how sure that is."""
+    from mazeplan.learning.split import TOO_FEW
+
+    best = s.best
+    if best is None:
+        return "no two kinds to compare"
+    less, low, high = (math.degrees(value) for value in (best.less, *best.interval))
+    led = f"{less:.2f} degrees less error after 40 samples than {best.next}"
+    if not _enough(s) or not math.isfinite(low):
+        return f"least error: {best.kind}, {led}; {TOO_FEW} blocks of time to tell"
+    interval = f"95 % interval {low:.2f} to {high:.2f}"
+    return f"best: {best.kind}, {led} ({interval})" if low > 0.0 else (
+        f"no clear best: {best.kind} has {led} ({interval})"
+    )  # fmt: skip
+
+
 def _error(s: RingScores, kind: str, steps: str) -> str:
     """A roll-out error with half of its 95 % interval, if there is one."""
     low, high = s.interval[steps].get(kind, (math.nan, math.nan))
-    half = f" ± {0.5 * (high - low):.3f}" if math.isfinite(high - low) and _enough(s) else ""
-    return f"{s.rollout[kind][steps]:.3f}{half}"
+    half = f" ± {math.degrees(0.5 * (high - low)):.2f}" if math.isfinite(high - low) and _enough(s) else ""
+    return f"{math.degrees(s.rollout[kind][steps]):.2f}{half}"
 
 
 def _enough(s: RingScores) -> bool:

@@ -77,6 +77,7 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
     "map show": (
         "Draw a map, a route, or the trail of a run.",
         "mazeplan map show cme --route -o maze.png",
+        "mazeplan map show cme --labels --log runs/a.mcap -o run.png",
     ),
     "map route": (
         "Find the fastest expected route.",

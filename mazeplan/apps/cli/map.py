@@ -13,8 +13,10 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map_learn import learn
 from mazeplan.apps.cli.output import headline, plural, print_json, say
+from mazeplan.core.maths.angles import place_deg
 
 if TYPE_CHECKING:
+    from mazeplan.core.logs.run_log import RunLog
     from mazeplan.core.records import Array
     from mazeplan.maze.geometry import Maze
     from mazeplan.maze.graph import Route
@@ -33,6 +35,9 @@ Picture = Annotated[
     typer.Option("--output", "-o", callback=opt.new_file, metavar="FILE", help="Picture to write: .png, .svg or .pdf."),
 ]
 WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
+WithLabels = Annotated[
+    bool, typer.Option("--labels", help="Also write the names of openings, and a scale of degrees around the rim.")
+]
 TrailLog = Annotated[
     Path | None,
     typer.Option("--log", autocompletion=names.LOGS, metavar="LOG", help="Run log: also draw the trail of the ball."),
@@ -95,6 +100,7 @@ def show(
     map_: MapArgument = "cme",
     output: Picture = Path("maze.png"),
     with_route: WithRoute = False,
+    labels: WithLabels = False,
     log: TrailLog = None,
     start: ShowFrom = None,
     goal: opt.MapGoal = None,
@@ -107,12 +113,25 @@ def show(
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
-    trail = None if log is None else _trail(log, maze)
-    found = None
+    read = None if log is None else _log_of(log, maze)
+    trail, found, title = None, None, f"map {maze.name}"
+    if read is not None:
+        from mazeplan.apps.report.run import lead
+        from mazeplan.apps.report.run_record import trail as trail_of
+
+        trail = trail_of(read)
+        title += f", rig {read.header.get('rig')}, seed {read.header.get('seed')}\n{lead(read)}"
+        goal = goal or (f"ring{read.header['goal_ring']}" if read.header.get("goal_ring") else None)
     if with_route:
         ring, angle = _beginning(trail, maze)
         found = _find(maze, start or ring, goal, start_angle, angle, close or [])
-    save_drawing(maze, output, route=None if found is None else found.require_route(maze), trail=trail)
+        best = found.require_route(maze)
+        title += "" if read is not None else (
+            f"\nroute from ring {found.first} at {place_deg(math.radians(found.angle), 1):.4g}° to ring {found.last}, "
+            f"{best.expected_s:.1f} s expected"
+        )  # fmt: skip
+    best = None if found is None else found.route
+    save_drawing(maze, output, route=best, trail=trail, names=labels, title=title)
     say(f"wrote {output}")
 
 
@@ -142,18 +161,15 @@ def route(
     print(f"ring {found.last}: goal, {best.expected_s:.2f} s expected")
 
 
-def _trail(log: Path, maze: Maze) -> Array:
-    """Estimated places of the ball, (N, 3) of x, y in m and time in s; measured places for a log without estimates."""
-    import numpy as np
-
+def _log_of(log: Path, maze: Maze) -> RunLog:
+    """The log of a run; a line says so if it is of another map."""
     from mazeplan.apps.cli.progress import log_read
     from mazeplan.maze.mapfile import dump_map
 
     read = log_read(log)
     if read.header.get("map", dump_map(maze)) != dump_map(maze):
         say(f"{log} is of another map ({read.header.get('map_name')}); drawing its trail on {maze.name}")
-    names = ("estimate_x", "estimate_y", "estimate_t") if "estimate_x" in read.ticks else ("x", "y", "t")
-    return np.stack([read.ticks[name] for name in names], axis=1)
+    return read
 
 
 def _beginning(trail: Array | None, maze: Maze) -> tuple[str, float]:
@@ -164,7 +180,7 @@ def _beginning(trail: Array | None, maze: Maze) -> tuple[str, float]:
     if not len(seen):
         return "ring1", 0.0
     x, y = seen[0, :2]
-    return f"ring{maze.ring_at(math.hypot(x, y))}", math.degrees(math.atan2(y, x))
+    return f"ring{maze.ring_at(math.hypot(x, y))}", place_deg(math.atan2(y, x))
 
 
 class _Found(NamedTuple):
@@ -197,7 +213,7 @@ def _find(
         angle = start_angle
     else:
         free = maze.has_room(first, math.radians(usual))
-        angle = usual if free else math.degrees(maze.clear_angle(first, math.radians(usual)))
+        angle = usual if free else place_deg(maze.clear_angle(first, math.radians(usual)))
     graph = RouteGraph(maze)
     for name in close:
         graph.close(parse_opening(name, maze))
@@ -210,7 +226,7 @@ def _document(maze: Maze, found: _Found) -> dict[str, Any]:
         {
             "ring": leg.ring,
             "opening": leg.opening.name,
-            "opening_angle_deg": math.degrees(leg.opening.angle),
+            "opening_angle_deg": place_deg(leg.opening.angle),
             "turn_deg": math.degrees(leg.turn_rad),
             "expected_s": leg.expected_s,
         }

@@ -12,6 +12,7 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.log_context import logged_map
 from mazeplan.apps.cli.output import print_json, say, write_text
 from mazeplan.core.errors import TableError
+from mazeplan.core.maths.angles import place_deg
 
 if TYPE_CHECKING:
     from mazeplan.maze.learnedmap import LearnedMap, LearnedRing
@@ -100,7 +101,11 @@ def _ring(ring: LearnedRing) -> dict[str, Any]:
 
 
 def _opening(opening: LearnedOpening, width: float, source: str) -> dict[str, Any]:
-    angles = {f"{name}_deg": math.degrees(getattr(opening, name)) for name in ("angle", "angle_stderr", "direction")}
+    angles = {
+        "angle_deg": place_deg(opening.angle),
+        "angle_stderr_deg": math.degrees(opening.angle_stderr),
+        "direction_deg": place_deg(opening.direction),
+    }
     return {
         "rings": [opening.outer, opening.outer + 1],
         **angles,
@@ -133,12 +138,12 @@ def map_lines(learned: LearnedMap) -> list[str]:
     for opening, (width, source) in zip(learned.openings, learned.widths, strict=True):
         (x1, y1), (x2, y2) = opening.outer_centroid, opening.inner_centroid
         lines.append(
-            f"{opening.outer}-{opening.outer + 1}    {math.degrees(opening.angle):6.2f} ± "
+            f"{opening.outer}-{opening.outer + 1}    {place_deg(opening.angle, 2):6.2f} ± "
             f"{math.degrees(opening.angle_stderr):4.2f}  {1e3 * width:8.2f}  {source:26s} {opening.inward:3d}  "
             f"{opening.outward:3d}  ({1e3 * x1:.1f}, {1e3 * y1:.1f}) -> ({1e3 * x2:.1f}, {1e3 * y2:.1f})"
             + (f"  left out: {opening.problem}" if opening.problem else "")
         )
     never = f"never passed, from {learned.prior}"
-    lines += [f"{o.outer}-{o.inner}    {math.degrees(o.angle):6.2f}  {never}" for o in learned.borrowed]
+    lines += [f"{o.outer}-{o.inner}    {place_deg(o.angle, 2):6.2f}  {never}" for o in learned.borrowed]
     x, y = (1e3 * value for value in learned.centre)
     return [*lines, f"centre of the circles x {x:.2f}, y {y:.2f} mm; camera noise {1e3 * learned.noise:.2f} mm"]

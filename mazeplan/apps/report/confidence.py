@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.documents import ComparedRing, Comparison, ConfidenceEntry, best_kind, kinds
 from mazeplan.apps.report.drawing import KIND_STYLES, legend_beside, line, points
 from mazeplan.apps.report.page import PagePicture, PageTable
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
+from mazeplan.core.palette import COLOURS
 from mazeplan.core.records import Array
 from mazeplan.learning.rollout import CHECKED
 from mazeplan.learning.split import TOO_FEW, enough
@@ -42,8 +42,8 @@ def _table(document: Comparison) -> PageTable:
         label = f"ring {ring}: {some.rollouts} roll-outs of {some.windows} window{'' if some.windows == 1 else 's'}"
         rows.append([label, *(_cell(scores, kind) for kind in columns)])
     title = (
-        f"After {LAST} samples: mean error and half of its 95 % interval, deg; below, half the band of 90 %, deg, and "
-        f"how often the measured angle lay in it after {' / '.join(map(str, CHECKED))} samples"
+        f"After {LAST} samples: mean error and half of its 95 % interval, degrees; below, half the band of 90 %, "
+        f"degrees, and how often the measured angle lay in it after {' / '.join(map(str, CHECKED))} samples"
     )
     return PageTable(title, ("", *(KINDS[k] for k in columns)), rows)
 
@@ -87,7 +87,7 @@ def _draw(figure: Figure, document: Comparison) -> None:
         below.set_ylim(0.0, 103.0)
         below.set_xlabel("samples rolled out")
         below.grid()
-    panels[0, 0].set_ylabel("angle, deg")
+    panels[0, 0].set_ylabel("angle, degrees")
     panels[1, 0].set_ylabel("windows in the band, %")
     for row in panels:
         labelled = [found for found in (panel.get_legend_handles_labels() for panel in row) if found[0]]

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic_core import from_json, to_json
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report import words
 from mazeplan.apps.report.diagnosis_documents import (
     CandidateEntry,
@@ -26,6 +25,7 @@ from mazeplan.apps.report.drawing import INK, beside, legend_beside, line, nothi
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, write_page
 from mazeplan.apps.report.rigdiagnosis import navigation_table, rig_section
+from mazeplan.core.palette import COLOURS, FAINT
 from mazeplan.core.records import Array
 from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
 
@@ -359,7 +359,7 @@ def _white(figure: Figure, evidence: EvidenceDocument) -> None:
     spectrum.set_xlabel("frequency, Hz")
     spectrum.set_ylabel("highest power in a band,\nmean of all: 1 (log scale)")
     if evidence.after is not None and math.isfinite(evidence.after.white):
-        lags.axhspan(-evidence.after.white, evidence.after.white, color="#dddddd", zorder=0, label="white: inside")
+        lags.axhspan(-evidence.after.white, evidence.after.white, color=FAINT["grid"], zorder=0, label="white: inside")
     lags.set_xlabel("how far apart, samples")
     lags.set_ylabel("correlation, 1: alike")
     for axes in (spectrum, lags):

@@ -10,21 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS, HATCHES, MARKERS, dashes
 from mazeplan.core.logs.run_log import STATUSES
+from mazeplan.core.palette import COLOURS, HATCHES, INKS, MARKERS, dashes
 from mazeplan.maze.drawing import draw_maze
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     from mazeplan.core.records import Array
     from mazeplan.maze.geometry import Maze
 
-INK = "#1c1f24"
-SERIES = ("real", "ring3", "ring4", "ring5", "ring1")  # of evaluations beside each other
-KIND_STYLES = {"rf": "neutral", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
+INK = INKS["ink"]
+SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # of evaluations beside each other
+KIND_STYLES = {"rf": "sixth", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
                "model": "ring2"}  # fmt: skip
 FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 
@@ -91,6 +92,16 @@ def sector_map(
     return axes.add_collection(drawn)
 
 
+def round_the_ring(axis: Axis) -> None:
+    """Label an axis of angles, in degrees, by where they are: 0 to 360, though the line goes on beyond a whole turn."""
+    from matplotlib.ticker import MultipleLocator
+
+    low, high = sorted(axis.get_view_interval())
+    step = next((step for step in (15.0, 30.0, 45.0, 90.0, 180.0) if high - low <= 8.0 * step), 360.0)
+    axis.set_major_locator(MultipleLocator(step))
+    axis.set_major_formatter(lambda angle, _: f"{angle % 360.0:g}")
+
+
 def beside(figure: Figure, widths: tuple[float, ...]) -> list[Axes]:
     """Panels beside each other."""
     found = figure.subplots(1, len(widths), gridspec_kw={"width_ratios": widths}, squeeze=False)
@@ -106,7 +117,7 @@ def nothing(axes: Axes, why: str) -> None:
     """Say in an empty panel why it is empty."""
     axes.set_xticks([])
     axes.set_yticks([])
-    axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=COLOURS["neutral"])
+    axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=INKS["quiet"])
 
 
 # how the last tick of a node ended
@@ -127,9 +138,9 @@ def draw_ending(axes: Axes, name: str, y: float, start: float, end: float, heigh
     height = height if name == "running" else 0.13
     axes.broken_barh([(start, end - start)], (y - 0.5 * height, height), **_look(name))
     if name == "failure":
-        axes.plot([start], [y], **failure_mark("X", markersize=6.0))
+        axes.plot([start], [y], clip_on=False, **failure_mark("X", markersize=6.0))
     elif name == "success":
-        axes.plot([start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5)
+        axes.plot([start], [y], "o", color=COLOURS[name], markersize=3.4, zorder=5, clip_on=False)
 
 
 def endings_met(met: Collection[str]) -> list[Patch]:

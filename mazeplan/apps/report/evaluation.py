@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS, MARKERS
 from mazeplan.apps.report import published
 from mazeplan.apps.report.drawing import (
     FAILURE_MARKERS,
@@ -39,6 +38,7 @@ from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.learning import learning_parts
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.words import MISSING, seconds, setup_facts
+from mazeplan.core.palette import COLOURS, INKS, MARKERS
 from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def _published(upper: Axes, lower: Axes, y: int) -> None:
     for name, time in times.items():
         for axes in (upper, lower):
             axes.axvline(time, color=COLOURS["neutral"], lw=0.8, ls=(0, (1.0, 1.5)), zorder=0)
-        upper.text(time, 103.0, f"{name}\n{time:g} s", ha="center", va="bottom", fontsize=7, color=COLOURS["neutral"])
+        upper.text(time, 103.0, f"{name}\n{time:g} s", ha="center", va="bottom", fontsize=7, color=INKS["quiet"])
 
 
 def _spread_out(count: int) -> np.ndarray:

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.drawing import INK, legend_beside, line, points
 from mazeplan.apps.report.evaluation_runs import EvaluatedRuns
 from mazeplan.apps.report.page import Note, PagePicture
+from mazeplan.core.palette import COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

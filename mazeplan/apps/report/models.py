@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report import published, words
 from mazeplan.apps.report.confidence import confidence_parts
 from mazeplan.apps.report.documents import ComparedRing, Comparison, ResidualDocument, best_kind, kinds
@@ -30,6 +29,7 @@ from mazeplan.apps.report.run_record import maze_of
 from mazeplan.apps.report.words import DEG, KINDS, MISSING
 from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.palette import COLOURS, FAINT
 from mazeplan.core.records import Array
 from mazeplan.learning.split import BLOCKS, TOO_FEW, WINDOWS, enough
 from mazeplan.maze.geometry import Maze
@@ -191,7 +191,7 @@ def _rollouts(document: Comparison) -> PageTable:
         for ring, s in document.items() if s.rollout
     }  # fmt: skip
     return _scores_table(
-        "Mean absolute error of the angle after 20 / 40 samples, deg", [KINDS.get(kind, kind) for kind in columns],
+        "Mean absolute error of the angle after 20 / 40 samples, degrees", [KINDS.get(kind, kind) for kind in columns],
         columns, labels, lambda ring, kind: document[ring].rollout.get(kind, {}).get("40", math.nan), text,
         _paper(columns, document, published.ROLLOUT, lambda pair: _degrees(*pair)), "after 40",
     )  # fmt: skip
@@ -289,7 +289,7 @@ def _rollout_errors(figure: Figure, document: Comparison) -> None:
         axes.set_title(f"ring {ring}")
         axes.set_xlabel("samples rolled out")
         axes.grid()
-    panels[0].set_ylabel("error of the angle, deg")
+    panels[0].set_ylabel("error of the angle, degrees")
     panels[0].set_ylim(0.0, 1.05 * top if top > 0.0 else None)
     _mark_leaving(panels, 1.05 * top)
     legend_beside(panels[-1])
@@ -329,7 +329,7 @@ def _heat(figure: Figure, residuals: dict[int, ResidualDocument], kind: str) -> 
         mean = table.mean[kind]
         angle, row = np.linspace(0.0, 360.0, mean.shape[1] + 1), np.arange(len(table.rate))
         drawn = axes.pcolormesh(angle, row, np.ma.masked_invalid(mean), cmap="PuOr_r", vmin=-top, vmax=top)
-        axes.patch.set(facecolor="white", edgecolor="#c4c4c4", hatch="//////")
+        axes.patch.set(facecolor="white", edgecolor=FAINT["hatch"], hatch="//////")
         # grey printing shows how large, not which way
         for j, i in zip(*np.nonzero(np.abs(mean) > 0.35 * top), strict=True):
             ink = "white" if abs(mean[j, i]) > 0.65 * top else INK
@@ -339,6 +339,6 @@ def _heat(figure: Figure, residuals: dict[int, ResidualDocument], kind: str) -> 
         axes.set_ylabel(f"ring {ring}\nspeed, rad/s")
         axes.set_yticks(row, [f"{v:.1f}" for v in table.rate], fontsize=7.5)
     panels[-1].set_xticks(range(0, 361, 45))
-    panels[-1].set_xlabel("angle of the ball, deg   (speed: angular; hatched: too few samples)")
+    panels[-1].set_xlabel("angle of the ball, degrees   (speed: angular; hatched: too few samples)")
     bar = figure.colorbar(drawn, ax=list(panels), extend="both", aspect=40)
     bar.set_label("measured less predicted, mean, rad/s²")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.report.words import HARD
 from mazeplan.core.errors import InputError
+from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS
 from mazeplan.core.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "axes.linewidth": 0.7,
-    "grid.color": "#dddddd",
+    "grid.color": FAINT["grid"],
     "grid.linewidth": 0.6,
     "hatch.linewidth": 0.6,
     "legend.fontsize": 8.0,
@@ -44,7 +45,7 @@ NUMBER = re.compile(r"|–|-?[0-9][0-9.e+-]*( (s|ms|mm|%|deg))?")
 LETTERS = re.compile(r"[^\W\d_]+")
 AMONG_FIGURES = frozenset(["e", "of", "to", "s", "ms", "mm", "m", "deg", "rad", "Hz"])
 LONGEST = 60  # characters of a cell that stays in one line
-UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
+UNIT = re.compile(r"(?<=\d)(?: (?=(?:s|ms|mm|m|%|deg|degrees|Hz|rad|rad/s|rad/s²|m/s)(?![\w/]))| ±[ ])|(?<=±) (?=\d)")
 NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 
@@ -189,4 +190,8 @@ def _template() -> Any:
         lstrip_blocks=True,
     )  # fmt: skip
     room.tests["figures"], room.filters["whole"] = _figures, _whole
+    room.globals["colours"] = {
+        "ink": INKS["ink"], "quiet": INKS["quiet"], "paper": TINTS["paper"], "band": TINTS["band"],
+        "rule": FAINT["rule"], "strong": COLOURS["real"], "edge": COLOURS["neutral"],
+    }  # fmt: skip
     return room.get_template("page.html")

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report import words
 from mazeplan.apps.report.diagnosis_documents import NavigationChange, PlaceMark, RigDocument, RigEvidenceDocument
 from mazeplan.apps.report.drawing import INK, beside, darker, line, nothing, plan_view, sector_map
 from mazeplan.apps.report.inputs import Input
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable, Steps
 from mazeplan.apps.report.words import DEG
+from mazeplan.core.palette import COLOURS
 from mazeplan.maze.mapfile import check_text
 from mazeplan.physics.registry import EFFECTS
 
@@ -118,7 +118,7 @@ def _errors(document: RigDocument) -> PageTable:
     if not document.something_found:
         del columns[AS_FOUND]
     rows = [
-        [f"error of the angle {seconds} s ahead, deg",
+        [f"error of the angle {seconds} s ahead, degrees",
          *(words.number(DEG * part.get(f"rollout{ahead}", math.nan), 1) for part in columns.values())]
         for ahead, seconds in ((20, 0.7), (40, 1.3))
     ]  # fmt: skip
@@ -193,7 +193,7 @@ def _ahead(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
         axes.fill_between(t, low, high, color=COLOURS[style], alpha=0.15, linewidth=0.0, label=f"{text}: four of five")
         axes.plot(t, mean, **line(style), label=f"{text}: mean")
     axes.set_xlabel("time ahead, s")
-    axes.set_ylabel("error of the angle, deg")
+    axes.set_ylabel("error of the angle, degrees")
     axes.set_xlim(0.0, t[-1] if len(t) else 1.0)
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False, loc="upper left")
@@ -207,7 +207,7 @@ def _blocks(figure: Figure, evidence: RigEvidenceDocument) -> None:
         axes.bar(evidence.gain_t[rows], gain[rows], width=0.85 * evidence.block_s, color=COLOURS[style], hatch=hatch,
                  edgecolor="white", linewidth=0.0)  # fmt: skip
     axes.axhline(0.0, color=COLOURS["neutral"], linewidth=0.8)
-    axes.set_xlabel("time, s")
+    axes.set_xlabel(words.TIME)
     axes.set_ylabel("likelier, powers of ten\n(2: 100 times)")
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.drawing import (
     ENDINGS,
     FAILURE_MARKERS,
@@ -21,6 +21,7 @@ from mazeplan.apps.report.drawing import (
     legend_beside,
     line,
     nothing,
+    round_the_ring,
 )  # fmt: skip
 from mazeplan.apps.report.page import Note, PagePicture, PageSection, PageTable
 from mazeplan.apps.report.run_record import (
@@ -32,14 +33,17 @@ from mazeplan.apps.report.run_record import (
     leaf_bars,
     maze_of,
     mishaps,
+    span_of,
     theta_lines,
     times_ms,
     trail,
     visits,
 )  # fmt: skip
-from mazeplan.apps.report.words import ANGLE, BETA, DEG, GAMMA, MISSING, setup_facts
+from mazeplan.apps.report.words import ANGLE, BETA, DEG, GAMMA, MISSING, TIME, setup_facts
 from mazeplan.core.errors import LogError
 from mazeplan.core.logs.run_log import RunLog
+from mazeplan.core.maths.angles import nearest
+from mazeplan.core.palette import COLOURS, TINTS
 from mazeplan.core.records import Array, TreeOutline
 from mazeplan.maze.drawing import draw_maze
 from mazeplan.maze.geometry import Maze
@@ -49,7 +53,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CONDITIONS = frozenset({"BallSeen", "InRing", "FailureIs"})  # in older logs: their failure is the answer no
-MOST_LEAVES = 60
+MOST_LEAVES, MOST_LETTERS, LEAF_FONT = 60, 40, 7.5  # in the picture of the tree: rows, letters of a name, their size
+LEGEND_IN = 1.85  # inches beside the pictures over time
 Markers = dict[str, str]  # by kind of failure
 
 
@@ -74,11 +79,13 @@ def lead(log: RunLog) -> str:
     result = log.result
     if result is None:
         return f"The log ends without a result after {end_of(log):.2f} s: the program did not come to its end."
-    problems = len(result.get("failures", []))
-    on_the_way = "nothing went wrong" if not problems else f"{problems} failure{'s' * (problems > 1)} on the way"
+    problems = sum(failure.get("where") != "run" for failure in result.get("failures", []))
+    on_the_way = f"; {problems} failure{'s' * (problems > 1)} on the way" if problems else ""
     if result.get("success"):
-        return f"The ball arrived after {result['time_s']:.2f} s; {on_the_way}."
-    return f"The ball did not arrive: {result.get('reason')} after {result['time_s']:.2f} s; {on_the_way}."
+        return f"The ball arrived after {result['time_s']:.2f} s{on_the_way or '; nothing went wrong'}."
+    reason = str(result.get("reason")).replace("_", " ")
+    what = "the tree failed" if reason == "failed" else reason
+    return f"The ball did not arrive: {what} after {result['time_s']:.2f} s{on_the_way}."
 
 
 def spread_of(values: Array) -> tuple[float, float, float]:
@@ -119,8 +126,9 @@ def run_pictures(log: RunLog, maze: Maze) -> list[PagePicture]:
     """All pictures, in the order of the page."""
     failures = mishaps(log)
     markers: Markers = dict(zip(dict.fromkeys(m.kind for m in failures), FAILURE_MARKERS, strict=False))
-    rows = min(len({bar.path for bar in leaf_bars(log)}), MOST_LEAVES)
+    leaves = _leaf_names(log)
     marked = {"failures": failures, "markers": markers}
+    over_time = {"log": log, "left": _left_of(leaves.values())}
     return [
         PagePicture(
             "path", "The ball's path; colour is time", "path of the ball over the maze, coloured by time",
@@ -129,21 +137,49 @@ def run_pictures(log: RunLog, maze: Maze) -> list[PagePicture]:
         PagePicture(
             "theta", f"Angle in each ring: as planned {AHEAD} s before, and real",
             "angle of the ball against time, as planned and as it was",
-            partial(_theta, log=log, maze=maze, **marked), (9.0, 4.6),
+            partial(_theta, maze=maze, **over_time, **marked), (9.0, 4.6), automatic=False,
         ),
         PagePicture(
             "tree", "What the tree did: its leaves over time", "Gantt chart of the leaves of the behaviour tree",
-            partial(_gantt, log=log, **marked), (9.0, 1.4 + 0.21 * max(rows, 4)),
+            partial(_gantt, named=leaves, **over_time, **marked), (9.0, 1.4 + 0.21 * max(len(leaves), 4)),
+            automatic=False,
         ),
         PagePicture(
             "tilt", "Tilt of the plate, commanded and measured", "tilt of both axes against time",
-            partial(_tilt, log=log, **marked), (9.0, 4.0),
+            partial(_tilt, **over_time, **marked), (9.0, 4.0), automatic=False,
         ),
         PagePicture(
             "times", "Computing time of plans and ticks", "planner and tick times against the time of a sample",
-            partial(_times, log=log), (9.0, 3.2),
+            partial(_times, **over_time), (9.0, 3.2), automatic=False,
         ),
     ]  # fmt: skip
+
+
+def _leaf_names(log: RunLog) -> dict[str, str]:
+    """Path -> label of the leaves that the picture of the tree shows; a long label loses its beginning."""
+    named = list(labels(leaf_bars(log)).items())[:MOST_LEAVES]
+    return {path: label if len(label) <= MOST_LETTERS else "…" + label[1 - MOST_LETTERS :] for path, label in named}
+
+
+def _left_of(names: Iterable[str]) -> float:
+    """How far from the left edge every picture over time begins, inches: there is room for each leaf's name."""
+    from matplotlib.textpath import TextPath
+
+    widths = [TextPath((0.0, 0.0), name, size=LEAF_FONT).get_extents().width / 72.0 for name in names]
+    return max(0.9, 0.2 + max(widths, default=0.0))
+
+
+def _panels(figure: Figure, log: RunLog, left: float, ratios: Sequence[float] = (1.0,)) -> list[Axes]:
+    """Panels over time, one above the other. In all pictures of a run they begin and end alike, in inches and in s, so
+    that an instant is read straight downwards."""
+    width, height = figure.get_size_inches()
+    grid = {"height_ratios": ratios, "left": left / width, "right": 1.0 - LEGEND_IN / width, "hspace": 0.13,
+            "bottom": 0.5 / height, "top": 1.0 - 0.3 / height}  # fmt: skip
+    panels = list(figure.subplots(len(ratios), 1, sharex=True, squeeze=False, gridspec_kw=grid)[:, 0])
+    first, last = span_of(log)
+    panels[0].set_xlim(first - 0.01 * (last - first), last + 0.01 * (last - first))
+    panels[-1].set_xlabel(TIME)
+    return panels
 
 
 def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], markers: Markers) -> None:
@@ -160,7 +196,7 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], marke
     lines = LineCollection(list(pieces), linewidths=1.8, capstyle="round", zorder=4, cmap=darker())
     lines.set_array(0.5 * (place[:-1, 2] + place[1:, 2])[together])
     axes.add_collection(lines)
-    figure.colorbar(lines, ax=axes, shrink=0.6, pad=0.02, aspect=30).set_label("time, s")
+    figure.colorbar(lines, ax=axes, shrink=0.6, pad=0.02, aspect=30).set_label(TIME)
     for kind, marker in markers.items():
         at = np.array([(m.x, m.y) for m in failures if m.kind == kind])
         axes.plot(*(1e3 * at.T), **failure_mark(marker), label=kind.replace("_", " "))
@@ -174,7 +210,7 @@ def _bands(axes: Axes, stays: list[Visit], named: bool) -> None:
     for i, visit in enumerate(stays):
         length = visit.end - visit.start
         if i % 2 == 0:
-            axes.axvspan(visit.start, visit.end, color="#f1f3f6", lw=0, zorder=0)
+            axes.axvspan(visit.start, visit.end, color=TINTS["band"], lw=0, zorder=0)
         if named and length > 0.02 * (stays[-1].end - stays[0].start):
             text = f"ring {visit.ring}" if length > 0.09 * stays[-1].end else f"{visit.ring}"
             axes.text(0.5 * (visit.start + visit.end), 1.01, text, transform=axes.get_xaxis_transform(), ha="center",
@@ -192,8 +228,8 @@ def _failure_lines(axes: Axes, failures: list[Mishap], markers: Markers, named: 
         axes.plot([m.t], [0.97], transform=axes.get_xaxis_transform(), label=label, **mark)
 
 
-def _theta(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], markers: Markers) -> None:
-    upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (2.6, 1.0)})
+def _theta(figure: Figure, log: RunLog, left: float, maze: Maze, failures: list[Mishap], markers: Markers) -> None:
+    upper, lower = _panels(figure, log, left, (2.6, 1.0))
     parts = theta_lines(log, maze)
     if not parts:
         return nothing(upper, "the ball was in no ring with a channel")
@@ -208,12 +244,12 @@ def _theta(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], mark
         angle = next((o.angle for o in maze.openings if o.name == visit.opening), None)
         if angle is not None and np.isfinite(real).any():
             end = real[np.isfinite(real)][-1]
-            there = end + (math.degrees(angle) - end + 180.0) % 360.0 - 180.0
+            there = math.degrees(nearest(angle, math.radians(end)))
             upper.plot(visit.end, there, "<", color=INK, markersize=6, zorder=6, label=names[2])
     _failure_lines(upper, failures, markers, named=True)
+    round_the_ring(upper.yaxis)
     upper.set_ylabel(ANGLE)
-    lower.set_ylabel("real less\nplanned, deg")
-    lower.set_xlabel("time, s")
+    lower.set_ylabel("real less\nplanned, degrees")
     lower.axhline(0.0, color=INK, lw=0.6)
     legend_beside(upper)
     return None
@@ -227,14 +263,15 @@ def _conditions(tree: TreeOutline) -> list[str]:
     return [paths[i] for i in numbers]
 
 
-def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers) -> None:
-    axes, bars = figure.add_subplot(), leaf_bars(log)
+def _gantt(
+    figure: Figure, log: RunLog, left: float, named: dict[str, str], failures: list[Mishap], markers: Markers
+) -> None:
+    (axes,), bars = _panels(figure, log, left), leaf_bars(log)
     if not bars:
         return nothing(axes, "the log has no leaf")
-    named = labels(bars)
     asked = {path for tree in log.trees for path in _conditions(tree.outline)}
     met: set[str] = set()
-    rows = {path: i for i, path in enumerate(list(named)[:MOST_LEAVES])}
+    rows = {path: i for i, path in enumerate(named)}
     axes.set_autoscale_on(False)  # each bar would look at all before it
     _bands(axes, visits(log), named=True)
     for bar in bars:
@@ -244,17 +281,15 @@ def _gantt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers
         met.add(name)
         draw_ending(axes, name, rows[bar.path], bar.start, bar.end)
     _failure_lines(axes, failures, markers)
-    axes.autoscale(axis="x")
-    axes.set_yticks(list(rows.values()), [named[path] for path in rows], fontsize=7.5)
+    axes.set_yticks(list(rows.values()), [named[path] for path in rows], fontsize=LEAF_FONT)
     axes.set_ylim(len(rows) - 0.4, -1.4 if failures else -0.7)
-    axes.set_xlabel("time, s")
     axes.grid(axis="x")
     legend_beside(axes, handles=endings_met(met), title="last tick")
     return None
 
 
-def _tilt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers) -> None:
-    panels, t = figure.subplots(2, 1, sharex=True), log.ticks["t"]
+def _tilt(figure: Figure, log: RunLog, left: float, failures: list[Mishap], markers: Markers) -> None:
+    panels, t = _panels(figure, log, left, (1.0, 1.0)), log.ticks["t"]
     for axes, name, label in zip(panels, ("beta", "gamma"), (BETA, GAMMA), strict=True):
         _bands(axes, visits(log), named=axes is panels[0])
         axes.plot(t, DEG * log.ticks[f"u_{name}"], drawstyle="steps-post", **line("commanded"), label="commanded")
@@ -263,11 +298,10 @@ def _tilt(figure: Figure, log: RunLog, failures: list[Mishap], markers: Markers)
         axes.set_ylabel(label.replace(" (", "\n("))
         axes.grid(axis="y")
     legend_beside(panels[0])
-    panels[1].set_xlabel("time, s")
 
 
-def _times(figure: Figure, log: RunLog) -> None:
-    axes, took, t = figure.add_subplot(), times_ms(log), log.ticks["t"]
+def _times(figure: Figure, log: RunLog, left: float) -> None:
+    (axes,), took, t = _panels(figure, log, left), times_ms(log), log.ticks["t"]
     if len(took["tick"]):
         axes.plot(t, took["tick"], **line("real", linewidth=0.9), label="tick")
     if len(took["plan"]):
@@ -281,7 +315,6 @@ def _times(figure: Figure, log: RunLog) -> None:
         axes.yaxis.set_major_formatter("{x:g}")
     else:
         axes.text(0.5, 0.5, "the log has no times", transform=axes.transAxes, ha="center")
-    axes.set_xlabel("time, s")
     axes.set_ylabel("computing time, ms (log scale)")
     axes.grid(axis="y")
     legend_beside(axes)

@@ -75,6 +75,13 @@ def end_of(log: RunLog) -> float:
     return float(log.ticks["t"][-1]) if len(log.ticks["t"]) else 0.0
 
 
+def span_of(log: RunLog) -> tuple[float, float]:
+    """From the first tick, s, to one sample after the last: so long its statuses and commands held."""
+    t = log.ticks["t"]
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0 / (log.header.get("replay") or {}).get("rate_hz", 30.0)
+    return float(t[0]) if len(t) else 0.0, end_of(log) + step
+
+
 def trail(log: RunLog) -> Array:
     """Path of the ball, (N, 3) of x, y in m and time in s: the estimate if the log has one, else the measurement."""
     names = ("estimate_x", "estimate_y", "estimate_t") if "estimate_x" in log.ticks else ("x", "y", "t")
@@ -121,8 +128,8 @@ def planned_before(plans: Sequence[LoggedPlan], t: Array, ahead: float = AHEAD) 
 
 def theta_lines(log: RunLog, maze: Maze) -> list[tuple[Visit, Array, Array, Array]]:
     """For each visit of a ring with a channel: times (N,), theta measured, and theta planned AHEAD before, both (N,),
-    deg, unwrapped; NaN where unknown."""
-    found = []
+    degrees; NaN where unknown. They go on from ring to ring, over whole turns, and begin between 0 and 360."""
+    found, before = list[tuple[Visit, Array, Array, Array]](), math.pi
     x, y, t = trail(log).T
     plans = followed_plans(log)
     for visit in visits(log):
@@ -132,6 +139,9 @@ def theta_lines(log: RunLog, maze: Maze) -> list[tuple[Visit, Array, Array, Arra
         theta = np.arctan2(y[here], x[here])
         known = np.isfinite(theta)
         theta[known] = np.unwrap(theta[known])
+        if known.any():
+            theta += nearest(theta[known][0], before) - theta[known][0]
+            before = float(theta[known][-1])
         wanted = nearest(planned_before(plans, t[here]), theta)
         found.append((visit, t[here], np.degrees(theta), np.degrees(wanted)))
     return found
@@ -165,9 +175,9 @@ def leaf_bars(log: RunLog) -> list[Bar]:
     if not log.trees:
         names = log.ticks.get("leaf")
         changes = [] if names is None else zip(log.ticks["t"].tolist(), names.tolist(), strict=True)
-        return [Bar(name, RUNNING, start, end) for name, start, end in _stretches([*changes, (end_of(log), "")], "")]
+        return [Bar(leaf, RUNNING, a, b) for leaf, a, b in _stretches([*changes, (span_of(log)[1], "")], "")]
     found: list[Bar] = []
-    for tree, end in zip(log.trees, [*(later.t for later in log.trees[1:]), end_of(log)], strict=True):
+    for tree, end in zip(log.trees, [*(later.t for later in log.trees[1:]), span_of(log)[1]], strict=True):
         last = max(end, tree.statuses[-1][0]) if tree.statuses else end
         for i, path in enumerate(tree.outline.paths):
             if i not in tree.outline.parents:

@@ -1,25 +1,29 @@
 """Picture of a behaviour tree: an indented outline, so that nothing overlaps however wide the tree is.
 
-With the log of a run it shows beside each node what its ticks ended with over time. The path to the node that ended a
-failed run has the colour of failures; of any other run that to the last leaf that failed.
+With the log of a run it shows beside each node what its ticks ended with over time. One node is marked: the one that
+ended a failed run, the one that ran when something else ended it (the time limit), or the last leaf that succeeded. The
+path to either of the first two has the mark's colour; of a run that succeeded, that to the last leaf that failed has
+the colour of failures.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.report.drawing import ENDINGS, draw_ending, ending, endings_met, failure_mark
-from mazeplan.apps.report.run_record import end_of, mishaps
+from mazeplan.apps.report.run_record import mishaps, span_of
+from mazeplan.apps.report.words import TIME
 from mazeplan.behavior.decorators import SubTree
 from mazeplan.behavior.node import TreeNode
 from mazeplan.behavior.outline import FOLDED, Row, rows_of
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.core.errors import InputError, LogError
 from mazeplan.core.logs.run_log import STATUSES, RunLog
+from mazeplan.core.palette import COLOURS, FAINT, INKS, TINTS
 from mazeplan.core.records import FailureKind
 from mazeplan.core.whole_file import whole_file
 
@@ -27,34 +31,39 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Text
 
-# fill by kind of node, readable in grey and with any colour vision: light blue, light orange, white, light yellow
-FILLS = {
-    "Control": "#cfe2f3",
-    "Decorator": "#fce5cd",
-    "Action": "#ffffff",
-    "Condition": "#ffffff",
-    "SubTree": "#fff2a8",
-}
 SHAPES = {  # matplotlib's box styles
     "Control": "square,pad=0.28", "Decorator": "round4,pad=0.38", "Action": "round,pad=0.28",
     "Condition": "round,pad=0.28,rounding_size=0.75", "SubTree": "square,pad=0.28",
 }  # fmt: skip
-STEP, ROW, WORDS, TIME, DPI = 0.42, 0.29, 5.0, 5.2, 150  # indent; inches: a row, words, picture over time; dots an inch
-AXIS, LEGEND = 0.5, 0.62  # inches below the rows: time, legend
-ENDED, ENDED_FILL = "ended the run", "#f6c9c0"
+STEP, ROW, WORDS, WIDE, DPI = 0.42, 0.29, 5.0, 5.2, 150  # indent; inches: a row, words, picture over time; dots an inch
+AXIS, LEGEND = 0.45, 0.5  # inches below the rows: time, legend
+# by what the marked node did
+MARKS = {
+    "failure": "✖ ended the run",
+    "running": "▶ running at the {limit}",
+    "success": "✔ last success",
+}
 
 
 @dataclass(frozen=True)
 class History:
-    """What a tree did. end: s; changes: (t, a letter of `STATUSES` for each node) from that rig time on; failures: (t,
-    number of the leaf that failed); ended: number of the node that ended a failed run, or that ran when it was ended;
-    path: numbers of the nodes from the root to that one, else to the last leaf that failed."""
+    """What a tree did. span: s, from the first tick to one sample after the last; changes: (t, a letter of `STATUSES`
+    for each node) from that rig time on; failures: (t, number of the leaf that failed); marked: number of the node that
+    ended the run, ran when it was ended, or succeeded last; how: that, a key of `MARKS`; path: numbers of the nodes
+    from the root to it, after a success to the last leaf that failed; limit: what ended the run while it ran."""
 
-    end: float
+    span: tuple[float, float]
     changes: tuple[tuple[float, str], ...]
     failures: tuple[tuple[float, int], ...]
     path: frozenset[int]
-    ended: int | None = None
+    marked: int | None = None
+    how: str = "failure"
+    limit: str = "limit"
+
+    @property
+    def words(self) -> str:
+        """What stands beside the marked node."""
+        return MARKS[self.how].format(limit=self.limit)
 
 
 def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> History:
@@ -67,42 +76,59 @@ def history(tree: BehaviorTree, log: RunLog, file: Path | None = None) -> Histor
     changes = list[tuple[float, str]]()
     for i in same:
         logged = log.trees[i]
-        end = log.trees[i + 1].t if i + 1 < len(log.trees) else end_of(log)
+        end = log.trees[i + 1].t if i + 1 < len(log.trees) else span_of(log)[1]
         idle = STATUSES["INVALID"] * len(outline.paths)
         changes += [(logged.t, idle), *logged.statuses, (max(end, logged.t), idle)]
     failures = tuple(
         (m.t, number) for m in mishaps(log) if (number := _failed(outline.names, changes, m.t, m.where)) is not None
     )
-    ended = _ended(tree, log, changes, failures[-1][1] if failures else None)
-    path, number = set[int](), ended if ended is not None else failures[-1][1] if failures else -1
-    while number >= 0:
+    how, marked = _marked(tree, log, changes, failures[-1][1] if failures else None)
+    last = failures[-1][1] if failures else None
+    path, number = set[int](), last if marked is None or how == "success" else marked
+    while number is not None and number >= 0:
         path.add(number)
         number = outline.parents[number]
-    return History(end_of(log), tuple(changes), failures, frozenset(path), ended)
+    limit = "limit" if log.result is not None and log.result.get("reason") == FailureKind.OUT_OF_TIME else "end"
+    return History(span_of(log), tuple(changes), failures, frozenset(path), marked, how, limit)
 
 
-def _ended(tree: BehaviorTree, log: RunLog, changes: list[tuple[float, str]], failed: int | None) -> int | None:
-    """The node that ended a run without success: the one that raised, the leaf whose failure is the reason, else what
-    failed or ran last. None for a run that succeeded, or has no result."""
-    if log.result is None or log.result.get("success"):
-        return None
+def _marked(
+    tree: BehaviorTree, log: RunLog, changes: list[tuple[float, str]], failed: int | None
+) -> tuple[str, int | None]:
+    """A key of `MARKS` and its node: the last leaf that succeeded; without success the node that raised, the leaf whose
+    failure is the reason, else what failed or ran last. None for a run without a result."""
     outline, last = tree.outline(), next(reversed(mishaps(log)), None)
+    if log.result is None:
+        return "failure", None
+    if log.result.get("success"):
+        return "success", _last_success(outline.parents, changes)
     if last is not None and last.kind == FailureKind.LEAF_FAILED:
         named = [i for i, path in enumerate(outline.paths) if f": {tree.name}/{path}" in last.detail]
-        return max(named, key=lambda i: len(outline.paths[i]), default=None)
+        return "failure", max(named, key=lambda i: len(outline.paths[i]), default=None)
     if last is not None and last.where in outline.names and last.kind == log.result.get("reason"):
-        return failed
-    idle = STATUSES["INVALID"]
-    letters = next((letters for _, letters in reversed(changes) if letters.strip(idle)), "")
+        return "failure", failed
+    letters = _last_letters(changes)
     if letters[:1] not in (STATUSES["FAILURE"], STATUSES["RUNNING"]):
-        return None
-    number: int | None = 0
-    while number is not None:
-        below = [i for i, parent in enumerate(outline.parents) if parent == number and letters[i] == letters[0]]
-        if not below:
-            return number
+        return "failure", None
+    how, number = ENDINGS[letters[0]], 0
+    while below := [i for i, parent in enumerate(outline.parents) if parent == number and letters[i] == letters[0]]:
         number = below[-1]
-    return None
+    return how, number
+
+
+def _last_letters(changes: list[tuple[float, str]]) -> str:
+    """The letters after the last tick; empty without one."""
+    return next((letters for _, letters in reversed(changes) if letters.strip(STATUSES["INVALID"])), "")
+
+
+def _last_success(parents: tuple[int, ...], changes: list[tuple[float, str]]) -> int | None:
+    """The leaf that came to its success last; of several in the same tick the last one in the tree."""
+    success, idle, found = STATUSES["SUCCESS"], STATUSES["INVALID"], list[tuple[float, int]]()
+    for i, letter in enumerate(_last_letters(changes)):
+        if letter == success and i not in parents:
+            others = (t for t, letters in changes if letters[i] != success and letters.strip(idle))
+            found.append((max(others, default=-math.inf), i))
+    return max(found)[1] if found else None
 
 
 def _failed(names: tuple[str, ...], changes: list[tuple[float, str]], t: float, where: str) -> int | None:
@@ -130,23 +156,23 @@ def save_tree_picture(
     deepest, n = max(row.depth for row in rows), len(rows)
     lowest = AXIS + (0.0 if did is None else LEGEND)
     width, height = 0.3 * deepest + WORDS + 1.5, ROW * n + 0.4 + lowest
-    figure = Figure(figsize=(width + TIME, height), dpi=DPI)
+    figure = Figure(figsize=(width + WIDE, height), dpi=DPI)
     below, tall = lowest / height, ROW * n / height
-    axes = figure.add_axes((0.0, below, width / (width + TIME), tall))
+    axes = figure.add_axes((0.0, below, width / (width + WIDE), tall))
     axes.set_axis_off()
     axes.set_xlim(-0.1, deepest * STEP + WORDS)
     axes.set_ylim(n - 0.5, -0.5)
-    texts = _draw_nodes(axes, rows, frozenset() if did is None else did.path, None if did is None else did.ended)
+    texts = _draw_nodes(axes, rows, did)
     try:
         figure.draw_without_rendering()  # only then is it known how wide the words are, at this resolution
         crop = Bbox.union([text.get_window_extent() for text in texts]).transformed(figure.dpi_scale_trans.inverted())
         if did is not None:
-            left = (crop.x1 + 0.25) / (width + TIME)
-            over_time = figure.add_axes((left, below, (TIME - 0.4) / (width + TIME), tall))
+            left = (crop.x1 + 0.25) / (width + WIDE)
+            over_time = figure.add_axes((left, below, (WIDE - 0.4) / (width + WIDE), tall))
             _draw_history(over_time, rows, did)
             figure.legend(handles=_legend(rows, did), **_below_axes(left))
             over_time.set_title(title, fontsize=8, loc="left")
-            crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, TIME, height)])
+            crop = Bbox.union([crop, Bbox.from_bounds(crop.x1, 0.0, WIDE, height)])
         with whole_file(path) as beside:
             figure.savefig(beside, bbox_inches=crop.padded(0.12))
     except (OSError, ValueError) as problem:
@@ -157,16 +183,18 @@ def _kind(node: TreeNode) -> str:
     return "SubTree" if isinstance(node, SubTree) else node.category
 
 
-def _draw_nodes(axes: Axes, rows: list[Row], failed: frozenset[int], ended: int | None = None) -> list[Text]:
+def _draw_nodes(axes: Axes, rows: list[Row], did: History | None) -> list[Text]:
     texts = list[Any]()
+    on_path = COLOURS["running" if did is not None and did.how == "running" else "failure"]
     for y, row in enumerate(rows):
-        x, bad = row.depth * STEP, row.number in failed
-        colour, width = (COLOURS["failure"], 1.8) if bad else ("#555555", 0.9)
+        x, bad = row.depth * STEP, did is not None and row.number in did.path
+        colour, width = (on_path, 1.8) if bad else (INKS["quiet"], 0.9)
         if row.parent is not None:
             trunk = (row.depth - 1) * STEP + 0.12
             axes.plot([trunk, trunk, x], [row.parent + 0.35, y, y], color=colour, lw=width, zorder=2 if bad else 1)
         kind = _kind(row.node)
-        fill, edge = ENDED_FILL if row.number == ended else FILLS[kind], colour if bad else "#333333"
+        mark = did if did is not None and row.number == did.marked else None
+        fill, edge = TINTS[kind if mark is None else mark.how], colour if bad else INKS["ink"]
         box = axes.text(
             x, y, row.title, va="center", ha="left", fontsize=8, zorder=3, family="DejaVu Sans", parse_math=False,
             bbox={"boxstyle": SHAPES[kind], "fc": fill, "ec": edge, "lw": width},
@@ -174,14 +202,14 @@ def _draw_nodes(axes: Axes, rows: list[Row], failed: frozenset[int], ended: int 
         note = "  ".join(filter(None, (row.name, row.attributes, FOLDED * row.folded)))
         beside = axes.annotate(
             note, xy=(1.0, 0.5), xycoords=box, xytext=(6, 0), textcoords="offset points",
-            va="center", fontsize=7, color="#444444", parse_math=False,
+            va="center", fontsize=7, color=INKS["quiet"], parse_math=False,
         )  # fmt: skip
         texts += [box, beside] if note else [box]
-        if row.number == ended:
+        if mark is not None:
             texts.append(axes.annotate(
-                f"✖ {ENDED}", xy=(1.0, 0.5), xycoords=beside if note else box, xytext=(8, 0),
+                mark.words, xy=(1.0, 0.5), xycoords=beside if note else box, xytext=(8, 0),
                 textcoords="offset points", va="center", fontsize=8, weight="bold", family="DejaVu Sans",
-                color=COLOURS["failure"],
+                color=INKS[mark.how],
             ))  # fmt: skip
     return texts
 
@@ -193,13 +221,13 @@ def _draw_history(axes: Axes, rows: list[Row], did: History) -> None:
         at = [t for t, number in did.failures if number == row.number]
         axes.plot(at, [y] * len(at), **failure_mark("X", markersize=8.0))
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_xlim(0.0, max(did.end, 1e-3))
+    axes.set_xlim(*did.span)
     axes.set_yticks(range(len(rows)), [])
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", labelsize=7)
-    axes.grid(color="#e4e4e4", lw=0.6)
+    axes.grid(color=FAINT["grid"], lw=0.6)
     axes.set_axisbelow(True)
-    axes.set_xlabel("time, s", fontsize=8)
+    axes.set_xlabel(TIME, fontsize=8)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
 
@@ -230,5 +258,5 @@ def _stretches(did: History, number: int) -> list[tuple[str, float, float]]:
     """(letter, start, end) of the stretches in which a node's last tick ended alike."""
     changes = [(t, letters[number]) for t, letters in did.changes]
     kept = [change for i, change in enumerate(changes) if i == 0 or change[1] != changes[i - 1][1]]
-    ends = [*kept, (did.end, "")]
+    ends = [*kept, (did.span[1], "")]
     return [(letter, t, end) for (t, letter), (end, _) in pairwise(ends) if letter in ENDINGS and end > t]

@@ -16,8 +16,9 @@ MISSING = "–"
 HARD = "\u00a0"  # a space at which no line ends
 DEG = 180.0 / math.pi
 UNITS = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
-ANGLE, SPEED = "angle of the ball, deg", "angular speed of the ball, rad/s"
-BETA, GAMMA = "tilt down at +x (beta), deg", "tilt up at +y (gamma), deg"
+TIME = "time, s"
+ANGLE, SPEED = "angle of the ball, degrees", "angular speed of the ball, rad/s"
+BETA, GAMMA = "tilt down at +x (beta), degrees", "tilt up at +y (gamma), degrees"
 SCORES = {
     "nrmse": "relative error of the angular acceleration (nRMSE)",
     "rollout20": "error of the angle after 20 samples, rad", "rollout40": "error of the angle after 40 samples, rad",
@@ -86,7 +87,7 @@ def labelled(value: float, label: str) -> float:
 def relabelled(label: str) -> str:
     """A label that ends in its unit (`theta, rad`), in words, with the unit of reports."""
     words = {"theta, rad": ANGLE, "theta_dot, rad/s": SPEED}.get(label, label)
-    words = words.removesuffix("rad") + "deg" if words.endswith(", rad") else words
+    words = words.removesuffix("rad") + "degrees" if words.endswith(", rad") else words
     return spoken(re.sub(r"\btheta error\b", "error of the angle", words))
 
 

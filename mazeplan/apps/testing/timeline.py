@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mazeplan.apps.testing.watch import Tick
 from mazeplan.core.events import TimedEvent
+from mazeplan.core.maths.angles import place_deg
 
 ROWS = 14  # of an excerpt
 HEAD = "     t, s  ring   deg  what"
@@ -24,7 +24,7 @@ class Row:
 
     def __str__(self) -> str:
         ring = "-" if self.ring is None else str(self.ring)
-        angle = "-" if self.theta is None else f"{math.degrees(self.theta):.0f}"
+        angle = "-" if self.theta is None else f"{place_deg(self.theta, 0):.0f}"
         return f"  {self.t:7.3f}  {ring:>4}  {angle:>4}  {self.text}"
 
 

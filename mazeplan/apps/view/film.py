@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.panel import SIGNS
 from mazeplan.apps.view.story import maze_of, moments
 from mazeplan.core.errors import InputError
+from mazeplan.core.palette import COLOURS
 from mazeplan.core.resources import to_install
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.drawing import draw_maze

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.view.camera import Layout
 from mazeplan.apps.view.lookback import LookBack
 from mazeplan.apps.view.page import FONT, WIDTH, Page
@@ -15,6 +14,7 @@ from mazeplan.apps.view.panel import facts_panel, tree_panel
 from mazeplan.apps.view.plots import NOTE, LivePlots
 from mazeplan.apps.view.scene import TILT_SHOWN, Scene, outline
 from mazeplan.apps.view.story import Story
+from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.maze.geometry import Maze
 
 Order = dict[str, Any]  # {"do": "start" | "stop" | "level" | "goal" | "close" | "open" | "fault" | "pause" ...}
@@ -206,5 +206,5 @@ def head_html(offer: Offer, phase: str, note: str) -> str:
     return (
         f'<div style="font-size:13px;line-height:1.35;padding:2px 12px" data-phase="{escape(phase, quote=True)}">rig '
         f"<b>{escape(offer.rig)}</b>, map <b>{escape(offer.maze.name)}</b>"
-        f'<div style="{frame}"><b style="color:{COLOURS[colour]}">{sign} {escape(word)}</b>{below}</div></div>'
+        f'<div style="{frame}"><b style="color:{INKS[colour]}">{sign} {escape(word)}</b>{below}</div></div>'
     )

@@ -9,9 +9,9 @@ from html import escape
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.page import FONT, pressed
+from mazeplan.core.palette import COLOURS
 
 if TYPE_CHECKING:
     from viser import ViserServer

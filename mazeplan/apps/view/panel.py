@@ -10,8 +10,8 @@ from collections.abc import Callable
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.view.moment import Moment, NodeShown
+from mazeplan.core.palette import COLOURS, INKS
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -25,7 +25,7 @@ SIGNS = {  # letter of a status -> sign, style, word
     "-": ("·", "skipped", "idle"),
 }
 FONT = "font-size:12px;line-height:1.35;"
-GREY = 'style="color:#666'
+GREY = f'style="color:{INKS["quiet"]}'
 
 
 class HtmlPanel:
@@ -95,7 +95,7 @@ def _outcome(moment: Moment) -> str:
     arrived, time = bool(moment.result.get("success")), moment.result.get("time_s")
     word, colour = ("✓ arrived", "good") if arrived else (f"✕ {moment.result.get('reason', '')}", "bad")
     after = f" after {time:.2f} s" if isinstance(time, int | float) else ""
-    style = f"color:{COLOURS[colour]};font-weight:bold;font-size:14px"
+    style = f"color:{INKS[colour]};font-weight:bold;font-size:14px"
     return f'<div style="{style}" data-outcome>{escape(word)}{after}</div>'
 
 
@@ -115,32 +115,29 @@ def tree_html(moment: Moment) -> str:
     """A line for each node, indented."""
     tree = moment.tree
     if not tree.nodes:
-        return f'<div style="{FONT}color:#666;padding:2px 12px">no tree{"" if moment.tick else " yet"}</div>'
+        return f'<div style="{FONT}color:{INKS["quiet"]};padding:2px 12px">no tree{"" if moment.tick else " yet"}</div>'
     failed = moment.failure.where if moment.failure is not None else None
     lines = [
         _node(node, tree.statuses[i : i + 1] or "-", i in tree.active, node.name == failed)
         for i, node in enumerate(tree.nodes)
     ]
-    legend = "  ".join(f'<span style="color:{_ink(name)}">{sign}</span> {word}' for sign, name, word in SIGNS.values())
+    legend = "  ".join(f'<span style="color:{INKS[name]}">{sign}</span> {word}' for sign, name, word in SIGNS.values())
     return (
         f'<div style="{FONT}padding:2px 12px" data-tree="{tree.number}">{"".join(lines)}'
         f'<div {GREY};margin-top:4px">{legend}</div></div>'
     )
 
 
-def _ink(name: str) -> str:
-    return "#9a9a9a" if name == "skipped" else COLOURS[name]
-
-
 def _node(node: NodeShown, letter: str, active: bool, failed: bool) -> str:
     sign, style, word = SIGNS.get(letter, SIGNS["-"])
     bar, weight = (COLOURS["running"], "bold") if active else ("transparent", "normal")
-    kind = f' <span style="color:#999">{escape(node.kind)}</span>' if node.kind != node.name else ""
-    mark = f' <span style="color:{COLOURS["bad"]}">← last failure</span>' if failed else ""
+    kind = f' <span style="color:{INKS["quiet"]}">{escape(node.kind)}</span>' if node.kind != node.name else ""
+    mark = f' <span style="color:{INKS["bad"]}">← last failure</span>' if failed else ""
     return (
         f'<div title="{escape(node.path, quote=True)}: {word}" style="border-left:3px solid {bar};'
         f'padding-left:{4 + 9 * node.depth}px;white-space:nowrap;overflow:hidden;text-overflow:ellipsis">'
-        f'<span style="color:{_ink(style)};display:inline-block;width:13px">{sign}</span>'
-        f'<span style="font-weight:{weight};color:{"#222" if letter != "-" else "#888"}">{escape(node.name)}</span>'
+        f'<span style="color:{INKS[style]};display:inline-block;width:13px">{sign}</span>'
+        f'<span style="font-weight:{weight};color:{INKS["ink" if letter != "-" else "quiet"]}">'
+        f"{escape(node.name)}</span>"
         f"{kind}{mark}</div>"
     )

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS, dashes
 from mazeplan.apps.view.moment import Moment
+from mazeplan.core.palette import COLOURS, FAINT, INKS, dashes
 from mazeplan.core.records import Array
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ HEIGHT = 190  # pixels
 SHOWN_S = 30.0  # s of a long recorded run
 DEG = 180.0 / np.pi
 STEP_DEG = 45.0  # of the axis of theta
-NOTE = "font-size:13px;color:#666;padding:2px 12px"
+NOTE = f"font-size:13px;color:{INKS['quiet']};padding:2px 12px"
 
 
 class PlotLine(NamedTuple):
@@ -49,11 +49,11 @@ class Chart(NamedTuple):
 
 
 CHARTS = (
-    Chart("tilt beta about the y axis", "deg", DEG, (
+    Chart("tilt beta about the y axis", "degrees", DEG, (
         PlotLine("commanded", "u_beta", "commanded", True), PlotLine("measured", "beta", "measured"))),
-    Chart("tilt gamma about the x axis", "deg", DEG, (
+    Chart("tilt gamma about the x axis", "degrees", DEG, (
         PlotLine("commanded", "u_gamma", "commanded", True), PlotLine("measured", "gamma", "measured"))),
-    Chart("angle of the ball, theta", "deg", DEG, (
+    Chart("angle of the ball, theta", "degrees", DEG, (
         PlotLine("planned", "planned_theta", "planned", True), PlotLine("estimated", "theta", "real")), STEP_DEG),
     Chart("computing time in a tick", "ms", 1.0, (
         PlotLine("planner", "planner_ms", "planned", True), PlotLine("whole tick", "tick_ms", "neutral"))),
@@ -69,8 +69,8 @@ def line(label: str, style: str, dashed: bool = False) -> dict[str, Any]:
 
 
 def _add_plot(server: ViserServer, chart: Chart, series: Sequence[Any], data: tuple[Array, ...], **more: Any) -> Any:
-    common = {"grid": {"stroke": "#e4e6ea", "width": 1}, "font": "11px sans-serif", "labelSize": 18}
-    axes = {"label": "time (s)", "size": 32, **common}, {"label": chart.unit, "size": 44, **common}
+    common = {"grid": {"stroke": FAINT["grid"], "width": 1}, "font": "11px sans-serif", "labelSize": 18}
+    axes = {"label": "time, s", "size": 32, **common}, {"label": chart.unit, "size": 44, **common}
     every: Any = ({"label": "t (s)"}, *series)
     more |= {"axes": axes, "height": HEIGHT, "title": chart.title}
     return server.gui.add_uplot(data, every, padding=(9, 12, 0, 0), **more)  # pyright: ignore
@@ -122,7 +122,7 @@ class LivePlots:
         picked = slice((len(moment.rows) - 1) % EVERY, None, EVERY)
         time = np.ascontiguousarray(moment.column("t")[picked])
         for i, (chart, plot) in enumerate(zip(CHARTS, self._plots, strict=True)):
-            curves = [np.ascontiguousarray(chart.factor * moment.column(c.column)[picked]) for c in chart.curves]
+            curves = [np.ascontiguousarray(in_unit(chart, moment.column(c.column)[picked])) for c in chart.curves]
             ranges = span_of(time), range_of(curves, chart.step)
             if ranges != self._ranges[i]:
                 self._ranges[i], plot.scales = ranges, scales(*ranges)
@@ -180,10 +180,21 @@ def table(runs: Sequence[RecordedRun], chart: Chart, span: tuple[float, float] |
     parts = [np.searchsorted(run.times, span).tolist() if span else (0, len(run.times)) for run in runs]
     known = [run.times[first:end] for run, (first, end) in zip(runs, parts, strict=True)]
     if len(runs) == 1:
-        return known[0], *(chart.factor * runs[0].column(curve.column, *parts[0]) for curve in chart.curves)
+        return known[0], *(in_unit(chart, runs[0].column(curve.column, *parts[0])) for curve in chart.curves)
     times, name = np.unique(np.concatenate(known)), chart.curves[1].column
     curves = [run.column(name, *part) for run, part in zip(runs, parts, strict=True)]
-    return times, *(chart.factor * at_times(times, *pair) for pair in zip(known, curves, strict=True))
+    return times, *(in_unit(chart, at_times(times, *pair)) for pair in zip(known, curves, strict=True))
+
+
+def in_unit(chart: Chart, values: Array) -> Array:
+    """Values (N,) of a column in the unit of a chart. A place on a ring is from 0 to below 360 degrees, as in the names
+    of openings; NaN breaks its curve where it goes over 0."""
+    shown = chart.factor * values
+    if chart.step != STEP_DEG:
+        return shown
+    shown = shown % 360.0
+    shown[1:][np.abs(np.diff(shown)) > 180.0] = np.nan
+    return shown
 
 
 def at_times(times: Array, known: Array, values: Array) -> Array:

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.apps.palette import rgb
 from mazeplan.apps.view.camera import around, pointed_place
 from mazeplan.apps.view.meshes import Mesh, gap_box, posts, radial_mesh, ribbon, ring_floor, strip, wall_mesh
 from mazeplan.apps.view.moment import Moment, OpeningShown, PlanShown
+from mazeplan.core.palette import rgb
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze, Opening
 

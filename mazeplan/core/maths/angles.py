@@ -1,4 +1,4 @@
-"""Angles in rad: wrapping and differences, of numbers or arrays."""
+"""Angles in rad: wrapping and differences, of numbers or arrays; and places on a ring as people read them."""
 
 from __future__ import annotations
 
@@ -25,3 +25,8 @@ def difference(a: Angle, b: Angle) -> Angle:
 def nearest(angle: Angle, reference: Angle) -> Angle:
     """`angle` plus the whole turns that bring it within half a turn of `reference`."""
     return reference + wrap(angle - reference)
+
+
+def place_deg(angle: float, places: int = 9) -> float:
+    """A place on a ring, rad, as people read it and as openings are called: degrees from 0 to below 360, rounded."""
+    return round(math.degrees(angle), places) % 360.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter
+from mazeplan.core.maths.angles import place_deg
 from mazeplan.diagnosis.effect_entry import Entry
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
@@ -213,11 +214,11 @@ def _plain(name: str) -> str:
 def _place(effect: Entry) -> str:
     """Where to look, if the effect has a place."""
     places = _places(effect)
-    at = {key: DEG * p["value"] for key, p in effect["parameters"].items() if key in PLACES and key in places}
+    at = {key: p["value"] for key, p in effect["parameters"].items() if key in PLACES and key in places}
     if not at:
         return ""
     ring = next(iter(effect["rings"]), "")
-    angles = " to ".join(f"{(angle + 180.0) % 360.0 - 180.0:.0f}" for angle in at.values())
+    angles = " to ".join(f"{place_deg(angle, 0):.0f}" for angle in at.values())
     return f" at {angles} degrees" + (f" in ring {ring}" if ring else "")
 
 

@@ -6,13 +6,12 @@ from collections import defaultdict
 from collections.abc import Iterable
 from html import escape
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.core.errors import MapError
+from mazeplan.core.palette import COLOURS, INKS, TINTS
 
 FONT = "font-family:ui-monospace,Menlo,Consolas,monospace;font-size:11px;line-height:1.5;"
 MOST = 2000  # lines that are shown
 WIDE = "min(460px,calc(100cqw - 14px))"  # of a problem below its line: at most the panel
-COMMENT = "#6a6f76"
 
 
 def listing(text: str, problems: Iterable[MapError], chosen: int | None, changed: frozenset[int] = frozenset()) -> str:
@@ -35,8 +34,8 @@ def listing(text: str, problems: Iterable[MapError], chosen: int | None, changed
 
 
 def _row(number: int, row: str, chosen: bool, changed: bool, problems: list[MapError], width: int) -> str:
-    bad, ink = bool(problems), COLOURS["bad"]
-    back = "#fbe9e2" if bad else "#e3eef7" if chosen else "transparent"
+    bad, ink = bool(problems), INKS["bad"]
+    back = TINTS["bad"] if bad else TINTS["chosen"] if chosen else "transparent"
     edge = ink if bad else COLOURS["planned"] if changed else "transparent"
     sign = "✕" if bad else "•" if changed else " "
     below = "".join(
@@ -47,7 +46,8 @@ def _row(number: int, row: str, chosen: bool, changed: bool, problems: list[MapE
     )
     return (
         f'<div data-line="{number}" style="background:{back};border-left:3px solid {edge};white-space:pre">'
-        f'<span style="color:#8a8f96;user-select:none">{sign}{number:>{width}}  </span>{_coloured(row)}{below}</div>'
+        f'<span style="color:{INKS["quiet"]};user-select:none">{sign}{number:>{width}}  </span>'
+        f"{_coloured(row)}{below}</div>"
     )
 
 
@@ -60,7 +60,7 @@ def _coloured(row: str) -> str:
     mark = 0 if row.lstrip().startswith("#") else row.find(" #")
     if mark < 0 or (mark and any(quote in row for quote in "\"'")):
         return escape(row) or " "
-    return f'{escape(row[:mark])}<span style="color:{COMMENT}">{escape(row[mark:])}</span>'
+    return f'{escape(row[:mark])}<span style="color:{INKS["quiet"]}">{escape(row[mark:])}</span>'
 
 
 def changed_lines(before: str, now: str) -> frozenset[int]:

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from mazeplan.apps.palette import rgb
 from mazeplan.apps.view.camera import Layout, around, pointed_place
 from mazeplan.apps.view.editor.mapeditor import MapEditor
 from mazeplan.apps.view.meshes import Mesh, gap_box, ring_floor, wall_mesh
 from mazeplan.apps.view.scene import FLOORS, TABLE, UNIT, WALL, WALLS_SHOWN, add_mesh, wall_meshes
 from mazeplan.core.maths.angles import difference
+from mazeplan.core.palette import rgb
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze, Opening
 from mazeplan.maze.mapedit import Written

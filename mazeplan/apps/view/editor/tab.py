@@ -9,12 +9,12 @@ from threading import RLock
 from time import monotonic
 from typing import Any
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.view.editor.listing import changed_lines, listing
 from mazeplan.apps.view.editor.mapeditor import MapEditor
 from mazeplan.apps.view.editor.scene import EditScene, Phase
 from mazeplan.apps.view.page import FONT, Page, pressed
 from mazeplan.core.errors import MapError
+from mazeplan.core.palette import INKS
 
 TEXT_WIDTH = 400  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
 LOOK_S = 1.0  # between looks at the file
@@ -52,7 +52,7 @@ class EditTab:
         with panel.add_tab("Type"):
             # viser makes fields of text a few lines high
             said = "The maze shows what you type at once, as long as it has no errors."
-            gui.add_html(f'<style>{TYPED}</style><div style="{FONT}color:#666">{said}</div>')
+            gui.add_html(f'<style>{TYPED}</style><div style="{FONT}color:{INKS["quiet"]}">{said}</div>')
             self._typed = gui.add_text("", _plain(self._editor.text), multiline=True)
             self._typed.on_update(self._pressed(lambda event: self._type(event.target.value)))
             self._beside = gui.add_html("")
@@ -64,14 +64,14 @@ class EditTab:
             self._build_steps(gui)
             self._build_file(gui)
             self._help = gui.add_html(
-                f'<div style="{FONT}color:#666">Drag a block along its wall, click one to choose it. In the maze a '
-                "drag moves openings only; outside it turns the view. Ctrl Z: undo, ctrl Y: redo.</div>"
+                f'<div style="{FONT}color:{INKS["quiet"]}">Drag a block along its wall, click one to choose it. '
+                "In the maze a drag moves openings only; outside it turns the view. Ctrl Z: undo, ctrl Y: redo.</div>"
             )
 
     def _build_opening(self, gui: Any) -> None:
         with gui.add_folder("Opening"):
             self._which = gui.add_dropdown("Chosen", self._names(), hint="or click it in the maze")
-            self._angle = gui.add_slider("Angle (deg)", 0.0, 359.9, 0.1, 0.0)
+            self._angle = gui.add_slider("Angle, degrees", 0.0, 359.9, 0.1, 0.0)
             self._width = gui.add_slider("Width (mm)", 1.0, 60.0, 0.05, 15.0)
             self._closed = gui.add_checkbox("Closed", False, hint="it is there, but no route uses it")
             self._remove = gui.add_button("Remove it", color="gray", hint="a comment on its line stays")
@@ -187,7 +187,7 @@ class EditTab:
         self._asking[browser] = modal = event.client.gui.add_modal(f"The map has {count}")
         with modal:
             rows = "".join(f"<li>{escape(str(error))}</li>" for error in errors[:5])
-            event.client.gui.add_html(f'<ul style="{FONT}color:{COLOURS["bad"]}">{rows}</ul>')
+            event.client.gui.add_html(f'<ul style="{FONT}color:{INKS["bad"]}">{rows}</ul>')
             back = event.client.gui.add_button("Back to the map")
             anyway = event.client.gui.add_button("Save all the same", color="red", hint="no run will take it as it is")
         back.on_click(lambda _: self._leave(browser))
@@ -274,13 +274,13 @@ def head_html(editor: MapEditor, refused: str, said: str, overtaken: str = "") -
         state = f"the file {overtaken}" + (", and yours is not saved" if editor.changed else "")
     wrong = len(editor.check.errors)
     word = "no errors" if not wrong else f"{wrong} error{'' if wrong == 1 else 's'}: see the lines marked ✕ under YAML"
-    colour = COLOURS["bad" if wrong else "good"]
-    notes = "".join(f'<div style="color:{COLOURS["unsure"]}">{escape(text)}</div>' for text in editor.check.warnings)
-    bad = f'<div data-refused style="color:{COLOURS["bad"]};font-weight:600">{escape(refused)}</div>' if refused else ""
-    good = f'<div data-said style="color:{COLOURS["good"]}">{escape(said)}</div>' if said else ""
+    colour = INKS["bad" if wrong else "good"]
+    notes = "".join(f'<div style="color:{INKS["unsure"]}">{escape(text)}</div>' for text in editor.check.warnings)
+    bad = f'<div data-refused style="color:{INKS["bad"]};font-weight:600">{escape(refused)}</div>' if refused else ""
+    good = f'<div data-said style="color:{INKS["good"]}">{escape(said)}</div>' if said else ""
     return (
         f'<div style="{FONT}" data-changed="{int(editor.changed)}" data-errors="{wrong}">'
-        f'<b>{escape(editor.path.name)}</b> <span style="color:#666">{state}</span>'
+        f'<b>{escape(editor.path.name)}</b> <span style="color:{INKS["quiet"]}">{state}</span>'
         f'<div style="color:{colour}">{"✕" if wrong else "✓"} {word}</div>'
         f"{notes}{bad}{good}</div>"
     )
@@ -293,8 +293,9 @@ def problems_html(editor: MapEditor) -> str:
     for error in editor.check.errors:
         line = min(error.line or 1, len(rows))
         shown.append(
-            f'<div style="color:{COLOURS["bad"]};margin-top:4px"><b>line {line}</b> '
+            f'<div style="color:{INKS["bad"]};margin-top:4px"><b>line {line}</b> '
             f"{escape(f'{error.key}: ' if error.key else '')}{escape(error.problem)}"
-            f'<div style="color:#666;white-space:pre;overflow:hidden">{escape(rows[line - 1].strip())}</div></div>'
+            f'<div style="color:{INKS["quiet"]};white-space:pre;overflow:hidden">'
+            f"{escape(rows[line - 1].strip())}</div></div>"
         )
     return f'<div style="{FONT}">{"".join(shown) or "no errors"}</div>'

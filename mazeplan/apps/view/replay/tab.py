@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.apps.palette import COLOURS
 from mazeplan.apps.view.camera import ABOVE, Layout, around
 from mazeplan.apps.view.page import FONT, WIDTH, Page, pressed
 from mazeplan.apps.view.panel import HtmlPanel, facts_panel, tree_panel
 from mazeplan.apps.view.plots import ReplayPlots
 from mazeplan.apps.view.replay.recorded import SPEEDS, Playback, RecordedRun, common_times
 from mazeplan.apps.view.scene import TILT_SHOWN, UNIT, Scene, outline
+from mazeplan.core.palette import INKS
 from mazeplan.maze.geometry import Maze
 
 MOST_BUTTONS = 30  # failures with a button of their own
@@ -195,11 +195,11 @@ def head_html(recordings: Sequence[RecordedRun], t: float) -> str:
         name = f"<b>{letter}</b> " if len(recordings) > 1 else ""
         keys = (("rig", "rig"), ("map", "map_name"), ("seed", "seed"))
         facts = ", ".join(f"{word} {header[key]}" for word, key in keys if header.get(key) not in (None, ""))
-        notes = "".join(f'<div style="color:{COLOURS["unsure"]}">{escape(note)}</div>' for note in recording.notes)
+        notes = "".join(f'<div style="color:{INKS["unsure"]}">{escape(note)}</div>' for note in recording.notes)
         tick = f"tick {recording.tick_at(t) + 1} of {len(recording.moments)}"
         over = "" if t <= recording.times[-1] + 1e-6 else ", over"
         rows.append(
-            f'<div>{name}<b>{escape(recording.name)}</b> <span style="color:#666">{escape(facts)}</span>'
-            f'<div style="color:#666">{escape(recording.outcome)} · {tick}{over}</div>{notes}</div>'
+            f'<div>{name}<b>{escape(recording.name)}</b> <span style="color:{INKS["quiet"]}">{escape(facts)}</span>'
+            f'<div style="color:{INKS["quiet"]}">{escape(recording.outcome)} · {tick}{over}</div>{notes}</div>'
         )
     return f'<div style="{FONT}" data-t="{t:.3f}">{"".join(rows)}</div>'

@@ -1,4 +1,4 @@
-"""The palette of page and reports: colour, dashes, marker and hatch by the meaning of a thing.
+"""All colours of pictures and pages, and dashes, marker and hatch by the meaning of a thing. No other file has any.
 
 Colours are those of Okabe and Ito (Color Universal Design, 2008), some darkened until lines on white can be read
 (contrast 3 or more, but for the fills of what does not matter: skipped, idle). Things that are shown together differ in
@@ -25,12 +25,59 @@ COLOURS: dict[str, str] = {
     "ring3": "#B04A00",
     "ring4": "#009068",
     "ring5": "#CC79A7",
+    # a sixth series beside those five, of models and evaluations
+    "sixth": "#3D008A",
     # nodes of a tree
     "running": "#005F99",
     "success": "#2AA37C",
     "failure": "#7A2000",
     "skipped": "#B9B9B9",
     "idle": "#E6E6E6",
+}
+
+# words; each has a contrast of 4.5 or more on white (WCAG 2.1)
+INKS: dict[str, str] = {
+    "ink": "#1C1F24",
+    "quiet": "#565D67",
+    "good": "#00785A",
+    "success": "#00785A",
+    "bad": "#7A2000",
+    "failure": "#7A2000",
+    "unsure": "#8A6100",
+    "planned": "#B04A00",
+    "running": "#005F99",
+    "skipped": "#565D67",
+    "neutral": "#565D67",
+}
+
+# light fills behind words in "ink" and "quiet"
+TINTS: dict[str, str] = {
+    "paper": "#FFFFFF",
+    "band": "#F1F3F6",
+    "bad": "#FBE9E2",
+    "chosen": "#E3EEF7",
+    "Control": "#CFE2F3",
+    "Decorator": "#FCE5CD",
+    "SubTree": "#FFF2A8",
+    "Action": "#FFFFFF",
+    "Condition": "#FFFFFF",
+    "failure": "#F6C9C0",
+    "running": "#CBE3F5",
+    "success": "#C9ECDD",
+}
+
+# lines that only guide the eye, and so may be fainter than what they guide to
+FAINT: dict[str, str] = {"grid": "#DDDDDD", "rule": "#C9CED6", "hatch": "#C4C4C4"}
+
+# a maze: plan view
+MAZE: dict[str, str] = {
+    "wall": "#B9BEC5",
+    "edge": "#5B626B",
+    "floor": "#FFFFFF",
+    "closed": "#C0392B",
+    "plug": "#F6D5D1",
+    "ball": "#7D858F",
+    "shine": "#E8EBEE",
 }
 
 # lengths of dash and gap in widths of the line; () is a solid line
@@ -44,12 +91,13 @@ DASHES: dict[str, tuple[float, ...]] = {
     "ring3": (1.0, 1.2),
     "ring4": (5.0, 1.2, 1.0, 1.2),
     "ring5": (8.0, 1.5),
+    "sixth": (4.0, 1.0, 1.0, 1.0, 1.0, 1.0),
 }
 
 # as Matplotlib writes them
 MARKERS: dict[str, str] = {
     "planned": "s", "commanded": "s", "real": "o", "measured": "o", "good": "o", "bad": "X", "unsure": "^",
-    "neutral": ".", "ring1": "o", "ring2": "s", "ring3": "^", "ring4": "D", "ring5": "v", "running": ">",
+    "neutral": ".", "ring1": "o", "ring2": "s", "ring3": "^", "ring4": "D", "ring5": "v", "sixth": "P", "running": ">",
     "success": "o", "failure": "X", "skipped": "|", "idle": ".",
 }  # fmt: skip
 HATCHES: dict[str, str] = {"failure": "xxx", "bad": "xxx", "skipped": "...", "unsure": "//", "running": "//"}
