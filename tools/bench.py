@@ -42,6 +42,7 @@ from bench_moves import moves_section
 from bench_out import out_section
 from bench_pairs import pairs_section
 from bench_plant import plant_section
+from bench_policy import policy_section
 from bench_predictability import predictability_section
 from bench_real import real_section
 from bench_realtime import realtime_section
@@ -219,7 +220,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,
-    "trees": trees_section, "waypoints": waypoints_section,
+    "trees": trees_section, "waypoints": waypoints_section, "policy": policy_section,
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
     "firmware": firmware_section, "supply": supply_section,
@@ -277,6 +278,7 @@ def main() -> None:
     sections += [view_section(options.quick), firmware_section(options.quick), rig_section(options.quick)]
     sections += [
         supply_section(options.quick),
+        policy_section(options.quick),
         gym_section(options.quick),
         campaign_section(options.quick),
         batch_section(options.quick),
