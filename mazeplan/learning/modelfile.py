@@ -8,7 +8,7 @@
     camera: {offset_x: {value: 0.001, unit: m}, offset_y: ..., angle: {value: 0.01, unit: rad}}
     tilt_sensor: {gain_beta: {value: 1.02, unit: "1"}, gain_gamma: ...}
     rings: {1: {rolling_inertia: {factor: {value: 0.52, stderr: 0.003, unit: "1"}}, ...}, ...}
-    body: {of: 1f..., rolling: {value: 0.082, stderr: 0.001, unit: m/s^2}, ...}
+    body: {of: 1f..., rolling: {value: 0.082, stderr: 0.001, unit: m/s^2}, ..., terms: {floor_warp: ...}}
     processes: {1: {file: ring1.npz, sha256: ..., rows: 4000, kernel: rbf, amplitude: ..., lengthscales: ...}, ...}
     data: [{file: ..., sha256: ...}, ...]
     scores: {...}
@@ -25,7 +25,7 @@ import math
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -41,6 +41,8 @@ from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, Body
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 from mazeplan.physics.ball_model import BallModel
+from mazeplan.physics.effect import Effect, Term
+from mazeplan.physics.effects.local_forces import FAMILY as LOCAL
 from mazeplan.physics.registry import EFFECTS, make_term
 from mazeplan.physics.rig.sensors import Camera, TiltSensor
 from mazeplan.physics.rig.stage import StageAxis, StageModel
@@ -229,9 +231,17 @@ class _Reader:
 
     def body(self, node: Any) -> Body:
         """The body of the ball."""
-        of = str(self.section(node, ("body",), ("of", *KEPT), ("of",))["of"])
-        numbers = {name: value for name, value in node.items() if name != "of"}
-        return self.part(numbers, ("body",), BODY_UNITS, lambda v, s: Body(v, of, s))
+        of = str(self.section(node, ("body",), ("of", *KEPT, "terms"), ("of",))["of"])
+        known = {**LOCAL, **EFFECTS}
+        terms = self.section(node.get("terms", {}), ("body", "terms"), tuple(known))
+        more = tuple(self.term(known[name], values, ("body", "terms", name))[0] for name, values in terms.items())
+        numbers = {name: value for name, value in node.items() if name in KEPT}
+        return self.part(numbers, ("body",), BODY_UNITS, lambda v, s: Body(v, of, s, more))
+
+    def term(self, effect: Effect, node: Any, key: Key) -> tuple[Term, dict[str, float]]:
+        """An effect with its values, and their standard errors."""
+        units = {name: p.unit for name, p in effect.parameters.items()}
+        return self.part(node, key, units, lambda v, s: (effect(**v), s))
 
 
 def _entry(value: float, stderr: float | None, unit: str) -> dict[str, Any]:
@@ -250,13 +260,13 @@ def _entries(
     return {name: _entry(getattr(part, name), part.stderr.get(name), unit) for name, unit in chosen.items()}
 
 
-def _ball_entries(ball: BallModel) -> dict[str, Any]:
+def _term_entries(terms: Iterable[Term], stderr: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     return {
         term.name: {
-            k: _entry(value, ball.stderr.get(term.name, {}).get(k), term.effect.parameters[k].unit)
+            k: _entry(value, stderr.get(term.name, {}).get(k), term.effect.parameters[k].unit)
             for k, value in term.values().items()
         }
-        for term in ball.effects
+        for term in terms
     }
 
 
@@ -273,11 +283,12 @@ def model_document(model: RigModel, processes: Mapping[int, Mapping[str, Any]] |
         out["camera"] = _entries(model.camera, CAMERA_UNITS, CAMERA_MORE)
     if model.tilt_sensor != TiltSensor():
         out["tilt_sensor"] = _entries(model.tilt_sensor, SENSOR_UNITS, {})
-    out["rings"] = {ring: _ball_entries(ball) for ring, ball in sorted(model.balls.items())}
+    out["rings"] = {ring: _term_entries(ball.effects, ball.stderr) for ring, ball in sorted(model.balls.items())}
     if model.body is not None:
         values, stderr = model.body.values, model.body.stderr
         numbers = {name: _entry(value, stderr.get(name), BODY_UNITS[name]) for name, value in values.items()}
-        out["body"] = {"of": model.body.of, **numbers}
+        terms = {"terms": _term_entries(model.body.terms, {})} if model.body.terms else {}
+        out["body"] = {"of": model.body.of, **numbers, **terms}
     if processes:
         out["processes"] = processes
     return {**out, "data": [dict(entry) for entry in model.data], "scores": dict(model.scores)}

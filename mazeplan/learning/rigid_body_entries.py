@@ -14,8 +14,9 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.effect import Parameter
+from mazeplan.physics.effect import Parameter, Term
 from mazeplan.physics.registry import PACKAGED
 
 REACH = 0.1  # m; radius at which bounds in rad are converted
@@ -111,11 +112,13 @@ KEPT = (
 class Body:
     """The body of a model. Raises ValueError for a value out of bounds.
 
-    values: by name, of KEPT; of: `stamp` of the rings with which it was identified; stderr: if known."""
+    values: by name, of KEPT; of: `stamp` of the rings with which it was identified; stderr: if known; terms: further
+    effects on it (`effects.local_forces`, or a user's)."""
 
     values: dict[str, float]
     of: str
     stderr: dict[str, float] = field(default_factory=dict, compare=False)
+    terms: tuple[Term, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         for name, value in self.values.items():

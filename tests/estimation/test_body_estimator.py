@@ -16,11 +16,14 @@ from mazeplan.control.estimation.rigid_body_estimator import BodyEstimator
 from mazeplan.control.estimation.rigid_body_parameters import body_of, with_body
 from mazeplan.core.errors import ModelError
 from mazeplan.core.records import Command, Latency, Observation
+from mazeplan.core.resources import PACKAGE
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
 from mazeplan.learning.rigid_body_entries import KEPT, Body, stamp
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effects.ball import dry_friction
+from mazeplan.physics.effects.local_forces import floor_ripple, floor_warp, table_swing
+from mazeplan.physics.rig.stage import StageModel
 from mazeplan.rigs.registry import make_rig
 
 MAZE = load_map("cme")
@@ -40,9 +43,9 @@ def command(t):
     return Command(0.05 * math.sin(2.1 * t) + 0.02 * math.sin(7.0 * t), 0.05 * math.cos(1.3 * t + 0.4))
 
 
-def played(estimators, seconds=12.0, seed=0, spoilt=lambda k, seen: seen):
+def played(estimators, seconds=12.0, seed=0, spoilt=lambda k, seen: seen, rig="toy"):
     """Errors of place (m) and velocity (m/s) of each estimator, (N, E, 2)."""
-    rig, errors = make_rig("toy", MAZE), []
+    rig, errors = make_rig(rig, MAZE), []
     rig.reset(ring=2, theta=0.7, rng=np.random.default_rng(seed))
     try:
         for k in range(round(30 * seconds)):
@@ -60,6 +63,50 @@ def played(estimators, seconds=12.0, seed=0, spoilt=lambda k, seen: seen):
     finally:
         rig.close()
     return np.array(errors)
+
+
+def before_it_acts(estimator, tmp_path, late_s=0.06, seconds=12.0):
+    """Errors of place (N,), m, where the ball is when a command that is sent now acts, late_s from now."""
+    file = tmp_path / "late.yaml"
+    file.write_text((PACKAGE / "rigs" / "toy.yaml").read_text() + f"command_delay_ms: {1e3 * late_s}\n")
+    rig, said, was = make_rig(str(file), MAZE), [], []
+    rig.reset(ring=2, theta=0.7, rng=np.random.default_rng(3))
+    ahead = late_s * rig.rate_hz
+    try:
+        for _ in range(round(30 * seconds)):
+            seen = rig.observe()
+            was.append(rig.truth()[:2])
+            state = estimator.update(seen)
+            said.append((state.x, state.y))
+            now = command(3.0 * seen.t)
+            rig.command(now.u_beta, now.u_gamma)
+            estimator.sent(now, seen.t)
+    finally:
+        rig.close()
+    k = np.arange(30, len(was) - 3)
+    whole, part = int(ahead), ahead - int(ahead)
+    true = (1.0 - part) * np.array(was)[k + whole] + part * np.array(was)[k + whole + 1]
+    return np.hypot(*(np.array(said)[k] - true).T)
+
+
+def test_the_way_to_a_command_that_acts_late_is_that_of_the_body(tmp_path):
+    model = bodied()
+    stage = StageModel(*(replace(axis, dead_time=0.06) for axis in (model.stage.beta, model.stage.gamma)))
+    bead, body = (np.median(before_it_acts(e, tmp_path)) for e in both(replace(model, stage=stage)))
+    assert body < 0.6 * bead
+    assert body < 1.2e-3
+
+
+def test_a_floor_that_is_not_flat_is_part_of_the_way():
+    settings = make_rig("surprise@ripple", MAZE).settings
+    n, crest, size = settings.ripple_waves, math.radians(settings.ripple_deg), settings.ripple_m_s2
+    waves = floor_ripple(float(n), -size * math.sin(n * crest), size * math.cos(n * crest))
+    flat = bodied()
+    uneven = replace(flat, body=replace(flat.body, terms=(waves,)))
+    errors = played([estimator_for(MAZE, flat), estimator_for(MAZE, uneven)], rig="surprise@ripple")[30:]
+    (blind, slow), (seeing, fast) = np.median(errors, axis=0)
+    assert seeing < 0.85 * blind
+    assert fast < 0.7 * slow
 
 
 def both(model=None):
@@ -132,6 +179,7 @@ def test_a_model_file_holds_it(tmp_path):
     assert back.body.stderr == {"rolling": 0.001}
     assert body_of(back).ball.rolling == FOUND["rolling"]
     assert body_of(back).view.delay == pytest.approx(seen.view.delay)
+    assert back.body.terms == ()
     text = (tmp_path / "model.yaml").read_text()
     (tmp_path / "model.yaml").write_text(text.replace("wall: {value: 0.311", "wall: {value: 7.311"))
     with pytest.raises(ModelError, match=r"wall: got 7\.311, expected 0 to 2"):
@@ -157,3 +205,22 @@ def test_from_a_record_to_a_model_that_navigates_with_it(monkeypatch, capsys, tm
     code, _, err = call(monkeypatch, capsys, "diagnose", log, "--body", "-o", tmp_path / "other")
     assert code == 2
     assert "expected --model" in err
+
+
+def test_a_model_file_holds_what_else_acts_on_it_unless_a_run_does_not_know_when(tmp_path):
+    model = bodied()
+    warp = floor_warp(0.02, -0.1, 0.0)
+    seen = body_of(model)._replace(terms=(warp, table_swing(1.3, 0.01, 0.0, 0.0, 0.0), floor_ripple(6.0)))
+    back = load_model(save_model(with_body(model, seen, {}), tmp_path).parent)
+    assert back.body.terms == (warp,), "no clock, and waves without a size"
+    assert body_of(back).terms == (warp,)
+    path = tmp_path / "model.yaml"
+    text = path.read_text()
+    for old, new, message in (
+        ("floor_warp", "floor_wrap", "body.terms.floor_wrap: unknown key, expected one of floor_warp"),
+        ("a: {value: 0.02", "a: {value: 2.0", r"body.terms.floor_warp: a: got 2.0, expected -1.0 to 1.0 1/m"),
+        ("a: {value: 0.02", "e: {value: 0.02", "body.terms.floor_warp.e: unknown key"),
+    ):
+        path.write_text(text.replace(old, new, 1))
+        with pytest.raises(ModelError, match=message):
+            load_model(tmp_path)

@@ -33,6 +33,8 @@ from mazeplan.physics.dynamics.planar import PlanarModel, contact, predict, pred
 
 APART = math.radians(1.5)  # rad; larger differences from the tilt by the commands alone ...
 APART_SAMPLES = 5  # ... in so many samples in a row mean that the plate does not follow
+Piece = tuple[float, float, tuple[float, float]]  # from, to, and the command (rad) that acts then
+SPIN, SIZE = 8, 9  # of a state z: that of `planar`, and behind it the spin of a ball that has one, m/s
 HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
 
 
@@ -75,14 +77,14 @@ class Estimator:
         self._apart = 0
         self._tilts: deque[tuple[float, float, float]] = deque()  # (t, beta, gamma)
         self._commands: deque[tuple[float, float, float]] = deque([(-math.inf, 0.0, 0.0)])  # (acts from, u)
-        self._z: Array | None = None  # (8,) ball at the last measured moment
+        self._z: Array | None = None  # (9,) ball at the last measured moment
         self._covariance = np.zeros((2, 2))  # of (position, velocity), the same for both axes
         self._measured_at = 0.0  # moment of self._z
         self._last_seen = 0.0
         self._outliers: list[Array] = []
         self._ring: int | None = None
         self._measured_ring: int | None = None
-        self._acting_z: Array | None = None  # (8,) the state returned last
+        self._acting_z: Array | None = None  # (9,) the state returned last
         self._acts_at = 0.0
         self.innovation = 0.0  # m, distance of the last sample from its prediction
         self.filtered: State | None = None  # at the measured moment
@@ -161,8 +163,8 @@ class Estimator:
         while self._tilts[0][0] < t - HISTORY_S:
             self._tilts.popleft()
 
-    def _acting(self, start: float, end: float) -> list[tuple[float, float, tuple[float, float]]]:
-        """Pieces (from, to, u) of the time between start and end, each with the command that acted."""
+    def _acting(self, start: float, end: float) -> list[Piece]:
+        """Pieces of the time between start and end, each with the command that acted."""
         pieces = []
         commands = list(self._commands)
         for i, (since, ub, ug) in enumerate(commands):
@@ -183,6 +185,12 @@ class Estimator:
         p = self._planar
         predict_given_tilt(z, start, end, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
+    def _foresee(self, z: Array, start: float, end: float) -> None:
+        """Advance ball and plate in z from start to end, which is to come, under the commands given so far."""
+        queue = np.array([c for c in self._commands if math.isfinite(c[0])] or [(start, 0.0, 0.0)])
+        times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
+        predict(z, start, end, times, commands, *self._planar.arrays())
+
     def _carry_to(self, moment: float) -> None:
         assert self._z is not None
         dt = moment - self._measured_at
@@ -197,7 +205,7 @@ class Estimator:
 
     def _start_at(self, moment: float, position: Array) -> None:
         sigma = self._options.camera_sigma
-        self._z = np.zeros(8)
+        self._z = np.zeros(SIZE)
         self._z[:2] = position
         self._covariance = np.diag([sigma**2, 0.1**2])  # a ball that is placed, or has just bounced: within 0.1 m/s
         self._measured_at = moment
@@ -244,15 +252,13 @@ class Estimator:
     def _state(self, t: float, seen: bool) -> State:
         beta, gamma = self._axes
         acts = t + self.dead_time
-        z = np.zeros(8) if self._z is None else self._z.copy()
+        z = np.zeros(SIZE) if self._z is None else self._z.copy()
         measured = z.copy()
         if self._z is not None:
             self._advance(z, self._measured_at, t)
         z[4:6], z[6:8] = beta.mean, gamma.mean
         if acts > t:
-            queue = np.array([c for c in self._commands if math.isfinite(c[0])] or [(t, 0.0, 0.0)])
-            times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
-            predict(z, t, acts, times, commands, *self._planar.arrays())
+            self._foresee(z, t, acts)
         self._acting_z, self._acts_at = z, acts
         lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
         self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
@@ -275,5 +281,5 @@ class Estimator:
 
 
 def _as_state(t: float, z: Array, ring: int, seen: bool, lost: bool) -> State:
-    x, y, vx, vy, beta, beta_dot, gamma, gamma_dot = (float(v) for v in z)
+    x, y, vx, vy, beta, beta_dot, gamma, gamma_dot = (float(v) for v in z[:SPIN])
     return State(t, x, y, vx, vy, beta, beta_dot, gamma, gamma_dot, ring, seen, lost)

@@ -37,10 +37,8 @@ class AxisFilter:
 
     def predict(self, command: float, dt: float) -> None:
         """Advance by dt with `command` acting all the time."""
-        a, b, wn = self.axis.damping, self.axis.gain * command + self.axis.offset, self.axis.natural_frequency
-        transition = servo_transition(wn, a, dt)
-        target = np.array([b, 0.0])
-        self.mean = target + transition @ (self.mean - target)
+        transition = servo_transition(self.axis.natural_frequency, self.axis.damping, dt)
+        self.mean = servo_step(self.axis, self.mean, command, dt)
         q = self.noise.acceleration**2
         spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
         self.covariance = transition @ self.covariance @ transition.T + spread
@@ -77,6 +75,12 @@ class TiltCheck:
         self._rejected.clear()
         self.last = angle
         return True
+
+
+def servo_step(axis: StageAxis, state: Array, command: float, dt: float) -> Array:
+    """Angle and rate (2,) of an axis dt s later, `command` acting all the time."""
+    target = np.array([axis.gain * command + axis.offset, 0.0])
+    return target + servo_transition(axis.natural_frequency, axis.damping, dt) @ (state - target)
 
 
 def servo_transition(natural_frequency: float, damping: float, dt: float) -> Array:

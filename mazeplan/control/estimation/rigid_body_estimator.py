@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numba import njit
 
-from mazeplan.control.estimation.estimator import HISTORY_S, Estimator, EstimatorOptions
+from mazeplan.control.estimation.estimator import HISTORY_S, SPIN, Estimator, EstimatorOptions, Piece
+from mazeplan.control.estimation.plate import servo_step
 from mazeplan.control.estimation.rigid_body_filter import (
     BodyModel,
     CameraView,
@@ -31,6 +33,8 @@ from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, body_core
 from mazeplan.physics.dynamics.rigid_body_effects import effects_of
 from mazeplan.physics.dynamics.walls import pack_walls
 
+BALL = [0, 1, 2, 3, SPIN]  # where the ball's state is in z
+BEFORE = 1e-9  # s
 SUBSTEP = 1.0 / 150.0  # s, at most
 UNSURE = 3e-4  # m^2/s^3; of white acceleration, for what is not known of the tilt in a run: sensor and commands alone
 LONGEST = 0.5  # s that the ball is followed without a picture; beyond, it stays where it was
@@ -71,47 +75,77 @@ class BodyEstimator(Estimator):
         return BodyEstimator(self._maze, self._model, self._body, self._options, 1.0 / self._dt)
 
     def _filter_plate(self, observation: Observation) -> None:
+        before = [axis.mean for axis in self._axes]
         super()._filter_plate(observation)
-        row = [observation.t]
-        targets = self._stage.mixed(*self._commands[-1][1:]) if len(self._commands) else (0.0, 0.0)
-        for axis, u in zip(self._axes, targets, strict=True):
-            stage, (angle, rate) = axis.axis, axis.mean
-            rest = stage.gain * u + stage.offset
-            wn = stage.natural_frequency
-            row += [angle, rate, wn * wn * (rest - angle) - 2.0 * stage.damping * wn * rate]
-        self._motions.append(tuple(row))
-        while self._motions[0][0] < observation.t - HISTORY_S:
+        t = observation.t
+        if not self._motions:
+            self._motions.append((t - self._dt, *self._moving(before, (0.0, 0.0))))
+        pieces = self._acting(self._motions[-1][0], t)
+        self._motions += self._moved(before, pieces)
+        self._motions[-1] = (t, *self._moving([axis.mean for axis in self._axes], pieces[-1][2]))
+        while self._motions[0][0] < t - HISTORY_S:
             self._motions.popleft()
 
-    def _rows(self, start: float, end: float) -> tuple[Array, float]:
-        """Rows of `physics.plate` from start to end, and the sub-step."""
+    def _moving(self, plate: Sequence[Array], u: tuple[float, float]) -> tuple[float, ...]:
+        """The plate's motion (6): angle and rate (2,) of each axis, and the acceleration that the command gives it."""
+        row: list[float] = []
+        for axis, (angle, rate), command in zip(self._axes, plate, self._stage.mixed(*u), strict=True):
+            wn = axis.axis.natural_frequency
+            rest = axis.axis.gain * command + axis.axis.offset
+            row += [angle, rate, wn * wn * (rest - angle) - 2.0 * axis.axis.damping * wn * rate]
+        return tuple(row)
+
+    def _moved(self, plate: Sequence[Array], pieces: Sequence[Piece]) -> list[tuple[float, ...]]:
+        """The motion at the end of each piece, from that of `plate` on. In between the acceleration goes from one to
+        the other: a servo's set point runs to its command, it does not jump there."""
+        rows = []
+        for start, end, u in pieces:
+            plate = [
+                servo_step(axis.axis, state, command, end - start)
+                for axis, state, command in zip(self._axes, plate, self._stage.mixed(*u), strict=True)
+            ]
+            rows.append((end, *self._moving(plate, u)))
+        return rows
+
+    def _rows(self, motions: Sequence[tuple[float, ...]], start: float, end: float) -> tuple[Array, float]:
+        """Rows of `physics.plate` from start to end, and the sub-step; motions: t, and the plate's motion (6) then."""
         count = max(1, math.ceil((end - start) / SUBSTEP - 1e-6))
         h = (end - start) / count
-        history = np.array([self._motions[0], *self._motions] if len(self._motions) == 1 else self._motions)
-        if len(self._motions) == 1:
-            history[0, 0] -= 1.0
+        history = np.array(motions)
         rows = np.empty((count, ROW))
         times = np.ascontiguousarray(history[:, 0])
         history_rows(times, np.ascontiguousarray(history[:, 1:]), self._body.tilting, start, h, rows)
         return rows, h
 
     def _advance(self, z: Array, start: float, end: float) -> None:
+        self._roll(z, self._motions, start, end)
+
+    def _foresee(self, z: Array, start: float, end: float) -> None:
         if end <= start + 1e-9:
             return
-        rows, h = self._rows(start, min(end, start + LONGEST))
+        plate = [z[4:6], z[6:8]]
+        last = self._acting(start - BEFORE, start)[0][2]
+        motions = [(start, *self._moving(plate, last)), *self._moved(plate, self._acting(start, end))]
+        self._roll(z, motions, start, end)
+        z[4:6], z[6:8] = motions[-1][1:3], motions[-1][4:6]
+
+    def _roll(self, z: Array, motions: Sequence[tuple[float, ...]], start: float, end: float) -> None:
+        """Advance the ball in z on a plate that moves so."""
+        if end <= start + 1e-9:
+            return
+        rows, h = self._rows(motions, start, min(end, start + LONGEST))
         out = np.empty((len(rows), STATE))
-        state = np.array([*z[:4], self._mean[4]])
-        advance(self._ball, self._walls, self._effects, rows, h, state, out)
-        z[:4] = out[-1, :4]
+        advance(self._ball, self._walls, self._effects, rows, h, z[BALL], out)
+        z[BALL] = out[-1]
 
     def _carry_to(self, moment: float) -> None:
         assert self._z is not None
         if moment <= self._measured_at + 1e-9:
             return
-        rows, h = self._rows(self._measured_at, min(moment, self._measured_at + LONGEST))
+        rows, h = self._rows(self._motions, self._measured_at, min(moment, self._measured_at + LONGEST))
         _carry(self._ball, self._walls, self._effects, self._lens, rows, h, self._mean, self._P, self._room)
         self._measured_at = moment
-        self._z[:4] = self._mean[:4]
+        self._z[BALL] = self._mean
 
     def _start_at(self, moment: float, position: Array) -> None:
         super()._start_at(moment, position)
@@ -123,4 +157,4 @@ class BodyEstimator(Estimator):
     def _correct(self, innovation: Array) -> None:
         assert self._z is not None
         _taken(self._lens, self._mean, self._P, self._gain, float(innovation[0]), float(innovation[1]))
-        self._z[:4] = self._mean[:4]
+        self._z[BALL] = self._mean

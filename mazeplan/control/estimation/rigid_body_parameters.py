@@ -10,6 +10,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, REACH, Body, Number, brought, stamp
 from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import BALL
 from mazeplan.physics.registry import PACKAGED
 from mazeplan.physics.rig.entries import part_stderr, part_values
@@ -108,11 +109,12 @@ def body_of(rig: RigModel) -> BodyModel | None:
         return None
     values = dict(rig.body.values)
     values["delay"] = max(rig.camera_delay + values.get("delay", 0.0), 0.0)
-    return with_values(BodyModel(), values)
+    return with_values(BodyModel(), values)._replace(terms=rig.body.terms)
 
 
 def with_body(rig: RigModel, model: BodyModel, stderr: Mapping[str, float]) -> RigModel:
-    """The rig's model with this rigid ball."""
+    """The rig's model with this rigid ball, and with those of its terms that a run can predict with."""
+    terms = tuple(term for term in model.terms if term.effect.planned and not idle(term))
     values = {name: value_of(model, name) for name in KEPT}
     values["delay"] -= rig.camera_delay
-    return replace(rig, body=Body(values, stamp(rig.balls), {k: s for k, s in stderr.items() if k in KEPT}))
+    return replace(rig, body=Body(values, stamp(rig.balls), {k: s for k, s in stderr.items() if k in KEPT}, terms))

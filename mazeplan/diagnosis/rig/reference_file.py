@@ -28,13 +28,12 @@ from mazeplan.learning.modelfile import PACKAGED, RigModel, is_packaged_model
 from mazeplan.learning.rigid_body_entries import PARAMETERS, stamp
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.rigid_body_effects import idle
-from mazeplan.physics.effect import Effect, Term
-from mazeplan.physics.effects import local_forces as planeterms
+from mazeplan.physics.effect import Term
+from mazeplan.physics.effects.local_forces import FAMILY
 from mazeplan.physics.registry import PACKAGED as EFFECTS
 
 NAME = "reference.yaml"
 FORMAT = 1
-TERMS: dict[str, Effect] = {e.name: e for e in vars(planeterms).values() if isinstance(e, Effect)}
 
 
 def reference_path(source: str | Path) -> Path:
@@ -117,9 +116,9 @@ def _terms(section: Mapping[str, Any], path: Path) -> tuple[Term, ...]:
     """Terms of the file."""
     out = []
     for name, node in section.items():
-        effect = TERMS.get(name) or EFFECTS.get(name)
+        effect = FAMILY.get(name) or EFFECTS.get(name)
         if effect is None:
-            raise ModelError(f"got {name}, expected one of {', '.join(TERMS)}", file=path, key="terms")
+            raise ModelError(f"got {name}, expected one of {', '.join(FAMILY)}", file=path, key="terms")
         try:
             out.append(effect(**{key: float(value) for key, value in node.items()}))
         except (TypeError, ValueError, AttributeError) as problem:

@@ -22,6 +22,7 @@ from mazeplan.core.records import Array
 
 # columns of a row, and its length; first the inputs of formulas in their order (`symbols.PLATE`)
 RADIUS_AT, BALL_AT, FELT_AT, TIME_AT, ROW = 6, 7, 8, 17, 18
+SOONEST = 1e-9  # s between two times that differ
 
 
 class PlateMotion(NamedTuple):
@@ -87,7 +88,7 @@ def history_rows(times, motion, tilting, start, h, out):
         t = start + (k + 0.5) * h
         while i + 2 < len(times) and times[i + 1] <= t:
             i += 1
-        step = times[i + 1] - times[i]
+        step = max(times[i + 1] - times[i], SOONEST)
         _between(motion, i, min(max((t - times[i]) / step, 0.0), 1.0), step, raw)
         _fill(tilting, raw, t, out[k])
 

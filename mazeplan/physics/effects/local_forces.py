@@ -25,6 +25,7 @@ import math
 from typing import Any
 
 from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, Effect, Parameter
+from mazeplan.physics.effects.ball import NO_CLOCK
 from mazeplan.physics.formulas.symbols import cos, exp, sin, size, sqrt, tanh, wrap
 
 WIDTH = 0.015  # m, first width of a bump
@@ -113,11 +114,12 @@ floor_ripple = Effect(
 )  # fmt: skip
 table_swing = Effect(
     "table_swing", {"frequency": FREQUENCY, "bs": SWING, "bc": SWING, "gs": SWING, "gc": SWING},
-    GRAVITY, _swing, places=("frequency",), text="the table rocks",
+    GRAVITY, _swing, places=("frequency",), text="the table rocks", why_not=NO_CLOCK,
 )  # fmt: skip
 table_beat = Effect(
-    "table_beat", table_swing.parameters, GRAVITY, _swing, places=("frequency",), text="the table is pushed repeatedly"
-)
+    "table_beat", table_swing.parameters, GRAVITY, _swing, places=("frequency",), text="the table is pushed repeatedly",
+    why_not=NO_CLOCK,
+)  # fmt: skip
 drag_drift = Effect(
     "drag_drift",
     {
@@ -125,6 +127,7 @@ drag_drift = Effect(
         "start": Parameter("1/s", 0.0, -5.0, 5.0, smallest=0.03),
     },
     DRAG, lambda s, p: p.start + p.rate * s.t, places=("start",), text="viscous friction that changes with time",
+    why_not=NO_CLOCK,
 )  # fmt: skip
 ring_push = Effect(
     "ring_push",
@@ -137,14 +140,17 @@ ring_push = Effect(
 swing_along = Effect(
     "swing_along",
     {"frequency": FREQUENCY, **dict.fromkeys("sc", Parameter("m/s^2", 0.0, -2.0, 2.0, smallest=0.01, step=5e-3))},
-    FORCE, _along, places=("frequency",), text="a force along the ring that swings in time",
+    FORCE, _along, places=("frequency",), text="a force along the ring that swings in time", why_not=NO_CLOCK,
 )  # fmt: skip
 lean_drift = Effect(
     "lean_drift", dict.fromkeys(("beta", "gamma"), Parameter("rad/s", 0.0, -1e-3, 1e-3, smallest=4e-6)), GRAVITY,
     lambda s, p: {"beta": p.beta * s.t, "gamma": p.gamma * s.t}, text="the table leans more and more",
+    why_not=NO_CLOCK,
 )  # fmt: skip
 moving_friction = Effect(
     "moving_friction", {"coefficient": Parameter("m/s^2 / (rad/s)", 0.0, 0.0, 20.0, smallest=0.1)}, DRY,
     lambda s, p: p.coefficient / s.radius * sqrt(s.beta_dot**2 + s.gamma_dot**2),
     text="dry friction in proportion to how fast the plate moves",
 )  # fmt: skip
+
+FAMILY: dict[str, Effect] = {e.name: e for e in list(globals().values()) if isinstance(e, Effect)}
