@@ -39,6 +39,7 @@ from bench_improve import improve_section
 from bench_learning import learning_section
 from bench_models import collect_toy, measured_section, toy_section, training_section
 from bench_moves import moves_section
+from bench_neural import neural_section
 from bench_out import out_section
 from bench_pairs import pairs_section
 from bench_plant import plant_section
@@ -174,6 +175,7 @@ def models_sections(quick: bool) -> list[list[str]]:
     return [
         measured_section(mazeplan),
         toy_section(mazeplan, quick),
+        neural_section(mazeplan, quick),
         predictability_section(quick),
         diagnose_section(quick),
         plant_section(quick),
@@ -217,7 +219,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "closedloop": closed_loop_section, "body": body_section,
     "contact": contact_section,
     "contactplant": contactplant_section,  # hours, so only when it is asked for: it is not in `models_sections`
-    "learning": learning_section, "real": real_section,
+    "neural": lambda quick: neural_section(mazeplan, quick), "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,
     "trees": trees_section, "waypoints": waypoints_section, "policy": policy_section,

@@ -21,7 +21,7 @@ from mazeplan.control.ilqg import Cost, Dynamics, IlqgOptions, Planner
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.records import Array, Plan
 from mazeplan.learning import gp_dynamics as learned_dynamics
-from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.learned_part import LearnedPart
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
 
@@ -47,7 +47,7 @@ class RingPlanner:
         options: IlqgOptions | None = None,
         cost: CostParameters | None = None,
         *,
-        process: GaussianProcess | None = None,
+        process: LearnedPart | None = None,
         watch: Stopwatch | None = None,
     ) -> None:
         """parameters: of the ring's model; tilt_limit: of the command, rad per axis; process: Gaussian process on top

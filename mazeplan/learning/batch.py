@@ -24,7 +24,7 @@ from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.core.maths.compiled import VECTOR, address_of, caller
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning import gp_dynamics
-from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.learned_part import LearnedPart
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import RingParameters
@@ -71,7 +71,7 @@ class RingBatch:
     for all cores; device (one of DEVICES) and precision: without effect, every roll-out is compiled, in float64."""
 
     parameters: RingParameters
-    process: GaussianProcess | None = None
+    process: LearnedPart | None = None
     stage: StageModel = field(default_factory=StageModel)
     limit: float = math.inf
     device: str = "auto"

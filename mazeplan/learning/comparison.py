@@ -17,6 +17,7 @@ import numpy as np
 from mazeplan.core.errors import InputError, TableError
 from mazeplan.core.logs.table import Table
 from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words, piece
+from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.camera_center import find_centre, smoothing_of, straightened
 from mazeplan.learning.features import paper_features
 from mazeplan.learning.fitting import FitOptions
@@ -34,11 +35,12 @@ from mazeplan.learning.samples import (
     rings_wanted,
 )
 from mazeplan.learning.smoothing import Smoothing
-from mazeplan.learning.split import Split, block_split
+from mazeplan.learning.split import Split, block_bootstrap, block_split
 from mazeplan.maze.geometry import Maze
 
 BLOCK_S = 5.0  # s; every fourth block is test, and smoothing and the delayed rate reach 7 samples across a border
 SPLIT: dict[str, Any] = {"block_s": BLOCK_S, "test_share": 0.25, "guard": 8}
+SPLITS: dict[str, dict[str, Any]] = {"blocks": SPLIT, "time": {**SPLIT, "test_share": 0.4, "mode": "tail"}}
 LONGEST_LAG = 5.0  # samples
 FEWEST = 50  # training rows; a ring with fewer is left out
 CLEAN = 0.1  # noise of a difference of angles over the spread of rates; below it, rates are taken delayed
@@ -65,7 +67,7 @@ def compare(
     options = replace(options, samples=replace(options.samples, delay=delay))
     rates = options.rates if options.rates != "auto" else _rates(logs, maze, options)
     chosen = replace(options.samples, rates=rates)
-    options = replace(options, fit=_best_predictor(options.fit))
+    options = replace(options, fit=replace(_best_predictor(options.fit), rates=rates))
     train, test = (by_ring(tables, maze, options, chosen) for tables in (logs, tests))
     signs = orientation(train)
     scores, short = [], ""
@@ -83,10 +85,48 @@ def compare(
             continue
         angles = np.array([o.angle for o in maze.openings_of(ring)]) if openings_known else None
         words = led_by(f"ring {ring}: ", progress)
-        scores.append(score(ring, data, options, rates, signs, angles, words, share))
+        found = score(ring, data, options, rates, signs, angles, words, share)
+        scores.append(
+            replace(found, carried=carried_over(data, data.test, options.seed)) if options.split == "time" else found
+        )
     if not scores:
         raise InputError(f"no ring has samples both to train and to test on{short}")
     return scores
+
+
+def carried_over(data: RingData, samples: RingSamples, seed: int = 0) -> dict[str, Any]:
+    """What a split in time shows of a ring: nRMSE of the linear model (pi) on the later rows, the test rows.
+
+    time: trained on the earlier rows; own: trained on as many blocks of the later rows themselves, each predicted by
+    the others; blocks: trained and tested on blocks all over the record, the usual split; changed: 95 % interval of
+    time - own. A rig that changed predicts its later rows better from themselves. Rows that are only harder do not.
+    Empty with too few rows."""
+    y, late = samples.theta_ddot, data.test_rows
+
+    def error(train: IntArray, test: IntArray) -> Array:
+        fit = fit_linear(paper_features(samples.at(train)), y[train])
+        return fit.mean(paper_features(samples.at(test))) - y[test]
+
+    half = data.block[late] % 2 == 0
+    near = np.isin(np.arange(len(late)), np.flatnonzero(np.diff(data.block[late]))[:, None] + np.arange(-8, 9))
+    parts = [(late[here & ~near], late[~here & ~near]) for here in (half, ~half)]
+    if min(len(part) for pair in parts for part in pair) < FEWEST:
+        return {}
+    spread = float(np.std(y[late]))
+    own = np.concatenate([error(a, b) for a, b in parts])
+    earlier = np.concatenate([error(data.train_rows, b) for _, b in parts])
+    usual = block_split(samples.segment, samples.dt, **SPLIT)
+    train, test = (np.flatnonzero(mask & samples.good) for mask in (usual.train, usual.test))
+    pairs, rng = np.stack([earlier, own], axis=1) / spread, np.random.default_rng(seed)
+    where = np.concatenate([data.block[b] for _, b in parts])
+    gain = block_bootstrap(pairs, where, lambda e: rms(e[:, 0]) - rms(e[:, 1]), rng)
+    found = {"time": rms(pairs[:, 0]), "own": rms(pairs[:, 1]), "changed": gain}
+    return {**found, "blocks": rms(error(train, test)) / float(np.std(y[test]))}
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _with_ring(tables: Sequence[Table], maze: Maze, options: SampleOptions, left_out: Words) -> Sequence[Table]:
@@ -122,7 +162,7 @@ def best_lag(logs: Sequence[Table], maze: Maze, options: CompareOptions) -> floa
         rest = 0.0
         for part in by_ring(logs, maze, replace(options, smoothing=Smoothing()), samples).values():
             try:
-                rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLIT).train & part.good)
+                rows = np.flatnonzero(block_split(part.segment, part.dt, **SPLITS[options.split]).train & part.good)
             except TableError:  # the ball only passed through
                 continue
             if len(rows) > FEWEST:
@@ -174,7 +214,7 @@ def prepare(train: RingSamples, test: RingSamples | None, options: CompareOption
     """Rows to train and to test on. Raises TableError if there are too few."""
     other = test if test is not None else train
     if test is None:
-        split = block_split(train.segment, train.dt, **SPLIT)
+        split = block_split(train.segment, train.dt, **SPLITS[options.split])
     else:
         block = np.arange(len(test)) // max(1, round(BLOCK_S / test.dt))
         split = Split(np.ones(len(train), bool), np.ones(len(test), bool), block)

@@ -20,22 +20,43 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import stats
 
+from mazeplan.core.constants import WALL_ROLLING
 from mazeplan.core.errors import InputError
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array, IntArray
-from mazeplan.learning.ball_models import AccelerationModel, ForestBall, GaussianBall, LinearBall, PhysicsBall
+from mazeplan.learning.ball_models import (
+    AccelerationModel,
+    ForestBall,
+    GaussianBall,
+    LinearBall,
+    NetworkBall,
+    PhysicsBall,
+)
 from mazeplan.learning.features import FEATURES, INPUT_SETS, TERMS, inputs
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_training import Training, TrainingOptions, train
 from mazeplan.learning.linear import fit_linear
+from mazeplan.learning.network_training import NetworkOptions, train_networks
 from mazeplan.learning.samples import RingSamples
 from mazeplan.learning.split import uniform_downsample
 from mazeplan.physics.ball_model import BallModel
-from mazeplan.physics.effects.ball import rolling_inertia
-from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
+from mazeplan.physics.effects.ball import (
+    dry_friction,
+    quadratic_drag,
+    rolling_inertia,
+    tilt_offset,
+    viscous_friction,
+    wall_friction,
+)
+from mazeplan.physics.formulas.arrays import NO_GRAVITY, RingKinematics, kinematic_terms
 
-KINDS = ("rf", "p", "pi", "np", "sp")
+KINDS = ("rf", "p", "pi", "np", "sp", "nn", "spnn")
+NETWORKS = ("nn", "spnn")  # need all rows: roll-outs have no gaps
 MOST = 5000  # training rows of a process
+EFFECTS = (  # of spnn, at the start of its training
+    rolling_inertia(WALL_ROLLING), viscous_friction(0.3), dry_friction(0.5), quadratic_drag(), wall_friction(),
+    tilt_offset(),
+)  # fmt: skip
 TREES, LEAF = 100, 5  # of the forest; samples in a leaf: a forest with fewer learns the noise
 FEW = 1000  # rows of the process whose residuals are examined
 LAGS, SHORT = 30, 0.1  # rows, and share of the power below which residuals count as uncorrelated
@@ -48,12 +69,15 @@ class FitOptions:
     """Settings of a fit.
 
     most: training rows of a process, evenly spread; inputs: state (for a planner) or local (the best predictor);
-    heavy_tails: fit the robust model, too; training: of the hyperparameters; seed: of forest and starts."""
+    heavy_tails: fit the robust model, too; training: of the hyperparameters; networks: of their training; rates: of the
+    samples (see there), for training on roll-outs; seed: of forest, starts and networks."""
 
     most: int = MOST
     inputs: str = "state"
     heavy_tails: bool = False
     training: TrainingOptions = field(default_factory=TrainingOptions)
+    networks: NetworkOptions = field(default_factory=NetworkOptions)
+    rates: str = "smoothed"
     seed: int = 0
 
 
@@ -97,6 +121,13 @@ def fit_kind(
         if options.heavy_tails:
             robust = replace(model, process=typical(process, rest[uniform_downsample(len(rest), options.most)]))
         return Fitted(model, training, robust)
+    if kind in NETWORKS:
+        fitted = kind == "spnn"
+        found = train_networks(
+            samples, rows, EFFECTS if fitted else (NO_GRAVITY,), options.networks, fitted=fitted, inputs=options.inputs,
+            rates=options.rates, seed=options.seed, progress=progress, advance=advance,
+        )  # fmt: skip
+        return Fitted(NetworkBall(*found))
     raise InputError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
 
 

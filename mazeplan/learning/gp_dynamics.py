@@ -1,8 +1,8 @@
-"""Discrete dynamics of a ring with a learned part: those of `ring_dynamics`, plus the mean of a Gaussian process.
+"""Discrete dynamics of a ring with a learned part: those of `ring_dynamics`, plus a Gaussian process or networks.
 
-The mean is evaluated once a step, at its beginning, and held over the step like the command. Signatures are those of
-`ring_dynamics`; the parameters are those of `RingParameters.pack`, then the process (`fast_gp.pack`). Numba caches
-these functions by the date of this file alone: change it, too, if you change a function that they call.
+The learned part is evaluated once a step, at its beginning, and held over the step like the command. Signatures are
+those of `ring_dynamics`; the parameters are those of `RingParameters.pack`, then the part (`learned_part.pack`). Numba
+caches these functions by the date of this file alone: change it, too, if you change a function that they call.
 """
 
 from __future__ import annotations
@@ -11,16 +11,15 @@ import numpy as np
 from numba import njit
 
 from mazeplan.core.records import Array
-from mazeplan.learning import fast_gp
-from mazeplan.learning.fast_gp import mean, mean_and_gradient
-from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning import learned_part
+from mazeplan.learning.learned_part import LearnedPart, mean, mean_and_gradient
 from mazeplan.physics.dynamics import ring_dynamics
 from mazeplan.physics.dynamics.ring_parameters import BY_ANGLE, BY_RATE, EXTRA, PROCESS, RingParameters
 
 
-def pack(parameters: RingParameters, gp: GaussianProcess) -> Array:
+def pack(parameters: RingParameters, part: LearnedPart) -> Array:
     """The vector of parameters of `step` and `linearise`."""
-    return np.concatenate([parameters.pack(), fast_gp.pack(gp)])
+    return np.concatenate([parameters.pack(), learned_part.pack(part)])
 
 
 @njit(cache=True, error_model="numpy")

@@ -45,9 +45,14 @@ def write_process(folder: Path, ring: int, process: GaussianProcess) -> dict[str
         noise=np.array(h.noise),
         family=np.array(h.family),
     )
+    return {**write_content(path, stream.getvalue()), **_summary(process)}
+
+
+def write_content(path: Path, content: bytes) -> dict[str, Any]:
+    """Write a file of arrays; name and hash for its entry."""
     with whole_file(path) as beside:
-        beside.write_bytes(stream.getvalue())
-    return {"file": path.name, "sha256": hashlib.sha256(stream.getvalue()).hexdigest(), **_summary(process)}
+        beside.write_bytes(content)
+    return {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}
 
 
 def rounded(inputs: np.ndarray) -> np.ndarray:
@@ -58,9 +63,6 @@ def rounded(inputs: np.ndarray) -> np.ndarray:
 def _summary(process: GaussianProcess) -> dict[str, Any]:
     """The hyperparameters, rounded, for model.yaml."""
     h, only = process.hyper, process.hyper.only
-
-    def short(value: float) -> float:
-        return float(f"{value:.{DIGITS}g}")
 
     return {
         "rows": len(process),
@@ -76,6 +78,13 @@ def _summary(process: GaussianProcess) -> dict[str, Any]:
 
 def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
     """The process of an entry of model.yaml. Raises ValueError."""
+    process = _process(content_of(folder, entry), str(entry["file"]))
+    check_entry(entry, _summary(process))
+    return process
+
+
+def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
+    """The content of the file of an entry, which must be the one that was saved. Raises ValueError."""
     name = str(entry["file"])
     path = folder / name
     if Path(name).name != name or path.suffix != ".npz":
@@ -88,12 +97,19 @@ def read_process(folder: Path, entry: Mapping[str, Any]) -> GaussianProcess:
         raise ValueError(f"{name} cannot be read: {problem.strerror}") from None
     if hashlib.sha256(content).hexdigest() != entry["sha256"]:
         raise ValueError(f"{name} is not the file that this model was saved with (its sha256 differs)")
-    process = _process(content, name)
-    known = _summary(process)
+    return content
+
+
+def check_entry(entry: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+    """Raises ValueError if an entry differs from the summary of its arrays."""
     for key, value in entry.items():
         if key not in ("file", "sha256") and not _same(value, known.get(key)):
-            raise ValueError(f"{key}: changed by hand; the arrays belong to other numbers, learn the process anew")
-    return process
+            raise ValueError(f"{key}: changed by hand; the arrays belong to other numbers, learn the model anew")
+
+
+def short(value: float) -> float:
+    """A number with the digits of the YAML."""
+    return float(f"{value:.{DIGITS}g}")
 
 
 def _same(a: Any, b: Any) -> bool:

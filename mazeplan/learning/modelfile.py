@@ -14,8 +14,9 @@
     scores: {...}
 
 A plain number may replace {value: number}. Sections and parameters at their defaults are left out (camera, tilt
-sensor, play, coupling). A ring may hold any effect on the ball (`physics.registry`). The arrays of a process are beside
-the file (`gp_file`). Loading executes nothing. A log holds a model folder as a zip file (`packed_model`).
+sensor, play, coupling). A ring may hold any effect on the ball (`physics.registry`). The arrays of a process or
+of networks are beside the file (`gp_file`, `network_file`). Loading executes nothing. A log holds a model folder as a
+zip file (`packed_model`).
 """
 
 from __future__ import annotations
@@ -35,8 +36,10 @@ import yaml
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import ModelError
 from mazeplan.core.whole_file import whole_file
-from mazeplan.learning.gaussian_process import GaussianProcess
 from mazeplan.learning.gp_file import read_process, write_process
+from mazeplan.learning.learned_part import LearnedPart
+from mazeplan.learning.network_file import read_networks, write_networks
+from mazeplan.learning.networks import Networks
 from mazeplan.learning.rig_model import RigModel
 from mazeplan.learning.rigid_body_entries import KEPT, PARAMETERS, Body
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
@@ -49,7 +52,8 @@ from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 Part = TypeVar("Part")
 FORMAT = 1
-KINDS = ("p", "pi", "np", "sp")
+PROCESSES, NETWORKS = ("np", "sp"), ("nn", "spnn")
+KINDS = ("p", "pi", *PROCESSES, *NETWORKS)
 PACKAGED = resources.PACKAGE / "learning" / "packaged"
 AXIS_UNITS = {"gain": "1", "natural_frequency": "rad/s", "damping": "1", "dead_time": "s", "offset": "rad"}
 AXIS_MORE = {"backlash": "rad", "deadband": "rad", "coupling": "1"}  # written if not 0
@@ -192,9 +196,10 @@ class _Reader:
             body=None if root.get("body") is None else self.body(root["body"]),
         )
 
-    def processes(self, node: Any, kind: str) -> dict[int, GaussianProcess]:
-        """The processes of a model of kind np or sp; their arrays are checked against the file."""
-        learned, empty = kind in ("np", "sp"), node is None or node == {}
+    def processes(self, node: Any, kind: str) -> dict[int, LearnedPart]:
+        """The processes or networks of a model; their arrays are checked against the file."""
+        read = read_networks if kind in NETWORKS else read_process
+        learned, empty = kind in PROCESSES + NETWORKS, node is None or node == {}
         if empty or not learned:
             if empty == learned:
                 problem = f"kind {kind} {'needs' if learned else 'has no'} processes"
@@ -204,7 +209,7 @@ class _Reader:
         for name, entry in self.section(node, ("processes",)).items():
             self.section(entry, ("processes", name), None, ("file", "sha256"))
             try:
-                out[self.ring_number(name, "processes")] = read_process(self._path.parent, entry)
+                out[self.ring_number(name, "processes")] = read(self._path.parent, entry)
             except ValueError as problem:
                 raise self.fail(str(problem), "processes", name) from None
         return out
@@ -306,14 +311,18 @@ def _mapping(dumper: _Dumper, data: Mapping[str, Any]) -> yaml.Node:
 _Dumper.add_representer(dict, _mapping)
 
 
+def _write_part(folder: Path, ring: int, part: LearnedPart) -> dict[str, Any]:
+    return (write_networks if isinstance(part, Networks) else write_process)(folder, ring, part)  # pyright: ignore
+
+
 def save_model(model: RigModel, folder: str | Path) -> Path:
     """Write the folder (created if missing); the path of its model.yaml. Raises ModelError."""
     path = Path(folder) / "model.yaml"
-    if model.kind in ("np", "sp") and not model.processes:
+    if model.kind in PROCESSES + NETWORKS and not model.processes:
         raise ModelError(f"kind {model.kind} needs processes", file=path, key="kind")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        beside = {ring: write_process(path.parent, ring, process) for ring, process in sorted(model.processes.items())}
+        beside = {ring: _write_part(path.parent, ring, part) for ring, part in sorted(model.processes.items())}
         text = yaml.dump(model_document(model, beside), Dumper=_Dumper, sort_keys=False, width=120)
         with whole_file(path) as part:
             part.write_text(text, encoding="utf-8")

@@ -9,6 +9,8 @@ conditioning: a draw of the prior, plus what the data say of its error,
 (Wilson et al., "Efficiently sampling functions from Gaussian process posteriors", ICML 2020). v_j is from the spectrum
 of the kernel: normal for rbf, multivariate Cauchy for exponential. An odd term is (g(x) - g(F x)) / sqrt(2). torch sums
 over the rows, for many states at once.
+
+A draw of an ensemble of networks is its mean plus n_e / sqrt(E - 1) times the deviation of each member, n_e ~ N(0, 1).
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from mazeplan.core.records import Array
-from mazeplan.learning.ball_models import AccelerationModel, GaussianBall, LinearBall
+from mazeplan.learning.ball_models import AccelerationModel, GaussianBall, LinearBall, NetworkBall
 from mazeplan.learning.features import FEATURES, INPUT_SETS
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters, KernelTerm
 from mazeplan.physics.formulas.arrays import RingKinematics, kinematic_terms
@@ -181,4 +183,14 @@ def draw_model(
         weights = rng.multivariate_normal(fit.weights, repeats * fit.covariance, count, method="eigh")
         grouped = (count, -1, len(fit.weights))
         return lambda k: np.einsum("sqm,sm->sq", terms(k).reshape(grouped), weights).ravel()
+    if isinstance(model, NetworkBall):
+        members = len(model.networks.last)
+        weights = rng.standard_normal((count, members)) / math.sqrt(members - 1)
+
+        def drawn(k: RingKinematics) -> Array:
+            found = model.each(k).reshape(members, count, -1)
+            middle = found.mean(axis=0)
+            return (middle + np.einsum("se,esq->sq", weights, found - middle)).ravel()
+
+        return drawn
     return model.mean

@@ -18,11 +18,12 @@ from mazeplan.core.progress import Advance, Words, led_by, no_advance, no_words,
 from mazeplan.core.records import Array
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.features import DRY_WIDTH, EFFECTS, PLANNED_TERMS, effect_features, inputs
-from mazeplan.learning.fitting import FitOptions, honest_noise
+from mazeplan.learning.fitting import NETWORKS, FitOptions, honest_noise
 from mazeplan.learning.gaussian_process import GaussianProcess, Hyperparameters
 from mazeplan.learning.gp_file import rounded
 from mazeplan.learning.gp_training import Training, train
 from mazeplan.learning.rig_model import RigModel
+from mazeplan.learning.rig_networks import learn_networks
 from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import block_split, uniform_downsample
@@ -38,12 +39,13 @@ TRAINED = 0.8  # of the duration of a ring: its training
 
 @dataclass(frozen=True)
 class RingLearning:
-    """Result for one ring: training rows; nRMSE of theta_dd on test blocks by effects alone, and with the process."""
+    """Result for one ring: training rows; nRMSE of theta_dd on test blocks by effects alone, and with the learned part;
+    training: of a process."""
 
     rows: int
     before: float
     after: float
-    training: Training
+    training: Training | None = None
 
 
 def learn_processes(
@@ -57,7 +59,7 @@ def learn_processes(
     progress: Words = no_words,
     advance: Advance = no_advance,
 ) -> tuple[RigModel, dict[int, RingLearning]]:
-    """The model with processes of kind sp or np for each ring with enough samples, and their scores.
+    """The model with processes or networks of a kind for each ring with enough samples, and their scores.
 
     progress: receives each step in words; advance: the share done. Raises TableError if no ring has enough samples."""
     options = options or FitOptions()
@@ -67,7 +69,11 @@ def learn_processes(
     for i, (ring, samples) in enumerate(enough.items()):
         words, share = led_by(f"ring {ring}: ", progress), piece(advance, i, 1, len(enough))
         ball = model.ball(ring)
-        balls[ring], processes[ring], learned[ring] = _learn_ring(samples, ball, kind, options, words, share)
+        if kind in NETWORKS:
+            balls[ring], processes[ring], errors = learn_networks(samples, ball, kind, options, words, share)
+            learned[ring] = RingLearning(len(processes[ring]), *errors)
+        else:
+            balls[ring], processes[ring], learned[ring] = _learn_ring(samples, ball, kind, options, words, share)
     if not processes:
         problem = f"in no ring are there {FEWEST} samples, which kind {kind} needs; record more, or learn kind pi"
         raise TableError(problem, file=table.source.get("file"))

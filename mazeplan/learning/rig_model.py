@@ -9,7 +9,7 @@ from typing import Any
 from mazeplan.core.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.core.records import Latency
-from mazeplan.learning.gaussian_process import GaussianProcess
+from mazeplan.learning.learned_part import LearnedPart
 from mazeplan.learning.rigid_body_entries import Body
 from mazeplan.maze.geometry import Maze, Ring
 from mazeplan.physics.ball_model import BallModel
@@ -27,9 +27,10 @@ ALIKE = 1e-3  # m; radii of the same rings in two maps differ by less
 class RigModel:
     """The model of a rig.
 
-    stage: both axes; balls: by ring; camera_delay: of the ball's position behind the tilt sensor, s; kind: p, pi, np
-    or sp; rate_hz: of the samples; data, scores: source and quality, like the file; processes: by ring, added to the
-    effects (sp) or in place of them (np); camera, tilt_sensor: their errors; body: of a rigid ball, if identified."""
+    stage: both axes; balls: by ring; camera_delay: of the ball's position behind the tilt sensor, s; kind: one of
+    `modelfile.KINDS`; rate_hz: of the samples; data, scores: source and quality, like the file; processes: by ring,
+    processes or networks, added to the effects (sp, spnn) or in place of them (np, nn); camera, tilt_sensor: their
+    errors; body: of a rigid ball, if identified."""
 
     stage: StageModel
     balls: dict[int, BallModel]
@@ -39,7 +40,7 @@ class RigModel:
     rate_hz: float = 30.0
     data: tuple[dict[str, Any], ...] = ()
     scores: dict[str, Any] = field(default_factory=dict)
-    processes: dict[int, GaussianProcess] = field(default_factory=dict, compare=False)
+    processes: dict[int, LearnedPart] = field(default_factory=dict, compare=False)
     camera: Camera = field(default_factory=Camera)
     tilt_sensor: TiltSensor = field(default_factory=TiltSensor)
     body: Body | None = field(default=None, metadata=LATER)
@@ -50,8 +51,8 @@ class RigModel:
         return self.balls[nearest]
 
     def by_effects(self, ring: int) -> bool:
-        """Whether effects describe the ball in a ring, and not a process in their place (kind np)."""
-        return not (self.kind == "np" and ring in self.processes)
+        """Whether effects describe the ball in a ring, and not a learned part in their place (kinds np and nn)."""
+        return not (self.kind in ("np", "nn") and ring in self.processes)
 
     @property
     def delay_known(self) -> bool:
@@ -114,7 +115,7 @@ def carried_over(model: RigModel, home: Maze, maze: Maze) -> RigModel:
 
     Stage, delays, sensors and the tilt of the table are the rig's and stay. A ring takes the effects of the ring of
     `home` with the nearest radius (a disc those of the disc), scaled by their power of the radius. Effects of a place
-    and Gaussian processes are left out."""
+    and learned parts are left out."""
     if same_rings(home, maze):
         return model
     balls = {}

@@ -20,18 +20,18 @@ from mazeplan.learning.ball_models import AccelerationModel
 from mazeplan.learning.camera_center import Centre
 from mazeplan.learning.confidence import ConfidenceOptions, confidence
 from mazeplan.learning.discrete_map import fit_discrete, roll_out_discrete
-from mazeplan.learning.fitting import FitOptions, fit_kind
+from mazeplan.learning.fitting import NETWORKS, FitOptions, fit_kind
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.rollout import CHECKED, Rollout, Windows, angle_noise, causal_start, choose_windows, way_of
 from mazeplan.learning.samples import RingSamples, SampleOptions
 from mazeplan.learning.smoothing import Smoothing
 from mazeplan.learning.split import block_bootstrap, uniform_downsample
 
-PREDICTED = ("rf", "p", "pi", "np", "sp")
-ROLLED = ("pi", "np", "npd", "sp")
+PREDICTED = ("rf", "p", "pi", "np", "sp")  # unless others are asked for
+ROLLED = ("pi", "np", "npd", "sp")  # and networks
 MISFIT = 0.5  # of the spread of theta_dd: error of the model that the filter of a roll-out's start assumes
 THOROUGH = TrainingOptions(first=900, rows=2000, starts=2, refinement=40)  # with fewer rows, their choice matters
-COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "roll": 0.5}  # relative duration
+COST = {"rf": 0.5, "p": 0.1, "pi": 0.1, "np": 6.0, "sp": 6.0, "nn": 3.0, "spnn": 30.0, "roll": 0.5}  # relative duration
 CURVE = (0.125, 0.25, 0.5, 1.0)  # shares of the training rows, for learning curves
 ANGLES = 36  # cells of the residual map around the ring
 SPEEDS = (1.0 / 3.0, 2.0 / 3.0, 1.0)  # quantiles of the speed between its cells, for either direction
@@ -44,7 +44,8 @@ class CompareOptions:
 
     smoothing: of positions, if the table brings no derivatives; delay: of the ball behind the tilt, s, None: estimate
     it, see `best_lag`; samples: of the samples; rates: or "auto", by the noise of the angle; fit: of the models; curve:
-    with learning curves; bands: of confidence; seed: of all random draws."""
+    with learning curves; bands: of confidence; kinds: in `fitting.KINDS`; split: in `comparison.SPLITS`; seed: of all
+    random draws."""
 
     smoothing: Smoothing = field(default_factory=lambda: Smoothing(window=9))
     delay: float | None = None
@@ -54,6 +55,7 @@ class CompareOptions:
     curve: bool = False
     bands: ConfidenceOptions = field(default_factory=ConfidenceOptions)
     kinds: tuple[str, ...] = PREDICTED
+    split: str = "blocks"
     seed: int = 0
 
 
@@ -171,7 +173,7 @@ class RingScores:
 
     delay: s; signs: of beta and gamma; centre: m; rollout, interval, bands: of roll-outs, by kind and sample;
     confidence: `Confidence.document` by kind; blocks: of time with test rows, and with windows; best: None with fewer
-    than two kinds of roll-outs."""
+    than two kinds of roll-outs; carried: see `comparison.carried_over`."""
 
     ring: int
     n_train: int
@@ -191,6 +193,7 @@ class RingScores:
     confidence: dict[str, dict[str, Any]] = field(default_factory=dict)
     blocks: dict[str, int] = field(default_factory=dict)
     best: Best | None = None
+    carried: dict[str, Any] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
         """For JSON, rounded."""
@@ -204,7 +207,7 @@ class RingScores:
         }  # fmt: skip
         if self.best is not None:
             out["best"] = asdict(self.best)
-        more = {"curve": self.curve, "bands": self.bands, "confidence": self.confidence}
+        more = {"curve": self.curve, "bands": self.bands, "confidence": self.confidence, "carried_over": self.carried}
         out = _rounded(out | {name: value for name, value in more.items() if value})
         return out | ({"residual": self.residual.document()} if self.residual else {})
 
@@ -239,7 +242,8 @@ def score(
     for kind in options.kinds:
         progress(kind)
         words, share = led_by(f"{kind}, ", progress), piece(advance, done, COST[kind], whole)
-        models[kind] = fit_kind(kind, data.train, train_rows, options.fit, progress=words, advance=share)
+        rows = data.train_rows if kind in NETWORKS else train_rows
+        models[kind] = fit_kind(kind, data.train, rows, options.fit, progress=words, advance=share)
         done += COST[kind]
         advance(done, whole)
         nrmse_train[kind] = nrmse(*data.pairs(models[kind].model, train_rows, train=True))
@@ -252,7 +256,7 @@ def score(
     bands: dict[str, dict[str, list[float]]] = {}
     sure: dict[str, dict[str, Any]] = {}
     errors: dict[str, Array] = {}
-    for kind in ROLLED:
+    for kind in (*ROLLED, *NETWORKS):
         progress(f"rolling out {kind}")
         fitted = models.get("np" if kind == "npd" else kind)  # npd goes with np
         if fitted is not None and len(windows):

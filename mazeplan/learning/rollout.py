@@ -68,11 +68,11 @@ class Rollout:
         return {name: part.tolist() for name, part in parts.items()}
 
 
-def uninterrupted(usable: np.ndarray, segment: IntArray) -> IntArray:
-    """First rows of all windows of STEPS + 1 usable rows (N,) within one segment."""
+def uninterrupted(usable: np.ndarray, segment: IntArray, steps: int = STEPS) -> IntArray:
+    """First rows of all windows of `steps` + 1 usable rows (N,) within one segment."""
     run = np.concatenate([[0], np.cumsum(~usable)])
-    first = np.arange(max(len(usable) - STEPS, 0))
-    return first[(run[first + STEPS + 1] == run[first]) & (segment[first] == segment[first + STEPS])]
+    first = np.arange(max(len(usable) - steps, 0))
+    return first[(run[first + steps + 1] == run[first]) & (segment[first] == segment[first + steps])]
 
 
 def choose_windows(samples: RingSamples, allowed: np.ndarray, openings: Array | None = None) -> Windows:

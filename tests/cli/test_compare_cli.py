@@ -105,6 +105,17 @@ def test_the_tables(compare):
     assert "note:" not in out
 
 
+def test_networks_are_compared_when_asked_for(compare, monkeypatch):
+    from mazeplan.learning import fitting
+    from mazeplan.learning.network_training import NetworkOptions
+
+    tiny = NetworkOptions(members=2, hidden=4, updates=20, rolled=2, horizon=5)
+    monkeypatch.setattr(fitting, "FitOptions", partial(fitting.FitOptions, networks=tiny))
+    ring = compare("one.csv", *QUICK, "--kinds", "pi, spnn,nn", "--json")[0]["ring2"]
+    assert list(ring["nrmse_test"]) == ["pi", "spnn", "nn"]
+    assert set(ring["rollout"]) == {"pi", "spnn", "nn"}
+
+
 def test_bands_have_a_line_for_each_ring(compare):
     out, err = compare("long.csv", *QUICK[:-1], "500")
     assert err == ""
@@ -223,6 +234,8 @@ def test_a_table_without_ring_needs_options(compare, refused):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        (["one.csv", "--kinds", "pi,dnn"], "--kinds: got 'dnn', expected one or more of rf,p,pi,np,sp,nn,spnn"),
+        (["one.csv", "--split", "time", "--test", "one.csv"], "--split: got time with --test"),
         (["one.csv", "--rates", "late"], "--rates: got 'late', expected one of auto, smoothed, delayed, filtered"),
         (["one.csv", "--kernel", "matern"], "--kernel: got 'matern', expected one of auto, rbf, exponential"),
         (["one.csv", "--device", "tpu"], "got 'tpu', expected one of cpu, cuda"),

@@ -12,6 +12,8 @@ from mazeplan.apps.cli.output import plural, print_json, say
 from mazeplan.core.errors import InputError
 from mazeplan.core.whole_file import whole_file
 
+LARGER = 1.05  # an error in the split in time over that by blocks; intervals of 95 % are about twice as wide
+
 if TYPE_CHECKING:
     from mazeplan.learning.ring_scores import RingScores
     from mazeplan.maze.geometry import Maze
@@ -26,6 +28,8 @@ def compare(
     delay: opt.Delay = None,
     rates: opt.Rates = "auto",
     smoothing: opt.Smoothing = "savgol",
+    kinds: opt.CompareKinds = "rf,p,pi,np,sp",
+    split: opt.Split = "blocks",
     kernel: opt.Kernel = "auto",
     most: opt.CompareRows = 5000,
     device: opt.Device = "cpu",
@@ -36,14 +40,14 @@ def compare(
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
-    """Compare rf, p, pi, np, sp (and npd) in each ring: nRMSE of theta_dd and roll-out errors."""
+    """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
     from mazeplan.apps.cli.log_context import check_channel, logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.cli.report import write_report
     from mazeplan.core.logs.table import read_table
     from mazeplan.learning import comparison
     from mazeplan.learning.confidence import DRAWS, ConfidenceOptions
-    from mazeplan.learning.fitting import FitOptions
+    from mazeplan.learning.fitting import KINDS, FitOptions
     from mazeplan.learning.gp_training import require_torch
     from mazeplan.learning.ring_scores import THOROUGH, CompareOptions
     from mazeplan.learning.samples import SampleOptions
@@ -51,13 +55,18 @@ def compare(
 
     if 0 < bands < DRAWS:
         raise InputError(f"--bands: got {bands}, expected 0 (none), or {DRAWS} (one window) or more")
+    chosen = tuple(dict.fromkeys(kind.strip() for kind in kinds.split(",")))
+    if wrong := [kind for kind in chosen if kind not in KINDS]:
+        raise InputError(f"--kinds: got {wrong[0]!r}, expected one or more of {','.join(KINDS)}")
+    if split != "blocks" and test:
+        raise InputError(f"--split: got {split} with --test, expected one of them: --test names the test rows")
     require_torch()
     found = logged_map(map_, logs[0])
     if ring is not None and radius is None:
         check_channel(ring, found.maze)
     options = CompareOptions(
         smoothing=Smoothing("rts") if smoothing == "rts" else Smoothing(window=9),
-        delay=delay, rates=rates, seed=seed, curve=curve is not None or page is not None,
+        delay=delay, rates=rates, seed=seed, kinds=chosen, split=split, curve=curve is not None or page is not None,
         samples=SampleOptions(ring=ring, radius=radius), bands=ConfidenceOptions(bands, device),
         fit=FitOptions(most=most, training=replace(THOROUGH, family=kernel, device=device), seed=seed),
     )  # fmt: skip
@@ -117,6 +126,9 @@ def report(scores: list[RingScores]) -> None:
     off = [f"ring {s.ring} {1e3 * s.centre[0]:.1f}, {1e3 * s.centre[1]:.1f}" for s in scores if any(s.centre)]
     if off:
         print(f"note: the camera counts the angle about another point than the rings' centre, in mm: {'; '.join(off)}")
+    for s in scores:
+        if s.carried:
+            print(_carried(s))
     print(f"rates: {scores[0].rates}; ball {1e3 * scores[0].delay:.0f} ms behind the tilt")
     print(f"training rows: {', '.join(str(s.n_train) for s in scores)}")
 
@@ -136,6 +148,17 @@ def verdict(s: RingScores) -> str:
     return f"best: {best.kind}, {led} ({interval})" if low > 0.0 else (
         f"no clear best: {best.kind} has {led} ({interval})"
     )  # fmt: skip
+
+
+def _carried(s: RingScores) -> str:
+    """What the split in time shows, in one line."""
+    time, own, (low, _) = (s.carried[name] for name in ("time", "own", "changed"))
+    says = f"ring {s.ring}: pi has {time:.3f} on the last 40 %, {s.carried['blocks']:.3f} by blocks all over the record"
+    if low > 0.0:
+        return f"{says}; {own:.3f} if trained on the end itself: the rig or its use changed"
+    if time < LARGER * s.carried["blocks"]:
+        return f"{says}: the splits agree"
+    return f"{says}: the end is harder to predict, also from itself ({own:.3f}); no sign that the rig changed"
 
 
 def _error(s: RingScores, kind: str, steps: str) -> str:

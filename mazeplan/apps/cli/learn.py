@@ -37,15 +37,15 @@ def learn(
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.words import verdict_lines
     from mazeplan.core.logs.table import join, read_table
-    from mazeplan.learning.fitting import FitOptions
+    from mazeplan.learning.fitting import NETWORKS, FitOptions
     from mazeplan.learning.gp_training import TrainingOptions, require_torch
     from mazeplan.learning.identification import fit_rig
     from mazeplan.learning.modelfile import RigModel, model_document, save_model
     from mazeplan.learning.rig_gp import learn_processes
     from mazeplan.learning.smoothing import Smoothing
 
-    with_gp = kind in ("np", "sp")
-    if with_gp:
+    learns = kind not in ("p", "pi")
+    if learns:
         require_torch()
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
     options = FitOptions(most=most, training=TrainingOptions(device=device, starts=2), seed=seed)
@@ -61,12 +61,13 @@ def learn(
         model, lines = fit.model, []
         if kind == "p":
             model = replace(model, kind="p", balls=RigModel.nominal(maze).balls, scores={})
-        if with_gp:
+        if learns:
             model, learned = learn_processes(
                 table, maze, model, kind, options, smoothing=chosen, progress=bar.show, advance=bar.advance
             )
+            part = "networks" if kind in NETWORKS else "Gaussian process"
             lines = [
-                f"ring {ring} Gaussian process: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by "
+                f"ring {ring} {part}: {x.rows} rows, nRMSE of theta_dd on test blocks {x.before:.3f} by "
                 f"effects alone, {x.after:.3f} with it"
                 for ring, x in learned.items()
             ]

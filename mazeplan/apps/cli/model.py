@@ -19,6 +19,8 @@ KINDS = {
     "pi": "fitted effects",
     "sp": "fitted effects, and a Gaussian process for the rest",
     "np": "a Gaussian process alone",
+    "spnn": "fitted effects and networks, trained together",
+    "nn": "networks alone",
 }
 ModelArgument = Annotated[
     str,
@@ -55,7 +57,7 @@ def show(name: ModelArgument, as_json: opt.AsJson = False) -> None:
         if key in document:
             print("\n".join(_lines(key, document[key], "")))
     for ring, process in sorted(model.processes.items()):
-        print(f"process of ring {ring}: {len(process)} rows")
+        print(f"learned part of ring {ring}: {len(process)} rows")
     for entry in model.data:
         print("fitted on: " + ", ".join(f"{key} {value}" for key, value in entry.items()))
 

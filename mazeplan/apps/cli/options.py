@@ -236,12 +236,12 @@ HighestHz = Annotated[
     Option("--highest-hz", parser=number(), metavar="HZ", help="Highest frequency of the sines in Hz."),
 ]
 Kind = Annotated[
-    Literal["p", "pi", "np", "sp"],
+    Literal["p", "pi", "np", "sp", "nn", "spnn"],
     Option(
         "--kind",
-        metavar="p|pi|np|sp",
+        metavar="p|pi|np|sp|nn|spnn",
         help="Ball model. p: nominal; pi: fitted effects; sp: fitted effects and a Gaussian process; "
-        "np: a Gaussian process alone.",
+        "np: a Gaussian process alone; spnn: effects and networks, trained together; nn: networks alone.",
     ),
 ]
 LearnRows = Annotated[
@@ -267,6 +267,23 @@ Rates = Annotated[
         "--rates",
         metavar="auto|smoothed|delayed|filtered",
         help="Rate of theta; filtered: delayed by the published filter.",
+    ),
+]
+CompareKinds = Annotated[
+    str,
+    Option(
+        "--kinds",
+        metavar="KINDS",
+        help="Kinds to compare, of rf, p, pi, np, sp, nn, spnn; separated by commas. Networks (nn, spnn) take a minute "
+        "and more per ring.",
+    ),
+]
+Split = Annotated[
+    Literal["blocks", "time"],
+    Option(
+        "--split",
+        metavar="blocks|time",
+        help="Test rows: blocks all over the record, or its last 40 %.",
     ),
 ]
 Kernel = Annotated[

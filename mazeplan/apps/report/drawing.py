@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 INK = INKS["ink"]
 SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # of evaluations beside each other
 KIND_STYLES = {"rf": "sixth", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
-               "model": "ring2"}  # fmt: skip
+               "nn": "unsure", "spnn": "good", "model": "ring2"}  # fmt: skip
 FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 
 

@@ -52,7 +52,7 @@ def predictors(model: RigModel, ring: int) -> dict[str, Predict]:
     def learned(k: RingKinematics) -> Array:
         if process is None:
             return ball.acceleration(k)
-        base = kinematic_terms(k) if model.kind == "np" else planned(ball, k)
+        base = planned(ball, k) if model.by_effects(ring) else kinematic_terms(k)
         return base + process.mean(inputs(k))
 
     return {"p": BallModel((rolling_inertia(1.0),)).acceleration, "model": learned}

@@ -26,7 +26,8 @@ SCORES = {
 }  # fmt: skip
 KINDS = {
     "rf": "random forest", "p": "bare equation", "pi": "weighted terms", "np": "Gaussian process",
-    "npd": "discrete process", "sp": "terms and process", "model": "the model",
+    "npd": "discrete process", "sp": "terms and process", "nn": "networks", "spnn": "effects and networks",
+    "model": "the model",
 }  # fmt: skip
 CANDIDATES = {
     "placebo: friction with it": "placebo: friction by tilt played backwards",
