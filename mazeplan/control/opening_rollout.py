@@ -40,7 +40,8 @@ class RolloutOptions:
 
     grid: commands per axis, between the limits; margin_s: a command must beat the law by this; doubt_mm, doubt_m_s:
     offsets of the other starts across the opening; horizon_s: of one roll-out; late_s: with a larger delay, s, of the
-    measurements no roll-outs are made, as the ball's position is too uncertain."""
+    measurements no roll-outs are made, as the ball's position is too uncertain; late_body_s: the same where a rigid
+    ball is predicted over the delay, which is surer."""
 
     grid: int = 5
     margin_s: float = 0.02
@@ -48,6 +49,7 @@ class RolloutOptions:
     doubt_m_s: float = 0.016
     horizon_s: float = 0.5
     late_s: float = 0.08
+    late_body_s: float = 0.16
 
     def __post_init__(self) -> None:
         check_numbers(self, positive=("grid", "horizon_s"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.deadline import Stopwatch
+from mazeplan.control.estimation.rigid_body_parameters import body_of
 from mazeplan.control.opening_rollout import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
@@ -50,7 +51,8 @@ def planners_of(
 
 def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float) -> OpeningRollout | None:
     """The roll-outs that try commands in front of openings; None where samples are too late for them."""
-    if late_s > options.rollout.late_s:
+    most = options.rollout.late_s if body_of(model) is None else options.rollout.late_body_s
+    if late_s > most:
         return None
     planar = PlanarModel.build(maze, model)
     return OpeningRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout)

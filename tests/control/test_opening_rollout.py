@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from planar_rig import PATIENT, PlanarRig, known
 
+from mazeplan.behavior.context import LeafOptions
 from mazeplan.control.opening import OpeningOptions, opening_command
 from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions, law_command, passing_time
 from mazeplan.control.tilt import Plate
 from mazeplan.core.constants import FREE_ROLLING, GRAVITY
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import State
+from mazeplan.learning.modelfile import load_model
 from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.dynamics.planar import PlanarModel
+from mazeplan.run.assembly import rollout_of
 from mazeplan.run.execution import run_job
 from mazeplan.run.specification import Job, Setup
 
@@ -151,3 +154,10 @@ def test_through_openings_it_saves_time():
 def test_options_that_make_no_sense(wrong):
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         replace(RolloutOptions(), **wrong)
+
+
+@pytest.mark.parametrize(("late_s", "bead", "body"), [(0.07, True, True), (0.12, False, True), (0.2, False, False)])
+def test_where_a_rigid_ball_is_predicted_commands_are_tried_in_spite_of_a_longer_delay(late_s, bead, body):
+    toy, options = load_model("toy"), LeafOptions()
+    tried = [rollout_of(MAZE, model, options, late_s) is not None for model in (replace(toy, body=None), toy)]
+    assert tried == [bead, body]
