@@ -32,7 +32,7 @@ def models() -> dict[str, RingBatch]:
     """What is rolled out, by name."""
     radius = load_map("cme").track_radius(RING)
     effects, learned = (RingBatch.of_model(load_model(name), RING, radius) for name in ("ideal", "toy"))
-    assert learned.process is not None
+    assert isinstance(learned.process, GaussianProcess)
     rows = len(learned.process)
     return {
         "effects alone (`ideal`)": effects,

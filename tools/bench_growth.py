@@ -61,6 +61,7 @@ def plan_ms(rows: int = 2000, horizon: int = 40) -> float:
     """Median time of a cold plan on a process of so many rows, ms. The rows are those of the toy's, moved a little."""
     maze, model = load_map("cme"), load_model("toy")
     known, rng = model.processes[RING], np.random.default_rng(SEED)
+    assert isinstance(known, GaussianProcess)
     which = rng.integers(len(known), size=rows)
     moved = known.inputs[which] + 0.02 * known.inputs.std(axis=0) * rng.standard_normal((rows, known.inputs.shape[1]))
     process = GaussianProcess.mean_only(known.hyper, moved, known.alpha[which] * len(known) / rows)

@@ -193,6 +193,8 @@ def culling_rows(maze: Maze, model: RigModel, count: int) -> list[str]:
     errors = []
     for ring, process in sorted(model.processes.items()):
         place = maze.ring(ring)
+        if not isinstance(process, GaussianProcess):
+            return ["The model has networks in place of processes, so that there is nothing to cull."]
         errors.append(f"ring{ring} {culling_error(process, place.track_radius, maze.tilt_limit, count, ring):.1e}")
     return [
         f"Largest difference of the culled, compiled mean from the plain one over {count} random states, rad/s^2: "

@@ -85,7 +85,7 @@ def screen(candidates: list[dict[str, dict[str, float]]], model: RigModel, seed:
         starts = np.repeat(states, DRAWS, axis=0)
         starts[:, 0] += OFF_M / radius * rng.standard_normal(len(starts))
         starts[:, 1] += OFF_M_S / radius * rng.standard_normal(len(starts))
-        noise = batch.process.hyper.noise if batch.process is not None else UNKNOWN / radius
+        noise = noise_of(batch.process) if batch.process is not None else UNKNOWN / radius
         known: list[tuple[int, Settings, Plans]] = []
         for i, candidate in enumerate(candidates):
             try:
