@@ -31,6 +31,7 @@ IDEAL = ("--rig", "ideal", "--from", "ring4")
 # (command, option): further words of the command, and the file, or the folder with a file that the command writes
 NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("navigate", "--log"): (IDEAL, "run.mcap"),
+    ("navigate", "--video"): (IDEAL, "run.gif"),
     ("evaluate", "--report"): ((*IDEAL, "--runs", "1"), "page.html"),
     ("collect", "-o"): (("--rig", "ideal", "--seconds", "1"), "run.mcap"),
     ("record", "-o"): ((*IDEAL, "--episodes", "1"), "runs.parquet"),
@@ -50,6 +51,7 @@ NEW: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
 # the same, where the work is long: with --force they go on to an input that is not there
 LONG: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("learn", "-o"): (("no.csv",), "model/model.yaml"),
+    ("report", "--video"): (("no.mcap", "-o", "page.html"), "run.gif"),
     ("compare", "--curve"): (("no.csv",), "curve.png"),
     ("compare", "--report"): (("no.csv",), "page.html"),
     ("diagnose", "-o"): (("no.csv",), "out/report.html"),

@@ -60,7 +60,7 @@ def test_the_end_of_a_run_is_kept_once_and_a_long_run_forgets_its_beginning(past
     for _ in range(3):
         past.keep(moment(10, LOST, result={"success": False}))
     assert past.shown().result is not None
-    assert len(past._moments) == 11
+    assert len(past._moments) == 10
     monkeypatch.setattr(lookback, "MOST", 20)
     monkeypatch.setattr(lookback, "FEWER", 5)
     for tick in range(11, 40):

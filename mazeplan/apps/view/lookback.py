@@ -39,10 +39,11 @@ class Past:
             self.__init__()
         if not moment.tick:
             return
-        if last is not None and (moment.tick, moment.result is None) == (last.tick, last.result is None):
-            return
-        self._moments.append(moment)
-        self._times.append(max(moment.t, self._times[-1]) if self._times else moment.t)
+        if self._moments and moment.tick == self._moments[-1].tick:
+            self._moments[-1] = moment  # what else was told since that tick: a tree, an event, the result
+        else:
+            self._moments.append(moment)
+            self._times.append(max(moment.t, self._times[-1]) if self._times else moment.t)
         failure = moment.failure
         if failure is not None and (failure.t, failure.kind) not in {(f.t, f.kind) for f in self.failures}:
             self.failures.append(failure)
