@@ -98,7 +98,10 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
         (["evaluate", "--to", "ring9"], "--to: ring: got 'ring9'"),
         (["map", "route", "--from", "ring9"], "--from: ring: got 'ring9'"),
         (["collect", "--ring", "9", "-o", "c.mcap"], "--ring: ring: got '9'"),
-        (["learn", "a.csv", "-o", "m", "--kind", "magic"], "--kind: got 'magic', expected one of p, pi, np, sp\n"),
+        (
+            ["learn", "a.csv", "-o", "m", "--kind", "magic"],
+            "--kind: got 'magic', expected one of p, pi, np, sp, nn, spnn\n",
+        ),
         (["calibrate", "tilt", "--grid", "99"], "--grid: got '99', expected a number <= 15\n"),
         (["navigat"], "No such command 'navigat'"),
     ],

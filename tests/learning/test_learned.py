@@ -213,5 +213,5 @@ def test_the_kernel_goes_with_the_inputs(seen, features, terms, width):
 
 
 def test_an_unknown_kind_is_named():
-    with pytest.raises(InputError, match=r"^got kind 'xx', expected one of rf, p, pi, np, sp$"):
+    with pytest.raises(InputError, match=r"^got kind 'xx', expected one of rf, p, pi, np, sp, nn, spnn$"):
         fitted("xx")
