@@ -23,6 +23,7 @@ import numpy as np
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.records import Array
 from mazeplan.learning.batch import Plans, RingBatch
+from mazeplan.learning.learned_part import noise_of
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map

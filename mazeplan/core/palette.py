@@ -66,6 +66,9 @@ TINTS: dict[str, str] = {
     "success": "#C9ECDD",
 }
 
+# the button that stops a machine
+STOP: dict[str, str] = {"face": "#B00000", "pressed": "#700000"}
+
 # lines that only guide the eye, and so may be fainter than what they guide to
 FAINT: dict[str, str] = {"grid": "#DDDDDD", "rule": "#C9CED6", "hatch": "#C4C4C4"}
 

@@ -65,6 +65,7 @@ READ = {
     *((command, "logs") for command in ("learn", "compare", "diagnose", "map learn", "view")),
     *((command, "log") for command in ("log info", "log export", "log replay")),
     ("compare", "--test"), ("diagnose", "--test"), ("diagnose", "--reference"), ("improve", "--reference"),
+    ("score", "logs"),
     ("report", "inputs"), ("map show", "--log"), ("behavior show", "--log"), ("calibrate tilt", "--readings"),
     ("data import-cme", "folder"), ("evaluate", "--faults"), ("policy show", "folder"), ("policy export", "folder"),
     *((command, "--policy") for command in ("navigate", "evaluate")),

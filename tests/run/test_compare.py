@@ -143,7 +143,7 @@ def test_the_document_is_plain(scores):
     document = scores[0].document()
     assert set(document) == {
         "n_train", "n_test", "rates", "delay_s", "signs", "windows", "windows_chosen", "centre_m", "nrmse_train",
-        "nrmse_test", "rollout", "interval95", "bands", "confidence", "residual", "blocks",
+        "nrmse_test", "rollout", "interval95", "bands", "confidence", "residual", "blocks", "best",
     }  # fmt: skip
     assert document == json.loads(json.dumps(document))
     assert set(document["nrmse_train"]) == set(document["nrmse_test"]) == {"rf", "p", "pi", "np", "sp"}

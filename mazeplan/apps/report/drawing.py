@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
 INK = INKS["ink"]
 SERIES = ("real", "ring3", "ring4", "ring5", "sixth")  # of evaluations beside each other
+# p and rf are not rolled out, so that networks have their styles
 KIND_STYLES = {"rf": "sixth", "p": "ring1", "pi": "ring5", "np": "ring3", "npd": "ring4", "sp": "ring2",
-               "nn": "unsure", "spnn": "good", "model": "ring2"}  # fmt: skip
+               "nn": "ring1", "spnn": "sixth", "model": "ring2"}  # fmt: skip
 FAILURE_MARKERS = ("X", "o", "s", "^", "D", "v", "P", "*", "<", ">", "p", "h", "d")
 
 

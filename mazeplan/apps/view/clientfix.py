@@ -24,6 +24,8 @@ import gzip
 from functools import lru_cache
 from typing import Any
 
+from mazeplan.core.palette import FAINT, INKS, STOP, TINTS
+
 NARROW = 900  # pixels: beside two panels there would be little of the maze
 SCRIPT = """<script>
 {
@@ -76,13 +78,18 @@ SCRIPT = """<script>
 .mantine-ScrollArea-viewport > div {box-sizing: border-box; padding-right: 9px}
 body {display: flex; flex-direction: column}
 #root {flex: 1; min-height: 0; height: auto}
-#stop-bar {display: flex; align-items: center; gap: 12px; padding: 4px 12px; border-bottom: 1px solid #ccc;
-  font-size: 13px; background: #fff; color: #222}
-#stop-bar button {font: bold 15px sans-serif; color: #fff; background: #b00000; border: 2px solid #700000;
+#stop-bar {display: flex; align-items: center; gap: 12px; padding: 4px 12px; border-bottom: 1px solid RULE;
+  font-size: 13px; background: PAPER; color: INK}
+#stop-bar button {font: bold 15px sans-serif; color: PAPER; background: FACE; border: 2px solid PRESSED;
   border-radius: 4px; padding: 6px 18px; cursor: pointer; white-space: nowrap}
-#stop-bar button:active {background: #700000}
-#stop-bar kbd {font: inherit; border: 1px solid #fff; border-radius: 3px; padding: 0 5px; margin-left: 8px}
+#stop-bar button:active {background: PRESSED}
+#stop-bar kbd {font: inherit; border: 1px solid PAPER; border-radius: 3px; padding: 0 5px; margin-left: 8px}
 </style>""".replace("NARROW", str(NARROW))
+for _name, _colour in {
+    "RULE": FAINT["rule"], "PAPER": TINTS["paper"], "INK": INKS["ink"], "FACE": STOP["face"],
+    "PRESSED": STOP["pressed"],
+}.items():  # fmt: skip
+    SCRIPT = SCRIPT.replace(_name, _colour)
 PLACE, ROOT = b"<head>", b'<div id="root">'  # the script follows the one, the bar precedes the other
 STOP_BAR = """<header id="stop-bar">
 <button id="emergency-stop" type="button" aria-keyshortcuts="Escape">Emergency stop <kbd>Esc</kbd></button>

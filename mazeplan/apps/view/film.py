@@ -18,7 +18,7 @@ from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.panel import SIGNS
 from mazeplan.apps.view.story import maze_of, moments
 from mazeplan.core.errors import InputError
-from mazeplan.core.palette import COLOURS
+from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.core.resources import to_install
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.drawing import draw_maze
@@ -96,10 +96,12 @@ class _Picture:
         side.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
         side.set_axis_off()
         rig, seed = header.get("rig", ""), header.get("seed")
-        side.text(0.0, 0.955, f"rig {rig}" + ("" if seed is None else f", seed {seed}"), fontsize=10, color="#555555")
+        side.text(
+            0.0, 0.955, f"rig {rig}" + ("" if seed is None else f", seed {seed}"), fontsize=10, color=INKS["quiet"]
+        )
         reach = MM * maze.walls[0].outer_radius
         self._corner = np.array([-0.86, -0.86]) * reach
-        plan.text(-0.99 * reach, -0.99 * reach, "downhill", fontsize=7.5, color="#555555")
+        plan.text(-0.99 * reach, -0.99 * reach, "downhill", fontsize=7.5, color=INKS["quiet"])
         (self._trail,) = plan.plot([], [], color=COLOURS["real"], linewidth=2.0, alpha=0.5, zorder=5)
         (self._planned,) = plan.plot([], [], color=COLOURS["planned"], linewidth=2.4, zorder=6)
         (self._next,) = plan.plot([], [], "o", color=COLOURS["planned"], fillstyle="none", markersize=15, zorder=7)
@@ -160,7 +162,7 @@ class _Picture:
         for k, text in enumerate(self._rows):
             words, style, active = nodes[k] if k < len(nodes) else ("", "neutral", False)
             text.set_text(words)
-            text.set_color("#8a8a8a" if style == "skipped" else COLOURS[style])
+            text.set_color(INKS[style])
             text.set_fontweight("bold" if active else "normal")
 
 
