@@ -12,6 +12,7 @@ Used by tools/bench_predictability.py.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class Told(MatchedKinematics):
     drift: Array
 
 
-def told_inputs(k: RingKinematics) -> Array:
+def told_inputs(k: RingKinematics, xp: Any = np) -> Array:
     """The local inputs, spin, place, drift, and the sign of the slip at the wall that the ball touches: (N, 15)."""
     assert isinstance(k, Told)
     outer = np.tanh((k.theta_dot + k.spin) / SLIDING) * (k.place > AT_WALL)
