@@ -18,12 +18,13 @@ from mazeplan.behavior.leaf import Context
 from mazeplan.behavior.mistakes import MOST, MOST_KEPT, Unbuilt
 from mazeplan.behavior.never_ticked import never_ticked
 from mazeplan.behavior.node import TreeNode
-from mazeplan.behavior.ports import Key
+from mazeplan.behavior.ports import Key, shown
 from mazeplan.behavior.tree import BehaviorTree, parts_of
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.core.errors import TreeError
 
 MOST_NAMES = 200  # among which a similar one is looked for, which takes its time
+OPERATORS = {word: f"the sign for {word} is {sign}" for word, sign in (("and", "&&"), ("or", "||"), ("not", "!"))}
 SET_BY_THE_RUN = ("goal", "waypoints")  # on the outermost scope, before the first tick
 
 
@@ -127,7 +128,11 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
         told.add(mistake)
         there = names.get(scope, ())
         near = difflib.get_close_matches(key, there, 1) if len(there) <= MOST_NAMES else ()
-        hint = f"did you mean {Key(near[0])}?" if near else f"set are {', '.join(there[:MOST_NAMES]) or 'none'}"
+        hint = (
+            f"did you mean {Key(near[0])}?"
+            if near
+            else OPERATORS.get(key) or f"set are {', '.join(there[:MOST_NAMES]) or 'none'}"
+        )
         inside = f"inside, {use.node.name} reads {Key(use.name)}{use.at}"
         if missing is not None:
             slip = f"; or was {Key(near[0])} meant there?" if near else ""
@@ -162,5 +167,11 @@ def _doubtful_scripts(nodes: Iterable[TreeNode]) -> Iterator[TreeError]:
         for attribute, script in scripts_of(node):
             for name in sorted(script.sets & set(enums)):
                 yield node.wrong(f"{attribute}: sets {name}, but scripts read the enum of that name, {enums[name]}")
-            if script.assigned and (attribute in DECISIONS or isinstance(node, ScriptCondition | Precondition)):
-                yield node.wrong(f"{attribute}: = sets {script.assigned}; did you mean ==?")
+            asks = attribute in DECISIONS or isinstance(node, ScriptCondition | Precondition)
+            if script.assigned and asks:
+                name, sign = script.assigned
+                yield node.wrong(f"{attribute}: {sign} sets {name}; did you mean ==?")
+            if script.idle:
+                yield node.wrong(f"{attribute}: nothing uses the value of {shown(script.idle)}; is && or := missing?")
+            elif not (asks or script.sets):
+                yield node.wrong(f"{attribute}: sets nothing; did you mean :=?")

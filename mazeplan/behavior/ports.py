@@ -33,7 +33,13 @@ def _number(kind: type) -> Any:
     def convert(text: str) -> Any:
         if "_" in text:  # Python's own notation, which no other reader of the format knows
             raise ValueError(text)
-        return kind(text)
+        try:
+            return kind(text)
+        except ValueError:  # 3.0 is a whole number, too
+            number = float(text)
+            if not number.is_integer():
+                raise
+            return kind(number)
 
     return convert
 

@@ -57,7 +57,8 @@ ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ !
 class Script:
     """A script as it was written, ready to run. reads, writes: the names on the blackboard that it uses; sets: those
     that it assigns to by any sign, which `:=` alone makes; constants: the values of those that get nothing else;
-    assigned: a name to which `=` assigns in the last statement, which gives the value."""
+    assigned: a name to which the last statement assigns, which gives the value, and by which sign; idle: the first
+    statement that sets nothing and whose value is lost."""
 
     text: str
     evaluate: Evaluate
@@ -65,7 +66,8 @@ class Script:
     writes: frozenset[str] = frozenset()
     sets: frozenset[str] = frozenset()
     constants: Mapping[str, tuple[Value, ...]] = field(default_factory=dict)
-    assigned: str | None = None
+    assigned: tuple[str, str] | None = None
+    idle: str | None = None
 
     def holds(self, scope: Scope) -> bool:
         """Whether its value is true. Raises ScriptError."""
@@ -91,20 +93,22 @@ def parse_script(text: str) -> Script:
     evaluate = parser.whole()
     reads, writes, sets = (frozenset(names) for names in (parser.reads, parser.writes, parser.sets))
     constants = {name: tuple(values) for name, values in parser.constants.items() if name not in parser.changing}
-    return Script(text, evaluate, reads, writes, sets, constants, parser.assigned)
+    return Script(text, evaluate, reads, writes, sets, constants, parser.assigned, parser.idle)
 
 
 class _Parser:
     """One script, by precedence climbing; each method returns the function of what it has read."""
 
     def __init__(self, text: str) -> None:
-        self._tokens, self._at, self._depth = _tokens(text), 0, 0
+        self._text, self._tokens, self._at, self._depth = text, _tokens(text), 0, 0
         self.reads: set[str] = set()
         self.writes: set[str] = set()
         self.sets: set[str] = set()
         self.constants: dict[str, list[Value]] = {}
         self.changing: set[str] = set()
-        self.assigned: str | None = None
+        self.assigned: tuple[str, str] | None = None
+        self.idle: str | None = None
+        self._assignments = 0
         self._names = 0  # that were read or assigned to
 
     def whole(self) -> Evaluate:
@@ -113,8 +117,10 @@ class _Parser:
             self._unexpected("a script")
         statements = []
         while self._now.kind != "end":
-            self.assigned = None
+            self.assigned, before, begins = None, self._assignments, self._now.column
             statements.append(self._expression(0))
+            if self._now.kind != "end" and self._assignments == before:
+                self.idle = self.idle or self._text[begins - 1 : self._now.column - 1].strip("; ")
             while self._take(";"):
                 pass
         if len(statements) == 1:
@@ -179,7 +185,7 @@ class _Parser:
         before = self._names
         value = self._expression(0)
         self._keep_constant(name, value if self._names == before and sign in (":=", "=") else None)
-        self.assigned = name if sign == "=" else self.assigned
+        self.assigned, self._assignments = (name, sign), self._assignments + 1
         return lambda scope: assigned(scope, name, sign, value)
 
     def _keep_constant(self, name: str, value: Evaluate | None) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.behavior.conditions import CONDITIONS
-from mazeplan.behavior.mistakes import Mistakes
+from mazeplan.behavior.mistakes import EnoughError, Mistakes
 from mazeplan.behavior.ports import Key, one_line, shown
 from mazeplan.core.errors import TreeError
 from mazeplan.core.file_format import advice
@@ -68,6 +68,14 @@ def _format_problem(given: str | None) -> str:
     return problem + advice(None)
 
 
+def _root_problem(root: Element) -> str | None:
+    """Why a file with this root element cannot be read; None: it can."""
+    if root.tag != "root":
+        return f'got <{root.tag}>, expected <root BTCPP_format="4">'
+    given = root.get("BTCPP_format")
+    return None if given == FORMAT else f"BTCPP_format: {_format_problem(given)}"
+
+
 class TreeParts:
     """What stands at the top of a file and of those that it includes. trees: {ID: <BehaviorTree>}; models: {ID of a
     SubTree: {port: default}}, None for a port that has to be given; taken: whether a name is that of a node, which no
@@ -89,6 +97,8 @@ class TreeParts:
                     continue
                 with mistakes:  # an element that has lost its <
                     raise error
+        if _root_problem(self.first.root) is not None or (not self.trees and mistakes.noted):
+            raise EnoughError("enough")  # all that could be said would follow from what was said
         if not self.trees:
             raise mistakes.last(self.error(self.first.root, "", "no <BehaviorTree> in it"))
 
@@ -155,10 +165,9 @@ class TreeParts:
                         yield self.error(element, name, f"{attribute} is ignored here{hint}")
 
     def _read_part(self, root: Element) -> None:
-        if root.tag != "root":
-            raise self.error(root, "", f'got <{root.tag}>, expected <root BTCPP_format="4">')
-        if root.get("BTCPP_format") != FORMAT:
-            raise self.error(root, "", f"BTCPP_format: {_format_problem(root.get('BTCPP_format'))}")
+        problem = _root_problem(root)
+        if problem is not None:
+            raise self.error(root, "", problem)
         with self._mistakes:
             self.known(root, "", ROOT_ATTRIBUTES)
         for element in root:
@@ -181,6 +190,9 @@ class TreeParts:
         name = name or "BehaviorTree"
         if name in self.trees:
             first = self.trees[name]
+            if self.file_of(first) == self.first.file != self.file_of(element):  # a user may not change that one
+                where = f"{self.file_of(element)}:{element.sourceline}"
+                raise self.error(first, name, f"an included file has a tree of this name, too: {where}")
             where = f"{self.file_of(first)}:{first.sourceline}"
             raise self.error(element, name, f"a second tree of this name; the first is at {where}")
         with self._mistakes:

@@ -290,6 +290,14 @@ WARNED = [
     ),
     ('<Replan _skipIf="goal = 3"/>', "_skipIf: = sets goal; did you mean ==?"),
     ('<Replan _while="a := 1; (goal = a)"/>', "_while: = sets goal; did you mean ==?"),
+    ('<Replan _successIf="a := 1"/>', "_successIf: := sets a; did you mean ==?"),
+    ('<Script code="goal == 3"/>', "code: sets nothing; did you mean :=?"),
+    ('<Replan _onSuccess="goal"/>', "_onSuccess: sets nothing; did you mean :=?"),
+    (
+        '<ScriptCondition code="goal == 3 goal == 2"/>',
+        "code: nothing uses the value of 'goal == 3'; is && or := missing?",
+    ),
+    ('<Script code="goal + 1; a := 2"/>', "code: nothing uses the value of 'goal + 1'; is && or := missing?"),
     ('<ScriptCondition code="goal = 3"/>', "code: = sets goal; did you mean ==?"),
     ('<Precondition if="goal = 3"><Replan/></Precondition>', "if: = sets goal; did you mean ==?"),
     (
@@ -502,3 +510,46 @@ def test_two_subtrees_of_one_path_are_refused(content, refused):
         return
     with pytest.raises(TreeError, match=r"<text>:3: .*which has the path of <text>:[234]; expected another"):
         load_tree(text, registry_with(), Still())
+
+
+def test_scripts_that_do_something_are_no_mistake():
+    found = found_in(
+        main('<Sequence><Script code="a := 1 b := (c := a) + 1;"/><ScriptCondition code="b == 2"/></Sequence>')
+    )
+    assert not found.warnings
+    assert not found.errors
+
+
+def test_a_word_for_an_operator_is_answered_with_its_sign():
+    (error,) = found_in(main('<ScriptCondition code="goal == 3 and goal == 2"/>')).errors
+    assert error.problem == "code: nothing sets {and}; the sign for and is &&"
+
+
+def test_a_file_of_another_format_has_one_mistake():
+    for head in ('<root BTCPP_format="3">', "<root>", "<Main>"):
+        text = f'{head}<BehaviorTree ID="Main"><Replan/></BehaviorTree></{head[1:5]}>'
+        (error,) = check_file(text, registry_with(()), Still()).errors
+        assert error.line == 1
+
+
+def test_a_tree_with_the_name_of_an_included_one_is_a_mistake_of_the_file_itself(tmp_path):
+    (tmp_path / "other.xml").write_text(HEAD + '<BehaviorTree ID="Leg"><Replan/></BehaviorTree></root>')
+    own = tmp_path / "own.xml"
+    own.write_text(
+        HEAD
+        + '<include path="other.xml"/>\n<BehaviorTree ID="Leg"><Replan/></BehaviorTree>\n'
+        + main("<Replan/>")
+        + "</root>"
+    )
+    (error,) = check_file(str(own), registry_with(()), Still()).errors
+    assert (error.file, error.line) == (own, 3)
+    assert error.problem == f"an included file has a tree of this name, too: {tmp_path / 'other.xml'}:2"
+
+
+def test_a_whole_number_may_be_written_with_a_point():
+    lines = '<SetBlackboard value="3.0" output_key="r"/><Settle ring="3.0"/><Settle ring="{r}"/>'
+    tree = load_tree(HEAD + main(f"<Sequence>{lines}</Sequence>") + "</root>", registry_with(()), Still())
+    settle = [node for node in tree.nodes() if type(node).__name__ == "Settle"]
+    assert settle[0].get("ring") == 3
+    (error,) = found_in(main('<Settle ring="3.5"/>')).errors
+    assert error.problem.startswith("ring: got '3.5', expected ")
