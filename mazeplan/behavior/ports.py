@@ -45,6 +45,10 @@ def _number(kind: type) -> Any:
 
 
 CONVERSIONS: dict[type, Any] = {int: _number(int), float: _number(float), str: str, bool: _boolean, list: _words}
+WORDS: dict[type, str] = {
+    int: "a whole number", float: "a finite number", bool: "true or false", list: "words separated by ;", str: "text",
+}  # fmt: skip
+PLAIN = (str, Real, list, tuple, type, type(None), _Required)
 INSTANCES: dict[type, Any] = {int: Integral, float: Real, bool: bool, list: list | tuple}  # str: any object at all
 
 
@@ -80,7 +84,7 @@ class Port:
             return several + (", ".join(map(str, allowed)) or f"the map's {self.choices}, of which it has none")
         bounds = ((">=", self.least), ("<=", self.most))
         said = " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
-        return " ".join(filter(None, (self.type.__name__, said))) + (", finite" if self.type is float else "")
+        return f"{WORDS[self.type]} {said}".rstrip()
 
     def allowed(self, context: Any = None) -> tuple[Any, ...] | None:
         """The values to choose from; None: any, or nobody knows without a map."""
@@ -167,8 +171,8 @@ class Key:
 
 
 def shown(value: Any, most: int = 60) -> str:
-    """A value for an error: its repr, cut where it is long."""
-    text = repr(value)
+    """A value for an error: its repr, cut where it is long; of an object its kind."""
+    text = repr(value) if isinstance(value, PLAIN) else f"an object of the kind {type(value).__name__}"
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 

@@ -208,8 +208,12 @@ def test_a_wrong_value_that_a_subtree_gives_is_told_at_the_call_once():
     call = '<SubTree ID="Leg" ring="2.5"/>'
     found = found_in(main(f'<Sequence>{call}\n<SubTree ID="Pass" gate="ring 1"/></Sequence>'), leg, PASS, DEEP)
     assert [(e.line, e.key, e.problem) for e in found.errors] == [
-        (2, "Main/Sequence/Leg", "ring: got 2.5, expected int; inside, Settle reads {ring} at <text>:4"),
-        (3, "Main/Sequence/Pass", "gate: got 'ring 1', expected int; inside, Settle reads {ring} at <text>:4"),
+        (2, "Main/Sequence/Leg", "ring: got 2.5, expected a whole number; inside, Settle reads {ring} at <text>:4"),
+        (
+            3,
+            "Main/Sequence/Pass",
+            "gate: got 'ring 1', expected a whole number; inside, Settle reads {ring} at <text>:4",
+        ),
         (4, "Main/Sequence/Leg/Sequence/Deep", "hold is missing: inside, Settle reads {hold} at <text>:6"),
     ]
 
@@ -359,19 +363,23 @@ class OnTheMap(Still):
 
 
 CONSTANTS = [
-    ('<SetBlackboard value="soon" output_key="d"/>', "hold_s", "value: got 'soon' for {d}, expected float >= 0"),
-    ("<Script code=\"d := 'long'\"/>", "hold_s", "code: got 'long' for {d}, expected float >= 0"),
-    ('<Script code="d := -(1 + 2)"/>', "hold_s", "code: got -3.0 for {d}, expected float >= 0"),
-    ("<Replan _onSuccess=\"d := 'long'\"/>", "hold_s", "_onSuccess: got 'long' for {d}, expected float >= 0"),
+    (
+        '<SetBlackboard value="soon" output_key="d"/>',
+        "hold_s",
+        "value: got 'soon' for {d}, expected a finite number >= 0",
+    ),
+    ("<Script code=\"d := 'long'\"/>", "hold_s", "code: got 'long' for {d}, expected a finite number >= 0"),
+    ('<Script code="d := -(1 + 2)"/>', "hold_s", "code: got -3.0 for {d}, expected a finite number >= 0"),
+    ("<Replan _onSuccess=\"d := 'long'\"/>", "hold_s", "_onSuccess: got 'long' for {d}, expected a finite number >= 0"),
 ]
 
 
 @pytest.mark.parametrize(("setter", "port", "said"), CONSTANTS)
 def test_a_constant_that_the_port_which_reads_it_refuses_is_told_where_it_is_set(setter, port, said):
     (error,) = found_in(main(f'<Sequence>{setter}\n<Settle ring="1" {port}="{{d}}"/></Sequence>')).errors
-    assert (error.line, error.problem.partition(", finite; ")) == (
+    assert (error.line, error.problem.partition("; ")) == (
         2,
-        (said, ", finite; ", "Settle reads {d} at <text>:3"),
+        (said, "; ", "Settle reads {d} at <text>:3"),
     )
 
 

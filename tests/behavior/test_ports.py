@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pytest
 from py_trees.common import Status
 
@@ -12,7 +13,7 @@ from mazeplan.apps.report.tree_picture import save_tree_picture
 from mazeplan.behavior.groot_palette import write_palette
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.outline import tree_text
-from mazeplan.behavior.ports import REQUIRED, Port
+from mazeplan.behavior.ports import REQUIRED, Port, shown
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core.errors import TreeError
 
@@ -107,7 +108,7 @@ def test_the_type_is_kept_through_two_subtrees(tmp_path):
     tree, run = load(tmp_path, '<SubTree ID="S" n="7"/>', more)
     tree.tick()
     assert run.seen[0][0] == 7
-    with pytest.raises(TreeError, match=r"Main/S: n: got -7, expected int >= 0; inside, Take reads \{m\}"):
+    with pytest.raises(TreeError, match=r"Main/S: n: got -7, expected a whole number >= 0; inside, Take reads \{m\}"):
         load(tmp_path, '<SubTree ID="S" n="-7"/>', more)
 
 
@@ -123,14 +124,14 @@ def test_objects_and_numbers_from_the_program_pass(tmp_path):
 @pytest.mark.parametrize(
     ("port", "value", "said"),
     [
-        ("number", "two", "number: got 'two' from {k}, expected int >= 0"),
-        ("number", -1, "number: got -1 from {k}, expected int >= 0"),
-        ("number", 1.5, "number: got 1.5 from {k}, expected int"),
-        ("number", True, "number: got True from {k}, expected int"),
-        ("real", float("nan"), "real: got nan from {k}, expected float"),
-        ("real", None, "real: got None from {k}, expected float"),
-        ("flag", 2, "flag: got 2 from {k}, expected bool"),
-        ("words", object, "words: got <class 'object'> from {k}, expected list"),
+        ("number", "two", "number: got 'two' from {k}, expected a whole number >= 0"),
+        ("number", -1, "number: got -1 from {k}, expected a whole number >= 0"),
+        ("number", 1.5, "number: got 1.5 from {k}, expected a whole number"),
+        ("number", True, "number: got True from {k}, expected a whole number"),
+        ("real", float("nan"), "real: got nan from {k}, expected a finite number"),
+        ("real", None, "real: got None from {k}, expected a finite number"),
+        ("flag", 2, "flag: got 2 from {k}, expected true or false"),
+        ("words", object, "words: got <class 'object'> from {k}, expected words separated by ;"),
     ],
 )
 def test_a_value_of_the_wrong_type_is_an_error_at_the_node(tmp_path, port, value, said):
@@ -250,3 +251,9 @@ def test_palette_has_the_types_of_the_format():
         "text": "std::string", "to": "std::string",
     }  # fmt: skip
     assert [ports[name].get("default") for name in ("flag", "words", "thing", "text")] == ["true", "a;b", None, None]
+
+
+def test_an_object_is_shown_by_its_kind():
+    assert shown(object()) == "an object of the kind object"
+    for value in ("a", 2.5, None, [1], np.int64(3), dict):
+        assert shown(value) == repr(value)

@@ -77,7 +77,9 @@ def test_the_packaged_trees_have_their_models_as_they_would_be_written(call, tmp
 
 
 def test_a_file_that_is_none_or_no_utf_8_is_refused(refused, tmp_path):
-    assert "--into: got no file" in refused("behavior", "palette", "--into", "navigate")
+    assert "--into: navigate: no such file; expected the XML file of a tree" in refused(
+        "behavior", "palette", "--into", "navigate"
+    )
     latin = f'<?xml version="1.0" encoding="latin-1"?>{HEAD}<!-- \xe9 -->{TREE}{SUB}{MODEL}</root>'
     (tmp_path / "tree.xml").write_bytes(latin.encode("latin-1"))
     assert "that is not UTF-8" in refused("behavior", "palette", "--into", tmp_path / "tree.xml")

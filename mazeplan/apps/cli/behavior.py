@@ -260,8 +260,13 @@ def palette(
     registry = registry_with(behavior_module or ())
     leaves = registry.usable(_report_unusable)
     if into is not None:
-        write_text(into, renewed(_tree_text(into, behavior_module), leaves, registry.of_modules))
-        say(f"wrote the leaves into {into}")
+        before = _tree_text(into, behavior_module)
+        after = renewed(before, leaves, registry.of_modules)
+        if after == before:
+            say(f"{into} has all the leaves that it uses")
+        else:
+            write_text(into, after)
+            say(f"wrote the leaves into {into}")
         return
     text = write_palette(leaves)
     if output is None:
@@ -274,9 +279,9 @@ def palette(
 def _tree_text(file: Path, modules: list[str] | None) -> str:
     """The text of a tree's file, with its ends of lines. Raises InputError, also for a tree with mistakes."""
     if not file.is_file():
-        raise InputError("--into: got no file, expected that of a tree", file=file)
+        raise InputError("no such file; expected the XML file of a tree", file=file)
     _load(str(file.absolute()), modules)
     try:
         return file.read_bytes().decode()
     except UnicodeDecodeError:
-        raise InputError("--into: got text that is not UTF-8, which alone is written", file=file) from None
+        raise InputError("got text that is not UTF-8; expected UTF-8", file=file) from None
