@@ -26,6 +26,7 @@ from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.tree_parts import ATTRIBUTES, ELSEWHERE, EXPLICIT, Element, Part, TreeParts, literal
 from mazeplan.core.errors import InputError, MazeplanError, TreeError
+from mazeplan.core.resources import share
 from mazeplan.core.user_modules import reason
 
 MAX_DEPTH = 60  # nodes on one path, subtrees included
@@ -299,9 +300,9 @@ class Builder:
         """A SubTree with its scope: {key} is remapped, anything else is a literal of the scope."""
         tree = attributes.pop("ID", "")
         if tree not in self.files.trees:
-            raise self.files.error(
-                element, path, f"SubTree: got {shown(tree)}, expected one of {', '.join(self.files.trees)}"
-            )
+            got = f"got {shown(tree)}" if tree else "ID is missing"
+            problem = f"SubTree: {got}, expected one of {', '.join(self.files.trees)}{_where_packaged(tree)}"
+            raise self.files.error(element, path, problem)
         if tree in use.trees:
             cycle = frozenset(use.trees[use.trees.index(tree) :])
             if cycle in self._cycles:  # told where it was entered by another of its trees
@@ -358,3 +359,11 @@ class Builder:
                 raise self.files.error(element, path, f"{port} is missing, which its model in TreeNodesModel asks for")
             given[port] = self.files.key(element, path, port, default) or literal(default)
         return given
+
+
+def _where_packaged(tree: str) -> str:
+    """What to add to a file so that it has a packaged tree; nothing for any other tree."""
+    for file in sorted(share("behaviors").glob("*.xml")):
+        if f'<BehaviorTree ID="{tree}"' in file.read_text(encoding="utf-8"):
+            return f'; for the packaged one add <include path="{file.name}"/>'
+    return ""

@@ -561,3 +561,12 @@ def test_a_whole_number_may_be_written_with_a_point():
     assert settle[0].get("ring") == 3
     (error,) = found_in(main('<Settle ring="3.5"/>')).errors
     assert error.problem.startswith("ring: got '3.5', expected ")
+
+
+def test_a_subtree_that_is_not_there_is_answered_with_what_to_do():
+    (error,) = found_in(main('<SubTree ID="Travel" goal="3"/>')).errors
+    assert error.problem.endswith(
+        "got 'Travel', expected one of Main; for the packaged one add <include path=\"navigate.xml\"/>"
+    )
+    (error,) = found_in(main("<SubTree/>")).errors
+    assert error.problem == "SubTree: ID is missing, expected one of Main"
