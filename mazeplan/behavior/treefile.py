@@ -107,6 +107,7 @@ def nodes_named(source: str | Path) -> set[str]:
     return {str(e.get("ID", "")) if e.tag in EXPLICIT else str(e.tag) for e in elements}
 
 
+WRITTEN = (("EntityRef", "&", "&amp;"), ("Unescaped '<'", "<", "&lt;"))  # by words of the parser's messages
 EXPECTED = 'a behaviour tree (XML, <root BTCPP_format="4">)'
 
 
@@ -145,7 +146,8 @@ def _parse(path: Path, data: bytes) -> Part:
         if "Excessive depth" in str(problem.msg):  # of the parser, which gives up far deeper
             raise TreeError(f"more than {MAX_DEPTH} levels of nesting", file=path, line=problem.lineno) from None
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
-        raise TreeError(f"not XML: {one_line(message)}", file=path, line=problem.lineno) from None
+        hint = next((f"; in XML {sign} is written {word}" for start, sign, word in WRITTEN if start in message), "")
+        raise TreeError(f"not XML: {one_line(message)}{hint}", file=path, line=problem.lineno) from None
     if root.getroottree().docinfo.doctype:  # one in an encoding in which it does not look like ASCII
         raise TreeError("document types and entities are not allowed", file=path)
     return Part(root, path, tuple(_stray_text(data)))

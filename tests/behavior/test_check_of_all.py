@@ -570,3 +570,11 @@ def test_a_subtree_that_is_not_there_is_answered_with_what_to_do():
     )
     (error,) = found_in(main("<SubTree/>")).errors
     assert error.problem == "SubTree: ID is missing, expected one of Main"
+
+
+@pytest.mark.parametrize(
+    ("code", "hint"), [("a && b", "in XML & is written &amp;"), ("a < 2", "in XML < is written &lt;")]
+)
+def test_a_sign_that_xml_takes_for_its_own_is_answered_with_how_it_is_written(code, hint):
+    with pytest.raises(TreeError, match=f"{hint}$"):
+        found_in(main(f'<ScriptCondition code="{code}"/>'))
