@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from mazeplan.apps.cli import calibrate_options as own
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.calibrate_camera import camera
 from mazeplan.apps.cli.output import free_name, print_json, say
@@ -27,9 +28,9 @@ app.command("camera")(camera)
 @app.command("tilt")
 def tilt(
     rig: opt.RigFileName = "hardware",
-    readings: opt.Readings = None,
-    keep: opt.Keep = None,
-    grid: opt.Grid = 7,
+    readings: own.Readings = None,
+    keep: own.Keep = None,
+    grid: own.Grid = 7,
     map_: opt.Map = "cme",
     dry_run: opt.DryRun = False,
     force: opt.Force = False,

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mazeplan.apps.cli import calibrate_options as own
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import check_new, print_json, say
 from mazeplan.core.errors import InputError, SettingsError
@@ -25,13 +26,13 @@ PLATES, BOARDS = 20, 40  # frames of the empty plate and of the chessboard, from
 
 def camera(
     rig: opt.RigFileName = "hardware",
-    boards: opt.Boards = None,
-    plate: opt.Plate = None,
-    corners: opt.Corners = "9x6",
-    square_mm: opt.SquareMm = 20.0,
-    circles: opt.Circles = False,
+    boards: own.Boards = None,
+    plate: own.Plate = None,
+    corners: own.Corners = "9x6",
+    square_mm: own.SquareMm = 20.0,
+    circles: own.Circles = False,
     map_: opt.Map = "cme",
-    marker_sheet: opt.Sheet = None,
+    marker_sheet: own.Sheet = None,
     dry_run: opt.DryRun = False,
     force: opt.Force = False,
     as_json: opt.AsJson = False,
