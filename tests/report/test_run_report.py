@@ -24,6 +24,7 @@ from mazeplan.apps.report.run_record import (
     theta_lines,
     visits,
 )  # fmt: skip
+from mazeplan.apps.report.words import setup_facts
 from mazeplan.core.errors import LogError
 from mazeplan.core.events import RingEntered, TimedEvent
 from mazeplan.core.logs.run_log import STATUSES, RunLogWriter, read_log
@@ -233,3 +234,8 @@ def test_of_an_old_log_who_commanded(tmp_path):
 def test_names_are_as_short_as_they_can_be():
     bars = [Bar(path, "R", 0.0, 1.0) for path in ("a/x/Wait", "a/y/Wait", "a/y/Go")]
     assert labels(bars) == {"a/x/Wait": "x / Wait", "a/y/Wait": "y / Wait", "a/y/Go": "Go"}
+
+
+def test_the_rings_on_the_way_are_named():
+    facts = dict(setup_facts({"start_ring": 1, "via_rings": [3, 2, 3], "goal_ring": 5}))
+    assert facts == {"from ring": "1", "by way of rings": "3, 2, 3", "to ring": "5"}

@@ -35,8 +35,8 @@ CANDIDATES = {
 }  # fmt: skip
 SETUP = {
     "rig": "rig", "map_name": "map", "model": "model", "behavior": "behaviour tree", "seed": "seed",
-    "start_ring": "from ring", "goal_ring": "to ring", "time_limit_s": "time limit", "version": "mazeplan",
-    "platform": "machine",
+    "start_ring": "from ring", "via_rings": "by way of rings", "goal_ring": "to ring",
+    "time_limit_s": "time limit", "version": "mazeplan", "platform": "machine",
 }  # fmt: skip
 _NAME = re.compile(r"\b[a-z]+(?:_[a-z]+)+\b")
 _SPOKEN = {"theta_dd": "angular acceleration", "theta_ddot": "angular acceleration", "theta_dot": "angular speed"}
@@ -125,7 +125,7 @@ def setup_facts(setup: Mapping[str, Any], seed: str = "seed") -> list[tuple[str,
     for name, label in SETUP.items():
         value = setup.get(name)
         if value not in (None, "") and value == value:  # not NaN
-            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            shown = f"{value:g}" if isinstance(value, float) else str(value).strip("[]")
             facts.append((seed if name == "seed" else label, f"{shown} s" if name.endswith("_s") else shown))
     return facts
 
