@@ -61,7 +61,7 @@ def check_film(path: Path) -> None:
         raise InputError(f"got {path.name}, expected a name that ends in {' or '.join(SUFFIXES)}")
     if path.suffix.lower() == ".mp4":
         try:
-            import cv2  # noqa: F401
+            import cv2  # noqa: F401  only to see whether it loads
         except ImportError:
             raise InputError(f"an .mp4 needs OpenCV: {to_install('hardware')}; a .gif does not", file=path) from None
 
