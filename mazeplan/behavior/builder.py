@@ -338,9 +338,9 @@ class Builder:
         own = f"{tree}::{self._count}" if given is None else given
         here = f"{use.path}/{own}" if use.path else own
         if here in self._subtrees:
-            first = self._subtrees[here]
-            where = "the main tree" if first is None else f"{self.files.file_of(first)}:{first.sourceline}"
-            problem = f"name: got {shown(given)}, which has the path of {where}; expected another name, or none"
+            first, expected = self._subtrees[here], "expected another name, or none"
+            where = "the main tree" if first is None else f"SubTree at {self.files.file_of(first)}:{first.sourceline}"
+            problem = f"name: got {shown(given)}, but {where} has the same path in the tree; {expected}"
             raise self.files.error(element, path, problem)
         self._subtrees[here] = element
         return _Use((*use.trees, tree), here)

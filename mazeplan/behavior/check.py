@@ -127,9 +127,10 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
             continue
         told.add(mistake)
         there = names.get(scope, ())
-        near = difflib.get_close_matches(key, there, 1) if len(there) <= MOST_NAMES else ()
+        enums = [*use.node.board.enums] if use.attribute in dict(scripts_of(use.node)) else []
+        near = difflib.get_close_matches(key, [*there, *enums], 1) if len(there) + len(enums) <= MOST_NAMES else ()
         hint = (
-            f"did you mean {Key(near[0])}?"
+            f"did you mean {near[0] if near[0] in enums else Key(near[0])}?"
             if near
             else OPERATORS.get(key) or f"set are {', '.join(there[:MOST_NAMES]) or 'none'}"
         )

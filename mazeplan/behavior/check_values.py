@@ -8,7 +8,7 @@ from typing import Any
 
 from mazeplan.behavior.builtin_leaves import SetBlackboard
 from mazeplan.behavior.choices import SWITCHES, IfThenElse, ManualSelector, WhileDoElse
-from mazeplan.behavior.conditions import DECISIONS, ON_HALTED
+from mazeplan.behavior.conditions import DECISIONS, ENDINGS, ON_HALTED, POST
 from mazeplan.behavior.controls import Parallel, ParallelAll, TryCatch
 from mazeplan.behavior.decorators import (
     Delay,
@@ -30,11 +30,13 @@ from mazeplan.behavior.ports import Key, shown
 from mazeplan.behavior.tree import parts_of
 from mazeplan.core.errors import TreeError
 
-TICK_THE_FIRST = (*FALLBACKS, IfThenElse, WhileDoElse, Parallel, ParallelAll, TryCatch)
+IN_ORDER = (*FALLBACKS, Parallel, ParallelAll)
+TICK_THE_FIRST = (*IN_ORDER, IfThenElse, WhileDoElse, TryCatch)
 TICK_ALL = (
     *SEQUENCES, SubTree, Inverter, ForceSuccess, ForceFailure, Repeat, RetryUntilSuccessful, Timeout, Delay, RunOnce,
     KeepRunningUntilFailure,
 )  # fmt: skip
+STOP = (*SEQUENCES, SubTree, Repeat, RetryUntilSuccessful, Timeout, Delay, RunOnce)  # fail as their child does
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def _refused(source: _Source, value: Any, reader: Use) -> TreeError:
 
 
 def read_before_set(reads: Iterable[Use], writes: Iterable[Use], given: Set[Home]) -> Iterator[TreeError]:
-    """A remark at the first node that reads a key, where that comes in a Sequence before all that set it; `reads` and
+    """A remark at the first node that reads a key, where that always comes before all that set it; `reads` and
     `writes`: parents before children. given: keys that have a value from elsewhere."""
     first, setters = dict[Home, Use](), dict[Home, list[Use]]()
     for use in reads:
@@ -127,37 +129,56 @@ def read_before_set(reads: Iterable[Use], writes: Iterable[Use], given: Set[Home
         setters.setdefault(use.home, []).append(use)
     for home, use in first.items():
         found = setters.get(home, ())
-        if found and home not in given and all(_before(use, setter.node) for setter in found):
-            yield use.node.wrong(
-                f"{use.attribute}: reads {Key(use.name)}, which {found[0].node.name}{found[0].at} sets later"
-            )
+        if found and home not in given and all(_before(use, setter) for setter in found):
+            setter = found[0].node
+            later = "it sets itself, later" if setter is use.node else f"{setter.name}{found[0].at} sets later"
+            yield use.node.wrong(f"{use.attribute}: reads {Key(use.name)}, which {later}")
 
 
 def _may_miss(use: Use) -> bool:
-    """Whether the node at hand takes a key that was never set as it is."""
+    """Whether the node at hand takes a key that was never set, or does not read it every time."""
     node, port = use.node, use.attribute
+    script = dict(scripts_of(node)).get(port)
+    if script is not None:
+        return use.name not in script.needs
     return port in node.ports and (
         isinstance(node, (*SWITCHES, ManualSelector)) or port == NAMES.get(type(node).__name__)
     )
 
 
-def _before(use: Use, setter: TreeNode) -> bool:
-    """Whether a key is read before a node sets it, whatever happens: a Sequence has both in this order, and ticks the
-    reader."""
+def _turn(use: Use) -> int:
+    """When a node comes to one of its attributes: with its preconditions, when it is ticked, or when it ends."""
+    return 0 if use.attribute in DECISIONS else 2 if use.attribute in (*ENDINGS, ON_HALTED, POST) else 1
+
+
+def _before(use: Use, setter: Use) -> bool:
+    """Whether a key is read before a node sets it, whatever happens."""
+    if setter.node is use.node:  # of one script this holds by itself
+        same = use.attribute == setter.attribute and use.attribute in dict(scripts_of(use.node))
+        return same or _turn(use) < _turn(setter)
     above = dict[int, TreeNode]()  # {node above the setter, or itself: its part of the way}
-    part: Any = setter
+    part: Any = setter.node
     while part is not None:
         above[id(part.parent)] = part
         part = part.parent
+    if id(use.node) in above:
+        return _turn(use) < 2
     child: Any = use.node
+    at_once = stops = True  # nothing is ticked before the reader; or what fails there ends all up to here
     while child.parent is not None:
         given = () if child.conditions is None else child.conditions.given
         if (child is not use.node or use.attribute not in DECISIONS) and any(name in DECISIONS for name in given):
             return False
         parent, parts = child.parent, parts_of(child.parent)
+        first = parts[0] is child
         if id(parent) in above:
-            return isinstance(parent, SEQUENCES) and parts.index(child) < parts.index(above[id(parent)])
-        if not isinstance(parent, TICK_ALL) and not (isinstance(parent, TICK_THE_FIRST) and parts[0] is child):
+            if parts.index(child) >= parts.index(above[id(parent)]):
+                return False
+            if isinstance(parent, SEQUENCES):
+                return at_once or stops
+            return at_once and isinstance(parent, TICK_THE_FIRST if first else IN_ORDER)
+        if not (isinstance(parent, TICK_ALL) or (isinstance(parent, TICK_THE_FIRST) and first)):
             return False
+        at_once, stops = at_once and first, stops and isinstance(parent, STOP)
         child = parent
     return False

@@ -104,4 +104,5 @@ def _uses(node: TreeNode) -> Iterator[tuple[str, str, bool]]:
             yield attribute, str(value), True
     for attribute, script in scripts_of(node):
         yield from ((attribute, name, True) for name in sorted(script.writes))
-        yield from ((attribute, name, False) for name in sorted(script.reads - set(node.board.enums) - script.writes))
+        read = (script.reads - script.writes) | script.needs
+        yield from ((attribute, name, False) for name in sorted(read - set(node.board.enums)))

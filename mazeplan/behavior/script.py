@@ -55,8 +55,9 @@ ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ !
 
 @dataclass(frozen=True)
 class Script:
-    """A script as it was written, ready to run. reads, writes: the names on the blackboard that it uses; sets: those
-    that it assigns to by any sign, which `:=` alone makes; constants: the values of those that get nothing else;
+    """A script as it was written, ready to run. reads, writes: the names on the blackboard that it uses; needs: those
+    that it always reads, and before it makes them; sets: those that it assigns to by any sign, which `:=` alone makes;
+    constants: the values of those that get nothing else;
     assigned: a name to which the last statement assigns, which gives the value, and by which sign; idle: the first
     statement that sets nothing and whose value is lost."""
 
@@ -64,6 +65,7 @@ class Script:
     evaluate: Evaluate
     reads: frozenset[str] = frozenset()
     writes: frozenset[str] = frozenset()
+    needs: frozenset[str] = frozenset()
     sets: frozenset[str] = frozenset()
     constants: Mapping[str, tuple[Value, ...]] = field(default_factory=dict)
     assigned: tuple[str, str] | None = None
@@ -91,9 +93,10 @@ def parse_script(text: str) -> Script:
         raise ScriptError(f"got {len(text)} characters, expected at most {MAX_LENGTH}")
     parser = _Parser(text)
     evaluate = parser.whole()
-    reads, writes, sets = (frozenset(names) for names in (parser.reads, parser.writes, parser.sets))
+    found = (parser.reads, parser.writes, parser.needs, parser.sets)
+    reads, writes, needs, sets = (frozenset(names) for names in found)
     constants = {name: tuple(values) for name, values in parser.constants.items() if name not in parser.changing}
-    return Script(text, evaluate, reads, writes, sets, constants, parser.assigned, parser.idle)
+    return Script(text, evaluate, reads, writes, needs, sets, constants, parser.assigned, parser.idle)
 
 
 class _Parser:
@@ -103,6 +106,7 @@ class _Parser:
         self._text, self._tokens, self._at, self._depth = text, _tokens(text), 0, 0
         self.reads: set[str] = set()
         self.writes: set[str] = set()
+        self.needs: set[str] = set()
         self.sets: set[str] = set()
         self.constants: dict[str, list[Value]] = {}
         self.changing: set[str] = set()
@@ -110,6 +114,8 @@ class _Parser:
         self.idle: str | None = None
         self._assignments = 0
         self._names = 0  # that were read or assigned to
+        self._made: set[str] = set()
+        self._branches = 0  # of ?: around what is read now
 
     def whole(self) -> Evaluate:
         """All statements; the value is that of the last one."""
@@ -184,6 +190,8 @@ class _Parser:
         self._names += 1
         before = self._names
         value = self._expression(0)
+        if sign == ":=":
+            self._made.add(name)
         self._keep_constant(name, value if self._names == before and sign in (":=", "=") else None)
         self.assigned, self._assignments = (name, sign), self._assignments + 1
         return lambda scope: assigned(scope, name, sign, value)
@@ -198,10 +206,12 @@ class _Parser:
 
     def _choice(self, condition: Evaluate) -> Evaluate:
         self._at += 1
+        self._branches += 1
         then = self._expression(0)
         if not self._take(":"):
             self._unexpected("an operator or :")
         other = self._expression(4)
+        self._branches -= 1
         return lambda scope: (then if chosen(condition(scope), scope) else other)(scope)
 
     def _comparison(self, left: Evaluate) -> Evaluate:
@@ -244,6 +254,8 @@ class _Parser:
         if token.kind == "name" and token.text not in TRUTHS:
             self.reads.add(token.text)
             self._names += 1
+            if self._now.text != ":=" and not self._branches and token.text not in self._made:
+                self.needs.add(token.text)
             return lambda scope: value_of(token.text, scope)
         value = TRUTHS[token.text] if token.kind == "name" else _literal(token)
         return lambda scope: value

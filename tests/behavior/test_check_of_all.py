@@ -9,7 +9,8 @@ from commands import call as run_command
 from tree_checks import HEAD, Still, found_in, lines_of, main
 
 from mazeplan.behavior.check import check_file
-from mazeplan.behavior.own_nodes import registry_with
+from mazeplan.behavior.own_nodes import Registry, registry_with
+from mazeplan.behavior.registry import REGISTRY
 from mazeplan.behavior.treefile import load_tree
 from mazeplan.core.errors import TreeError
 
@@ -266,7 +267,9 @@ def test_two_subtrees_of_one_path_are_refused(content, refused):
     if not refused:
         assert load_tree(text, registry_with(), Still()).name == "Main"
         return
-    with pytest.raises(TreeError, match=r"<text>:3: .*which has the path of <text>:[234]; expected another"):
+    with pytest.raises(
+        TreeError, match=r"<text>:3: .*but SubTree at <text>:[234] has the same path in the tree; expected"
+    ):
         load_tree(text, registry_with(), Still())
 
 
@@ -281,6 +284,14 @@ def test_scripts_that_do_something_are_no_mistake():
 def test_a_word_for_an_operator_is_answered_with_its_sign():
     (error,) = found_in(main('<ScriptCondition code="goal == 3 and goal == 2"/>')).errors
     assert error.problem == "code: nothing sets {and}; the sign for and is &&"
+
+
+def test_a_slip_in_the_name_of_an_enum_is_answered_with_the_enum():
+    registry, text = Registry(REGISTRY, {"BLUE": 1}), HEAD + main("{}") + "</root>"
+    (error,) = check_file(text.format('<ScriptCondition code="goal == BLEU"/>'), registry, Still()).errors
+    assert error.problem == "code: nothing sets {BLEU}; did you mean BLUE?"
+    (error,) = check_file(text.format('<InRing ring="{BLEU}"/>'), registry, Still()).errors  # no script
+    assert "BLUE" not in error.problem
 
 
 def test_a_file_of_another_format_has_one_mistake():

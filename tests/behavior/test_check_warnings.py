@@ -69,6 +69,23 @@ WARNED = [
         '<Sequence><Replan _skipIf="a == 1"/><SubTree ID="Out" found="{a}"/></Sequence>',
         "_skipIf: reads {a}, which Script at <text>:4 sets later",
     ),
+    (
+        '<Fallback><InRing ring="{a}"/><Script code="a := 1"/></Fallback>',
+        "ring: reads {a}, which Script at <text>:2 sets later",
+    ),
+    (
+        '<Parallel success_count="1" failure_count="1"><InRing ring="{a}"/><Script code="a := 1"/></Parallel>',
+        "ring: reads {a}, which Script at <text>:2 sets later",
+    ),
+    (
+        '<Sequence><Sequence><Replan/><InRing ring="{a}"/></Sequence><Script code="a := 1"/></Sequence>',
+        "ring: reads {a}, which Script at <text>:2 sets later",
+    ),
+    ('<Sequence _skipIf="a == 1"><Script code="a := 1"/></Sequence>', "_skipIf: reads {a}, which Script at <text>:2"),
+    ('<Repeat num_cycles="{a}"><Script code="a := 1"/></Repeat>', "num_cycles: reads {a}, which Script at <text>:2"),
+    ('<Script code="v := v + 1"/>', "code: reads {v}, which it sets itself, later"),
+    ('<Script code="v := 1" _skipIf="v == 1"/>', "_skipIf: reads {v}, which it sets itself, later"),
+    ('<Script code="b := a; a := 1"/>', "code: reads {a}, which it sets itself, later"),
 ]
 QUIET = [
     '<SubTree ID="Leg" ring="{goal}"/>',
@@ -96,7 +113,14 @@ QUIET = [
     '<Sequence><Replan _skipIf="goal == 1" _onSuccess="b := a"/><Script code="a := 1"/></Sequence>',
     '<Sequence><Script code="a := 1"/><InRing ring="{a}"/><Script code="a := 2"/></Sequence>',
     '<Sequence><Fallback><Replan/><InRing ring="{a}"/></Fallback><Script code="a := 1"/></Sequence>',
-    '<Fallback><InRing ring="{a}"/><Script code="a := 1"/></Fallback>',  # told when it is ticked
+    '<Fallback><Sequence><Replan/><InRing ring="{a}"/></Sequence><Script code="a := 1"/></Fallback>',
+    '<Sequence><ForceSuccess><Sequence><Replan/><InRing ring="{a}"/></Sequence></ForceSuccess>'
+    '<Script code="a := 1"/></Sequence>',
+    '<Switch2 variable="{goal}" case_1="1" case_2="2"><InRing ring="{a}"/><Script code="a := 1"/><Replan/></Switch2>',
+    '<Script code="a := 1; a := a + 1"/>',
+    '<Script code="b := goal == 1 ? a : 2; a := b"/>',
+    '<Replan _skipIf="goal == 1" _onSuccess="b := a" _onFailure="a := 1"/>',
+    '<Script code="b := a" _skipIf="a := 1; goal == 1"/>',
     '<Sequence><SkipUnlessUpdated entry="{a}"><Replan/></SkipUnlessUpdated><Script code="a := 1"/></Sequence>',
     '<Sequence><Script code="d := 1"/><Settle ring="1" hold_s="{d}"/></Sequence>',
     '<Sequence><SetBlackboard value="0.5" output_key="d"/><Settle ring="1" hold_s="{d}"/></Sequence>',
