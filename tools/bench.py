@@ -37,6 +37,7 @@ from bench_growth import growth_section
 from bench_gym import gym_section
 from bench_improve import improve_section
 from bench_learning import learning_section
+from bench_memory import memory_section
 from bench_models import collect_toy, measured_section, toy_section, training_section
 from bench_moves import moves_section
 from bench_neural import neural_section
@@ -226,7 +227,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
     "firmware": firmware_section, "supply": supply_section,
-    "growth": growth_section, "realtime": realtime_section,
+    "growth": growth_section, "realtime": realtime_section, "memory": memory_section,
 }  # fmt: skip
 
 
