@@ -5,7 +5,6 @@ Each row is measured in a process of its own: `python tools/bench_memory.py ROW 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from multiprocessing import freeze_support
@@ -99,14 +98,15 @@ def memory_section(quick: bool) -> list[str]:
     rows = [
         "## Memory over many runs (simulated)",
         "",
-        f"Resident memory in MB, on the toy, seeds from 0. Flat: after run that after run {FIRST}.",
+        f"Resident memory in MB, on the toy, seeds from 0. Flat: after run {FIRST} it never grows by more than "
+        f"{ALLOWED_MB:g} MB.",
         "",
         "| what | runs | after run 10 | halfway | at the end | most growth after run 10 | flat |",
         "|---|---|---|---|---|---|---|",
     ]
     for row, (what, much, few) in ROWS.items():
         command = [sys.executable, __file__, row, str(few if quick else much)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ})
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
         grown = json.loads(done.stdout.splitlines()[-1])
         most = max(grown[FIRST:], default=grown[-1]) - grown[FIRST - 1]
         rows.append(
