@@ -34,6 +34,7 @@ FEATURES = {
     "docs": "the documentation as a site: make docs",
     "gym": "the maze as a Gymnasium environment: record, reinforcement learning",
     "campaign": "evaluate on other machines and resumed: --dask, --store",
+    "onnx": "policies for other runtimes: policy export -o policy.onnx",
     "tune": "search of costs and gains: tools/tune.py",
     "bench": "other solvers and searches for comparison: make bench",
     "dev": "make test",

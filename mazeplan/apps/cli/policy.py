@@ -21,12 +21,13 @@ Rounds = Annotated[
 RoundRuns = Annotated[int, typer.Option("--runs", min=1, metavar="N", help="Runs of each round.")]
 Epochs = Annotated[int, typer.Option("--epochs", min=1, metavar="N", help="Passes over the samples in each fit.")]
 PolicyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a policy.")]
-Header = Annotated[
+Exported = Annotated[
     Path,
     typer.Option(
-        "-o", "--output", parser=file(".h"), callback=new_file, metavar="FILE", help="C header to write (policy.h)."
+        "-o", "--output", parser=file(".h", ".onnx"), callback=new_file, metavar="FILE",
+        help="File to write: a C header (policy.h) or an ONNX graph (policy.onnx).",
     ),
-]
+]  # fmt: skip
 
 
 @app.command("train")
@@ -99,10 +100,15 @@ def show(folder: PolicyFolder, as_json: opt.AsJson = False) -> None:
 
 
 @app.command("export")
-def export(folder: PolicyFolder, output: Header, force: opt.Force = False) -> None:
-    """Write the network as plain C: one header with constant arrays and the function of a decision."""
+def export(folder: PolicyFolder, output: Exported, force: opt.Force = False) -> None:
+    """Write the network as plain C (.h: constant arrays and the function of a decision) or as ONNX (.onnx)."""
     from mazeplan.control.policy_c import c_header
     from mazeplan.control.policy_file import load_policy
+    from mazeplan.control.policy_onnx import save_onnx
 
-    write_text(output, c_header(load_policy(folder)))
+    policy = load_policy(folder)
+    if output.suffix.lower() == ".onnx":
+        save_onnx(policy, output)
+    else:
+        write_text(output, c_header(policy))
     say(f"wrote {output}")
