@@ -59,6 +59,7 @@ from bench_waypoints import waypoints_section
 from mazeplan.run.settings import load_settings
 
 ROOT = Path(__file__).resolve().parent.parent
+AGAIN = "- measured again on"
 PACKAGES = ("mazeplan", "numpy", "numba", "mujoco", "torch", "gpytorch")
 PAPER = "7 of 10, mean 7.71 s, best 6.2 s, worst 10.13 s (published, on hardware)"
 
@@ -241,10 +242,10 @@ def renew(path: Path, section: list[str]) -> None:
         begin += 1
     end = next((i for i in range(begin + 1, len(lines)) if lines[i].startswith("## ")), len(lines))
     lines[begin:end] = [*section, ""]
-    note = f"- measured again on {datetime.now(UTC):%Y-%m-%d}: {section[0].removeprefix('## ')}"
-    if note not in lines:
-        first = next(i for i, line in enumerate(lines) if line.startswith("- versions:"))
-        lines.insert(first + 1, note)
+    title = f": {section[0].removeprefix('## ')}"
+    lines = [line for line in lines if not (line.startswith(AGAIN) and line.endswith(title))]
+    first = next(i for i, line in enumerate(lines) if line.startswith("- versions:"))
+    lines.insert(first + 1, f"{AGAIN} {datetime.now(UTC):%Y-%m-%d}{title}")
     path.write_text("\n".join(lines).rstrip() + "\n")
 
 
