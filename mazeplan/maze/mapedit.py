@@ -1,36 +1,42 @@
-"""Edits of a map's YAML text that keep the rest of the file: comments, order, spacing, line ends.
+"""Edits of a map's YAML text: openings, radial walls, rings, its name. All the rest stays as it is (`yamledit`).
 
-The parser's marks give the place of a value in the text. An edit replaces only these characters, or adds or removes
-lines. The map may have errors (openings may overlap while a user drags one), but `yamltree` must read it. Angles in
-degrees and lengths in mm, as in the file; openings count from 0 in the file's order. (A round trip by ruamel.yaml would
-change spacing and line breaks.)
+The map may have errors (openings may overlap while a user drags one), but `yamltree` must read it. Angles in degrees
+and lengths in mm, as in the file; openings and radial walls count from 0 in the file's order, rings from 1.
+
+A ring that is added or removed moves all rings outside it, so that channels and walls keep their widths:
+
+    remove k:       rings 1 ... k-1 come nearer by the distance between rings k-1 and k; the wall between them goes
+    add outside k:  a channel as wide as ring k, a wall as thick as the one outside ring k; rings 1 ... k-1 give way
 """
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
-
-import yaml
+from typing import Any, Literal
 
 from mazeplan.core.errors import MapError
 from mazeplan.maze.mapfile import default_name
-from mazeplan.maze.yamltree import Tree, parse_yaml, shown
+from mazeplan.maze.wallrules import default_wall_name
+from mazeplan.maze.yamledit import BOM, ListText, Span, applied
+from mazeplan.maze.yamltree import Tree, parse_yaml
 
 ANGLE_STEP_DEG = 0.1  # finer than the precision of a cut
 WIDTH_STEP_MM = 0.01
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_ODD_BREAK = re.compile("\r(?!\n)|[\x85\u2028\u2029]")  # ends a line in YAML, though editors disagree
-_BOM = "\ufeff"
+Section = Literal["openings", "radial_walls", "rings"]
+SECTIONS: tuple[Section, ...] = ("openings", "radial_walls", "rings")
 
 
 @dataclass(frozen=True)
 class Written:
-    """An opening in the text; name: as in logs; line: from 1."""
+    """An opening, a radial wall or a ring in the text.
+
+    name: as in logs; line: from 1; outer, inner: rings of an opening, twice that of a wall or a ring; width_mm:
+    the thickness of a wall, the width of a ring's channel (of the disc: its radius)."""
 
     index: int
     line: int
@@ -40,48 +46,117 @@ class Written:
     angle_deg: float
     width_mm: float
     closed: bool
+    section: Section = "openings"
+
+
+def written(text: str) -> tuple[Written, ...]:
+    """Openings, radial walls and rings with readable numbers, even if the map has other errors; none if it is no
+    YAML."""
+    try:
+        tree = parse_yaml(text.removeprefix(BOM), file="map", error=MapError)
+    except MapError:
+        return ()
+    return (*_openings(tree), *_walls(tree), *_rings(tree))
 
 
 def written_openings(text: str) -> tuple[Written, ...]:
-    """The openings with readable rings and numbers, even if the map has other errors; none if it is no YAML."""
-    try:
-        tree = parse_yaml(text.removeprefix(_BOM), file="map", error=MapError)
-    except MapError:
-        return ()
-    return tuple(_written(tree))
+    """The openings of `written`."""
+    return tuple(piece for piece in written(text) if piece.section == "openings")
 
 
 def move_opening(text: str, index: int, angle_deg: float) -> str:
     """Set the angle, rounded to `ANGLE_STEP_DEG`, in 0 to 360."""
-    return _set(text, index, "angle_deg", _angle(angle_deg))
+    return ListText(text, "openings").with_value(index, "angle_deg", _angle(angle_deg))
 
 
 def widen_opening(text: str, index: int, width_mm: float) -> str:
     """Set the width, rounded to `WIDTH_STEP_MM`."""
-    return _set(text, index, "width_mm", _width(width_mm))
+    return ListText(text, "openings").with_value(index, "width_mm", _width(width_mm))
 
 
 def close_opening(text: str, index: int, closed: bool) -> str:
     """Close or open it for routes."""
-    return _set(text, index, "closed", "true" if closed else "false")
+    return ListText(text, "openings").with_value(index, "closed", "true" if closed else "false")
 
 
 def add_opening(text: str, outer: int, angle_deg: float, width_mm: float) -> str:
     """Add an opening in the wall inside ring `outer`, below the last one of that wall and in the same style."""
-    found = _Text(text)
     pairs = [("rings", f"[{outer}, {outer + 1}]"), ("angle_deg", _angle(angle_deg)), ("width_mm", _width(width_mm))]
-    return found.restored(found.added(outer, pairs))
+    return _added(ListText(text, "openings"), outer, pairs)
 
 
 def remove_opening(text: str, index: int) -> str:
     """Remove an opening. A comment on its lines stays, with the name of the opening."""
-    found = _Text(text)
-    return found.restored(found.removed(index))
+    return _removed(ListText(text, "openings"), index)
 
 
-def _set(text: str, index: int, key: str, value: str) -> str:
-    found = _Text(text)
-    return found.restored(found.with_value(index, key, value))
+def move_wall(text: str, index: int, angle_deg: float) -> str:
+    """Set the angle of a radial wall, as `move_opening`."""
+    return ListText(text, "radial_walls").with_value(index, "angle_deg", _angle(angle_deg))
+
+
+def thicken_wall(text: str, index: int, thickness_mm: float) -> str:
+    """Set the thickness of a radial wall, rounded to `WIDTH_STEP_MM`."""
+    return ListText(text, "radial_walls").with_value(index, "thickness_mm", _width(thickness_mm))
+
+
+def add_wall(text: str, ring: int, angle_deg: float, thickness_mm: float) -> str:
+    """Add a radial wall across a ring, below the last one of that ring; the first one makes the list."""
+    pairs = [("ring", str(ring)), ("angle_deg", _angle(angle_deg)), ("thickness_mm", _width(thickness_mm))]
+    return _added(ListText(text, "radial_walls", optional=True), ring, pairs)
+
+
+def remove_wall(text: str, index: int) -> str:
+    """Remove a radial wall, as `remove_opening`."""
+    return _removed(ListText(text, "radial_walls"), index)
+
+
+def add_ring(text: str, number: int, angle_deg: float, width_mm: float) -> str:
+    """Add a ring outside ring `number`; it gets this number. `remove_ring` undoes it.
+
+    The new ring gets an opening, at an angle and of a width, in the wall outside it (ring 1: inside it)."""
+    sizes = _sizes(text)
+    if not 1 <= number <= len(sizes):
+        raise MapError(f"got ring {number}, expected one from 1 to {len(sizes)}", file="map", key="rings")
+    last = number == len(sizes)
+    inner, outer = sizes[number - 1]
+    beside = sizes[number - 2] if last else sizes[number - 1]  # the disc has no width
+    width = beside[1] - beside[0]
+    thickness = sizes[number - 2][0] - outer if number > 1 else inner - sizes[1][1]
+    renumbered = _renumbered(text, number, 1, thickness + width)
+    low = outer + thickness
+    pairs = [("inner_radius_mm", _width(low)), ("outer_radius_mm", _width(low + width))]
+    text = ListText(renumbered, "rings").added(number - 1, pairs)
+    return add_opening(text, max(number - 1, 1), angle_deg, width_mm)
+
+
+def remove_ring(text: str, number: int) -> str:
+    """Remove a ring, its radial walls, and the wall outside it (of ring 1: inside it) with the openings there.
+
+    Raises MapError for the last ring, the goal, and for a map of two rings."""
+    sizes = _sizes(text)
+    if len(sizes) == 2:
+        raise MapError("got a map of 2 rings, expected one with more: a map needs 2", file="map", key="rings")
+    if not 1 <= number < len(sizes):
+        words = f"one from 1 to {len(sizes) - 1}: the last one is the goal"
+        raise MapError(f"got ring {number}, expected {words}", file="map", key="rings")
+    for piece in reversed(written(text)):
+        if piece.section == "openings" and piece.outer == max(number - 1, 1):
+            text = remove_opening(text, piece.index)
+        elif piece.section == "radial_walls" and piece.outer == number:
+            text = remove_wall(text, piece.index)
+    nearer = sizes[number - 2][0] - sizes[number - 1][0] if number > 1 else 0.0
+    text = _renumbered(text, number, -1, -nearer)
+    return ListText(text, "rings").removed(number - 1, f"ring {number}")
+
+
+def rename(text: str, name: str) -> str:
+    """Set the name of the map."""
+    found = ListText(text, "rings")
+    node = next((node for key, node in found.root.value if key.value == "name"), None)
+    if node is None:
+        raise MapError("missing, expected the name of the map", file="map", key="name")
+    return found.bom + applied(found.text, [found.span(node, json.dumps(name))])
 
 
 def _angle(degrees: float) -> str:
@@ -100,219 +175,113 @@ def _finite(number: float) -> float:
     return number
 
 
-def _written(tree: Tree) -> Iterator[Written]:
+def _added(found: ListText, outer: int, pairs: list[tuple[str, str]]) -> str:
+    """With an entry below the last one of the same wall or ring."""
+    of = _openings if found.section == "openings" else _walls
+    same = [piece.index for piece in of(found.tree) if piece.outer == outer]
+    return found.added(max(same, default=len(found.items) - 1) + 1, pairs)
+
+
+def _removed(found: ListText, index: int) -> str:
+    of = _openings if found.section == "openings" else _walls
+    called = next((piece.name for piece in of(found.tree) if piece.index == index), f"{found.section}[{index}]")
+    return found.removed(index, called)
+
+
+# Rings.
+
+
+def _sizes(text: str) -> list[tuple[float, float]]:
+    """Inner and outer radius of all rings."""
+    found = ListText(text, "rings")
+    sizes = [_numbers(item, "inner_radius_mm", "outer_radius_mm") for item in found.tree.data["rings"] or ()]
+    for index, size in enumerate(sizes):
+        if size is None:
+            raise found.refused("expected inner_radius_mm and outer_radius_mm: correct them in the text first", index)
+    if len(sizes) < 2:
+        raise found.refused(f"got {len(sizes)} rings, expected at least 2")
+    return [(size[0], size[1]) for size in sizes if size]
+
+
+def _renumbered(text: str, number: int, by: int, further_mm: float) -> str:
+    """With other numbers of rings, in openings, radial walls and comments such as `# ring 2`, and other radii.
+
+    by: 1 where a ring is added outside ring `number`, -1 where this ring is removed; further_mm: what is added to the
+    radii of the rings outside it."""
+    bom = BOM if text.startswith(BOM) else ""
+    text = text.removeprefix(BOM)
+    rings, spans = ListText(text, "rings"), []
+    for index, size in enumerate(_sizes(text)):
+        if index + 1 < number and further_mm:
+            nodes = (rings.node(index, "inner_radius_mm"), rings.node(index, "outer_radius_mm"))
+            spans += [rings.span(node, _width(mm + further_mm)) for node, mm in zip(nodes, size, strict=True)]
+        if index + 1 > number or (by > 0 and index + 1 == number):
+            spans += _comment_spans(rings, index, index + 1 + by)
+    lists = (("openings", _openings, "rings", max(number - 1, 1)), ("radial_walls", _walls, "ring", number))
+    for section, of, key, first in lists:
+        found = ListText(text, section, optional=True)
+        for piece in of(found.tree):
+            node: Any = found.node(piece.index, key)
+            if piece.outer >= first:
+                numbers = node.value if key == "rings" else [node]
+                spans += [found.span(scalar, str(int(scalar.value) + by)) for scalar in numbers]
+    return bom + applied(text, spans)
+
+
+def _comment_spans(rings: ListText, index: int, number: int) -> Iterator[Span]:
+    """The number in a comment that begins with the name of its ring."""
+    for mark, stop in rings.comments_of(index):
+        if match := re.match(rf"#+ *ring ({index + 1})\b", rings.text[mark:stop]):
+            yield mark + match.start(1), mark + match.end(1), str(number)
+
+
+# Reading.
+
+
+def _entries(tree: Tree, section: str) -> Iterator[tuple[int, dict[str, Any]]]:
     data: dict[str, Any] = tree.data if isinstance(tree.data, dict) else {}
-    items, rings = data.get("openings"), data.get("rings")
-    last = len(rings) if isinstance(rings, list) else 0
-    for index, item in enumerate(items if isinstance(items, list) else ()):
-        pair: Any = item.get("rings") if isinstance(item, dict) else None
+    items = data.get(section)
+    yield from ((i, item) for i, item in enumerate(items if isinstance(items, list) else ()) if isinstance(item, dict))
+
+
+def _numbers(item: Any, *keys: str) -> list[float] | None:
+    values = [item.get(key) if isinstance(item, dict) else None for key in keys]
+    return None if any(type(value) not in (int, float) for value in values) else [float(value or 0) for value in values]
+
+
+def _openings(tree: Tree) -> Iterator[Written]:
+    last = len(list(_entries(tree, "rings")))
+    for index, item in _entries(tree, "openings"):
+        pair, numbers = item.get("rings"), _numbers(item, "angle_deg", "width_mm")
         if not (isinstance(pair, list) and len(pair) == 2 and all(type(ring) is int for ring in pair)):
             continue
         outer, inner = sorted(pair)
-        numbers = [item.get("angle_deg"), item.get("width_mm")]
-        if inner != outer + 1 or not 1 <= outer < last or any(type(x) not in (int, float) for x in numbers):
+        if inner != outer + 1 or not 1 <= outer < last or numbers is None:
             continue
-        angle, width = float(numbers[0] or 0.0), float(numbers[1] or 0.0)
-        name = item.get("name")
-        called = name if isinstance(name, str) else default_name(outer, inner, angle)
+        angle, width = numbers
+        called = _called(item, default_name(outer, inner, angle))
         line = tree.line(("openings", index))
         yield Written(index, line, called, outer, inner, angle, width, item.get("closed") is True)
 
 
-class _Text:
-    """A map's text with the places of its openings."""
-
-    def __init__(self, text: str) -> None:
-        self.bom = _BOM if text.startswith(_BOM) else ""
-        self.text = text = text.removeprefix(_BOM)
-        self.tree = parse_yaml(text, file="map", error=MapError)
-        if odd := _ODD_BREAK.search(text):
-            line = text.count("\n", 0, odd.start()) + 1
-            raise MapError("has line ends that are neither LF nor CRLF, edit it by hand", file="map", line=line)
-        self.newline = "\r\n" if "\r\n" in text else "\n"
-        root: Any = yaml.compose(text, Loader=_LOADER)
-        pairs = root.value if isinstance(root, yaml.MappingNode) else ()
-        place = next(((key, value) for key, value in pairs if key.value == "openings"), None)
-        if place is None:
-            raise MapError("missing, expected a list of openings", file="map", key="openings")
-        self.key, self.list = place
-        if not isinstance(self.list, yaml.SequenceNode) and self.tree.data["openings"] is not None:
-            raise self.refused(f"got {shown(self.tree.data['openings'])}, expected a list of openings")
-        self.items: list[Any] = self.list.value if isinstance(self.list, yaml.SequenceNode) else []
-        self.in_flow = bool(root.flow_style)
-        self.comments = list(self._find_comments(root))
-
-    def refused(self, problem: str, index: int | None = None) -> MapError:
-        node = self.key if index is None else self.items[index]
-        key = "openings" if index is None else f"openings[{index}]"
-        return MapError(problem, file="map", line=node.start_mark.line + 1, key=key)
-
-    def restored(self, text: str) -> str:
-        return self.bom + text
-
-    # -- places -----------------------------------------------------------------------------------------------------
-
-    def _find_comments(self, root: Any) -> Iterator[tuple[int, int]]:
-        """Start and end of every comment: a # that is in no scalar."""
-        scalars = sorted((node.start_mark.index, node.end_mark.index) for node in _scalars(root))
-        place, scalars = 0, [*scalars, (len(self.text), len(self.text))]
-        for start, end in scalars:
-            while (mark := self.text.find("#", place, start)) >= 0:
-                place = mark + len(re.match(r"[^\r\n]*", self.text[mark:])[0])  # pyright: ignore[reportOptionalSubscript]
-                yield mark, place
-            place = max(place, end)
-
-    def end_of(self, node: Any) -> int:
-        """Where a node's own characters end: the parser ends one in block style only where the next thing begins."""
-        if isinstance(node, yaml.ScalarNode):
-            start, end = node.start_mark.index, node.end_mark.index
-            return start + len(self.text[start:end].rstrip())
-        if node.flow_style or not node.value:
-            return node.end_mark.index
-        last = node.value[-1]
-        return self.end_of(last[1] if isinstance(last, tuple) else last)
-
-    def line_end(self, place: int) -> int:
-        """Where the line ends, before its break."""
-        found = re.compile(r"\r?\n|\Z").search(self.text, place)
-        return len(self.text) if found is None else found.start()
-
-    def line_start(self, place: int) -> int:
-        return self.text.rfind("\n", 0, place) + 1
-
-    def next_mark(self, place: int) -> int:
-        """The next character that is neither blank nor comment."""
-        ends = dict(self.comments)
-        while place < len(self.text) and (self.text[place].isspace() or place in ends):
-            place = ends.get(place, place + 1)
-        return place
-
-    def dash(self, index: int) -> int:
-        """Where the dash of an entry in block style stands."""
-        return self.next_mark(self.end_of(self.items[index - 1]) if index else self.list.start_mark.index)
-
-    def column(self, place: int) -> int:
-        return place - self.line_start(place)
-
-    def replaced(self, start: int, end: int, by: str) -> str:
-        return self.text[:start] + by + self.text[end:]
-
-    def new_lines(self, place: int, lines: list[str]) -> str:
-        """With lines below the one that holds `place`."""
-        end = self.line_end(place)
-        return self.replaced(end, end, "".join(self.newline + line for line in lines))
-
-    # -- edits ------------------------------------------------------------------------------------------------------
-
-    def with_value(self, index: int, key: str, value: str) -> str:
-        item = self.entry(index)
-        for name, node in item.value:
-            if name.value != key:
-                continue
-            start, end = node.start_mark.index, self.end_of(node)
-            if not isinstance(node, yaml.ScalarNode):
-                raise self.refused(f"{key} is no number, expected one to edit", index)
-            return self.replaced(start, end, value if end > start else f" {value}")
-        end = self.end_of(item)
-        if item.flow_style:
-            last = item.value[-1][1]
-            end = self.end_of(last)
-            gap = " " if end == last.start_mark.index else ""  # behind a bare colon
-            return self.replaced(end, end, f"{gap}, {key}: {value}")
-        return self.new_lines(end, [" " * item.start_mark.column + f"{key}: {value}"])
-
-    def entry(self, index: int) -> Any:
-        if not 0 <= index < len(self.items):
-            raise self.refused(f"got the number {index}, expected one of the {len(self.items)} openings")
-        item = self.items[index]
-        if not isinstance(item, yaml.MappingNode) or not item.value:
-            raise self.refused("expected keys such as rings, angle_deg, width_mm", index)
-        return item
-
-    def added(self, outer: int, pairs: list[tuple[str, str]]) -> str:
-        flow = "{" + ", ".join(f"{key}: {value}" for key, value in pairs) + "}"
-        if not self.items:
-            return self._added_first(flow)
-        walls = {opening.index: opening.outer for opening in _written(self.tree)}
-        before = max((i for i, wall in walls.items() if wall == outer), default=len(self.items) - 1)
-        above, end = self.items[before], self.end_of(self.items[before])
-        if self.list.flow_style:
-            return self.replaced(end, end, f", {flow}")
-        dash = self.dash(before)
-        indent = " " * self.column(dash)
-        if above.flow_style or not isinstance(above, yaml.MappingNode):
-            return self.new_lines(end, [f"{indent}- {flow}"])
-        same_line = self.line_start(dash) == self.line_start(above.start_mark.index)
-        inner = " " * (above.start_mark.column - len(indent) - 1 if same_line else 1)
-        rows = [f"{key}: {value}" for key, value in pairs]
-        return self.new_lines(end, [f"{indent}-{inner}{rows[0]}", *(f"{indent} {inner}{row}" for row in rows[1:])])
-
-    def _added_first(self, flow: str) -> str:
-        """Into an empty list: on a line of its own, where the list has no lines yet."""
-        start, end = self.list.start_mark.index, self.list.end_mark.index
-        row = " " * (self.key.start_mark.column + 2) + f"- {flow}"
-        if not isinstance(self.list, yaml.SequenceNode):  # nothing behind the colon
-            return self.replaced(start, self.end_of(self.list), f" [{flow}]") if self.in_flow else self._below(row, "")
-        if self.in_flow or self.text[start:end].strip("[] "):
-            return self.replaced(start + 1, start + 1, flow)
-        return self._below(row, self.text[start:end])
-
-    def _below(self, row: str, instead_of: str) -> str:
-        """A first line below the key, instead of what stood beside it."""
-        start = self.list.start_mark.index
-        end = start + len(instead_of) if instead_of else self.end_of(self.list)
-        head = self.text[:start].rstrip(" ")
-        rest = self.text[end:]
-        stop = self.line_end(end) - end
-        return head + rest[:stop].rstrip() + self.newline + row + rest[stop:]
-
-    def removed(self, index: int) -> str:
-        if not 0 <= index < len(self.items):
-            raise self.refused(f"got the number {index}, expected one of the {len(self.items)} openings")
-        if self.list.flow_style:
-            return self._removed_from_flow(index)
-        start, end = self.line_start(self.dash(index)), self.line_end(self.end_of(self.items[index]))
-        kept = "".join(line + self.newline for line in self._kept(index, start, end))
-        after = end + len(re.match(r"\r?\n|", self.text[end:])[0])  # pyright: ignore[reportOptionalSubscript]
-        text = self.replaced(start, after, kept)
-        if len(self.items) > 1:
-            return text
-        colon = self.next_mark(self.end_of(self.key)) + 1
-        return text[:colon] + " []" + text[colon:]
-
-    def _removed_from_flow(self, index: int) -> str:
-        start, end = self.items[index].start_mark.index, self.items[index].end_mark.index
-        kept = "".join(self.text[a:b] + self.newline for a, b in self.comments if start <= a < end)
-        comma = self.next_mark(end)
-        if self.text[comma] == ",":
-            kept, end = kept + self.text[end:comma].lstrip(" "), comma + 1
-        elif before := re.search(r", *\Z", self.text[:start]):
-            start = before.start()
-        if not kept:
-            first, last = self.line_start(start), self.line_end(end)
-            if not (self.text[first:start] + self.text[end:last]).strip():
-                return self.replaced(first, min(last + len(self.newline), len(self.text)), "")
-            if self.text[start - 1] in "[ " and self.text[end : end + 1] == " ":
-                end += 1
-        return self.replaced(start, end, kept)
-
-    def _kept(self, index: int, start: int, end: int) -> Iterator[str]:
-        """The comments among the lines of an entry, as lines of their own."""
-        called = next((o.name for o in _written(self.tree) if o.index == index), f"openings[{index}]")
-        for mark, stop in self.comments:
-            if not start <= mark < end:
-                continue
-            first = self.line_start(mark)
-            if not self.text[first:mark].strip():
-                yield self.text[first:stop]
-            else:
-                indent = " " * self.column(self.dash(index))
-                yield f"{indent}# removed {called}: {self.text[mark:stop].lstrip('# ')}"
+def _walls(tree: Tree) -> Iterator[Written]:
+    last = len(list(_entries(tree, "rings")))
+    for index, item in _entries(tree, "radial_walls"):
+        ring, numbers = item.get("ring"), _numbers(item, "angle_deg", "thickness_mm")
+        if type(ring) is not int or not 1 <= ring < last or numbers is None:
+            continue
+        angle, thickness = numbers
+        called, line = _called(item, default_wall_name(ring, angle)), tree.line(("radial_walls", index))
+        yield Written(index, line, called, ring, ring, angle, thickness, False, "radial_walls")
 
 
-def _scalars(node: Any) -> Iterator[Any]:
-    if isinstance(node, yaml.ScalarNode):
-        yield node
-    for child in node.value if not isinstance(node, yaml.ScalarNode) else ():
-        for part in child if isinstance(child, tuple) else (child,):
-            yield from _scalars(part)
+def _rings(tree: Tree) -> Iterator[Written]:
+    for index, item in _entries(tree, "rings"):
+        if (size := _numbers(item, "inner_radius_mm", "outer_radius_mm")) is not None:
+            line, number = tree.line(("rings", index)), index + 1
+            yield Written(index, line, f"ring {number}", number, number, 0.0, size[1] - size[0], False, "rings")
+
+
+def _called(item: dict[str, Any], default: str) -> str:
+    name = item.get("name")
+    return name if isinstance(name, str) else default

@@ -119,6 +119,44 @@ def test_axe_finds_no_fault_of_level_a_in_a_report(chromium, report):
     context.close()
 
 
+SLIDERS = """[...document.querySelectorAll('input')]
+  .filter(e => /NumberInput/.test(e.className) && e.checkVisibility()).map(e => e.ariaLabel)"""
+OVERLAPS = """() => {
+  const boxes = [...document.querySelectorAll('button, input, [data-line], [data-errors], [data-trial]')]
+    .filter(e => e.checkVisibility() && e.type !== 'hidden').map(e => [e, e.getBoundingClientRect()])
+    .filter(([e, r]) => r.width && r.height);
+  const clash = ([a, p], [b, q]) => !a.contains(b) && !b.contains(a)
+    && Math.min(p.right, q.right) - Math.max(p.left, q.left) > 2
+    && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 2;
+  return boxes.flatMap((a, i) => boxes.slice(i + 1).filter(b => clash(a, b))
+    .map(b => [a, b].map(([e]) => e.outerHTML.slice(0, 150))));
+}"""
+CUT = """() => [...document.querySelectorAll('[data-line], [data-errors] *, button, label')]
+  .filter(e => e.checkVisibility() && e.innerText && e.scrollWidth > e.clientWidth + 1
+    && getComputedStyle(e).display !== 'inline')
+  .map(e => e.outerHTML.slice(0, 200))"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("width", [1920, 1300, 800])
+def test_the_map_editor_names_its_controls_and_cuts_nothing(chromium, width):
+    with program("--edit", "--map", "detour") as (_, url):
+        context = chromium.new_context(bypass_csp=True, viewport={"width": width, "height": 900})
+        shown = context.new_page()
+        shown.goto(url)
+        shown.wait_for_selector("[data-errors]", state="attached")
+        shown.get_by_text("New map", exact=True).click()
+        shown.wait_for_timeout(2500)  # until what came has got its names, and a panel is folded
+        assert shown.evaluate(NAMELESS) == []
+        assert shown.evaluate(SLIDERS) == ["Angle (deg)", "Width (mm)"]
+        assert shown.evaluate(TOO_WIDE) <= 0
+        assert shown.evaluate(CUT) == []
+        assert shown.evaluate(OVERLAPS) == []
+        if AXE:
+            assert axe_faults(shown) == []
+        context.close()
+
+
 @pytest.mark.realtime
 def test_every_control_of_the_page_has_a_name(chromium):
     with program("--rig", "toy") as (_, url):

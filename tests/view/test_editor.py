@@ -20,6 +20,7 @@ from mazeplan.apps.view.editor.tab import head_html
 from mazeplan.apps.view.scene import UNIT
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
+from mazeplan.maze.mapedit import SECTIONS
 from mazeplan.maze.mapfile import load_map
 
 LOPSIDED = resources.share("maps") / "lopsided.yaml"
@@ -87,7 +88,7 @@ def test_problems_are_told_at_their_line_while_one_drags_and_the_last_good_maze_
     (error,) = editor.check.errors
     assert (error.line, error.key) == (19, "openings[1].angle_deg")
     assert "overlaps openings[0]" in error.problem
-    assert editor.wrong == {0, 1}
+    assert editor.wrong == {("openings", 0), ("openings", 1)}
     assert editor.maze is good
     editor.move(1, 60, gesture=1)
     assert editor.check.errors == ()
@@ -113,14 +114,14 @@ def test_what_is_typed_may_be_anything(editor):
 
 def test_a_new_one_comes_into_the_middle_of_the_longest_piece(editor):
     index = editor.add(1)
-    new = editor.opening(index)
+    new = editor.piece("openings", index)
     assert (new.outer, new.angle_deg, new.width_mm) == (1, 290, 17)
     assert editor.check.errors == ()
-    assert editor.opening(editor.add(2, 150, 16)).angle_deg == 150
+    assert editor.piece("openings", editor.add(2, 150, 16)).angle_deg == 150
     for opening in reversed(editor.openings):
         editor.remove(opening.index)
     assert editor.usual_width(1) == 15.3  # 1.2 diameters of the ball, upwards
-    assert editor.opening(editor.add(1)).angle_deg == 0
+    assert editor.piece("openings", editor.add(1)).angle_deg == 0
 
 
 def test_a_place_in_the_plate_is_at_the_nearest_wall(editor):
@@ -162,7 +163,7 @@ def test_a_map_with_errors_is_saved_only_by_who_says_so(editor):
     assert editor.path.read_text() == LOPSIDED.read_text()
     editor.save(with_errors=True)
     assert editor.path.read_text() == editor.text
-    assert MapEditor(editor.path).wrong == {0, 1}  # and may be opened again, to be mended
+    assert len(MapEditor(editor.path).wrong) == 2  # and may be opened again, to be mended
 
 
 @pytest.mark.parametrize("what", ["changed", "gone"])
@@ -246,7 +247,7 @@ def test_radial_walls_stay_with_their_comments_and_an_opening_is_not_moved_onto_
     editor = MapEditor(path)
     kept = editor.text[editor.text.index("radial_walls:\n") :]
     editor.move(0, 98)  # 1-2@60 to the wall at 100
-    assert editor.wrong == {0}
+    assert editor.wrong == {("openings", 0), ("radial_walls", 0)}
     assert "radial_walls[0].angle_deg: stands in front of openings[0]" in str(editor.check.errors[0])
     with pytest.raises(MapError, match="stands in front"):
         editor.save()
@@ -265,7 +266,7 @@ def dragged(editor):
     """A scene of a fake page, and what it tells of drags; `pull` drags from a place, m, straight up the picture."""
     told = []
     page = SimpleNamespace(server=FakeServer(), framing=SimpleNamespace(show=lambda *layouts: None))
-    scene = EditScene(page, lambda index, angle, phase: told.append((index, angle, phase)), lambda index: None)
+    scene = EditScene(page, lambda key, angle, phase: told.append((key, angle, phase)), lambda key: None)
     scene.show(editor, None)
 
     def pull(name, radius, angle, further):
@@ -286,7 +287,7 @@ def dragged(editor):
 def test_a_drag_that_begins_beside_an_opening_grabs_it(editor, dragged, name):
     opening = editor.openings[0]
     told = dragged(name, editor.maze.threshold_radius(editor.maze.openings[0]), opening.angle_deg + 6.0, 20.0)
-    assert [(index, phase) for index, _, phase in told] == [(0, "start"), (0, "update"), (0, "end")]
+    assert [(key, phase) for key, _, phase in told] == [(("openings", 0), at) for at in ("start", "update", "end")]
     assert [angle for _, angle, _ in told] == pytest.approx([opening.angle_deg + d for d in (0.0, 20.0, 20.0)])
 
 
@@ -314,3 +315,73 @@ def test_a_file_that_others_change_is_told_and_read_again(tmp_path):
     assert editor.text == text
     path.unlink()
     assert editor.overtaken() == "is gone"
+
+
+def test_rings_and_radial_walls_are_added_removed_and_undone(editor):
+    assert editor.add_ring(2) == 1
+    assert editor.check.errors == ()
+    assert [len(editor.of(section)) for section in SECTIONS] == [6, 0, 4]
+    new = next(opening for opening in editor.openings if opening.outer == 1)
+    assert (new.angle_deg, new.width_mm) == (290, 17)  # where there is most room in the wall outside ring 2, as before
+    wall = editor.piece("radial_walls", editor.add_wall(3))
+    assert (wall.outer, wall.width_mm) == (3, 5)
+    assert editor.check.errors == ()
+    editor.move(0, wall.angle_deg + 40.0, section="radial_walls")
+    editor.widen(0, 4, section="radial_walls")
+    assert editor.piece("radial_walls", 0).width_mm == 4
+    editor.remove(0, "radial_walls")
+    editor.remove(1, "rings")
+    assert editor.check.maze.rings == load_map(LOPSIDED).rings
+    for _ in range(6):
+        assert editor.undo()
+    assert editor.text == LOPSIDED.read_text()
+
+
+def test_a_new_map_is_a_packaged_one_under_a_name_that_no_file_has(editor):
+    folder = editor.path.parent
+    (folder / "taken.yaml").write_text("theirs")
+    for name, problem in (("taken.yaml", "exists already"), ("../a.yaml", "got the file name"), ("a", "got the file")):
+        with pytest.raises(MapError, match=problem):
+            editor.new("cme", name)
+    with pytest.raises(MapError, match="got the template 'mine', expected one of cme, detour"):
+        editor.new("mine", "b.yaml")
+    assert editor.path.name == "mine.yaml"
+    editor.new("detour", "b.yaml")
+    assert editor.changed
+    assert not editor.can_undo
+    assert not (folder / "b.yaml").exists()
+    (folder / "b.yaml").write_text("theirs, meanwhile")
+    with pytest.raises(MapError, match="exists already"):
+        editor.save()
+    (folder / "b.yaml").unlink()
+    assert load_map(editor.save()).name == "b"
+    assert not editor.changed
+    assert (folder / "taken.yaml").read_text() == "theirs"
+    assert editor.path.read_text() == (resources.share("maps") / "detour.yaml").read_text().replace(
+        "name: detour", 'name: "b"'
+    )
+
+
+def test_a_click_at_a_gap_chooses_its_opening_and_one_on_a_floor_its_ring(editor):
+    chosen, page = [], SimpleNamespace(server=FakeServer(), framing=SimpleNamespace(show=lambda *layouts: None))
+    scene = EditScene(page, lambda *drag: None, chosen.append)
+    scene.show(editor, None)
+    angle, radius = math.radians(17), UNIT * editor.maze.threshold_radius(editor.maze.openings[0])
+    event = SimpleNamespace(
+        ray_origin=(radius * math.cos(angle), radius * math.sin(angle), 9.0), ray_direction=(0.0, 0.0, -1.0)
+    )
+    asyncio.run(page.server.nodes["/map/grip1"].click(event))
+    asyncio.run(page.server.nodes["/map/ring2"].click(event))
+    assert chosen == [("openings", 0), ("rings", 1)]
+
+
+def test_an_open_gap_stays_low_and_a_closed_one_is_filled(editor):
+    def height(place: int) -> float:
+        return float(np.max(page.server.nodes[f"/map/block{place}"].values[0][:, 2]))
+
+    page = SimpleNamespace(server=FakeServer(), framing=SimpleNamespace(show=lambda *layouts: None))
+    scene = EditScene(page, lambda *drag: None, lambda key: None)
+    editor.close(1, True)
+    scene.show(editor, None)
+    wall = UNIT * editor.maze.wall_height
+    assert height(0) < 0.1 * wall < 0.5 * wall < height(1)

@@ -63,7 +63,8 @@ SCRIPT = """<script>
     for (const field of document.querySelectorAll("input, textarea, [role=slider]")) {
       if (field.ariaLabel || (field.labels && field.labels.length && field.labels[0].innerText)) continue;
       let row = field.parentElement, words = "";
-      while (row && !(words = row.matches(".mantine-Flex-root") && row.firstElementChild.innerText.trim()))
+      const named = row => row.matches(".mantine-Flex-root") && row.firstElementChild.innerText.trim();
+      while (row && !/[a-z]/i.test(words = named(row) || ""))  // numbers are the ends of a slider
         row = row.parentElement;
       field.ariaLabel = words || "Text";
     }

@@ -43,7 +43,11 @@ def edit_map(source: str | Path, host: str, port: int, on: Callable[[], bool] = 
 
     check_installed()
     editor = MapEditor(source)
-    _serve(EditTab(editor), host, port, on, note=f"map: {source}, saved as {editor.path}")
+    tab = EditTab(editor)
+    try:
+        _serve(tab, host, port, on, note=f"map: {source}, saved as {editor.path}")
+    finally:
+        tab.close()
     if editor.changed:
         _say(f"mazeplan: {editor.path.name}: changes since the last save are lost")
 

@@ -11,7 +11,6 @@ from mazeplan.core.palette import COLOURS, INKS, TINTS
 
 FONT = "font-family:ui-monospace,Menlo,Consolas,monospace;font-size:11px;line-height:1.5;"
 MOST = 2000  # lines that are shown
-WIDE = "min(460px,calc(100cqw - 14px))"  # of a problem below its line: at most the panel
 
 
 def listing(text: str, problems: Iterable[MapError], chosen: int | None, changed: frozenset[int] = frozenset()) -> str:
@@ -26,11 +25,7 @@ def listing(text: str, problems: Iterable[MapError], chosen: int | None, changed
         shown = [_row(1, "", False, False, at[1], 1)]
     if len(rows) > MOST:
         shown.append(f"<div>… and {len(rows) - MOST} lines more</div>")
-    return (
-        f'<div style="{FONT}padding:2px 0;overflow-x:auto;container-type:inline-size">'
-        f'<div style="display:inline-block;min-width:100%">'
-        f"{''.join(shown)}</div></div>"
-    )
+    return f'<div style="{FONT}padding:2px 0">{"".join(shown)}</div>'
 
 
 def _row(number: int, row: str, chosen: bool, changed: bool, problems: list[MapError], width: int) -> str:
@@ -39,13 +34,13 @@ def _row(number: int, row: str, chosen: bool, changed: bool, problems: list[MapE
     edge = ink if bad else COLOURS["planned"] if changed else "transparent"
     sign = "✕" if bad else "•" if changed else " "
     below = "".join(
-        f'<div data-problem="{number}" style="color:{ink};white-space:normal;overflow-wrap:anywhere;'
-        f"max-width:{WIDE};font-weight:600;"
-        f'padding-left:{width + 3}ch">{escape(_problem_text(problem))}</div>'
+        f'<div data-problem="{number}" style="color:{ink};white-space:normal;font-weight:600;text-indent:0">'
+        f"{escape(_problem_text(problem))}</div>"
         for problem in problems
     )
     return (
-        f'<div data-line="{number}" style="background:{back};border-left:3px solid {edge};white-space:pre">'
+        f'<div data-line="{number}" style="background:{back};border-left:3px solid {edge};white-space:pre-wrap;'
+        f'overflow-wrap:anywhere;padding-left:{width + 3}ch;text-indent:-{width + 3}ch">'
         f'<span style="color:{INKS["quiet"]};user-select:none">{sign}{number:>{width}}  </span>'
         f"{_coloured(row)}{below}</div>"
     )
@@ -60,7 +55,8 @@ def _coloured(row: str) -> str:
     mark = 0 if row.lstrip().startswith("#") else row.find(" #")
     if mark < 0 or (mark and any(quote in row for quote in "\"'")):
         return escape(row) or " "
-    return f'{escape(row[:mark])}<span style="color:{INKS["quiet"]}">{escape(row[mark:])}</span>'
+    whole = "display:inline-block;text-indent:0" if mark else ""  # a short one behind an entry wraps as a whole
+    return f'{escape(row[:mark])}<span style="color:{INKS["quiet"]};{whole}">{escape(row[mark:])}</span>'
 
 
 def changed_lines(before: str, now: str) -> frozenset[int]:

@@ -15,15 +15,16 @@ from pathlib import Path
 
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
+from mazeplan.maze import mapedit
 from mazeplan.maze.geometry import Maze, Wall
-from mazeplan.maze.mapedit import Written, add_opening, close_opening, move_opening, remove_opening, widen_opening
-from mazeplan.maze.mapedit import written_openings as read_openings
-from mazeplan.maze.mapfile import MapCheck, check_text, find_map
+from mazeplan.maze.mapedit import Section, Written
+from mazeplan.maze.mapfile import MapCheck, check_text, find_map, packaged_maps
 from mazeplan.maze.mapschema import NAME_PATTERN
 from mazeplan.maze.yamltree import MAX_BYTES, read_yaml
 
 MOST_STEPS = 500  # that can be undone
 ROOM = 1.2  # width of the first opening of a wall, in diameters of the ball
+THICK_MM = 5.0  # of the first radial wall
 _BOM = b"\xef\xbb\xbf"
 
 
@@ -36,7 +37,7 @@ class MapEditor:
     text:     of the map
     check:    result of `check_text`; its `maze` is None while there are errors
     maze:     the last maze without errors; None before the first
-    openings: in the text, also with errors (`mapedit.Written`)
+    pieces:   openings, radial walls and rings in the text, also with errors (`mapedit.Written`)
     path:     of the file
     """
 
@@ -53,6 +54,7 @@ class MapEditor:
         self._done: list[str] = []
         self._gesture: Hashable = None
         self.maze: Maze | None = None
+        self._new = False  # whether the map is one that no file has yet
         self._saved = content.removeprefix(_BOM).decode()
         self._take(self._saved)
 
@@ -60,35 +62,74 @@ class MapEditor:
         self.text = text
         self.check: MapCheck = check_text(text, file=self.path.name)
         self.maze = self.check.maze or self.maze
-        self.openings: tuple[Written, ...] = read_openings(text)
+        self.pieces: tuple[Written, ...] = mapedit.written(text)
+
+    def new(self, template: str, name: str) -> None:
+        """Begin a map with the text of a packaged one, to be saved as a new file in the same folder; without undo.
+
+        Raises MapError for a template that is not packaged, and for a file name that is taken or none."""
+        if template not in packaged_maps():
+            raise MapError(f"got the template {template!r}, expected one of {', '.join(packaged_maps())}")
+        path = self._other(name)
+        if os.path.lexists(path):
+            raise MapError("exists already, expected the name of a new file", file=path)
+        text = mapedit.rename(find_map(template).read_text(encoding="utf-8"), path.stem)
+        self.path, self._on_disk, self._bom, self._crlf, self._new = path, None, b"", False, True
+        self._done, self._undone, self.maze, self._saved = [], [], None, text
+        self.settle()
+        self._take(text)
 
     # -- edits ------------------------------------------------------------------------------------------------------
 
-    def move(self, index: int, angle_deg: float, gesture: Hashable = None) -> None:
-        """Turn an opening to an angle. Calls with the same `gesture`, as a drag makes, are undone in one step."""
-        self._change(lambda text: move_opening(text, index, angle_deg), gesture)
+    def move(self, index: int, angle_deg: float, gesture: Hashable = None, section: Section = "openings") -> None:
+        """Turn an opening or a radial wall to an angle. Calls with the same `gesture`, as a drag makes, are undone in
+        one step."""
+        turn = mapedit.move_wall if section == "radial_walls" else mapedit.move_opening
+        self._change(lambda text: turn(text, index, angle_deg), gesture)
 
-    def widen(self, index: int, width_mm: float, gesture: Hashable = None) -> None:
-        """Give an opening another width."""
-        self._change(lambda text: widen_opening(text, index, width_mm), gesture)
+    def widen(self, index: int, width_mm: float, gesture: Hashable = None, section: Section = "openings") -> None:
+        """Give an opening another width, or a radial wall another thickness."""
+        resize = mapedit.thicken_wall if section == "radial_walls" else mapedit.widen_opening
+        self._change(lambda text: resize(text, index, width_mm), gesture)
 
     def close(self, index: int, closed: bool) -> None:
         """Close an opening for routes, or open it."""
-        self._change(lambda text: close_opening(text, index, closed))
+        self._change(lambda text: mapedit.close_opening(text, index, closed))
 
     def add(self, outer: int, angle_deg: float | None = None, width_mm: float | None = None) -> int:
         """One more in the wall inside ring `outer`: by default in the middle of its largest piece and as wide as
         the wall's last opening. Returns its index."""
         angle = self.free_angle(outer) if angle_deg is None else angle_deg
         width = self.usual_width(outer) if width_mm is None else width_mm
-        before = self.openings
-        self._change(lambda text: add_opening(text, outer, angle, width))
-        pairs = zip(self.openings, before, strict=False)
-        return next((new.index for new, old in pairs if _place(new) != _place(old)), len(self.openings) - 1)
+        return self._add(lambda text: mapedit.add_opening(text, outer, angle, width), "openings")
 
-    def remove(self, index: int) -> None:
-        """Remove an opening."""
-        self._change(lambda text: remove_opening(text, index))
+    def add_wall(self, ring: int) -> int:
+        """One more radial wall across a ring, in the middle of the longest piece between its walls and openings, as
+        thick as the map's last one. Returns its index."""
+        known = [piece.width_mm for piece in self.pieces if piece.section == "radial_walls"]
+        angle, thickness = self._free_angle((ring - 1, ring), (ring,)), known[-1] if known else THICK_MM
+        return self._add(lambda text: mapedit.add_wall(text, ring, angle, thickness), "radial_walls")
+
+    def add_ring(self, number: int) -> int:
+        """A ring outside ring `number`, with one opening. Returns its index."""
+        wall = max(number - 1, 1)
+        angle, width = self.free_angle(wall), self.usual_width(wall)
+        self._change(lambda text: mapedit.add_ring(text, number, angle, width))
+        return number - 1
+
+    def remove(self, index: int, section: Section = "openings") -> None:
+        """Remove an opening, a radial wall, or a ring with its walls and the openings that led to it from outside."""
+        edits = {"openings": mapedit.remove_opening, "radial_walls": mapedit.remove_wall}
+        if section == "rings":
+            self._change(lambda text: mapedit.remove_ring(text, index + 1))
+        else:
+            self._change(lambda text: edits[section](text, index))
+
+    def _add(self, edit: Callable[[str], str], section: Section) -> int:
+        before = self.of(section)
+        self._change(edit)
+        pairs = zip(self.of(section), before, strict=False)
+        return next((new.index for new, old in pairs if _place(new) != _place(old)), len(self.of(section)) - 1)
 
     def write(self, text: str) -> None:
         """Replace the whole text by a typed one."""
@@ -145,18 +186,32 @@ class MapEditor:
 
     @property
     def changed(self) -> bool:
-        """Whether the text differs from the file."""
-        return self.text != self._saved
+        """Whether the text differs from the file, or has none yet."""
+        return self._new or self.text != self._saved
 
     @property
-    def wrong(self) -> frozenset[int]:
-        """Indices of the openings that errors name."""
-        named = (re.findall(r"openings\[(\d+)\]", f"{error.key} {error.problem}") for error in self.check.errors)
-        return frozenset(int(index) for found in named for index in found)
+    def unsaved(self) -> bool:
+        """Whether the file does not hold the text, or there is no file yet."""
+        return self.changed or self._on_disk is None
 
-    def opening(self, index: int) -> Written | None:
-        """The opening of an index; None if the text has none."""
-        return next((opening for opening in self.openings if opening.index == index), None)
+    @property
+    def wrong(self) -> frozenset[tuple[str, int]]:
+        """Sections and indices of what errors name."""
+        named = (re.findall(r"(\w+)\[(\d+)\]", f"{error.key} {error.problem}") for error in self.check.errors)
+        return frozenset((section, int(index)) for found in named for section, index in found)
+
+    @property
+    def openings(self) -> tuple[Written, ...]:
+        """The openings among `pieces`."""
+        return self.of("openings")
+
+    def of(self, section: Section) -> tuple[Written, ...]:
+        """The pieces of a section."""
+        return tuple(piece for piece in self.pieces if piece.section == section)
+
+    def piece(self, section: Section, index: int) -> Written | None:
+        """One piece; None if the text has none."""
+        return next((piece for piece in self.of(section) if piece.index == index), None)
 
     def usual_width(self, outer: int) -> float:
         """Width, mm, of the last opening of a wall, else one that the ball passes."""
@@ -165,10 +220,16 @@ class MapEditor:
 
     def free_angle(self, outer: int) -> float:
         """Degrees: the middle of the longest piece of the wall between openings, and radial walls on either side."""
-        taken = [opening.angle_deg for opening in self.openings if opening.outer == outer]
-        across = self.maze.radial_walls if self.maze else ()
-        taken += [math.degrees(w.angle) % 360.0 for w in across if w.ring in (outer, outer + 1)]
-        angles = sorted(taken)
+        return self._free_angle((outer,), (outer, outer + 1))
+
+    def _free_angle(self, openings: tuple[int, ...], walls: tuple[int, ...]) -> float:
+        """Degrees: the middle of the longest piece between the openings of some walls and the walls of some rings."""
+        angles = sorted(
+            piece.angle_deg % 360.0
+            for section, rings in (("openings", openings), ("radial_walls", walls))
+            for piece in self.pieces
+            if piece.section == section and piece.outer in rings
+        )
         if not angles:
             return 0.0
         pieces = zip(angles, [*angles[1:], angles[0] + 360.0], strict=True)
@@ -212,7 +273,7 @@ class MapEditor:
             raise MapError("exists already, expected the name of a new file", file=path) from None
         except OSError as problem:
             raise MapError(f"cannot be written: {problem.strerror or problem}", file=path) from None
-        self.path, self._on_disk, self._saved = path, content, self.text
+        self.path, self._on_disk, self._saved, self._new = path, content, self.text, False
         self.settle()
         self._take(self.text)
         return path

@@ -1,7 +1,11 @@
-"""A map in 3D while it is edited: its walls, and in every opening a block that a pointer drags along the wall.
+"""A map in 3D while it is edited: its walls, and a mark for each opening and radial wall, which a pointer drags.
 
-A drag turns the block; the walls follow as soon as the map has no error. Colours of blocks: `bad` for an opening with
-an error, `planned` for the chosen one, grey for a closed one.
+opening       a gap with a coloured floor; a closed one has a grey block in it
+radial wall   a grey block over it
+ring          a click on its floor chooses it
+colours       `bad`: with an error; `planned`: chosen
+
+A drag turns the mark; the walls follow as soon as the map has no error.
 """
 
 from __future__ import annotations
@@ -15,13 +19,13 @@ import numpy as np
 
 from mazeplan.apps.view.camera import Layout, around, pointed_place
 from mazeplan.apps.view.editor.mapeditor import MapEditor
-from mazeplan.apps.view.meshes import Mesh, gap_box, ring_floor, wall_mesh
-from mazeplan.apps.view.scene import FLOORS, TABLE, UNIT, WALL, WALLS_SHOWN, add_mesh, wall_meshes
+from mazeplan.apps.view.meshes import Mesh, gap_box, radial_mesh, ring_floor, wall_mesh
+from mazeplan.apps.view.scene import FLOORS, TABLE, UNIT, WALL, WALLS_SHOWN, add_mesh, segments, wall_meshes
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.palette import rgb
 from mazeplan.core.records import Array
-from mazeplan.maze.geometry import Maze, Opening
-from mazeplan.maze.mapedit import Written
+from mazeplan.maze.geometry import Maze, Opening, RadialWall
+from mazeplan.maze.mapedit import Section, Written
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -29,40 +33,61 @@ if TYPE_CHECKING:
     from mazeplan.apps.view.page import Page
 
 Phase = Literal["start", "update", "end"]
-Dragged = Callable[[int, float, Phase], None]  # index of the opening, degrees where it is dragged to
+Key = tuple[Section, int]  # section and index of a piece
+Dragged = Callable[[Key, float, Phase], None]  # what is dragged, degrees where it is dragged to
 ABOVE = 1.15  # height of a block in heights of the wall: it can be grabbed above it
-OPACITY = 0.75
+FLAT = 0.001  # m, height of the mark in an opening: it looks open
+CHOSEN = 0.25  # share of its colour in the floor of the chosen ring
+PATH_AT = 0.003  # m above the floor
 NEAR = 0.016  # m; so far beside an opening it is still grabbed
 FROM = (0.0, -0.25, 1.0)  # the camera: from above, there one drags best
 
 
 class EditScene:
-    """Draws an editor's map. dragged, clicked: called with the index of the opening that a person drags or clicks."""
+    """Draws an editor's map. dragged, clicked: called with what a person drags or clicks."""
 
-    def __init__(self, page: Page, dragged: Dragged, clicked: Callable[[int], None]) -> None:
+    def __init__(self, page: Page, dragged: Dragged, clicked: Callable[[Key], None]) -> None:
         self._page, self._dragged, self.clicked = page, dragged, clicked
         self._maze: Maze | None = None
         self._walls: dict[str, Mesh] = {}
+        self._floors: dict[int, Any] = {}
         self._blocks: list[_Block] = []
-        self._openings: tuple[Written, ...] = ()
+        self._pieces: tuple[Written, ...] = ()
+        self._path: Any = None
         self._grips: dict[int, _Grip | None] = {}  # by browser, while it drags
 
-    def show(self, editor: MapEditor, chosen: int | None) -> None:
+    def show(self, editor: MapEditor, chosen: Key | None) -> None:
         """Draw what has changed."""
         if editor.maze is None:
             return
-        self._openings = editor.openings
+        last = len(editor.maze.rings)  # a ring more, with an error, is not drawn yet
+        pieces = tuple(p for p in editor.pieces if p.section != "rings" and p.inner <= last)
+        self._pieces = pieces
         if editor.maze != self._maze:
             self._show_walls(editor.maze)
             self._maze = editor.maze
-        for extra in self._blocks[len(editor.openings) :]:
+        for number, floor in self._floors.items():
+            shade = _floor(number, chosen == ("rings", number - 1))
+            if tuple(floor.color) != shade:
+                floor.color = shade
+        for extra in self._blocks[len(pieces) :]:
             extra.remove()
-        del self._blocks[len(editor.openings) :]
-        for place, opening in enumerate(editor.openings):
+        del self._blocks[len(pieces) :]
+        for place, piece in enumerate(pieces):
             if place == len(self._blocks):
                 self._blocks.append(_Block(self._page.server, place, self))
-            colour = "bad" if opening.index in editor.wrong else "planned" if opening.index == chosen else "running"
-            self._blocks[place].show(editor.maze, opening, colour, chosen == opening.index)
+            key = (piece.section, piece.index)
+            colour = "bad" if key in editor.wrong else "planned" if key == chosen else "running"
+            self._blocks[place].show(editor.maze, piece, colour, chosen == key)
+
+    def show_path(self, path: Array) -> None:
+        """Draw a path of the ball, (N, 2), m, in the maze; none for fewer than two places."""
+        if self._path is not None:
+            self._path.remove()
+        self._path = None
+        if len(path) > 1:
+            line = segments(path, UNIT * PATH_AT)
+            self._path = self._page.server.scene.add_line_segments("/map/path", line, rgb("real"), thickness=0.02)
 
     def _show_walls(self, maze: Maze) -> None:
         """Walls and floors; of a changed maze only what is changed."""
@@ -75,13 +100,12 @@ class EditScene:
             for ring in before.rings[len(maze.rings) :] if before else ():
                 for name in (f"ring{ring.number}", f"grip{ring.number - 1}"):
                     server.scene.remove_by_name(f"/map/{name}")
-            for ring in maze.rings:
-                form = ring_floor(maze, ring.number)
-                add_mesh(server, f"/map/ring{ring.number}", form, FLOORS[ring.number % 2]).on_drag(self._drag)
+            self._floors = {ring.number: self._add_floor(maze, ring.number) for ring in maze.rings}
             for wall in maze.walls:  # transparent, for the pointer: a drag makes the walls themselves anew
                 form = wall_mesh(replace(wall, openings=()), 1.02 * WALLS_SHOWN * maze.wall_height)
                 grip = add_mesh(server, f"/map/grip{wall.outer_ring}", form, WALL, opacity=0.0, cast_shadow=False)
                 grip.on_drag(self._drag)
+                grip.on_click(self._click)
         walls = wall_meshes(maze)
         for name in set(self._walls) - set(walls):
             server.scene.remove_by_name(f"/map/{name}")
@@ -91,65 +115,86 @@ class EditScene:
                 add_mesh(server, f"/map/{name}", mesh, WALL, flat_shading=False)
         self._walls = walls
 
+    def _add_floor(self, maze: Maze, number: int) -> Any:
+        floor = add_mesh(self._page.server, f"/map/ring{number}", ring_floor(maze, number), _floor(number, False))
+        floor.on_drag(self._drag)
+
+        @floor.on_click
+        async def _(event: Any) -> None:
+            self.clicked(("rings", number - 1))
+
+        return floor
+
+    async def _click(self, event: Any) -> None:
+        """A click at a wall: on the floor of a gap, behind the transparent wall, lies what it is for."""
+        eye = np.asarray(event.ray_origin)
+        place = pointed_place(eye, eye + np.asarray(event.ray_direction), 0.0)
+        near = None if place is None else self._near(*place)
+        if near is not None:
+            self.clicked(near)
+
     async def _drag(self, event: Any) -> None:
         self.drag(event, None)
 
-    def drag(self, event: Any, index: int | None) -> None:
-        """A drag of a block, or (index None) one that begins elsewhere in the maze and grabs an opening near there."""
+    def drag(self, event: Any, key: Key | None) -> None:
+        """A drag of a block, or (key None) one that begins elsewhere in the maze and grabs what is near there."""
         x, y, height = event.start_position
         if event.phase == "start":
-            near = self._near(x, y) if index is None else index
-            start = next((o.angle_deg for o in self._openings if o.index == near), None)
+            near = self._near(x, y) if key is None else key
+            start = next((p.angle_deg for p in self._pieces if (p.section, p.index) == near), None)
             grip = None if near is None or start is None else _Grip(near, start, math.atan2(y, x))
             self._grips[event.client.client_id] = grip
         grip = self._grips.get(event.client.client_id)
         angle = pointed_angle(event.client.camera.position, event.end_position, height)
         if grip is not None and angle is not None:
-            self._dragged(grip.index, grip.start_deg + math.degrees(difference(angle, grip.grabbed)), event.phase)
+            self._dragged(grip.key, grip.start_deg + math.degrees(difference(angle, grip.grabbed)), event.phase)
         if event.phase == "end":
             self._grips.pop(event.client.client_id, None)
 
-    def _near(self, x: float, y: float) -> int | None:
-        """The opening nearest to a place in the scene; None without one near."""
+    def _near(self, x: float, y: float) -> Key | None:
+        """The opening or radial wall nearest to a place in the scene; None without one near."""
         maze = self._maze
-        if maze is None or not self._openings:
+        if maze is None or not self._pieces:
             return None
-        at = {o.index: UNIT * _middle(maze, o) * np.exp(1j * math.radians(o.angle_deg)) for o in self._openings}
-        nearest = min(at, key=lambda index: abs(at[index] - complex(x, y)))
+        at: dict[Key, complex] = {
+            (p.section, p.index): UNIT * 0.5 * sum(_sides(maze, p)) * np.exp(1j * math.radians(p.angle_deg))
+            for p in self._pieces
+        }
+        nearest = min(at, key=lambda key: abs(at[key] - complex(x, y)))
         return nearest if abs(at[nearest] - complex(x, y)) < UNIT * NEAR else None
 
 
 @dataclass(frozen=True)
 class _Grip:
-    """An opening that is dragged: where it was, deg, and at which angle it was grabbed, rad."""
+    """What is dragged: where it was, deg, and at which angle it was grabbed, rad."""
 
-    index: int
+    key: Key
     start_deg: float
     grabbed: float
 
 
 class _Block:
-    """The block of an opening. place: its number in the scene."""
+    """The mark of an opening or a radial wall. place: its number in the scene."""
 
     def __init__(self, server: ViserServer, place: int, scene: EditScene) -> None:
         self._server, self._name, self._scene = server, f"/map/block{place}", scene
         self._mesh: Any = None
-        self._form: tuple[float, ...] | None = None
-        self._index = 0
+        self._form: tuple[Any, ...] | None = None
+        self._key: Key = ("openings", 0)
         self._turned: float | None = None
         self._label: Any = None
 
     def show(self, maze: Maze, opening: Written, colour: str, chosen: bool) -> None:
-        self._index = opening.index
-        wall = _sides(maze, opening)
-        form = (*wall, opening.width_mm, maze.wall_height)
+        self._key = (opening.section, opening.index)
+        wall, across = _sides(maze, opening), opening.section == "radial_walls"
+        form = (*wall, opening.width_mm, maze.wall_height, opening.closed, across)
         if form != self._form:
             self._form = form
             self._build(maze, opening)
         if opening.angle_deg != self._turned:
             self._turned = opening.angle_deg
             self._mesh.wxyz = about_z(math.radians(opening.angle_deg))
-        shade = rgb("neutral") if opening.closed and colour == "running" else rgb(colour)
+        shade = rgb("neutral") if (opening.closed or across) and colour == "running" else rgb(colour)
         if tuple(self._mesh.color) != shade:
             self._mesh.color = shade
         text = f"{opening.name}{', closed' if opening.closed else ''}" if chosen or colour == "bad" else ""
@@ -164,35 +209,42 @@ class _Block:
             self._label.text = text
 
     def _build(self, maze: Maze, opening: Written) -> None:
-        """A box across the wall at angle 0, that is turned to where it belongs."""
-        width = max(opening.width_mm / 1000.0, 1e-3)
-        at_zero = Opening("", opening.outer, opening.inner, 0.0, width)
-        box = gap_box(maze, at_zero, 2e-4, ABOVE * WALLS_SHOWN * maze.wall_height)
+        """A box at angle 0, that is turned to where it belongs."""
+        width, high = max(opening.width_mm / 1000.0, 1e-3), ABOVE * WALLS_SHOWN * maze.wall_height
+        if opening.section == "radial_walls":
+            thickest = 1.9 * maze.rings[opening.outer - 1].inner_radius  # a thicker one is an error
+            box = radial_mesh(maze, RadialWall("", opening.outer, 0.0, min(width, thickest)), high)
+        else:
+            at_zero = Opening("", opening.outer, opening.inner, 0.0, width)
+            box = gap_box(maze, at_zero, 2e-4, high if opening.closed else FLAT)
         self._turned = None
-        self._mesh = add_mesh(self._server, self._name, box, (0, 0, 0), opacity=OPACITY)
+        self._mesh = add_mesh(self._server, self._name, box, (0, 0, 0))
         if self._label is None:
             self._label = self._server.scene.add_label(f"{self._name}-name", "", visible=False, anchor="bottom-center")
 
         @self._mesh.on_click
         async def _(event: Any) -> None:
-            self._scene.clicked(self._index)
+            self._scene.clicked(self._key)
 
         @self._mesh.on_drag
         async def _(event: Any) -> None:  # async: they come one after another
-            self._scene.drag(event, self._index)
+            self._scene.drag(event, self._key)
 
     def remove(self) -> None:
         self._mesh.remove()
         self._label.remove()
 
 
-def _sides(maze: Maze, opening: Written) -> tuple[float, float]:
-    """Radii of the wall that an opening breaks, m."""
-    return maze.rings[opening.outer - 1].inner_radius, maze.rings[opening.inner - 1].outer_radius
+def _sides(maze: Maze, piece: Written) -> tuple[float, float]:
+    """Radii, m, between which an opening breaks its wall, or a radial wall stands."""
+    return maze.rings[piece.outer - 1].inner_radius, maze.rings[piece.inner - 1].outer_radius
 
 
-def _middle(maze: Maze, opening: Written) -> float:
-    return 0.5 * sum(_sides(maze, opening))
+def _floor(number: int, chosen: bool) -> tuple[int, int, int]:
+    """The colour of a ring's floor."""
+    plain, share = FLOORS[number % 2], CHOSEN if chosen else 0.0
+    red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(plain, rgb("planned"), strict=True))
+    return red, green, blue
 
 
 def outline(maze: Maze) -> Array:

@@ -9,16 +9,19 @@ from threading import RLock
 from time import monotonic
 from typing import Any
 
+from mazeplan.apps.view.editor.files import FileControls
 from mazeplan.apps.view.editor.listing import changed_lines, listing
 from mazeplan.apps.view.editor.mapeditor import MapEditor
-from mazeplan.apps.view.editor.scene import EditScene, Phase
+from mazeplan.apps.view.editor.scene import EditScene, Key, Phase
 from mazeplan.apps.view.page import FONT, Page, pressed
 from mazeplan.core.errors import MapError
 from mazeplan.core.palette import INKS
+from mazeplan.maze.mapedit import Section, Written
 
 TEXT_WIDTH = 400  # pixels of the panel with the YAML: a line of maps/cme.yaml with an opening
 LOOK_S = 1.0  # between looks at the file
 PAUSE_S = 1.0  # in typing, after which a further step begins that can be undone
+KINDS: dict[str, Section] = {"opening": "openings", "radial wall": "radial_walls", "ring": "rings"}
 TYPED = (
     ".mantine-Textarea-input{min-height:65vh!important;white-space:pre!important;overflow:auto!important;"
     "font-size:11px!important;font-family:ui-monospace,Menlo,Consolas,monospace!important}"
@@ -32,19 +35,19 @@ class EditTab:
 
     def __init__(self, editor: MapEditor) -> None:
         self._editor, self._lock = editor, RLock()
-        self._chosen: int | None = editor.openings[0].index if editor.openings else None
+        self._chosen: Key | None = _key(editor.pieces[0]) if editor.pieces else None
         self._refused = ""  # why the last action was refused
         self._said = ""
         self._typed_at = 0.0
         self._overtaken, self._looked_at = "", 0.0  # what another program did to the file, and when we looked
-        self._asking: dict[int, Any] = {}  # by browser: the question that is open there
         self._drawn: tuple[Any, ...] = ()
+        self._files = FileControls(editor, self._pressed, self._tell)
 
     # -- the page ---------------------------------------------------------------------------------------------------
 
     def build(self, page: Page) -> None:
         """Scene, text, buttons."""
-        self._page, gui = page, page.server.gui
+        gui = page.server.gui
         self._scene = EditScene(page, self._drag, self._choose)
         panel = gui.add_panel()
         with panel.add_tab("YAML"):
@@ -60,19 +63,20 @@ class EditTab:
         panel.set_width(TEXT_WIDTH)
         with page.tabs.add_tab("Map"):
             self._head = gui.add_html("")
-            self._build_opening(gui)
+            self._build_chosen(gui)
             self._build_steps(gui)
-            self._build_file(gui)
+            self._files.build(gui, self._scene)
             self._help = gui.add_html(
-                f'<div style="{FONT}color:{INKS["quiet"]}">Drag a block along its wall, click one to choose it. '
-                "In the maze a drag moves openings only; outside it turns the view. Ctrl Z: undo, ctrl Y: redo.</div>"
+                f'<div style="{FONT}color:{INKS["quiet"]}">Drag an opening or a radial wall along its ring. Click it, '
+                "or the floor of a ring, to choose it. Drag outside the maze to turn the view. Ctrl Z: undo, "
+                "ctrl Y: redo.</div>"
             )
 
-    def _build_opening(self, gui: Any) -> None:
-        with gui.add_folder("Opening"):
-            self._which = gui.add_dropdown("Chosen", self._names(), hint="or click it in the maze")
-            self._angle = gui.add_slider("Angle, degrees", 0.0, 359.9, 0.1, 0.0)
-            self._width = gui.add_slider("Width (mm)", 1.0, 60.0, 0.05, 15.0)
+    def _build_chosen(self, gui: Any) -> None:
+        with gui.add_folder("Chosen"):
+            self._which = gui.add_dropdown("Part", self._names(), hint="or click it in the maze")
+            self._angle = gui.add_slider("Angle (deg)", 0.0, 359.9, 0.1, 0.0)
+            self._width = gui.add_slider("Width (mm)", 1.0, 60.0, 0.05, 15.0, hint="of a radial wall: its thickness")
             self._closed = gui.add_checkbox("Closed", False, hint="it is there, but no route uses it")
             self._remove = gui.add_button("Remove it", color="gray", hint="a comment on its line stays")
         self._which.on_update(self._pressed(lambda event: self._choose_name(event.target.value)))
@@ -82,9 +86,10 @@ class EditTab:
         self._remove.on_click(self._pressed(lambda event: self._take_out()))
 
     def _build_steps(self, gui: Any) -> None:
-        with gui.add_folder("New opening"):
-            self._wall = gui.add_dropdown("Wall between rings", self._walls())
-            self._add = gui.add_button("Add", color="blue", hint="in the middle of the longest piece of that wall")
+        with gui.add_folder("New part"):
+            self._what = gui.add_dropdown("What", tuple(KINDS))
+            self._where = gui.add_dropdown("Where", self._places())
+            self._add = gui.add_button("Add", color="blue", hint="where there is most room")
         self._add.on_click(self._pressed(lambda event: self._put_in()))
         self._undo = gui.add_button("Undo", color="gray")
         self._redo = gui.add_button("Redo", color="gray")
@@ -93,17 +98,9 @@ class EditTab:
             command = gui.add_command(button.label, hotkey=key, modifier="cmd/ctrl")
             command.on_trigger(self._pressed(lambda event, step=step: step()))
 
-    def _build_file(self, gui: Any) -> None:
-        with gui.add_folder("File"):
-            self._name = gui.add_text(
-                "Name", self._editor.path.name, hint="another name: a new file in the same folder"
-            )
-            self._save = gui.add_button("Save", color="green")
-            self._again = gui.add_button("Read it again", color="blue", visible=False, hint="Undo brings yours back")
-        self._save.on_click(self._pressed(lambda event: self._write(event)))
-        self._again.on_click(self._pressed(lambda event: self._read_again()))
-        back = gui.add_command("Close the question", hotkey="escape")
-        back.on_trigger(lambda event: self._leave(event.client_id))
+    def close(self) -> None:
+        """End the run of a trial."""
+        self._files.close()
 
     def _pressed(self, do: Callable[[Any], object]) -> Callable[[Any], None]:
         """A callback for a person's action; the page shows why an action is refused."""
@@ -117,86 +114,60 @@ class EditTab:
 
         return pressed(self._lock, attempt)
 
+    def _tell(self, said: str) -> None:
+        self._said, self._looked_at = said, 0.0
+
     # -- what a person does -----------------------------------------------------------------------------------------
 
-    def _drag(self, index: int, angle_deg: float, phase: Phase) -> None:
+    def _drag(self, key: Key, angle_deg: float, phase: Phase) -> None:
         with self._lock:
-            self._chosen, self._refused, self._said = index, "", ""
+            self._chosen, self._refused, self._said = key, "", ""
             try:
-                self._editor.move(index, angle_deg, gesture="drag")
+                self._editor.move(key[1], angle_deg, gesture="drag", section=key[0])
             except MapError as problem:
                 self._refused = str(problem)
             if phase == "end":
                 self._editor.settle()
 
-    def _choose(self, index: int) -> None:
+    def _choose(self, key: Key) -> None:
         with self._lock:
-            self._chosen = index
+            self._chosen = key
 
     def _choose_name(self, name: str) -> None:
-        self._chosen = next((o.index for o in self._editor.openings if o.name == name), self._chosen)
+        self._chosen = next((_key(piece) for piece in self._editor.pieces if piece.name == name), self._chosen)
+
+    @property
+    def _piece(self) -> Written | None:
+        return None if self._chosen is None else self._editor.piece(*self._chosen)
 
     def _slide(self, value: float, what: str) -> None:
-        opening = None if self._chosen is None else self._editor.opening(self._chosen)
-        if opening is None:
+        piece = self._piece
+        if piece is None or piece.section == "rings":
             return
-        if what == "move" and value != opening.angle_deg:
-            self._editor.move(opening.index, value, gesture=("angle", opening.index))
-        elif what == "widen" and value != opening.width_mm:
-            self._editor.widen(opening.index, value, gesture=("width", opening.index))
+        if what == "move" and value != piece.angle_deg:
+            self._editor.move(piece.index, value, gesture=("angle", _key(piece)), section=piece.section)
+        elif what == "widen" and value != piece.width_mm:
+            self._editor.widen(piece.index, value, gesture=("width", _key(piece)), section=piece.section)
 
     def _close(self, closed: bool) -> None:
-        if self._chosen is not None:
-            self._editor.close(self._chosen, closed)
+        if (piece := self._piece) is not None and piece.section == "openings":
+            self._editor.close(piece.index, closed)
 
     def _take_out(self) -> None:
-        if self._chosen is not None:
-            self._editor.remove(self._chosen)
-            self._chosen = min(self._chosen, len(self._editor.openings) - 1) if self._editor.openings else None
+        if (piece := self._piece) is not None:
+            self._editor.remove(piece.index, piece.section)
+            left = [*self._editor.of(piece.section)[: piece.index + 1][-1:], *self._editor.pieces]
+            self._chosen = _key(left[0]) if left else None
 
     def _put_in(self) -> None:
-        self._chosen = self._editor.add(int(self._wall.value.split("–")[0]))
+        number = int(re.findall(r"\d+", self._where.value)[0])
+        section = KINDS[self._what.value]
+        add = {"openings": self._editor.add, "radial_walls": self._editor.add_wall, "rings": self._editor.add_ring}
+        self._chosen = (section, add[section](number))
 
     def _type(self, text: str) -> None:
         self._typed_at = monotonic()
         self._editor.write(text)
-
-    def _write(self, event: Any, with_errors: bool = False) -> None:
-        errors = self._editor.check.errors
-        if errors and not with_errors:
-            self._ask(event)
-            return
-        path = self._editor.save(self._name.value.strip(), with_errors=with_errors)
-        self._said = f"saved as {path}"
-
-    def _read_again(self) -> None:
-        self._editor.read_again()
-        self._looked_at = 0.0
-
-    def _leave(self, browser: int | None) -> None:
-        modal = self._asking.pop(browser, None) if browser is not None else None
-        if modal is not None:
-            modal.close()
-
-    def _ask(self, event: Any) -> None:
-        """Ask in the browser of the event whether to save with errors."""
-        errors = self._editor.check.errors
-        count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
-        browser = event.client.client_id
-        self._leave(browser)
-        self._asking[browser] = modal = event.client.gui.add_modal(f"The map has {count}")
-        with modal:
-            rows = "".join(f"<li>{escape(str(error))}</li>" for error in errors[:5])
-            event.client.gui.add_html(f'<ul style="{FONT}color:{INKS["bad"]}">{rows}</ul>')
-            back = event.client.gui.add_button("Back to the map")
-            anyway = event.client.gui.add_button("Save all the same", color="red", hint="no run will take it as it is")
-        back.on_click(lambda _: self._leave(browser))
-
-        def save(pressed: Any) -> None:
-            self._leave(browser)
-            self._pressed(lambda _: self._write(event, with_errors=True))(pressed)
-
-        anyway.on_click(save)
 
     # -- what is shown ----------------------------------------------------------------------------------------------
 
@@ -210,56 +181,60 @@ class EditTab:
             if now - self._looked_at > LOOK_S:
                 self._looked_at, self._overtaken = now, editor.overtaken()
             state = (
-                editor.text, editor.path, editor.changed, self._chosen, self._refused, self._said, self._overtaken
+                editor.text, editor.path, editor.changed, self._chosen, self._refused, self._said, self._overtaken,
+                self._what.value, self._files.state,
             )  # fmt: skip
             if state == self._drawn:
                 return
-            if self._chosen is not None and editor.opening(self._chosen) is None and editor.openings:
-                self._chosen = editor.openings[0].index
+            if self._piece is None and editor.pieces:
+                self._chosen = _key(editor.pieces[0])
             self._drawn = state
             self._scene.show(editor, self._chosen)
             self._draw_text()
             self._draw_buttons()
+            self._files.draw(self._overtaken)
             self._head.content = head_html(editor, self._refused, self._said, self._overtaken)
 
     def _draw_text(self) -> None:
-        editor = self._editor
-        opening = None if self._chosen is None else editor.opening(self._chosen)
+        editor, piece = self._editor, self._piece
         changed = changed_lines(editor.saved, editor.text)
         self._listing.content = listing(
-            editor.text, editor.check.errors, None if opening is None else opening.line, changed
+            editor.text, editor.check.errors, None if piece is None else piece.line, changed
         )
         self._beside.content = problems_html(editor)
         if self._typed.value != _plain(editor.text):
             self._typed.value = _plain(editor.text)
 
     def _draw_buttons(self) -> None:
-        editor, names = self._editor, self._names()
-        opening = None if self._chosen is None else editor.opening(self._chosen)
-        if self._which.options != names:
-            self._which.options = names
-        walls = self._walls()
-        if self._wall.options != walls:
-            self._wall.options = walls
-        for control in (self._which, self._angle, self._width, self._closed, self._remove):
-            control.disabled = opening is None
-        if opening is not None:
-            self._which.value = opening.name
-            self._angle.value = min(round(opening.angle_deg, 1), 359.9)
-            self._width.value = min(max(opening.width_mm, 1.0), 60.0)
-            self._closed.value = opening.closed
+        editor, piece = self._editor, self._piece
+        for control, options in ((self._which, self._names()), (self._where, self._places())):
+            if control.options != options:
+                control.options = options
+        turns = piece is not None and piece.section != "rings"
+        self._which.disabled = self._remove.disabled = piece is None
+        self._angle.disabled = self._width.disabled = not turns
+        self._closed.disabled = piece is None or piece.section != "openings"
+        if piece is not None:
+            self._which.value = piece.name
+            self._angle.value = min(round(piece.angle_deg, 1), 359.9)
+            self._width.value = min(max(piece.width_mm, 1.0), 60.0)
+            self._closed.value = piece.closed
         self._undo.disabled, self._redo.disabled = not editor.can_undo, not editor.can_redo
-        self._save.color = "red" if editor.check.errors else "green" if editor.changed else "gray"
-        self._save.label = "Save, with errors …" if editor.check.errors else "Save"
-        self._again.visible = self._overtaken.startswith("was changed")
-        self._add.disabled = editor.maze is None
+        self._add.disabled = editor.maze is None or self._where.options == ("none",)
 
     def _names(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(opening.name for opening in self._editor.openings)) or ("none",)
+        return tuple(dict.fromkeys(piece.name for piece in self._editor.pieces)) or ("none",)
 
-    def _walls(self) -> tuple[str, ...]:
-        rings = 0 if self._editor.maze is None else len(self._editor.maze.rings)
-        return tuple(f"{outer}–{outer + 1}" for outer in range(1, rings)) or ("none",)
+    def _places(self) -> tuple[str, ...]:
+        """Where a part of the chosen kind can be added."""
+        rings, section = 0 if self._editor.maze is None else len(self._editor.maze.rings), KINDS[self._what.value]
+        words = {"openings": "wall {}–{}", "radial_walls": "ring {}", "rings": "outside ring {}"}[section]
+        last = rings if section == "rings" else rings - 1
+        return tuple(words.format(ring, ring + 1) for ring in range(1, last + 1)) or ("none",)
+
+
+def _key(piece: Written) -> Key:
+    return piece.section, piece.index
 
 
 def _plain(text: str) -> str:
@@ -279,7 +254,7 @@ def head_html(editor: MapEditor, refused: str, said: str, overtaken: str = "") -
     bad = f'<div data-refused style="color:{INKS["bad"]};font-weight:600">{escape(refused)}</div>' if refused else ""
     good = f'<div data-said style="color:{INKS["good"]}">{escape(said)}</div>' if said else ""
     return (
-        f'<div style="{FONT}" data-changed="{int(editor.changed)}" data-errors="{wrong}">'
+        f'<div style="{FONT}overflow-wrap:anywhere" data-changed="{int(editor.changed)}" data-errors="{wrong}">'
         f'<b>{escape(editor.path.name)}</b> <span style="color:{INKS["quiet"]}">{state}</span>'
         f'<div style="color:{colour}">{"✕" if wrong else "✓"} {word}</div>'
         f"{notes}{bad}{good}</div>"
