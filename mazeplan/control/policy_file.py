@@ -27,7 +27,7 @@ from mazeplan.control.policy import INPUTS, KNOWN, Policy, Single
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import ModelError
 from mazeplan.core.whole_file import whole_file
-from mazeplan.learning.gp_file import arrays_of
+from mazeplan.learning.gp_file import arrays_of, content_of, write_content
 from mazeplan.maze.yamltree import Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1
@@ -56,13 +56,12 @@ def save_policy(policy: Policy, folder: str | Path) -> Path:
     for k, (weights, bias) in enumerate(policy.layers):
         arrays |= {f"weights{k}": weights, f"bias{k}": bias}
     np.savez(stream, **arrays)
-    held = {"file": ARRAYS, "sha256": hashlib.sha256(stream.getvalue()).hexdigest()}
     document = policy_document(policy)
-    document = {**document, "arrays": held, "trained": document.pop("trained")}
+    trained = document.pop("trained")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path.with_name(ARRAYS)) as beside:
-            beside.write_bytes(stream.getvalue())
+        held = write_content(path.with_name(ARRAYS), stream.getvalue())
+        document |= {"arrays": held, "trained": trained}
         with whole_file(path) as beside:
             beside.write_text(yaml.safe_dump(document, sort_keys=False, width=120), encoding="utf-8")
     except OSError as problem:
@@ -127,14 +126,7 @@ def _arrays(path: Path, entry: Any, sizes: list[int]) -> dict[str, Single]:
     """The arrays of the file, of the right shapes. Raises ValueError."""
     if not isinstance(entry, dict) or entry.get("file") != ARRAYS:
         raise ValueError(f"expected file: {ARRAYS} and its sha256")
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise ValueError(f"{ARRAYS} is larger than {MOST_BYTES} bytes")
-        content = path.read_bytes()
-    except OSError as problem:
-        raise ValueError(f"{ARRAYS} cannot be read: {problem.strerror}") from None
-    if hashlib.sha256(content).hexdigest() != entry.get("sha256"):
-        raise ValueError(f"{ARRAYS} is not the file that this policy was saved with (its sha256 differs)")
+    content = content_of(path.parent, {"file": ARRAYS, "sha256": entry.get("sha256")})
     try:
         found = arrays_of(content, MOST_BYTES)
     except ValueError as problem:

@@ -96,7 +96,7 @@ def content_of(folder: Path, entry: Mapping[str, Any]) -> bytes:
     except OSError as problem:
         raise ValueError(f"{name} cannot be read: {problem.strerror}") from None
     if hashlib.sha256(content).hexdigest() != entry["sha256"]:
-        raise ValueError(f"{name} is not the file that this model was saved with (its sha256 differs)")
+        raise ValueError(f"{name} is not the file that was saved here (its sha256 differs)")
     return content
 
 

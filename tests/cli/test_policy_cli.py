@@ -51,7 +51,7 @@ def test_what_is_no_policy_is_refused_with_its_option(refused, folder):
     assert error == "mazeplan: --policy: nowhere: got no such file, expected a folder with policy.yaml\n"
     assert "policy.yaml" in refused("evaluate", "--policy", "nowhere", "--runs", "1")
     (folder / "policy.npz").write_bytes(b"other")
-    assert "policy.npz is not the file that this policy was saved with" in refused("policy", "show", "made")
+    assert "policy.npz is not the file that was saved here" in refused("policy", "show", "made")
 
 
 def test_tree_and_policy_must_fit(refused, folder):

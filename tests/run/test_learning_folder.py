@@ -121,7 +121,7 @@ def test_killed_between_two_files_it_goes_on(monkeypatch, capsys, kept, tmp_path
     assert evaluated(monkeypatch, capsys, kept)[0] == 0
     assert read_about(kept)["files"]["ring4.npz"] != read_about(before)["files"]["ring4.npz"]
     shutil.copy(before / "ring4.npz", kept)  # as it would be if it had not been replaced yet
-    with pytest.raises(ModelError, match="not the file that this model was saved with"):
+    with pytest.raises(ModelError, match="not the file that was saved here"):
         load_model(kept)
     code, err = evaluated(monkeypatch, capsys, kept)
     assert code == 0, err
