@@ -11,9 +11,10 @@ from mazeplan.apps.report import drawing
 from mazeplan.core import palette
 
 NAMES = """planned real commanded measured good bad unsure neutral ring1 ring2 ring3 ring4 ring5 sixth
-running success failure skipped idle"""
+running success failure skipped idle second"""
 TOGETHER = [
     ["planned", "real"],
+    ["real", "second", "neutral"],
     ["commanded", "measured"],
     ["good", "bad", "unsure"],
     [f"ring{i}" for i in range(1, 6)],

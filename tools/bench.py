@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from bench_balls import balls_section
 from bench_baselines import baselines_section
 from bench_batch import batch_section
 from bench_body import body_section
@@ -224,7 +225,7 @@ SECTIONS: dict[str, Callable[[bool], list[str]]] = {
     "neural": lambda quick: neural_section(mazeplan, quick), "learning": learning_section, "real": real_section,
     "camera": lambda quick: camera_section(mazeplan, quick),
     "campaign": campaign_section, "batch": batch_section,
-    "trees": trees_section, "waypoints": waypoints_section, "policy": policy_section,
+    "trees": trees_section, "waypoints": waypoints_section, "balls": balls_section, "policy": policy_section,
     "view": view_section, "replay": replay_section, "rig": rig_section, "gym": gym_section,
     "faults": lambda quick: faults_section(mazeplan, quick), "pairs": pairs_section, "out": out_section,
     "firmware": firmware_section, "supply": supply_section,

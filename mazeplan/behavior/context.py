@@ -16,6 +16,7 @@ from mazeplan.behavior.blame import CommandError
 from mazeplan.behavior.ports import shown
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.estimation.rim_watch import Out
+from mazeplan.control.keeping import Keeper
 from mazeplan.control.opening import OpeningOptions
 from mazeplan.control.opening_rollout import OpeningRollout, RolloutOptions
 from mazeplan.control.policy import Policy
@@ -77,6 +78,14 @@ class TwoCommandsError(CommandError, AssertionError):
     """The rig was commanded twice in one tick. Out of a leaf it is a TreeError at that leaf's line."""
 
 
+@dataclass(frozen=True, slots=True)
+class BallView:
+    """One ball at a tick. state: when the command of the tick will act; measured: when it was seen last."""
+
+    state: State
+    measured: State
+
+
 @dataclass
 class RunContext:
     """The shared side of one run. `clock` gives rig time; `report` takes events and plans for log and display;
@@ -89,7 +98,11 @@ class RunContext:
     belongs to this goal; `left_from`: the ring that is to be left by the opening chosen; `heading`:
     the ring to which the tree has planned its route last, None: it has not; `out`: where the ball is that has left the
     maze, None: it has not; `policy`: a learned
-    one, for `FollowPolicy`."""
+    one, for `FollowPolicy`.
+
+    With several balls, `ball` is the number, from 1 on, of the one that the leaves lead now: `state`, `measured` and
+    `ahead` are its own. `views`: each ball; `aheads`: `ahead` of each; `kept`: numbers of those that are to stay in the
+    centre meanwhile; `keeper`: changes commands by which one of them would leave it."""
 
     maze: Maze
     graph: RouteGraph
@@ -121,6 +134,11 @@ class RunContext:
     heading: int | None = None
     out: Out | None = None
     policy: Policy | None = None
+    ball: int = 1
+    views: tuple[BallView, ...] = ()
+    aheads: tuple[Callable[..., State], ...] = ()
+    kept: frozenset[int] = frozenset()
+    keeper: Keeper | None = None
     _entering: tuple[int, int, float] | None = None
     _falling: Opening | None = None
 
@@ -155,11 +173,25 @@ class RunContext:
         """Rig time of this tick, s."""
         return self.now
 
-    def begin(self, now: float, state: State, measured: State, out: Out | None = None) -> None:
-        """Start a tick."""
+    def begin(
+        self, now: float, state: State, measured: State, out: Out | None = None, others: tuple[BallView, ...] = ()
+    ) -> None:
+        """Start a tick. state, measured: of the first ball."""
         self.now = self.graph.now = now
-        self.state, self.measured, self.out = self._entered(state), measured, out
+        self.views = (BallView(state, measured), *others)
+        led = self.views[self.ball - 1]
+        self.state, self.measured, self.out = self._entered(led.state), led.measured, out
         self.command, self.commanded_by = None, ""
+
+    def lead(self, ball: int, kept: frozenset[int]) -> None:
+        """From now on the leaves lead another ball, of this number, while those of `kept` stay in the centre."""
+        self.kept = kept - {ball}
+        if ball == self.ball:
+            return
+        self.ball, self.ahead = ball, self.aheads[ball - 1]
+        self._entering = self._falling = self.refused = self.prepared = self.plan = self.opening = None
+        self.goal_theta = self.left_from = None
+        self.state, self.measured = self.views[ball - 1].state, self.views[ball - 1].measured
 
     def again(self) -> None:
         """The tree is ticked once more in this tick: what leaves commanded so far stands, but any of them may command
@@ -208,6 +240,8 @@ class RunContext:
         if self.commanded_by:
             both = f"{leaf} and {self.commanded_by} both command the rig"
             raise TwoCommandsError(f"{both} at t = {self.now:.3f} s, expected one of them")
+        if self.kept and self.keeper is not None:
+            command = self.keeper.command(command, [self.views[k - 1].state for k in sorted(self.kept)], self.here)
         self.command, self.commanded_by = command, leaf
 
     def on_event(self, kind: str, detail: Mapping[str, Any]) -> None:
@@ -245,7 +279,9 @@ class RunContext:
         """How often this kind of failure has happened on the way to this goal."""
         return sum(failure.kind is kind for failure in self.failures[self.since :])
 
-    def turn_to(self, opening: Opening) -> float:
-        """Signed angle from the ball to the opening, rad, by the way that radial walls leave."""
-        turn = self.maze.turn(self.here.ring, self.here.theta, opening.angle)
-        return difference(opening.angle, self.here.theta) if turn is None else turn
+    def turn_to(self, opening: Opening, ball: State | None = None) -> float:
+        """Signed angle from a ball, by default the one that is led, to the opening, rad, by the way that radial walls
+        leave."""
+        here = self.here if ball is None else ball
+        turn = self.maze.turn(here.ring, here.theta, opening.angle)
+        return difference(opening.angle, here.theta) if turn is None else turn

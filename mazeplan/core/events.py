@@ -24,6 +24,14 @@ class RingEntered:
 
 
 @dataclass(frozen=True, slots=True)
+class OtherEntered:
+    """Another ball than the first, from 2 on, is in another ring, or was seen for the first time."""
+
+    ball: int
+    ring: int
+
+
+@dataclass(frozen=True, slots=True)
 class PlacedElsewhere:
     """The ball was first seen in `ring`, although the run asked for another one."""
 
@@ -147,6 +155,7 @@ Request = GoalChanged | OpeningClosed | OpeningReopened | StopRequested  # from 
 RunEvent = (
     Start
     | RingEntered
+    | OtherEntered
     | PlacedElsewhere
     | RoutePlanned
     | OpeningChosen
@@ -165,6 +174,7 @@ RunEvent = (
 KINDS: dict[str, type[RunEvent]] = {
     "start": Start,
     "ring": RingEntered,
+    "other_ring": OtherEntered,
     "placed_elsewhere": PlacedElsewhere,
     "route": RoutePlanned,
     "opening": OpeningChosen,

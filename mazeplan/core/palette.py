@@ -14,6 +14,8 @@ COLOURS: dict[str, str] = {
     "real": "#004B79",
     "commanded": "#D55E00",
     "measured": "#004B79",
+    # the second of two balls
+    "second": "#CC79A7",
     # an opening, a candidate, an error before and after
     "good": "#008561",
     "bad": "#7A2000",
@@ -90,6 +92,7 @@ DASHES: dict[str, tuple[float, ...]] = {
     "bad": (4.0, 1.5),
     "unsure": (1.0, 1.2),
     "neutral": (1.0, 1.2),
+    "second": (2.0, 1.0),
     "ring2": (5.0, 1.5),
     "ring3": (1.0, 1.2),
     "ring4": (5.0, 1.2, 1.0, 1.2),
@@ -100,8 +103,8 @@ DASHES: dict[str, tuple[float, ...]] = {
 # as Matplotlib writes them
 MARKERS: dict[str, str] = {
     "planned": "s", "commanded": "s", "real": "o", "measured": "o", "good": "o", "bad": "X", "unsure": "^",
-    "neutral": ".", "ring1": "o", "ring2": "s", "ring3": "^", "ring4": "D", "ring5": "v", "sixth": "P", "running": ">",
-    "success": "o", "failure": "X", "skipped": "|", "idle": ".",
+    "neutral": ".", "second": "D", "ring1": "o", "ring2": "s", "ring3": "^", "ring4": "D", "ring5": "v", "sixth": "P",
+    "running": ">", "success": "o", "failure": "X", "skipped": "|", "idle": ".",
 }  # fmt: skip
 HATCHES: dict[str, str] = {"failure": "xxx", "bad": "xxx", "skipped": "...", "unsure": "//", "running": "//"}
 

@@ -37,13 +37,16 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What a rig measured at one sample. x = y = None when the ball is not seen."""
+    """What a rig measured at one sample. x = y = None when the ball is not seen.
+
+    others: of a rig with several balls, the same sample for each ball after the first, always in the same order."""
 
     t: float
     x: float | None
     y: float | None
     beta: float
     gamma: float
+    others: tuple[Observation, ...] = ()
 
     @property
     def seen(self) -> bool:
@@ -220,6 +223,7 @@ class FailureKind(StrEnum):
     LEAF_FAILED = "leaf_failed"
     RIG_FAILED = "rig_failed"
     LOG_FAILED = "log_failed"
+    LEFT_THE_CENTRE = "left_the_centre"
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +262,14 @@ class RingPassage:
 
 
 @dataclass(frozen=True, slots=True)
+class OtherBall:
+    """A ball of a run after the first one: its number, from 2 on, and its rings."""
+
+    ball: int
+    rings: tuple[RingPassage, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class GoalGiven:
     """A goal of a run: ring, and rig time at which it was given, s. Several of one time are visited in this order."""
 
@@ -280,7 +292,7 @@ class NavigationResult:
     success: the tree succeeded with the ball in the newest of `goals`; reason is "arrived", a failure kind, "stopped"
     from outside, "skipped", "interrupted", or "crashed" where the program itself raised what it should not.
     planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed. start: None where the
-    rig did not come so far.
+    rig did not come so far. others: balls after the first, to which `rings` belongs.
     """
 
     success: bool
@@ -297,6 +309,7 @@ class NavigationResult:
     goals: tuple[GoalGiven, ...] = ()
     doubts: tuple[Doubt, ...] = ()
     start: Start | None = None
+    others: tuple[OtherBall, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on, and

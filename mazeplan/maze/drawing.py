@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mazeplan.core.errors import InputError
 from mazeplan.core.maths.angles import place_deg
-from mazeplan.core.palette import COLOURS, INKS, MAZE
+from mazeplan.core.palette import COLOURS, DASHES, INKS, MAZE
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.geometry import Maze, Opening, RadialWall, Wall
 from mazeplan.maze.label_places import SHOWN, WORD, ball_place, name_places, number_places, word_fits
@@ -189,13 +189,24 @@ def draw_trail(ax: Axes, trail: Array) -> None:
     ax.plot(*end, "o", color=_INK, markeredgecolor=_FLOOR, markersize=6.0, zorder=6)
 
 
+def draw_second(ax: Axes, trail: Array) -> None:
+    """Draw where the second ball was: (N, 2) x, y in m; rows that are not finite break the line."""
+    look = {"color": COLOURS["second"], "dashes": (2.0, 1.0), "lw": 1.4, "zorder": 3.5}
+    ax.plot(*(_MM * trail.T), label="second ball", **look)
+    known = np.isfinite(trail).all(axis=1)
+    if known.any():
+        ax.plot(
+            *(_MM * trail[known][-1]), "o", color=COLOURS["second"], markeredgecolor=_FLOOR, markersize=6.0, zorder=6
+        )
+
+
 def save_drawing(
     maze: Maze, path: str | Path, route: Route | None = None, trail: Array | None = None, *,
-    labels: bool = True, names: bool = False, title: str = "",
+    labels: bool = True, names: bool = False, title: str = "", second: Array | None = None,
 ) -> None:  # fmt: skip
     """Draw the maze, with a route and the ball's trail if given, to a .png, .svg or .pdf file.
 
-    labels, names: as in `draw_maze`; title: above the drawing.
+    labels, names: as in `draw_maze`; title: above the drawing; second: trail of a second ball, (N, 2).
 
     Raises InputError for another suffix or a place that cannot be written.
     """
@@ -216,10 +227,12 @@ def save_drawing(
         if trail.shape[1] == 3:
             figure.set_size_inches(6.8, 6.0)  # room for the scale of time
         draw_trail(ax, trail)
+    if second is not None:
+        draw_second(ax, second)
     if route is not None:
         draw_route(ax, maze, route)
     if labels:
-        _draw_legend(ax, route is not None and bool(route.legs), trail is not None)
+        _draw_legend(ax, route is not None and bool(route.legs), trail is not None, second is not None)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as beside:
@@ -228,7 +241,7 @@ def save_drawing(
         raise InputError(f"cannot be written: {problem.strerror or problem}", file=path) from None
 
 
-def _draw_legend(ax: Axes, route: bool, trail: bool) -> None:
+def _draw_legend(ax: Axes, route: bool, trail: bool, second: bool = False) -> None:
     """What the lines over the maze are."""
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
@@ -239,6 +252,8 @@ def _draw_legend(ax: Axes, route: bool, trail: bool) -> None:
     if trail:
         looks.append(("path of the ball", {"color": colormaps[_TRAIL_MAP](0.4), "lw": 1.6}))
         looks.append(("its end", {"color": _INK, "marker": "o", "lw": 0}))
+    if second:
+        looks.append(("second ball", {"color": COLOURS["second"], "lw": 1.4, "dashes": DASHES["second"]}))
     if looks:
         handles = [Line2D([], [], label=label, **look) for label, look in looks]
         ax.legend(handles=handles, loc="upper left", fontsize=_FONT, frameon=False, borderaxespad=0.0, handlelength=1.6)

@@ -94,7 +94,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class Maze:
-    """A whole maze. tilt_limit: rad per axis; source: the file it came from."""
+    """A whole maze. tilt_limit: rad per axis; balls: how many roll on the plate; source: the file it came from."""
 
     name: str
     ball: Ball
@@ -104,6 +104,7 @@ class Maze:
     wall_height: float
     rim_thickness: float = 0.005
     radial_walls: tuple[RadialWall, ...] = ()
+    balls: int = 1
     source: str = field(default="", compare=False)
 
     def ring(self, number: int) -> Ring:

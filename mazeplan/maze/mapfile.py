@@ -245,6 +245,7 @@ def _maze(spec: MapFile, source: str) -> Maze:
             RadialWall(wall_name(w), w.ring, math.radians(w.angle_deg), w.thickness_mm / 1000.0)
             for w in spec.radial_walls
         ),
+        balls=spec.balls,
         source=source,
     )
 
@@ -260,6 +261,7 @@ def dump_map(maze: Maze) -> str:
         f"tilt_limit_deg: {_degrees(maze.tilt_limit)}",
         f"wall_height_mm: {_milli(maze.wall_height)}",
         f"rim_thickness_mm: {_milli(maze.rim_thickness)}",
+        *([] if maze.balls == 1 else [f"balls: {maze.balls}"]),
         "rings:",
     ]
     lines += [

@@ -17,6 +17,7 @@ _NAME_WORDS = "1 to 40 letters, digits, spaces or _ . @ + -"
 MAX_RINGS = 60
 MAX_OPENINGS = 2000
 MAX_RADIAL_WALLS = 2000
+MAX_BALLS = 2
 
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 
@@ -67,6 +68,7 @@ class MapFile(_Section):
     tilt_limit_deg: float = Field(gt=0, le=30)
     wall_height_mm: float = Field(gt=0, le=200)
     rim_thickness_mm: float = Field(default=5.0, ge=1, le=100)
+    balls: int = Field(default=1, ge=1, le=MAX_BALLS)
     rings: list[RingSection] = Field(min_length=2, max_length=MAX_RINGS)
     openings: list[OpeningSection] = Field(max_length=MAX_OPENINGS)
     radial_walls: list[RadialWallSection] = Field(default_factory=list, max_length=MAX_RADIAL_WALLS)

@@ -52,6 +52,7 @@ class RigTraits:
     realtime: False for a simulation, which needs no watchdog; latency: a measured one replaces the model's; unseen_s: a
     run ends after so many seconds without the ball; out_s: and after so many with the ball out of the maze (None: as
     `Setup` has it); ready(): raises SettingsError if the rig cannot be driven yet;
+    balls: how many roll on it; the first is that of `reset`, the others are in `Observation.others`;
     begin_run(n): announces run n of a campaign, from 1 on; stop(): levels the plate until the next reset, from any
     thread; inject(fault): makes the machine fail; cannot: kinds of faults that `inject` refuses; truth(), pictured():
     state and picture of a simulation; surprise: what a simulated rig hides from the planner."""
@@ -60,6 +61,7 @@ class RigTraits:
     latency: Latency | None = None
     unseen_s: float | None = None
     out_s: float | None = None
+    balls: int = 1
     ready: Callable[[], None] | None = None
     begin_run: Callable[[int], None] | None = None
     stop: Callable[[], None] | None = None

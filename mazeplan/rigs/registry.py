@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import traceback
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -184,7 +185,8 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
         settings = settings_from(data)
     if sense is not None:
         settings = settings.model_copy(update={"sense": sense})
-    return SimulatedRig(maze if settings.map is None else load_map(_beside(data.file, settings.map)), settings)
+    own = maze if settings.map is None else replace(load_map(_beside(data.file, settings.map)), balls=maze.balls)
+    return SimulatedRig(own, settings)
 
 
 def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:

@@ -6,9 +6,11 @@ from mazeplan.behavior.context import LeafOptions, RunContext
 from mazeplan.control.cost import CostParameters
 from mazeplan.control.deadline import Stopwatch
 from mazeplan.control.estimation.rigid_body_parameters import body_of
+from mazeplan.control.keeping import Keeper
 from mazeplan.control.opening_rollout import OpeningRollout
 from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
+from mazeplan.core.records import State
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.dynamics.planar import PlanarModel
@@ -58,8 +60,14 @@ def rollout_of(maze: Maze, model: RigModel, options: LeafOptions, late_s: float)
     return OpeningRollout(maze, planar, plate_of(maze, model), options.gate, options.rollout)
 
 
-def passed_by(run: RunContext, before: int, ring: int) -> str | None:
-    """Name of the opening by which the ball changed its ring: the nearest that joins the two, if any does."""
+def keeper_of(maze: Maze, model: RigModel) -> Keeper | None:
+    """The filter that keeps balls in the disc; None for a maze with one ball, which is never kept."""
+    return None if maze.balls == 1 else Keeper(maze, PlanarModel.build(maze, model), plate_of(maze, model))
+
+
+def passed_by(run: RunContext, before: int, ring: int, ball: State | None = None) -> str | None:
+    """Name of the opening by which a ball (None: the one that is led) changed its ring: the nearest that joins the two,
+    if any does."""
     joining = [o for o in run.maze.openings if {o.outer, o.inner} == {before, ring}]
-    nearest = min(joining, key=lambda o: abs(run.turn_to(o)), default=None)
+    nearest = min(joining, key=lambda o: abs(run.turn_to(o, ball)), default=None)
     return None if nearest is None else nearest.name

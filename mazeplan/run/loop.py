@@ -23,8 +23,6 @@ from mazeplan.behavior.treefile import read_tree
 from mazeplan.behavior.winding import WindDown
 from mazeplan.control.backlash import Gears
 from mazeplan.control.deadline import Live, Stopwatch
-from mazeplan.control.estimation.delay_bank import estimator_for
-from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.control.estimation.sample_check import Scrutiny
 from mazeplan.core.display import Display
 from mazeplan.core.errors import LogError, RigError
@@ -51,7 +49,8 @@ from mazeplan.core.records import (
 from mazeplan.maze.graph import RouteGraph
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.rigs.interface import Rig
-from mazeplan.run.assembly import planners_of, plate_of, rollout_of
+from mazeplan.run.assembly import keeper_of, planners_of, plate_of, rollout_of
+from mazeplan.run.balls import Balls
 from mazeplan.run.goals import Requests
 from mazeplan.run.recorder import RunRecorder
 from mazeplan.run.specification import Job, Setup
@@ -86,15 +85,15 @@ class Run:
         self._record = RunRecorder(log or RunMessages(), display, segment)
         self._most, self.sent = slew / rig.rate_hz, LEVEL
         self._gears = Gears(model.stage, setup.maze.tilt_limit)
-        self._estimator = estimator_for(setup.maze, model, setup.settings.estimator, rig.rate_hz)
+        self._balls = Balls(setup, rig.rate_hz)
         self._scrutiny = Scrutiny(rig.rate_hz)
-        self._rim = RimWatch(setup.maze, setup.settings.estimator.camera_sigma)
         # a plate that is kept from moving fast answers later, by half its range on average
         self._late_s = model.late_s + 0.5 * setup.maze.tilt_limit / slew
         self._watch = watch or Live()
         cost = setup.settings.leaves.cost
         self._planners = planners_of(setup.maze, model, cost, self._watch, late_s=self._late_s)
         self._rollout = rollout_of(setup.maze, model, setup.settings.leaves, self._late_s)
+        self._keeper = keeper_of(setup.maze, model)
         self._memory = OpeningMemory() if setup.memory is None else setup.memory
         self._held = LEVEL  # the last command of the rig
         self._seen_at = 0.0  # when the ball was seen last
@@ -118,12 +117,14 @@ class Run:
             plate=plate_of(setup.maze, self._model),
             goal=goal,
             planners=self._planners,
-            ahead=self._estimator.ahead,
+            ahead=self._balls.ahead[0],
             report=_to(WeakMethod(self._report)),
             options=setup.settings.leaves,
             late_s=self._late_s,
             rollout=self._rollout,
             policy=setup.policy,
+            aheads=self._balls.ahead,
+            keeper=self._keeper,
         )
         tree = self._tree_file.build(self._leaves, context)
         check_policy(tree, setup.policy)
@@ -136,11 +137,13 @@ class Run:
 
     def _warm_up(self) -> None:
         """Compile and load everything before the rig moves."""
-        self._estimator.warm_up()
+        self._balls.warm_up()
         for planner in self._planners.values():
             planner.warm_up()
         if self._rollout is not None:
             self._rollout.warm_up()
+        if self._keeper is not None:
+            self._keeper.warm_up()
         self._watch.taken()
 
     def aim(self, goal: int, closed: Collection[str] = ()) -> None:
@@ -237,7 +240,7 @@ class Run:
 
     def _unseen_for_long(self, observation: Observation) -> bool:
         """Whether the ball was not seen for as long as the rig allows: it may lie beside the plate."""
-        if observation.seen:
+        if observation.seen and all(other.seen for other in observation.others):
             self._seen_at = observation.t
         limit = self._setup.unseen_s
         if limit is None or observation.t - self._seen_at < limit:
@@ -248,11 +251,12 @@ class Run:
 
     def _succeeded(self) -> NavigationResult:
         """The tree says that all is done: it is where the ball was measured in the ring of the newest goal."""
-        run, measured = self.context, self.context.measured
-        lost = measured is None or measured.lost or not math.isfinite(measured.r)
-        ring = None if measured is None or lost else measured.ring
-        if ring == run.goal and run.out is None:
+        run = self.context
+        seen = [view.measured for view in run.views]
+        rings = [None if ball.lost or not math.isfinite(ball.r) else ball.ring for ball in seen]
+        if set(rings) == {run.goal} and run.out is None:
             return self._end(True, "arrived")
+        ring = next((ring for ring in rings if ring != run.goal), None)
         where = "nobody knows where" if ring is None else f"in ring {ring}"
         where = where if run.out is None else "out of the maze"
         detail = f"the tree succeeded with the ball {where}, the goal is ring {run.goal}"
@@ -322,20 +326,12 @@ class Run:
 
     def _see(self, observation: Observation) -> None:
         """Take in an observation and begin the tick."""
-        state = self._estimator.update(observation)
-        doubts = self._scrutiny.judge(self._estimator.doubts, observation.t)
-        measured = self._estimator.filtered or state
-        self.context.begin(observation.t, state, measured, self._left(observation))
+        first, *others = self._balls.update(observation)
+        doubts = self._scrutiny.judge(self._balls.doubts, observation.t)
+        self.context.begin(observation.t, first.state, first.measured, self._balls.out(observation), tuple(others))
         for doubt in doubts:
             self._report(DoubtRaised(doubt.what))
-        self._record.in_ring(self.context, observation.t, state.ring, lost=state.lost)
-
-    def _left(self, observation: Observation) -> Out | None:
-        """Where the ball is, if it has left the maze."""
-        if self._setup.out_s is None:
-            return None
-        x, y = observation.x, observation.y
-        return self._rim.take(observation.t, None if x is None or y is None else self._model.camera.true(x, y))
+        self._record.in_ring(self.context, observation.t)
 
     def _send(self, observation: Observation, command: Command, status: str, began: float, lead: bool = False) -> None:
         """Command the rig and write the tick; lead: make up for play of the servos, where there is some."""
@@ -346,7 +342,7 @@ class Run:
             passed_on = self._gears.sent(command)
         self._held = command
         self._rig.command(command.u_beta, command.u_gamma)
-        self._estimator.sent(passed_on, observation.t)
+        self._balls.sent(passed_on, observation.t)
         self._record.tick(
             self.context,
             observation,

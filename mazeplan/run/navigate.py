@@ -25,6 +25,7 @@ from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig, check_ready
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
+from mazeplan.run.balls import check_balls, tree_of, with_balls
 from mazeplan.run.execution import run_job
 from mazeplan.run.goals import Goals
 from mazeplan.run.resolve import check_start_angle, model_source, resolve_model, ring_number
@@ -47,6 +48,7 @@ def navigate(
     start_angle_deg: float | None = None,
     closed: Sequence[str] = (),
     via: Sequence[int | str] = (),
+    balls: int | None = None,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
     log: str | Path | None = None,
@@ -67,6 +69,7 @@ def navigate(
     model: packaged name or folder; None: the rig's own, else a packaged one of its name, else nominal physics
     policy: learned, or its folder; the packaged tree `policy` follows it, which is the default then
     via: rings to visit before the goal, in this order; the packaged tree `waypoints` does, which is the default then
+    balls: how many, 1 or 2; None: as the map says; the packaged tree `two_balls` leads two, which is the default then
     behavior: packaged tree or XML file; behavior_modules: modules with leaves beside the packaged ones
     effects: "module:function" with effects of your own that the model has
     settings: YAML file of costs, gains and windows, or Settings; None: the packaged ones
@@ -85,15 +88,16 @@ def navigate(
 
     Raises InputError for an argument that cannot be used, RigError when the machine fails.
     """
-    maze = map if isinstance(map, Maze) else load_map(map)
+    maze = with_balls(map if isinstance(map, Maze) else load_map(map), balls)
     rig_name = rig if isinstance(rig, str) else None
     job = _job(maze, start, goal, start_angle_deg, seed, time_limit, closed, via)
     made = make_rig(rig, maze, sense) if isinstance(rig, str) else rig
     machine = watched(made if around is None else around(made), own_process=own_process)
     check_ready(machine)
+    check_balls(maze, machine, job, policy is not None)
     own_effects(effects)
     kept = None if memory is None else load_memory(Path(memory), [opening.name for opening in maze.openings])
-    chosen = "policy" if policy is not None else "waypoints" if via else behavior
+    chosen = tree_of(maze, "policy" if policy is not None else "waypoints" if via else behavior)
     setup = Setup(
         maze,
         resolve_model(model, rig_name, maze),

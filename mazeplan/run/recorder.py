@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from mazeplan.behavior.context import RunContext
 from mazeplan.behavior.tree import BehaviorTree
@@ -11,6 +12,7 @@ from mazeplan.core.display import Display
 from mazeplan.core.events import (
     DoubtRaised,
     FailureReported,
+    OtherEntered,
     PlacedElsewhere,
     RecoveryChosen,
     Request,
@@ -20,7 +22,17 @@ from mazeplan.core.events import (
 )
 from mazeplan.core.logs.run_log import STATUSES, RunMessages
 from mazeplan.core.maths.spread import spread
-from mazeplan.core.records import Command, Doubt, GoalGiven, NavigationResult, Observation, Plan, RingPassage, Start
+from mazeplan.core.records import (
+    Command,
+    Doubt,
+    GoalGiven,
+    NavigationResult,
+    Observation,
+    OtherBall,
+    Plan,
+    RingPassage,
+    Start,
+)
 from mazeplan.maze.memory import OpeningMemory
 from mazeplan.run.assembly import passed_by
 from mazeplan.run.specification import Job
@@ -32,9 +44,7 @@ class RunRecorder:
     def __init__(self, log: RunMessages, display: Display, segment: int | None) -> None:
         self._log, self._display, self._segment = log, display, segment
         self._tick_ms: list[float] = []
-        self._passages: list[RingPassage] = []
-        self._ring: int | None = None
-        self._ring_since = 0.0
+        self._ways: dict[int, _Way] = {1: _Way()}  # by the ball's number
         self._statuses = ""
         self._start: Start | None = None
         self._attempts = -1
@@ -42,7 +52,7 @@ class RunRecorder:
     @property
     def began(self) -> bool:
         """Whether the ball has been seen in a ring."""
-        return self._ring is not None
+        return self._ways[1].ring is not None
 
     def event(self, t: float, event: RunEvent | Plan) -> None:
         """Record an event, or a new plan, of rig time t, s."""
@@ -57,22 +67,33 @@ class RunRecorder:
         if text and (self.began or not timed.rig_failed):  # before that an error tells why
             self._display.event(t, text)
 
-    def in_ring(self, context: RunContext, t: float, ring: int, *, lost: bool = False) -> None:
-        """Record the ring of the ball. A new ring is an event, and so is a first ring other than the ring of the start.
+    def in_ring(self, context: RunContext, t: float) -> None:
+        """Record the ring of each ball. A new ring is an event, and so is a first ring other than that of the start.
 
-        lost: the position of the ball is not known; then the first ring is not recorded yet."""
-        if ring == self._ring or (lost and self._ring is None):
-            return
-        if self._ring is not None:
-            name = passed_by(context, self._ring, ring)
-            self._passages.append(RingPassage(self._ring, t - self._ring_since, name))
-            self._display.passed(self._ring, name or "another opening", t)
-        elsewhere = self._ring is None and self._start is not None and ring != self._start.ring
-        self._ring, self._ring_since = ring, t
+        Of a ball whose position is not known the first ring is not recorded yet."""
+        for ball, view in enumerate(context.views, start=1):
+            way, ring = self._ways.setdefault(ball, _Way()), view.state.ring
+            if ring == way.ring or (view.state.lost and way.ring is None):
+                continue
+            elsewhere = way.ring is None and self._start is not None and ring != self._start.ring
+            if way.ring is not None:
+                name = passed_by(context, way.ring, ring, None if ball == context.ball else view.state)
+                way.passages.append(RingPassage(way.ring, t - way.since, name))
+            if ball > 1:
+                self.event(context.now, OtherEntered(ball, ring))
+            else:
+                self._first_in(context, t, ring, None if way.ring is None else way.passages[-1])
+            way.ring, way.since = ring, t
+            if elsewhere and ball == 1 and self._start is not None:
+                self.event(context.now, PlacedElsewhere(ring, self._start.ring))
+
+    def _first_in(self, context: RunContext, t: float, ring: int, left: RingPassage | None) -> None:
+        """The first ball is in another ring; left: the one before."""
+        if left is not None:
+            self._display.passed(left.ring, left.opening or "another opening", t)
         self._display.ring_entered(ring, t)
+        self._ways[1].ring = ring  # before the event, which is shown once the ball was seen
         self.event(context.now, RingEntered(ring))
-        if elsewhere and self._start is not None:
-            self.event(context.now, PlacedElsewhere(ring, self._start.ring))
 
     def tick(
         self, context: RunContext, observation: Observation, command: Command, *, status: str, ms: float,
@@ -80,11 +101,12 @@ class RunRecorder:
     ) -> None:  # fmt: skip
         """Record a tick; ms: how long it took, without the recording."""
         self._tick_ms.append(ms)
-        self._display.tick(observation.t, context.here.ring, context.commanded_by)
+        first = context.here if context.ball == 1 else context.views[0].state
+        self._display.tick(observation.t, first.ring, context.commanded_by)
         self._log.tick(
             observation,
             command,
-            state=context.here,
+            state=first,
             status=status,
             leaf=context.commanded_by,
             opening=None if context.opening is None else context.opening.name,
@@ -95,6 +117,7 @@ class RunRecorder:
             cut_off=cut_off,
             segment=self._segment,
             doubts=doubts,
+            **_others(context, observation),
         )
 
     def tree(self, t: float, tree: BehaviorTree) -> None:
@@ -127,16 +150,14 @@ class RunRecorder:
         doubts: Sequence[Doubt],
     ) -> NavigationResult:  # fmt: skip
         """The outcome until now."""
-        passages = list(self._passages)
-        if self._ring is not None:
-            passages.append(RingPassage(self._ring, context.now - self._ring_since, None))
+        ways = {ball: way.until(context.now) for ball, way in self._ways.items()}
         return NavigationResult(
             success=success,
             reason=reason,
             time_s=round(context.now, 6),
             seed=job.seed,
             rig=rig,
-            rings=tuple(passages),
+            rings=ways[1],
             failures=tuple(context.failures),
             replans=context.replans,
             planner_ms=spread(context.planner_ms),
@@ -145,7 +166,34 @@ class RunRecorder:
             goals=tuple(goals),
             doubts=tuple(doubts),
             start=self._start,
+            others=tuple(OtherBall(ball, rings) for ball, rings in ways.items() if ball > 1),
         )
+
+
+@dataclass
+class _Way:
+    """The rings of one ball: those that it left, and the one where it is since a rig time, s."""
+
+    passages: list[RingPassage] = field(default_factory=list)
+    ring: int | None = None
+    since: float = 0.0
+
+    def until(self, now: float) -> tuple[RingPassage, ...]:
+        """With the ring where it is now."""
+        last = [] if self.ring is None else [RingPassage(self.ring, now - self.since, None)]
+        return (*self.passages, *last)
+
+
+def _others(context: RunContext, observation: Observation) -> dict[str, float | int | None]:
+    """Columns of a tick with several balls: the one that is led, and for each after the first where it was measured and
+    estimated."""
+    if not observation.others:
+        return {}
+    columns: dict[str, float | int | None] = {"ball": context.ball}
+    for k, (sample, view) in enumerate(zip(observation.others, context.views[1:], strict=True), start=2):
+        columns |= {f"x{k}": sample.x, f"y{k}": sample.y, f"ring{k}": view.state.ring}
+        columns |= {f"estimate_x{k}": view.state.x, f"estimate_y{k}": view.state.y}
+    return columns
 
 
 def _words(timed: TimedEvent) -> str:
@@ -155,6 +203,8 @@ def _words(timed: TimedEvent) -> str:
             return kind if timed.error_follows else ", ".join(filter(None, (kind, where, detail)))
         case RecoveryChosen(recovery):
             return recovery
+        case OtherEntered(ball, ring):
+            return f"ball {ball} is in ring {ring}"
         case PlacedElsewhere(_, asked):
             return f"the ball is not in ring {asked}, where it was to begin"
         case DoubtRaised("rate"):

@@ -348,7 +348,8 @@ def _observation(document: dict[str, Any]) -> Observation:
     x, y = (unseen if document.get(name) is None else float(document[name]) for name in ("x", "y"))
     if not math.isfinite(t) or not (untold or (math.isfinite(beta) and math.isfinite(gamma))):
         raise ValueError("a tick without t, beta or gamma")
-    return Observation(t, x, y, beta, gamma)
+    x2, y2 = (None if document.get(name) is None else float(document[name]) for name in ("x2", "y2"))
+    return Observation(t, x, y, beta, gamma, (Observation(t, x2, y2, beta, gamma),) if "ball" in document else ())
 
 
 def _cuts(tick: dict[str, Any]) -> list[str]:

@@ -166,11 +166,17 @@ def test_without_one_of_the_runs_something_is_missing():
 
 
 def test_there_is_no_packaged_tree_without_such_runs():
-    assert {path.stem for path in resources.share("behaviors").glob("*.xml")} == {"navigate", "policy", "waypoints"}
+    trees = {path.stem for path in resources.share("behaviors").glob("*.xml")}
+    assert trees == {"navigate", "policy", "two_balls", "waypoints"}
 
 
 def test_the_tree_of_waypoints_ends_in_the_goal_ring():
     run_tree("waypoints").reaches(within=6.0).visits("each ring", "Travel", "Settle").never("Recover", "outside limits")
+
+
+def test_the_tree_of_two_balls_brings_each_and_ends_in_the_goal_ring():
+    run = run_tree("two_balls").reaches(within=8.0).visits("one ball after the other", "LeadBall", "Travel", "Settle")
+    run.never("Recover", "bring it back")
 
 
 # -- the tree Recover alone, on every kind of failure ------------------------------------------------------------------

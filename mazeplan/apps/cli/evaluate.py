@@ -35,6 +35,7 @@ def evaluate(
     settings: opt.Settings = None,
     start: opt.StartRing = "ring1",
     goal: opt.GoalRing = "centre",
+    balls: opt.Balls = None,
     seed: opt.FirstSeed = 0,
     time_limit: opt.TimeLimit = 20.0,
     workers: opt.Workers = None,
@@ -54,17 +55,18 @@ def evaluate(
     from mazeplan.apps.cli.report import write_report
     from mazeplan.apps.report.words import verdict_lines
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.run.balls import with_balls
     from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
 
     check_learning(learn, output, workers, {"--faults": faults, "--dask": dask, "--store": store})
-    maze = load_map(map_)
+    maze = with_balls(load_map(map_), balls)
     note_missing_model(rig, model, maze, sense)
     campaign = Campaign(
         runs=runs or (FAULT_RUNS if faults else RUNS), rig=rig, map=map_, model=model, start=start,
         behavior="policy" if policy is not None and behavior == "navigate" else behavior,
         goal=goal, seed=seed, time_limit=time_limit, settings=settings,
         behavior_modules=tuple(behavior_module or ()), own_process=True, sense=sense, deadline=not no_deadline,
-        effects=effects, policy=policy,
+        effects=effects, policy=policy, balls=balls,
     )  # fmt: skip
     if faults is not None:
         document = _evaluate_faults(campaign, faults, workers, dask, store)

@@ -48,7 +48,6 @@ def open_learner(model: str | None, rig: str, maze: Maze, output: Path | None) -
 def evaluate_learning(campaign: Campaign, output: Path | None) -> tuple[list[NavigationResult], dict[str, Any]]:
     """The results of a campaign that learns, and the entry `learning` of its document."""
     from mazeplan.apps.cli.progress import campaign_progress
-    from mazeplan.maze.mapfile import load_map
     from mazeplan.run.campaign.online_learning import learn_while, lesson_document
 
     done: list[Lesson] = []
@@ -57,7 +56,7 @@ def evaluate_learning(campaign: Campaign, output: Path | None) -> tuple[list[Nav
         done.append(lesson)
         _report(lesson)
 
-    with open_learner(campaign.model, campaign.rig, load_map(campaign.map), output) as learner:
+    with open_learner(campaign.model, campaign.rig, campaign.maze(), output) as learner:
         try:
             with campaign_progress(campaign.runs) as advance:
                 outcomes, lessons = learn_while(campaign, learner, progress=advance, tell=on_lesson)

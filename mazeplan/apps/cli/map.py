@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -114,12 +115,13 @@ def show(
 
     maze = load_map(map_)
     read = None if log is None else _log_of(log, maze)
-    trail, found, title = None, None, f"map {maze.name}"
+    trail, second, found, title = None, None, None, f"map {maze.name}"
     if read is not None:
         from mazeplan.apps.report.run import lead
+        from mazeplan.apps.report.run_record import second_trail
         from mazeplan.apps.report.run_record import trail as trail_of
 
-        trail = trail_of(read)
+        trail, second = trail_of(read), second_trail(read)
         title += f", rig {read.header.get('rig')}, seed {read.header.get('seed')}\n{lead(read)}"
         goal = goal or (f"ring{read.header['goal_ring']}" if read.header.get("goal_ring") else None)
     if with_route:
@@ -131,7 +133,7 @@ def show(
             f"{best.expected_s:.1f} s expected"
         )  # fmt: skip
     best = None if found is None else found.route
-    save_drawing(maze, output, route=best, trail=trail, names=labels, title=title)
+    save_drawing(maze, output, route=best, trail=trail, names=labels, title=title, second=second)
     say(f"wrote {output}")
 
 
@@ -165,9 +167,11 @@ def _log_of(log: Path, maze: Maze) -> RunLog:
     """The log of a run; a line says so if it is of another map."""
     from mazeplan.apps.cli.progress import log_read
     from mazeplan.maze.mapfile import dump_map
+    from mazeplan.maze.mapschema import MAX_BALLS
 
     read = log_read(log)
-    if read.header.get("map", dump_map(maze)) != dump_map(maze):
+    same = [dump_map(replace(maze, balls=balls)) for balls in range(1, MAX_BALLS + 1)]
+    if read.header.get("map", same[0]) not in same:
         say(f"{log} is of another map ({read.header.get('map_name')}); drawing its trail on {maze.name}")
     return read
 

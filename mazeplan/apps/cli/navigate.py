@@ -29,6 +29,7 @@ def navigate(
     settings: opt.Settings = None,
     start_angle: opt.StartAngle = None,
     via: opt.Via = None,
+    balls: opt.Balls = None,
     close: opt.Close = None,
     seed: opt.Seed = 0,
     time_limit: opt.TimeLimit = 20.0,
@@ -48,7 +49,7 @@ def navigate(
 ) -> None:
     """Bring the ball from one ring to another."""
     job = navigation_job(
-        start, goal, map_, rig, model, sense=sense, log=log, effects=effects, policy=policy, behavior=behavior,
+        start, goal, map_, rig, model, balls, sense=sense, log=log, effects=effects, policy=policy, behavior=behavior,
         behavior_modules=tuple(behavior_module or ()), settings=settings, start_angle_deg=start_angle,
         closed=close or (), seed=seed, time_limit=time_limit, memory=memory,
         via=tuple(ring.strip() for rings in via or () for ring in rings.split(",")),

@@ -96,6 +96,10 @@ Via = Annotated[
     list[str] | None,
     Option("--via", metavar="RINGS", help="Rings to visit before the goal, in order, such as ring3,ring2; repeatable."),
 ]
+Balls = Annotated[
+    int | None,
+    Option("--balls", min=1, max=2, metavar="N", help="Number of balls, 1 or 2. Default: as in the map, else 1."),
+]
 Close = Annotated[
     list[str] | None,
     Option(

@@ -13,13 +13,14 @@ if TYPE_CHECKING:
 
 
 def navigation_job(
-    start: str, goal: str, map_: str, rig: str, model: str | None, *, sense: str | None, log: Path | None = None,
-    **more: Any,
+    start: str, goal: str, map_: str, rig: str, model: str | None, balls: int | None = None, *, sense: str | None,
+    log: Path | None = None, **more: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """Arguments of `mazeplan.navigate` for options of the command line; more: further arguments as they are."""
     from mazeplan.maze.mapfile import load_map
+    from mazeplan.run.balls import with_balls
 
-    maze = load_map(map_)
+    maze = with_balls(load_map(map_), balls)
     note_missing_model(rig, model, maze, sense)
     given = {"start": start, "goal": goal, "map": maze, "rig": rig, "model": model}
     return {**given, "sense": sense, "log": log, **more}

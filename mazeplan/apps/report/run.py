@@ -33,6 +33,7 @@ from mazeplan.apps.report.run_record import (
     leaf_bars,
     maze_of,
     mishaps,
+    second_trail,
     span_of,
     theta_lines,
     times_ms,
@@ -45,7 +46,7 @@ from mazeplan.core.logs.run_log import RunLog
 from mazeplan.core.maths.angles import nearest
 from mazeplan.core.palette import COLOURS, TINTS
 from mazeplan.core.records import Array, TreeOutline
-from mazeplan.maze.drawing import draw_maze
+from mazeplan.maze.drawing import draw_maze, draw_second
 from mazeplan.maze.geometry import Maze
 
 if TYPE_CHECKING:
@@ -82,7 +83,8 @@ def lead(log: RunLog) -> str:
     problems = sum(failure.get("where") != "run" for failure in result.get("failures", []))
     on_the_way = f"; {problems} failure{'s' * (problems > 1)} on the way" if problems else ""
     if result.get("success"):
-        return f"The ball arrived after {result['time_s']:.2f} s{on_the_way or '; nothing went wrong'}."
+        who = "Both balls" if result.get("others") else "The ball"
+        return f"{who} arrived after {result['time_s']:.2f} s{on_the_way or '; nothing went wrong'}."
     reason = str(result.get("reason")).replace("_", " ")
     what = "the tree failed" if reason == "failed" else reason
     return f"The ball did not arrive: {what} after {result['time_s']:.2f} s{on_the_way}."
@@ -197,11 +199,15 @@ def _path(figure: Figure, log: RunLog, maze: Maze, failures: list[Mishap], marke
     lines.set_array(0.5 * (place[:-1, 2] + place[1:, 2])[together])
     axes.add_collection(lines)
     figure.colorbar(lines, ax=axes, shrink=0.6, pad=0.02, aspect=30).set_label(TIME)
+    second = second_trail(log)
+    if second is not None:
+        draw_second(axes, second)
     for kind, marker in markers.items():
         at = np.array([(m.x, m.y) for m in failures if m.kind == kind])
         axes.plot(*(1e3 * at.T), **failure_mark(marker), label=kind.replace("_", " "))
-    if markers:
-        axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.0), title="failures")
+    if markers or second is not None:
+        title = "failures" if markers and second is None else None
+        axes.legend(loc="upper left", bbox_to_anchor=(-0.02, 1.0), title=title)
     return None
 
 

@@ -88,6 +88,12 @@ def trail(log: RunLog) -> Array:
     return np.stack([log.ticks[name] for name in names], axis=1)
 
 
+def second_trail(log: RunLog) -> Array | None:
+    """Path of the second ball, (N, 2) of x, y in m, by the estimate; None where the run had one ball."""
+    names = ("estimate_x2", "estimate_y2")
+    return np.stack([log.ticks[name] for name in names], axis=1) if names[0] in log.ticks else None
+
+
 def visits(log: RunLog) -> list[Visit]:
     """Rings one after the other, by the log's events."""
     entered = [(e.t, e.event.ring) for e in log.events if isinstance(e.event, RingEntered)]

@@ -106,13 +106,15 @@ class _Picture:
         (self._planned,) = plan.plot([], [], color=COLOURS["planned"], linewidth=2.4, zorder=6)
         (self._next,) = plan.plot([], [], "o", color=COLOURS["planned"], fillstyle="none", markersize=15, zorder=7)
         (self._tilt,) = plan.plot([], [], color=COLOURS["measured"], linewidth=3.0, marker="o", markevery=[0])
-        self._ball = Circle((0.0, 0.0), MM * maze.ball.radius, color=COLOURS["real"], zorder=8)
-        plan.add_patch(self._ball)
+        radius = MM * maze.ball.radius
+        self._balls = {name: Circle((0.0, 0.0), radius, color=COLOURS[name], zorder=8) for name in ("real", "second")}
+        for circle in self._balls.values():
+            plan.add_patch(circle)
         self._time = side.text(0.0, 0.895, "", fontsize=13, weight="bold")
         self._said = side.text(0.0, 0.84, "", fontsize=10, color=COLOURS["bad"])
         self._rows = [side.text(0.0, 0.79 - 0.0258 * k, "", fontsize=7.5) for k in range(ROWS)]
         self._axes = plan, side
-        self._moving = (self._trail, self._planned, self._next, self._tilt, self._ball)
+        self._moving = (self._trail, self._planned, self._next, self._tilt, *self._balls.values())
         self._texts = (self._time, self._said, *self._rows)
         for artist in (*self._moving, *self._texts):
             artist.set_animated(True)  # no part of the background
@@ -143,11 +145,11 @@ class _Picture:
         way = np.array([moment.tilt[0], -moment.tilt[1]])  # positive beta lowers +x, positive gamma lifts +y
         ends = np.array([self._corner, self._corner + 0.12 * MM * self._maze.walls[0].outer_radius * way / STEEP])
         self._tilt.set_data(ends[:, 0], ends[:, 1])
-        ball = moment.ball
-        self._ball.set_visible(ball is not None)
-        if ball is not None:
-            self._ball.set_center((MM * ball.x, MM * ball.y))
-            self._ball.set_color(COLOURS["real" if ball.seen else "neutral"])
+        for (name, circle), ball in zip(self._balls.items(), (moment.ball, moment.second), strict=True):
+            circle.set_visible(ball is not None)
+            if ball is not None:
+                circle.set_center((MM * ball.x, MM * ball.y))
+                circle.set_color(COLOURS[name if ball.seen else "neutral"])
 
     def _write(self, moment: Moment) -> None:
         task, result, failure = moment.task, moment.result, moment.failure

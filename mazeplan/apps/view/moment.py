@@ -110,9 +110,9 @@ class Moment:
     """A run at one time.
 
     run: number of the run on this page; tick: how many ticks the run has had; header: of its log; ball: None while
-    its place is not known; tilt: beta, gamma as measured; rows: (N, len(COLUMNS)) of the last seconds, the newest last,
-    NaN for what is not known, theta continuous; failure: the last one; events: the last ones; result: None until the
-    run ends."""
+    its place is not known; second: of the second ball, None without one; tilt: beta, gamma as measured; rows: (N,
+    len(COLUMNS)) of the last seconds, the newest last, NaN for what is not known, theta continuous; failure: the last
+    one; events: the last ones; result: None until the run ends."""
 
     run: int = 0
     tick: int = 0
@@ -120,6 +120,7 @@ class Moment:
     header: dict[str, Any] = field(default_factory=dict)
     task: TaskShown = TaskShown()
     ball: BallShown | None = None
+    second: BallShown | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
     rows: Array = field(default_factory=lambda: np.empty((0, len(COLUMNS))))
     plan: PlanShown | None = None

@@ -98,6 +98,7 @@ class Scene:
     def _build_ball(self, on_push: Callable[[float, float], None] | None) -> None:
         scene, plate, radius = self._server.scene, f"{self._name}/plate", UNIT * self._maze.ball.radius
         self._ball = scene.add_icosphere(f"{plate}/ball", radius, rgb("real"), subdivisions=3, visible=False)
+        self._second = scene.add_icosphere(f"{plate}/ball2", radius, rgb("second"), subdivisions=3, visible=False)
         if on_push is not None:
             self._ball.on_drag(partial(_push, on_push))
         nothing = np.zeros((TRAIL_POINTS - 1, 2, 3), dtype=np.float32)
@@ -134,10 +135,11 @@ class Scene:
         self._shown = shown
         beta, gamma = (self.tilt_shown * angle for angle in moment.tilt)
         self._plate.wxyz = attitude(beta, gamma)
-        self._ball.visible = moment.ball is not None
-        if (ball := moment.ball) is not None:
-            self._ball.position = (UNIT * ball.x, UNIT * ball.y, UNIT * self._maze.ball.radius)
-            self._ball.color = rgb("real") if ball.seen else rgb("neutral")
+        for drawn, ball, colour in ((self._ball, moment.ball, "real"), (self._second, moment.second, "second")):
+            drawn.visible = ball is not None
+            if ball is not None:
+                drawn.position = (UNIT * ball.x, UNIT * ball.y, UNIT * self._maze.ball.radius)
+                drawn.color = rgb(colour) if ball.seen else rgb("neutral")
         trail = moment.trail(TRAIL_S)
         self._trail.visible = len(trail) > 1
         if len(trail) > 1:

@@ -183,6 +183,7 @@ class Story:
             header=self._header,
             task=TaskShown(ring, self._goal, opening, str(tick.get("leaf", "")), str(tick.get("doubts", ""))),
             ball=BallShown(x, y, seen) if math.isfinite(x) else None,
+            second=_second(tick),
             tilt=(0.0, 0.0) if any(map(math.isnan, tilt)) else tilt,
             rows=self._rows.newest(),
             plan=self._plan() if going_on else None,
@@ -237,6 +238,12 @@ def _place(tick: dict[str, Any]) -> tuple[float, float]:
         if not (math.isnan(x) or math.isnan(y)):
             return x, y
     return math.nan, math.nan
+
+
+def _second(tick: dict[str, Any]) -> BallShown | None:
+    """The second ball, if the run has one."""
+    x, y = number(tick.get("estimate_x2")), number(tick.get("estimate_y2"))
+    return BallShown(x, y, tick.get("x2") is not None) if math.isfinite(x) and math.isfinite(y) else None
 
 
 def _nodes(document: dict[str, Any]) -> tuple[NodeShown, ...]:

@@ -27,6 +27,15 @@ FAILED = {
 }
 
 
+FIELDS = [field for field in fields(Observation) if field.name != "others"]
+
+
+def _near(ball: Observation) -> Observation:
+    """The sample of another ball, which is not seen where its position is not finite or metres away."""
+    far = ball.x is not None and ball.y is not None and not math.hypot(ball.x, ball.y) <= FAR_M
+    return replace(ball, x=None, y=None) if far else ball
+
+
 class Scrutiny:
     """Check of the samples of one run. `found`: words of `records.Doubt` for the last sample; `doubts`: all that have
     begun, in order."""
@@ -53,6 +62,8 @@ class Scrutiny:
         self._last = t
         self.found = {"gap"} if last is not None and t - last > GAP * self._dt else set()
         self.found |= {"rate"} if last is not None and self._rate_is_off(t - last) else set()
+        if observation.others:
+            observation = replace(observation, others=tuple(map(_near, observation.others)))
         x, y = observation.x, observation.y
         if x is None or y is None or math.hypot(x, y) <= FAR_M:
             return observation
@@ -70,7 +81,9 @@ class Scrutiny:
     @staticmethod
     def _numbers(observation: Observation) -> None:
         """Raises RigError for a field that is no number."""
-        for field in fields(observation):
+        for other in observation.others:
+            Scrutiny._numbers(other)
+        for field in FIELDS:
             value = getattr(observation, field.name)
             if not isinstance(value, Real) and not (value is None and field.name in ("x", "y")):
                 expected = "a number or None" if field.name in ("x", "y") else "a number"

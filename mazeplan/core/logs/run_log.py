@@ -5,7 +5,8 @@ Topics (JSON with a JSON schema each, so that general MCAP viewers read them); t
     /header  once: program, rig, map (its text), behaviour, start, goal, seed ..., and all that `log replay` needs;
              started: UTC on the wall, ISO 8601, for people
     /tick    each control tick: what was observed, estimated and commanded, by which leaf; cut_off: after how many
-             iterations the planner's deadline ended each search of the tick (`control.stopwatch`)
+             iterations the planner's deadline ended each search of the tick (`control.stopwatch`); with two balls
+             x2, y2, estimate_x2, estimate_y2, ring2 of the second one, and ball: the number of the one that is led
     /plan    each plan: states and controls by component, cost, why the solver stopped
     /tree    at each tree's beginning: path, kind (class), name of every node, parents first; parent: number of the
              node above, -1 of the root; conditions: numbers of those that only ask, where no is no failure
@@ -84,6 +85,8 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         **{f"estimate_{name}": NUMBER for name in ESTIMATE},
         **dict.fromkeys(("planned_theta", "goal_theta", "planner_ms", "tick_ms"), NUMBER),
         **dict.fromkeys(("ring", "segment"), INTEGER),
+        **dict.fromkeys(("ball", "ring2"), INTEGER),
+        **dict.fromkeys(("x2", "y2", "estimate_x2", "estimate_y2"), NUMBER),
         **dict.fromkeys(("status", "leaf", "opening", "cut_off", "doubts"), TEXT),
     ),
     "/plan": _object(

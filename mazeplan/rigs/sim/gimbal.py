@@ -29,15 +29,17 @@ class Gimbal:
         self.model, self.data, self.steps = model, mujoco.MjData(model), steps
         self._body, self._q, self._v = ball or (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "ball"), 2, 2)
 
-    def reset(self, position: Array) -> None:
-        """Level plate, everything at rest, time 0, the ball at a position (3,) in the plate's frame, m."""
-        self._to_start(position)
+    def reset(self, position: Array, *others: Array) -> None:
+        """Level plate, everything at rest, time 0, each ball at a position (3,) in the plate's frame, m."""
+        self._to_start(position, *others)
         mujoco.mj_forward(self.model, self.data)
 
-    def _to_start(self, position: Array) -> None:
+    def _to_start(self, *positions: Array) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[2:5] = position
-        self.data.qpos[5] = 1.0
+        for index, position in enumerate(positions):
+            q = 2 + 7 * index
+            self.data.qpos[q : q + 3] = position
+            self.data.qpos[q + 3] = 1.0
 
     def drive(self, tilt: Array) -> None:
         """Set points of the servos: beta, gamma, rad, (2,)."""
@@ -76,6 +78,10 @@ class Gimbal:
     def place(self) -> Array:
         """Position of the ball, (3,), m."""
         return self.data.qpos[2:5]
+
+    def place_of(self, index: int) -> Array:
+        """Position of a ball, (3,), m; the first one has index 0."""
+        return self.data.qpos[2 + 7 * index : 5 + 7 * index]
 
     def velocity(self) -> Array:
         """Velocity of the ball, (3,), m/s."""
@@ -139,11 +145,11 @@ class MazeGimbal(Gimbal):
         self._walls, self._blocked, self._rougher = walls, OPEN, rougher
         self._by_friction = {0.0: walls}
 
-    def reset(self, position: Array) -> None:
+    def reset(self, position: Array, *others: Array) -> None:
         """See `Gimbal`; no opening has a plug."""
         self._blocked, self._walls = OPEN, self._by_friction[0.0]
-        self._to_start(position)
-        mujoco.mj_forward(self._walls.at(float(position[0]), float(position[1])), self.data)
+        self._to_start(position, *others)
+        mujoco.mj_forward(self._walls.near(self.data), self.data)
 
     def advance(self) -> None:
         """See `Gimbal`."""

@@ -60,12 +60,17 @@ class Machine:
     # -- life -------------------------------------------------------------------------------------------------------
 
     def reset(self, *, ring: int, theta: float) -> None:
-        """Put the ball to rest in the middle of a ring, level the plate, set time to 0."""
+        """Put the balls to rest in the middle of a ring, level the plate, set time to 0.
+
+        Several balls are spread evenly over the ring, the first one at theta."""
         if self._gimbal is None:
             self._gimbal = self._build()
-        radius, theta = self.maze.track_radius(ring), self.maze.clear_angle(ring, theta)
-        place = np.array([radius * math.cos(theta), radius * math.sin(theta), self.maze.ball.radius])
-        self._gimbal.reset(place)
+        radius, apart = self.maze.track_radius(ring), math.tau / self.maze.balls
+        angles = [self.maze.clear_angle(ring, theta + k * apart) for k in range(self.maze.balls)]
+        place, *others = (
+            np.array([radius * math.cos(angle), radius * math.sin(angle), self.maze.ball.radius]) for angle in angles
+        )
+        self._gimbal.reset(place, *others)
         self._target = self._ctrl = np.zeros(2)
         self._queue: deque[tuple[float, Array]] = deque()
         self._played = np.zeros(2)
@@ -202,6 +207,13 @@ class Machine:
             out[:2] = math.nan
         out[3:] = gimbal.tilt
         return out
+
+    def others(self) -> list[Array]:
+        """As `scene`, of each ball after the first, (5,) each."""
+        if self.maze.balls == 1:
+            return []
+        plate, tilt = self.gimbal.plate()[0].T, self.tilt
+        return [np.array([*(plate @ self.gimbal.place_of(k)), *tilt]) for k in range(1, self.maze.balls)]
 
     def blind(self, t: float) -> bool:
         """Whether a fault blinds the camera at time t."""

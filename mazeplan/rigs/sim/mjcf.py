@@ -33,8 +33,8 @@ TIME_CONSTANT = 0.004  # s, of contacts
 
 
 def mjcf(maze: Maze, settings: SimulatedSettings) -> str:
-    """MJCF text. Bodies: plate, ball; joints: beta, gamma; actuators in that order; a plug geom `plug:NAME` per
-    opening."""
+    """MJCF text. Bodies: plate, ball, and ball2 of a maze with two; joints: beta, gamma, those of the balls; actuators:
+    beta, gamma; a plug geom `plug:NAME` per opening."""
     geoms: list[str] = []
     for wall in maze.walls:
         geoms += _wall(wall, maze.wall_height, settings)
@@ -65,6 +65,11 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
     if settings.ball_inertia != SOLID:
         about = settings.ball_inertia * mass * radius**2
         inertia = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{about} {about} {about}"/>'
+    balls = [
+        f'<body name="{name}">{inertia}<freejoint name="{name}"/>\n'
+        f'<geom name="{name}" type="sphere" size="{radius}" mass="{mass}" friction="0 0 0"/></body>'
+        for name in map(ball_name, range(maze.balls))
+    ]
     return f"""<mujoco model="{_safe(maze.name)}">
 <compiler angle="radian"/>
 <option timestep="{timestep}" integrator="implicitfast" solver="Newton" cone="elliptic" impratio="10"
@@ -77,11 +82,15 @@ def _document(maze: Maze, settings: SimulatedSettings, boxes: list[str]) -> str:
 <joint name="gamma" type="hinge" axis="1 0 0" armature="{ARMATURE}"/>
 {chr(10).join(geoms)}
 </body></body>
-<body name="ball">{inertia}<freejoint name="ball"/>
-<geom name="ball" type="sphere" size="{radius}" mass="{mass}" friction="0 0 0"/></body>
+{chr(10).join(balls)}
 </worldbody>
 <actuator><position joint="beta" kp="{kp}" kv="{kv}"/><position joint="gamma" kp="{kp2}" kv="{kv2}"/></actuator>
 </mujoco>"""
+
+
+def ball_name(index: int) -> str:
+    """Name of body, joint and geom of a ball, the first of which has index 0."""
+    return "ball" if index == 0 else f"ball{index + 1}"
 
 
 def _safe(name: str) -> str:

@@ -15,6 +15,7 @@ import math
 import sys
 from contextlib import suppress
 from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -55,7 +56,7 @@ class NearWalls:
         self._half = float(np.max(np.hypot(places[:, 0], places[:, 1]) + np.hypot(sizes[:, 0], sizes[:, 1]))) + reach
         self._side = math.ceil(2.0 * self._half / CELL)
         self._near = self._boxes_near(reach)
-        self.slots = max(len(boxes) for boxes in self._near.values())
+        self.slots = maze.balls * max(len(boxes) for boxes in self._near.values())
         self.any = self._empty(bare)
         self._plate = mujoco.mj_name2id(self.any, mujoco.mjtObj.mjOBJ_BODY, "plate")
         self._own = [
@@ -63,15 +64,22 @@ class NearWalls:
             for name in dir(self.any)
             if name.startswith("geom_") and name not in SEEN_WITH and len(getattr(self.any, name)) == self.any.ngeom
         ]
-        self._models: dict[tuple[int, frozenset[str]], mujoco.MjModel] = {}
+        self._models: dict[tuple[Any, frozenset[str]], mujoco.MjModel] = {}
         self.most = MOST_MODELS  # models that are kept
 
     def at(self, x: float, y: float, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
         """The model for a ball at x, y, m in the room, and up to `free` around. blocked: openings with a plug."""
+        return self._of_cell(self._cell(x, y), blocked)
+
+    def _cell(self, x: float, y: float) -> int:
         last = self._side - 1
         column = min(max(int((x + self._half) / CELL), 0), last)
         row = min(max(int((y + self._half) / CELL), 0), last)
-        return self._of_cell(row * self._side + column, blocked)
+        return row * self._side + column
+
+    def near(self, data: mujoco.MjData, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
+        """The model for the ball where it is now."""
+        return self.at(data.qpos.item(2), data.qpos.item(3), blocked)
 
     def at_all(self, places: Array) -> list[mujoco.MjModel]:
         """The same for balls at places (N, 2)."""
@@ -95,12 +103,15 @@ class NearWalls:
             mujoco.mj_step(self.at(x, y, blocked), data, nstep=steps)
             return
         for _ in range(steps):
-            mujoco.mj_step(self.at(data.qpos.item(2), data.qpos.item(3), blocked), data)
+            mujoco.mj_step(self.near(data, blocked), data)
 
     def _make(self, cell: int, blocked: frozenset[str]) -> mujoco.MjModel:
         """Two threads may do this at once: both make the same model."""
-        boxes = self._near.get(cell, self._boxes[:0])
-        model = self._blank()
+        return self._filled((cell, blocked), self._near.get(cell, self._boxes[:0]))
+
+    def _filled(self, key: tuple[Any, frozenset[str]], boxes: IntArray) -> mujoco.MjModel:
+        """A model with these boxes, kept by a key: where the balls are, and the openings with a plug."""
+        model, blocked = self._blank(), key[1]
         slots = slice(1, 1 + len(boxes))  # behind the floor, in the order of the whole model
         for name in self._own:
             getattr(model, name)[slots] = getattr(self._whole, name)[boxes]
@@ -108,7 +119,7 @@ class NearWalls:
             filled = 1 + np.flatnonzero(boxes == self._plugs[name])
             model.geom_contype[filled] = model.geom_conaffinity[filled] = PLUG_ON
         model.body_geomnum[self._plate] = 1 + len(boxes)  # the rest takes no part in collisions
-        self._models[cell, blocked] = model
+        self._models[key] = model
         return model
 
     def _blank(self) -> mujoco.MjModel:
@@ -160,6 +171,30 @@ class NearWalls:
         return model
 
 
+class PairWalls(NearWalls):
+    """The same for two balls: the boxes near either of them."""
+
+    def step(self, data: mujoco.MjData, steps: int, blocked: frozenset[str] = OPEN) -> None:
+        """See `NearWalls.step`."""
+        speed = max(math.hypot(*data.qvel[v : v + 2].tolist()) for v in (2, 8))
+        most = steps * self._timestep
+        if speed * most + GRAVITY * most * most <= self._free:
+            mujoco.mj_step(self.near(data, blocked), data, nstep=steps)
+            return
+        for _ in range(steps):
+            mujoco.mj_step(self.near(data, blocked), data)
+
+    def near(self, data: mujoco.MjData, blocked: frozenset[str] = OPEN) -> mujoco.MjModel:
+        """The model for the balls where they are now."""
+        one, other = (self._cell(data.qpos.item(q), data.qpos.item(q + 1)) for q in (2, 9))
+        model = self._models.get(((one, other), blocked))
+        if model is not None:
+            return model
+        none = self._boxes[:0]
+        boxes = np.union1d(self._near.get(one, none), self._near.get(other, none))  # in the whole model's order
+        return self._filled(((one, other), blocked), boxes)
+
+
 def _alone() -> int:
     """What `sys.getrefcount` says of something that only the asking function has."""
     something = object()
@@ -182,7 +217,7 @@ def _of_settings(maze: Maze, settings: SimulatedSettings) -> NearWalls:
 
 @lru_cache(maxsize=4)
 def _shared(text: str, bare: str, maze: Maze) -> NearWalls:
-    return NearWalls(text, bare, maze)
+    return (NearWalls if maze.balls == 1 else PairWalls)(text, bare, maze)
 
 
 def _boxes(model: mujoco.MjModel) -> IntArray:

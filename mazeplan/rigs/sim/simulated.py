@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mazeplan.core.errors import RigError
+from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.records import Array, Observation
 from mazeplan.maze.geometry import Maze
+from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, PlateForces
 from mazeplan.rigs.sim.gimbal import Gimbal
 from mazeplan.rigs.sim.machine import CHUNKS, Machine, Snapshot
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings, settings_from
@@ -24,6 +25,16 @@ if TYPE_CHECKING:
     from mazeplan.rigs.camera.sensing import CameraSense
 
 TOLERANCE = 1e-9  # rad, of the tilt limit
+
+
+class _Trail:
+    """What the camera needs of one ball: `Machine.scene` of the last chunks and of the last pictures, and for how many
+    more samples the ball stays lost."""
+
+    def __init__(self, scene: Array, chunks: int, pictures: int) -> None:
+        self.path: deque[Array] = deque([scene] * chunks, maxlen=chunks)
+        self.seen: deque[Array] = deque(maxlen=pictures)
+        self.lost = 0
 
 
 class SimulatedRig:
@@ -41,7 +52,9 @@ class SimulatedRig:
         given = settings if isinstance(settings, SimulatedSettings) else settings_from(settings or {})
         self.surprise = answer(given, maze)
         self.settings = self._at_first = surprised(given, maze)
-        self.rate_hz = self.settings.rate_hz
+        self.rate_hz, self.balls = self.settings.rate_hz, maze.balls
+        if maze.balls > 1:
+            _check_several(self.settings, maze, build)
         self.machine = Machine(maze, self.settings, build)
         self._samples = 0
         self._rng = np.random.default_rng(0)
@@ -59,11 +72,11 @@ class SimulatedRig:
     def reset(self, *, ring: int, theta: float, rng: np.random.Generator) -> None:
         """Place the ball at rest in the middle of a ring, level the plate, time 0."""
         self.machine.reset(ring=ring, theta=theta)
-        self._rng, self._samples, self._lost = rng, 0, 0
-        self._seen: deque[Array] = deque(maxlen=self.settings.camera_delay_frames + 1)
+        self._rng, self._samples = rng, 0
         late = 1e-3 * self.settings.camera_late_ms * self.rate_hz * CHUNKS
         self._late = late - math.floor(late)  # of a chunk
-        self._path = deque([self.machine.scene()] * (math.floor(late) + 2), maxlen=math.floor(late) + 2)
+        frames = self.settings.camera_delay_frames + 1
+        self._balls = [_Trail(scene, math.floor(late) + 2, frames) for scene in self._scenes()]
         if self.settings.sense == "camera":
             self._light = rng.spawn(1)[0]  # only for pictures: the other noise stays the same
 
@@ -80,16 +93,24 @@ class SimulatedRig:
         if self._samples > 0:
             for _ in range(CHUNKS):
                 machine.step()
-                self._path.append(self.machine.scene())
+                for ball, scene in zip(self._balls, self._scenes(), strict=True):
+                    ball.path.append(scene)
         t = self._samples / self.rate_hz
         self._samples += 1
-        self._seen.append((1.0 - self._late) * self._path[1] + self._late * self._path[0])
-        x, y = self._picture(t)
+        for ball in self._balls:
+            ball.seen.append((1.0 - self._late) * ball.path[1] + self._late * ball.path[0])
+        x, y = self._picture(t, self._balls[0])
         noise = math.radians(self.settings.tilt_noise_deg) * self._rng.standard_normal(2)
         beta, gamma = machine.tilt
         if self.settings.tilt_scale != (1.0, 1.0):
             beta, gamma = self.settings.tilt_scale[0] * beta, self.settings.tilt_scale[1] * gamma
-        return Observation(t, x, y, float(beta + noise[0]), float(gamma + noise[1]))
+        beta, gamma = float(beta + noise[0]), float(gamma + noise[1])
+        others = [Observation(t, *self._picture(t, ball), beta, gamma) for ball in self._balls[1:]]
+        return Observation(t, x, y, beta, gamma, tuple(others))
+
+    def _scenes(self) -> list[Array]:
+        """`Machine.scene` of each ball."""
+        return [self.machine.scene(), *self.machine.others()]
 
     def command(self, u_beta: float, u_gamma: float) -> None:
         """Hold this tilt from now on. Raises RigError for NaN or beyond the tilt limit."""
@@ -107,19 +128,19 @@ class SimulatedRig:
 
     # -- camera -----------------------------------------------------------------------------------------------------
 
-    def _picture(self, t: float) -> tuple[float | None, float | None]:
-        """Measured x, y of the ball, m, or None. Each sample draws the same random numbers, whatever the settings."""
+    def _picture(self, t: float, ball: _Trail) -> tuple[float | None, float | None]:
+        """Measured x, y of a ball, m, or None. Each sample draws the same random numbers, whatever the settings."""
         settings, rng = self.settings, self._rng
         noise, wrong = rng.standard_normal(2), rng.standard_normal(2)
         lost, outlier = rng.random(2)
-        if self._lost > 0:
-            self._lost -= 1
+        if ball.lost > 0:
+            ball.lost -= 1
         elif lost < settings.ball_lost_probability:
-            self._lost = settings.ball_lost_frames
-        if self._lost > 0 or self.machine.blind(t):
+            ball.lost = settings.ball_lost_frames
+        if ball.lost > 0 or self.machine.blind(t):
             return None, None
         turn = math.radians(settings.camera_rotation_deg)
-        place: tuple[float, float] | None = (float(self._seen[0][0]), float(self._seen[0][1]))
+        place: tuple[float, float] | None = (float(ball.seen[0][0]), float(ball.seen[0][1]))
         if settings.sense == "camera":
             place, noise, outlier = self._found(), np.zeros(2), 1.0
         if place is None or math.isnan(place[0]):  # the picture has no ball
@@ -144,7 +165,7 @@ class SimulatedRig:
             from mazeplan.rigs.camera.sensing import CameraSense
 
             self._sense = CameraSense(self.maze)
-        x, y, z, beta, gamma = (float(value) for value in self._seen[0])
+        x, y, z, beta, gamma = (float(value) for value in self._balls[0].seen[0])
         sighting = self._sense.look(None if math.isnan(x) else np.array([x, y, z]), beta, gamma, self._light)
         return None if sighting.x is None or sighting.y is None else (sighting.x, sighting.y)
 
@@ -160,7 +181,11 @@ class SimulatedRig:
 
     def pictured(self) -> Array:
         """The scene in the picture of the last sample, with its delay: see `Machine.scene`, (5,)."""
-        return self._seen[0].copy()
+        return self._balls[0].seen[0].copy()
+
+    def others(self) -> list[Array]:
+        """See `Machine.others`."""
+        return self.machine.others()
 
     def ball(self) -> tuple[Array, Array, Array]:
         """See `Machine.ball`."""
@@ -177,3 +202,18 @@ class SimulatedRig:
     def restore(self, snapshot: Snapshot) -> None:
         """See `Machine.restore`."""
         self.machine.restore(snapshot)
+
+
+def _check_several(settings: SimulatedSettings, maze: Maze, build: Callable[[], Gimbal] | None) -> None:
+    """Raises SettingsError for what a simulated rig has for one ball only."""
+    parts = (
+        PlateForces(settings, maze),
+        BallForces(settings, maze),
+        FloorFriction(settings, maze),
+        Kerb(settings, maze),
+    )
+    one = "a model of its own" if build is not None else "sense: camera" if settings.sense == "camera" else None
+    if one is None and any(parts):
+        one = "forces along the way of the ball"
+    if one is not None:
+        raise SettingsError(f"got {maze.balls}, expected 1: a rig with {one} has one ball", key="balls")

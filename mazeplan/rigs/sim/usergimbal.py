@@ -164,7 +164,7 @@ class UserGimbal(Gimbal):
 
     # -- as the machine needs it ------------------------------------------------------------------------------------
 
-    def reset(self, position: Array) -> None:
+    def reset(self, position: Array, *others: Array) -> None:
         """Level plate, everything at rest, time 0, the ball at a position (3,) in the plate's frame, m."""
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)

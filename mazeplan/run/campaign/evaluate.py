@@ -18,14 +18,14 @@ from mazeplan.core.display import NullDisplay
 from mazeplan.core.errors import RigError
 from mazeplan.core.maths.spread import spread
 from mazeplan.core.records import NavigationResult
-from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.registry import make_rig, rig_label, runs_of_change
+from mazeplan.rigs.registry import rig_label, runs_of_change
 from mazeplan.run.campaign.executor import Executor, Lost, each, open_executor
 from mazeplan.run.campaign.one_run import (
     FIXED_STARTS,
     Campaign,
     job_of,
     rig_failed,
+    rig_of_run,
     run_one,
     setup_of,
     start_angle,
@@ -77,14 +77,14 @@ def evaluate(
 def check(campaign: Campaign) -> None:
     """Make everything of a run but the run. Raises InputError, with names of files as they are here and not where they
     are unpacked."""
-    maze = load_map(campaign.map)
-    rig = make_rig(campaign.rig, maze, campaign.sense)
+    maze = campaign.maze()
+    rig = rig_of_run(campaign, 0, maze)
     Run(rig, setup_of(campaign, maze), job_of(campaign, 0, maze), None, NullDisplay())
 
 
 def process_ended(campaign: Campaign, index: int, lost: Lost) -> NavigationResult:
     """The result of a run that ended its process, whoever did it."""
-    job = job_of(campaign, index, load_map(campaign.map))
+    job = job_of(campaign, index, campaign.maze())
     problem = RigError(f"the worker process ended in the midst of the run, {lost.deaths} times")
     return rig_failed(problem, job, rig_label(campaign.rig))
 
@@ -118,7 +118,7 @@ def setup_document(campaign: Campaign) -> dict[str, Any]:
     """The setup of a campaign, for readers of its document: program, rig, map (its text) and the rest by name;
     changes: from which runs on the rig is otherwise, effects: of a user, policy: its folder; all are left out where
     there is none."""
-    maze = load_map(campaign.map)
+    maze = campaign.maze()
     job, setup = job_of(campaign, 0, maze), setup_of(campaign, maze)
     header = log_header(setup, job, 0.0)
     names = ("program", "version", "rig", "map", "map_name", "model", "behavior", "start_ring", "goal_ring", "seed")

@@ -18,7 +18,6 @@ import numpy as np
 
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import FailureKind, NavigationResult
-from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.faults.faulty import FaultyRig, Orders
 from mazeplan.rigs.faults.schedule import Drawn, FaultTrial
 from mazeplan.rigs.interface import Rig
@@ -83,7 +82,7 @@ class Tried:
 
 def run_trial(campaign: Campaign, trial: FaultTrial, index: int) -> Outcome:
     """Run number `index` of a trial, from nothing: the same wherever it is done."""
-    maze = load_map(campaign.map)
+    maze = campaign.maze()
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     goals = Goals(maze)
     orders = Orders(close=goals.close)

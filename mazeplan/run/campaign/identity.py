@@ -15,7 +15,7 @@ from typing import Any
 
 from mazeplan.core import resources
 from mazeplan.core.maths.fingerprint import fingerprint
-from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.maze.mapfile import dump_map
 from mazeplan.rigs.files import read_rig_file
 from mazeplan.rigs.registry import rig_file, rig_label
 from mazeplan.run.campaign.one_run import Campaign, effect_modules, job_of, setup_of
@@ -30,9 +30,9 @@ def identity(campaign: Campaign, parcel: Parcel) -> dict[str, Any]:
     """Everything that determines the results of a campaign, as a document of names, numbers and texts.
 
     Raises InputError for what cannot be used."""
-    maze = load_map(campaign.map)
+    maze = campaign.maze()
     setup, job = setup_of(campaign, maze), job_of(campaign, 0, maze)
-    behavior = resources.find("behaviors", campaign.behavior, ".xml")
+    behavior = resources.find("behaviors", setup.behavior, ".xml")
     known_by_content = {name.partition("@")[0] for _, name in parcel.names}
     return {
         "program": dict(program()),

@@ -25,7 +25,6 @@ from mazeplan.core.progress import Advance, Words, no_advance, no_words, piece
 from mazeplan.core.records import Array, Command
 from mazeplan.learning.policy_training import fit_network
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.assembly import plate_of
 from mazeplan.run.campaign.executor import each, open_executor
@@ -105,7 +104,7 @@ class Teacher:
 
 def lesson(campaign: Campaign, index: int, policy: Policy | None) -> Lesson:
     """Run number `index`, driven by the policy; None: by the planner."""
-    maze = load_map(campaign.map)
+    maze = campaign.maze()
     seed = campaign.seed + index
     teacher = Teacher(policy)
     setup = replace(setup_of(campaign, maze), watch=teacher.watch)
@@ -132,7 +131,7 @@ def train(
     tell: Callable[[Round], None] = lambda done: None,
 ) -> Policy:  # fmt: skip
     """The policy after the last round; campaign: rig, map, model and settings. `tell` gets each round as it ends."""
-    maze = load_map(campaign.map)
+    maze = campaign.maze()
     plate = plate_of(maze, setup_of(campaign, maze).driving_model)
     campaign = replace(campaign, deadline=False, own_process=options.workers > 1)
     first, lessons, policy = SEEDS + MOST_RUNS * options.seed, list[Lesson](), None

@@ -21,6 +21,7 @@ from mazeplan.physics.registry import own_effects
 from mazeplan.rigs.interface import Rig, traits
 from mazeplan.rigs.registry import make_rig, rig_label
 from mazeplan.rigs.watchdog import watched
+from mazeplan.run.balls import check_balls, tree_of, with_balls
 from mazeplan.run.execution import attempt_job
 from mazeplan.run.resolve import model_from, model_source, ring_number
 from mazeplan.run.settings import load_settings
@@ -53,6 +54,11 @@ class Campaign:
     deadline: bool = True  # whether plans must be ready in time by the clock on the wall
     effects: str | None = None  # module:function of effects of a user that the model has
     policy: str | None = None  # folder of a learned one
+    balls: int | None = None  # how many; None: as the map says
+
+    def maze(self) -> Maze:
+        """The map with the balls of the campaign. Raises InputError."""
+        return with_balls(load_map(self.map), self.balls)
 
 
 def effect_modules(campaign: Campaign) -> list[str]:
@@ -89,7 +95,7 @@ def setup_of(campaign: Campaign, maze: Maze) -> Setup:
     return Setup(
         maze,
         model,
-        campaign.behavior,
+        tree_of(maze, campaign.behavior),
         rig_label(campaign.rig),
         settings=how,
         behavior_modules=modules,
@@ -110,7 +116,7 @@ def run_one(
     """Run number `index` of a campaign, from nothing: the same wherever it is done. A rig that fails is a result.
 
     model: in the place of the campaign's own; feed: gets what a log would get."""
-    maze = load_map(campaign.map)
+    maze = campaign.maze()
     job, setup = job_of(campaign, index, maze), setup_of(campaign, maze)
     setup = setup if model is None else replace(setup, model=model)
     rig = watched(rig_of_run(campaign, index, maze), own_process=campaign.own_process)
@@ -134,6 +140,7 @@ def collect() -> None:
 def rig_of_run(campaign: Campaign, index: int, maze: Maze) -> Rig:
     """The rig; a rig with `begin_run` gets the number of its run."""
     rig = make_rig(campaign.rig, maze, campaign.sense)
+    check_balls(maze, rig, job_of(campaign, index, maze), campaign.policy is not None)
     begin = traits(rig).begin_run
     if begin is not None:
         begin(index + 1)

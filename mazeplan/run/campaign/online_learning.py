@@ -23,7 +23,6 @@ from mazeplan.learning.modelfile import RigModel
 from mazeplan.learning.online_folder import ROWS, keep_learner, open_learner
 from mazeplan.learning.online_rig import Lesson, OnlineModel, OnlineOptions
 from mazeplan.maze.geometry import Maze
-from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.registry import rig_label
 from mazeplan.run.campaign.evaluate import Campaign, run_one
 from mazeplan.run.campaign.lock import alone
@@ -179,7 +178,7 @@ def evaluate_learning(
     campaign: Campaign, folder: str | Path | None = None, options: OnlineOptions | None = None
 ) -> tuple[list[NavigationResult], list[Lesson]]:
     """`evaluate --learn` for Python: the campaign's model learns from each run; folder: where it is kept."""
-    maze = load_map(campaign.map)
+    maze = campaign.maze()
     kept = None if folder is None else Path(folder)
     with learning_alone(kept):
         return learn_while(campaign, learner_of(campaign.model, campaign.rig, maze, kept, options))

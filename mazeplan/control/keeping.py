@@ -1,0 +1,151 @@
+"""Keep a ball in the centre while the plate tilts for another one.
+
+A ball in the disc leaves when the plate tilts towards the disc's opening. Every command that is wanted for another ball
+goes through this filter. It predicts each kept ball with the planar model:
+
+    the command for hold_s, then the rescue for rescue_s: the plate tilts away from the opening, as far as it may
+
+If the ball's centre stays within its reach at the wall plus margin_mm, from all starts around its estimate, the command
+goes out as it is: one can still rescue the ball afterwards. Else the filter takes the nearest command of a set that
+keeps the ball. Along the ring of the other ball commands differ by their share; across it, where a wall holds that
+ball, they may differ much. (Predictive safety filter; Wabersich, Zeilinger, Automatica 129, 2021.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from mazeplan.control.tilt import Plate
+from mazeplan.core.constants import GRAVITY
+from mazeplan.core.field_checks import check_numbers
+from mazeplan.core.records import Array, Command, State
+from mazeplan.maze.geometry import Maze
+from mazeplan.physics.dynamics.planar import SUBSTEP, PlanarModel, ball_step, stage_step
+
+
+@dataclass(frozen=True)
+class KeepOptions:
+    """Settings of the filter. Raises SettingsError.
+
+    hold_s: how long a command is assumed to act before the rescue; rescue_s: of the rescue; margin_mm: by which the
+    ball may leave its reach at the wall; doubt_mm, doubt_m_s: offsets of the starts around the estimate; across: price
+    of a change across the ring of the other ball, along it 1; leans: commands across the ring that are tried."""
+
+    hold_s: float = 0.067
+    rescue_s: float = 0.35
+    margin_mm: float = 2.0
+    doubt_mm: float = 1.5
+    doubt_m_s: float = 0.02
+    across: float = 0.2
+    leans: int = 9
+
+    def __post_init__(self) -> None:
+        check_numbers(self, positive=("hold_s", "rescue_s", "leans"))
+
+
+SHARES = (1.0, 0.6, 0.25, 0.0, -0.5)  # of the wanted command along the ring of the other ball
+
+
+class Keeper:
+    """Keeps balls in the disc of one maze, on one model; see the module."""
+
+    def __init__(self, maze: Maze, planar: PlanarModel, plate: Plate, options: KeepOptions | None = None) -> None:
+        self._options = o = options or KeepOptions()
+        self._planar, self._plate = planar.arrays(), plate
+        disc = maze.rings[-1]
+        self._openings = [opening.angle for opening in maze.openings_of(disc.number)]
+        self._out = disc.outer_radius + maze.ball.radius  # m: a ball that far out is not predicted further
+        self._limit = disc.outer_radius - maze.ball.radius + 1e-3 * o.margin_mm
+        self._steps = np.array([round(o.hold_s / SUBSTEP), round(o.rescue_s / SUBSTEP)])
+
+    def command(self, wanted: Command, kept: Sequence[State], led: State) -> Command:
+        """The command wanted for the ball `led`, or the nearest one that keeps the balls `kept`.
+
+        The states are those when the command acts. If no command keeps them all, the one that lets them least far."""
+        if self.farthest(wanted, kept) <= self._limit:
+            return wanted
+        best, least = wanted, math.inf
+        for candidate in self._candidates(wanted, kept, led):
+            far = self.farthest(candidate, kept)
+            if far <= self._limit:
+                return candidate
+            if far < least:
+                best, least = candidate, far
+        return best
+
+    def farthest(self, command: Command, kept: Sequence[State]) -> float:
+        """Largest distance, m, of any kept ball from the centre under a command and the rescue behind it."""
+        return max(self._farthest(command, state) for state in kept)
+
+    def _farthest(self, command: Command, state: State) -> float:
+        o = self._options
+        rescue = self._rescue(state)
+        commands = np.array([[command.u_beta, command.u_gamma], [rescue.u_beta, rescue.u_gamma]])
+        starts = _around(state, 1e-3 * o.doubt_mm, o.doubt_m_s, self._nearest(state))
+        return _most(starts, commands, self._steps, self._out, *self._planar)
+
+    def _nearest(self, state: State) -> float:
+        """Angle of the opening nearest to a ball, rad."""
+        return min(self._openings, key=lambda angle: -(math.cos(angle) * state.x + math.sin(angle) * state.y))
+
+    def _rescue(self, state: State) -> Command:
+        angle, pull = self._nearest(state), -GRAVITY * math.tan(self._plate.limit)
+        return self._plate.command(pull * math.cos(angle), pull * math.sin(angle))
+
+    def _candidates(self, wanted: Command, kept: Sequence[State], led: State) -> list[Command]:
+        """Commands, the nearest to the wanted one first."""
+        plate, o = self._plate, self._options
+        ax, ay = GRAVITY * (wanted.u_beta + plate.offset_beta), -GRAVITY * (wanted.u_gamma + plate.offset_gamma)
+        c, s = math.cos(led.theta), math.sin(led.theta)
+        across, along = c * ax + s * ay, -s * ax + c * ay
+        most = GRAVITY * math.sqrt(2.0) * plate.limit
+        priced = []
+        for share in SHARES:
+            for lean in (across, *np.linspace(-most, most, o.leans).tolist()):
+                command = plate.command(c * lean - s * share * along, s * lean + c * share * along)
+                bx, by = (
+                    GRAVITY * (command.u_beta + plate.offset_beta),
+                    -GRAVITY * (command.u_gamma + plate.offset_gamma),
+                )
+                price = (-s * bx + c * by - along) ** 2 + o.across * (c * bx + s * by - across) ** 2
+                priced.append((price, command))
+        priced.sort(key=lambda item: item[0])
+        return [command for _, command in priced] + [self._rescue(state) for state in kept]
+
+    def warm_up(self) -> None:
+        """Compile or load everything before the rig moves."""
+        self.farthest(Command(0.0, 0.0), [State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1)])
+
+
+def _around(state: State, place: float, speed: float, angle: float) -> Array:
+    """States (5, 8) to start from: the estimate, beside it across an opening at `angle`, nearer to it, and faster."""
+    z = np.array([state.x, state.y, state.vx, state.vy, state.beta, state.beta_dot, state.gamma, state.gamma_dot])
+    starts = np.tile(z, (5, 1))
+    c, s = math.cos(angle), math.sin(angle)
+    starts[1, :2] += -s * place, c * place
+    starts[2, :2] -= -s * place, c * place
+    starts[3, :2] += c * place, s * place
+    starts[4, 2:4] += c * speed, s * speed
+    return starts
+
+
+@njit(cache=True, error_model="numpy")
+def _most(starts, commands, steps, out, scalars, stage, rings, walls, gaps):
+    """Largest distance from the centre, m, over all starts (N, 8), changed in place; commands[i] for steps[i]."""
+    most = 0.0
+    for j in range(starts.shape[0]):
+        z = starts[j]
+        touching = False
+        for i in range(commands.shape[0]):
+            for _ in range(steps[i]):
+                stage_step(z, commands[i, 0], commands[i, 1], stage, SUBSTEP)
+                touching = ball_step(z, SUBSTEP, scalars, rings, walls, gaps, touching)
+                most = max(most, z[0] * z[0] + z[1] * z[1])
+            if most > out * out:
+                break
+    return math.sqrt(most)

@@ -1,0 +1,95 @@
+"""The balls of a run: how many, an estimator for each, and a watch over the rim for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from mazeplan.behavior.context import BallView
+from mazeplan.control.estimation.delay_bank import estimator_for
+from mazeplan.control.estimation.rim_watch import Out, RimWatch
+from mazeplan.core.errors import InputError, RigError
+from mazeplan.core.records import Command, Observation, State
+from mazeplan.maze.geometry import Maze
+from mazeplan.maze.mapschema import MAX_BALLS
+from mazeplan.rigs.interface import Rig, traits
+from mazeplan.run.specification import Job, Setup
+
+
+def with_balls(maze: Maze, balls: int | None) -> Maze:
+    """The maze with so many balls; None: as its map says. Raises InputError."""
+    if balls is None or balls == maze.balls:
+        return maze
+    if balls not in range(1, MAX_BALLS + 1):
+        raise InputError(f"got {balls}, expected 1 to {MAX_BALLS}", key="balls")
+    return replace(maze, balls=balls)
+
+
+def tree_of(maze: Maze, behavior: str) -> str:
+    """The packaged tree for several balls in place of the one for one ball."""
+    return "two_balls" if maze.balls > 1 and behavior == "navigate" else behavior
+
+
+def check_balls(maze: Maze, rig: Rig, job: Job, policy: bool) -> None:
+    """Raises InputError for several balls where the program, or the rig, has one."""
+    if maze.balls == 1:
+        return
+    has, why = traits(rig).balls, None
+    if has < maze.balls:
+        why = f"expected {has}: the rig has no more"
+    elif policy or job.via:
+        why = f"expected 1 with {'a policy' if policy else 'waypoints'}"
+    elif not maze.ring(job.goal).is_disc:
+        why = f"expected 1 on the way to ring {job.goal}: several balls go to the centre, ring {len(maze.rings)}"
+    if why is not None:
+        raise InputError(f"got {maze.balls}, {why}", key="balls")
+
+
+class Balls:
+    """What is known of each ball. The first one is that of `Rig.reset`; the others follow in the rig's order."""
+
+    def __init__(self, setup: Setup, rate_hz: float) -> None:
+        maze, options = setup.maze, setup.settings.estimator
+        self._camera = setup.driving_model.camera
+        self._all = [estimator_for(maze, setup.driving_model, options, rate_hz) for _ in range(maze.balls)]
+        self._rims = [] if setup.out_s is None else [RimWatch(maze, options.camera_sigma) for _ in range(maze.balls)]
+
+    @property
+    def ahead(self) -> tuple[Callable[..., State], ...]:
+        """`Estimator.ahead` of each ball."""
+        return tuple(estimator.ahead for estimator in self._all)
+
+    @property
+    def doubts(self) -> set[str]:
+        """Words of `records.Doubt` for the last sample."""
+        return set().union(*(estimator.doubts for estimator in self._all))
+
+    def warm_up(self) -> None:
+        """Compile everything before the rig moves."""
+        self._all[0].warm_up()
+
+    def sent(self, command: Command, t: float) -> None:
+        """Note a command given to the rig at time t."""
+        for estimator in self._all:
+            estimator.sent(command, t)
+
+    def update(self, observation: Observation) -> tuple[BallView, ...]:
+        """Take in one sample; each ball when a command sent now will act. Raises RigError for another number of balls
+        than the run has."""
+        each = (observation, *observation.others)
+        if len(each) != len(self._all):
+            raise RigError(f"observe() of the rig: got {len(each)} balls, expected {len(self._all)}")
+        views = []
+        for estimator, sample in zip(self._all, each, strict=True):
+            state = estimator.update(sample)
+            views.append(BallView(state, estimator.filtered or state))
+        return tuple(views)
+
+    def out(self, observation: Observation) -> Out | None:
+        """Where the first ball is that has left the maze, None: none has."""
+        found = None
+        for rim, sample in zip(self._rims, (observation, *observation.others), strict=False):
+            x, y = sample.x, sample.y
+            out = rim.take(sample.t, None if x is None or y is None else self._camera.true(x, y))
+            found = found or out
+        return found

@@ -1,0 +1,123 @@
+"""Leaves for several balls."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from py_trees.common import Status
+from test_leaves import MAZE, Bench, at
+
+from mazeplan.behavior.context import BallView
+from mazeplan.core.errors import TreeError
+from mazeplan.core.records import Command, FailureKind
+
+
+class Two(Bench):
+    """A bench with two balls."""
+
+    def __init__(self):
+        super().__init__()
+        self.run.aheads = (lambda *_: self.run.views[0].state, lambda *_: self.run.views[1].state)
+
+    def see(self, *states, t=0.0):
+        first, second = (replace(state, t=t) for state in states)
+        self.run.begin(t, first, first, None, (BallView(second, second),))
+
+    def once(self, kind, **ports):
+        leaf = self.leaf(kind, **ports)
+        for _ in leaf.tick():
+            pass
+        return leaf.status
+
+
+@pytest.fixture
+def two():
+    return Two()
+
+
+def test_the_ball_that_can_be_there_soonest_is_chosen(two):
+    for states, soonest in (((at(1), at(3)), 2), ((at(4, 180.0), at(4, 0.0)), 1), ((at(5), at(1)), 2)):
+        two.see(*states)
+        leaf = two.leaf("ChooseBall", goal=5)
+        numbers = []
+        leaf.set = lambda port, value, into=numbers: into.append(value)
+        for _ in leaf.tick():
+            pass
+        assert (leaf.status, numbers) == (Status.SUCCESS, [soonest])
+
+
+def test_without_a_way_for_any_ball_there_is_no_route(two):
+    two.see(at(1), at(2))
+    for opening in MAZE.openings_between(4, 5):
+        two.run.graph.close(opening.name)
+    assert two.once("ChooseBall", goal=5) is Status.FAILURE
+    assert two.failure() is FailureKind.NO_ROUTE
+
+
+def test_leaves_act_for_the_ball_that_is_led(two):
+    two.see(at(5), at(2, 30.0))
+    assert two.once("InRing", ring=2) is Status.FAILURE
+    assert two.once("LeadBall", ball=2, centre=5) is Status.SUCCESS
+    assert two.once("InRing", ring=2) is Status.SUCCESS
+    assert two.run.ahead(0.1).ring == 2
+    assert two.run.kept == {1}
+    two.see(at(5), at(3, 40.0), t=0.1)
+    assert (two.run.here.ring, two.run.measured.ring) == (3, 3)
+    assert two.once("LeadBall", ball=1, centre=5) is Status.SUCCESS
+    assert (two.run.here.ring, two.run.kept) == (5, frozenset())
+
+
+def test_what_belongs_to_the_ball_before_is_forgotten(two):
+    two.see(at(1, 45.0), at(2))
+    two.run.opening = two.run.refused = MAZE.openings[0]
+    two.run.enter(2)
+    assert two.once("LeadBall", ball=2, centre=5) is Status.SUCCESS
+    two.see(at(1, 45.0), at(1, 60.0), t=0.1)
+    assert two.run.here.ring == 1  # not taken for one that falls into ring 2
+    assert (two.run.opening, two.run.refused) == (None, None)
+
+
+def test_a_kept_ball_that_left_is_a_failure_once(two):
+    two.see(at(5), at(2))
+    two.once("LeadBall", ball=2, centre=5)
+    assert two.once("BallsStay", centre=5) is Status.SUCCESS
+    two.see(at(4, 180.0), at(2), t=0.1)
+    assert two.once("BallsStay", centre=5) is Status.FAILURE
+    assert two.failure() is FailureKind.LEFT_THE_CENTRE
+    assert two.run.failures[-1].detail == "ball 1 left ring 5 for ring 4"
+    assert two.once("BallsStay", centre=5) is Status.SUCCESS
+    assert len(two.run.failures) == 1
+
+
+def test_all_balls_must_be_in_the_ring(two):
+    for states, answer in (((at(5), at(5)), Status.SUCCESS), ((at(5), at(4)), Status.FAILURE)):
+        two.see(*states)
+        assert two.once("BallsInRing", ring=5) is answer
+    assert not two.run.failures
+
+
+def test_a_ball_that_there_is_not_is_named(two):
+    two.see(at(1), at(1))
+    with pytest.raises(TreeError, match="ball: got 3, expected 1 to 2"):
+        two.once("LeadBall", ball=3, centre=5)
+
+
+def test_only_while_a_ball_is_kept_commands_are_changed(two):
+    asked = []
+
+    class Always:
+        def command(self, wanted, kept, led):
+            asked.append((len(kept), led.ring))
+            return Command(0.01, 0.0)
+
+    two.run.keeper = Always()
+    two.see(at(5), at(2))
+    two.run.steer("Test", Command(0.05, 0.05))
+    assert (two.run.command, asked) == (Command(0.05, 0.05), [])
+    two.once("LeadBall", ball=2, centre=5)
+    two.see(at(5), at(2), t=0.1)
+    two.run.steer("Test", Command(0.05, 0.05))
+    assert (two.run.command, asked) == (Command(0.01, 0.0), [(1, 2)])
+    assert math.isclose(two.run.command.u_beta, 0.01)

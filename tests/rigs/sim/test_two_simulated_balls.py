@@ -1,0 +1,99 @@
+"""Two balls in one simulated maze: they touch, and each goes as it would alone while they do not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mazeplan.core.errors import SettingsError
+from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.registry import make_rig
+from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
+from mazeplan.rigs.sim.settings import SimulatedSettings
+from mazeplan.rigs.sim.simulated import SimulatedRig
+
+CME = load_map("cme")
+TWO = replace(CME, balls=2)
+IDEAL = make_rig("ideal", CME).settings  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def commands(samples, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-1.0, 1.0, (samples // 10, 2)) * CME.tilt_limit, 10, axis=0)
+
+
+def begun(maze, settings=IDEAL, ring=1, theta=0.4):
+    rig = SimulatedRig(maze, settings)
+    rig.reset(ring=ring, theta=theta, rng=np.random.default_rng(3))
+    return rig
+
+
+def test_they_begin_on_opposite_sides_of_their_ring():
+    first = begun(TWO).observe()
+    (other,) = first.others
+    assert math.hypot(first.x, first.y) == pytest.approx(CME.track_radius(1))
+    assert (other.x, other.y) == pytest.approx((-first.x, -first.y))
+    assert (other.t, other.beta, other.gamma, other.others) == (first.t, first.beta, first.gamma, ())
+
+
+def test_they_touch_and_do_not_pass_through_each_other():
+    rig, apart = begun(TWO), []
+    for command in commands(450):
+        sample = rig.observe()
+        apart.append(math.dist((sample.x, sample.y), (sample.others[0].x, sample.others[0].y)))
+        rig.command(*command)
+    assert min(apart) > 2.0 * CME.ball.radius - 2e-4
+    assert sum(gap < 2.0 * CME.ball.radius + 1e-4 for gap in apart) > 10
+
+
+def test_each_goes_as_alone_while_they_do_not_touch():
+    pair, alone = begun(TWO), [begun(CME), begun(CME, theta=0.4 + math.pi)]
+    seen = []
+    for command in commands(20):
+        sample, single = pair.observe(), [rig.observe() for rig in alone]
+        seen = [(ball.x, ball.y) for ball in (sample, *sample.others)]
+        np.testing.assert_allclose(
+            seen, [(ball.x, ball.y) for ball in single], atol=5e-4
+        )  # m; the solver takes both at once
+        for rig in (pair, *alone):
+            rig.command(*command)
+    assert math.dist(seen[1], (TWO.track_radius(1) * math.cos(0.4 + math.pi), seen[1][1])) > 0.005  # it rolled
+
+
+def test_the_walls_near_them_are_all_that_they_meet():
+    """The model with the walls near both balls against the one with all walls, to the last bit."""
+    rig = begun(TWO)
+    model = mujoco.MjModel.from_xml_string(mjcf(TWO, IDEAL))
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE | mujoco.mjtDisableBit.mjDSBL_ISLAND)
+    data = mujoco.MjData(model)
+    data.qpos[:] = rig.machine.data.qpos
+    mujoco.mj_forward(model, data)
+    for command in commands(60, seed=1):
+        rig.observe()
+        np.testing.assert_array_equal(rig.machine.data.qpos, data.qpos)
+        rig.machine._ctrl = rig.machine._target = np.array(command)  # at once: no slew, no delay
+        rig.command(*command)
+        data.ctrl[:] = command
+        mujoco.mj_step(model, data, nstep=SUBSTEPS)
+
+
+def test_the_noise_of_the_first_ball_has_the_spread_of_the_other():
+    rig = begun(TWO, SimulatedSettings(camera_noise_mm=0.5))
+    off = []
+    for _ in range(300):
+        sample, truth = rig.observe(), (rig.truth()[:2], rig.others()[0][:2])
+        off.append([(ball.x - x, ball.y - y) for ball, (x, y) in zip((sample, *sample.others), truth, strict=True)])
+    spread = np.std(np.array(off), axis=0)
+    np.testing.assert_allclose(spread, 5e-4, rtol=0.15)
+    assert abs(np.corrcoef(np.array(off)[:, 0, 0], np.array(off)[:, 1, 0])[0, 1]) < 0.2
+
+
+@pytest.mark.parametrize("setting", [{"warp_mm": 1.0}, {"drag_per_s": 0.5}, {"kerb_loss": 0.2}, {"sense": "camera"}])
+def test_what_a_rig_has_for_one_ball_is_refused_with_two(setting):
+    with pytest.raises(SettingsError, match="balls: got 2, expected 1"):
+        SimulatedRig(TWO, SimulatedSettings(**setting))
+    SimulatedRig(CME, SimulatedSettings(**setting))

@@ -1,0 +1,100 @@
+"""Of a run with two balls page, film, report and drawing show both."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from commands import call
+from fake_scene import FakeServer
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+import mazeplan
+from mazeplan.apps.report.run import lead, run_section
+from mazeplan.apps.report.run_record import second_trail
+from mazeplan.apps.view.film import frames
+from mazeplan.apps.view.moment import BallShown, Moment
+from mazeplan.apps.view.scene import UNIT, Scene
+from mazeplan.apps.view.story import moments
+from mazeplan.core.logs.run_log import read_log
+from mazeplan.core.palette import COLOURS, rgb
+from mazeplan.maze.drawing import draw_second, save_drawing
+from mazeplan.maze.mapfile import load_map
+
+MAZE = load_map("cme")
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """Messages of a run with two balls, and its log."""
+    messages, path = [], tmp_path_factory.mktemp("log") / "two.mcap"
+    mazeplan.navigate(
+        rig="ideal", balls=2, seed=1, time_limit=1.0, log=path, feed=lambda topic, t, d: messages.append((topic, d))
+    )
+    return messages, read_log(path)
+
+
+def test_a_moment_has_the_second_ball_where_it_was_estimated(told):
+    messages, log = told
+    shown, places = moments(messages), second_trail(log)
+    assert len(shown) == len(places) >= 30
+    for moment, place in zip(shown, places, strict=True):
+        assert (moment.second.x, moment.second.y) == pytest.approx(tuple(place))
+        assert math.dist((moment.second.x, moment.second.y), (moment.ball.x, moment.ball.y)) > 0.05
+        assert moment.second.seen
+
+
+def test_the_scene_shows_it_beside_the_first():
+    server = FakeServer()
+    scene = Scene(server, MAZE)
+    scene.show(Moment(run=1, tick=1, ball=BallShown(0.09, 0.0, True), second=BallShown(0.0, -0.07, True)))
+    first, second = (server.nodes[f"/maze/plate/{name}"] for name in ("ball", "ball2"))
+    assert second.visible
+    assert second.position == pytest.approx((0.0, -0.07 * UNIT, UNIT * MAZE.ball.radius))
+    assert (first.color, second.color) == (rgb("real"), rgb("second"))
+    scene.show(Moment(run=1, tick=2, ball=BallShown(0.09, 0.0, True)))
+    assert (first.visible, second.visible) == (True, False)
+
+
+def test_a_film_shows_it_in_its_colour():
+    here = Moment(run=1, tick=1, ball=BallShown(0.05, 0.0, True), second=BallShown(-0.05, 0.0, True))
+    both, one = frames([here, Moment(run=1, tick=1, ball=BallShown(0.05, 0.0, True))], MAZE, 100)
+    inside = [(abs(picture[..., :3].astype(int) - rgb("second")) < 12).all(axis=-1) for picture in (both, one)]
+    assert inside[0].sum() > 200 > inside[1].sum() + 150
+    assert np.nonzero(inside[0])[1].mean() / both.shape[1] < 0.27  # left of the maze's middle
+
+
+def test_the_report_draws_its_path(told):
+    _, log = told
+    figure = Figure()
+    picture = next(part for part in run_section(log).parts if hasattr(part, "draw"))
+    picture.draw(figure)
+    (line,) = [line for axes in figure.axes for line in axes.lines if line.get_label() == "second ball"]
+    assert to_hex(line.get_color()).upper() == COLOURS["second"]
+    np.testing.assert_allclose(np.array(line.get_data()).T, 1e3 * second_trail(log))
+
+
+def test_a_drawing_of_a_map_has_it(told, tmp_path):
+    trail = second_trail(told[1])
+    axes = Figure().add_subplot()
+    draw_second(axes, trail)
+    np.testing.assert_allclose(np.array(axes.lines[0].get_data()).T, 1e3 * trail)
+    save_drawing(MAZE, tmp_path / "two.png", second=trail)
+    assert (tmp_path / "two.png").stat().st_size > 10_000
+
+
+def test_the_map_of_a_log_is_the_same_with_two_balls(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "two.mcap"
+    assert mazeplan.navigate(rig="ideal", balls=2, seed=7, log=path).success
+    assert lead(read_log(path)).startswith("Both balls arrived after")
+    status, _, err = call(monkeypatch, capsys, "map", "show", "cme", "--log", path, "-o", tmp_path / "two.png")
+    assert status == 0
+    assert "another map" not in err
+
+
+def test_a_run_with_one_ball_has_no_second(tmp_path):
+    path = tmp_path / "one.mcap"
+    mazeplan.navigate(rig="ideal", seed=1, time_limit=0.3, log=path)
+    assert second_trail(read_log(path)) is None
