@@ -2,8 +2,8 @@
 
 Usage: python tools/draw_house.py [-o docs/house.png]
 
-A box is a room of mazeplan/, its floor the one that pyproject.toml gives it, its width the number of its lines. An
-arrow goes from a room to one that it imports; its width is the number of such imports.
+A box is a room of mazeplan/, its floor the one that pyproject.toml gives it, its width the number of its lines, or what
+its words need. An arrow goes from a room to one that it imports; its width is the number of such imports.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from mazeplan.core.palette import INKS, TINTS
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mazeplan"
 WIDTH, HEIGHT, GAP = 10.0, 0.62, 0.25  # of the widest floor, of a box, between boxes
+LETTER = 0.075  # width of a letter below a name, with the room beside the words
 INK, PAPER, ARROW = INKS["ink"], TINTS["chosen"], INKS["quiet"]
 
 
@@ -65,6 +66,7 @@ def draw(path: Path) -> None:
         for room in row
     }
     inner = {room: sorted(p.name for p in (PACKAGE / room).iterdir() if (p / "__init__.py").exists()) for room in lines}
+    below = {room: ", ".join(names) or f"{lines[room]:,} lines" for room, names in inner.items()}
     ties = Counter(
         (room, other)
         for room in lines
@@ -76,7 +78,7 @@ def draw(path: Path) -> None:
     figure, axes = plt.subplots(figsize=(10, 1.15 * len(rows)))
     place = {}
     for level, row in enumerate(reversed(rows)):
-        widths = [max(lines[r] * scale, 1.6) for r in row]
+        widths = [max(lines[r] * scale, 1.6, LETTER * len(below[r])) for r in row]
         x = (WIDTH - sum(widths) - GAP * (len(row) - 1)) / 2
         for room, width in zip(row, widths, strict=True):
             place[room] = (x, 1.3 * level, width)
@@ -92,8 +94,7 @@ def draw(path: Path) -> None:
     for room, (x, y, width) in place.items():
         axes.add_patch(FancyBboxPatch((x, y), width, HEIGHT, boxstyle="round,pad=0.02", fc=PAPER, ec=INK, zorder=2))
         axes.text(x + width / 2, y + 0.40, room, ha="center", va="center", color=INK, weight="bold", zorder=3)
-        below = ", ".join(inner[room]) or f"{lines[room]:,} lines"
-        axes.text(x + width / 2, y + 0.15, below, ha="center", va="center", color=INK, fontsize=7, zorder=3)
+        axes.text(x + width / 2, y + 0.15, below[room], ha="center", va="center", color=INK, fontsize=7, zorder=3)
     axes.set_xlim(-0.2, WIDTH + 0.2)
     axes.set_ylim(-0.2, 1.3 * (len(rows) - 1) + HEIGHT + 0.2)
     axes.axis("off")

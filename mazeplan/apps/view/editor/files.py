@@ -102,7 +102,7 @@ class FileControls:
             )  # fmt: skip
             return
         path = self._editor.save(self._name.value.strip(), with_errors=with_errors)
-        self._tell(f"saved as {path}")
+        self._tell(f"saved as {path.name}")
 
     def _read_again(self) -> None:
         self._editor.read_again()
@@ -124,7 +124,7 @@ class FileControls:
             raise MapError("a run goes on: stop it first")
         said = ""
         if editor.unsaved or name != editor.path.name:
-            said = f"saved as {editor.save(name)}"
+            said = f"saved as {editor.save(name).name}"
         if what := editor.overtaken():
             raise MapError(f"{what}: read it again, or save it under another name", file=editor.path)
         try:
