@@ -51,6 +51,10 @@ def test_a_word_stands_for_how_sure_it_is(likelier, word):
     assert f"The finding is {word}:" in sentence(done(FRICTION, likelier=likelier))
 
 
+def test_one_standard_error_is_one():
+    assert "better by 1 standard error." in sentence(done(FRICTION, likelier=1.2))
+
+
 def test_without_held_out_gain_the_change_itself_says_how_sure_it_is():
     assert "a change of 109 standard errors" in sentence(done(FRICTION, likelier=float("inf")))
 

@@ -76,6 +76,12 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
         write_page(tmp_path / "page.html", "t", [section()], tmp_path / "file")
 
 
+def test_a_long_name_to_type_may_wrap_at_its_points(tmp_path):
+    table = PageTable("c", ("name",), [["viscous_friction.<coefficient>"]], code=frozenset({0}))
+    write_page(tmp_path / "page.html", "t", [PageSection("t", "Told.", [], [table])])
+    assert "<code>viscous_friction<wbr>.&lt;coefficient&gt;</code>" in (tmp_path / "page.html").read_text()
+
+
 def test_no_line_ends_within_figures(tmp_path):
     """Neither in a cell of a column that has words, too, nor between a number and its unit in a sentence."""
     rows = [["0.26\u00a0±\u00a00.14", "0.5 / 0.6 [0.41, 0.72]"], ["a word", "another"]]

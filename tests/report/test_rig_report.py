@@ -109,6 +109,13 @@ def test_it_has_its_pictures_and_loads_nothing(page):
     assert "Yes" in memory
 
 
+def test_a_record_too_short_for_the_map_has_none(tmp_path):
+    empty = [[None] * 3, [None] * 3]
+    page = written(tmp_path, None, evidence(places={**PLACES, "before": empty, "after": empty}))
+    assert page.count("data:image/svg+xml;base64,") == 3
+    assert not any("Where is the prediction off" in title for title in titles(page))
+
+
 def test_what_swings_has_a_spectrum(tmp_path):
     page = written(tmp_path, None, evidence(spectrum={"hz": [1.0, 2.0], "before": [90.0, 2.0], "after": [2.0, 2.0]}))
     assert page.count("data:image/svg+xml;base64,") == 5

@@ -235,6 +235,7 @@ def _shares_by_start(axes: Any, runs: EvaluatedRuns, number: int) -> None:
         axes.text(at, 113.0, f"{a}/{n}", ha="center", va="center", fontsize=7, in_layout=False)
     axes.set_ylim(0.0, 100.0)
     axes.set_yticks([50, 100], ["50 %", "100 %"], fontsize=7)
+    axes.set_axisbelow(False)  # else a bar hides the share at its circle
     axes.tick_params(axis="x", pad=13, labelsize=8)
     more = "\n(hatched: did not)" if lost.any() else ""
     axes.set_title(f"{_short(runs.name)}: arrived of all, by start angle{more}", pad=16)

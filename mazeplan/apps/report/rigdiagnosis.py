@@ -143,13 +143,16 @@ def rig_pictures(document: RigDocument, evidence: RigEvidenceDocument) -> list[P
         PagePicture(
             "error", _error_title(evidence, shown), "error of the angle against the time ahead, before and after",
             partial(_ahead, evidence=evidence, shown=shown), (9.0, 3.2),
-        ),
-        PagePicture(
-            "places", _places_title(evidence, shown),
-            "map of the plate with the error of the prediction, before and after",
-            partial(_places, evidence=evidence, shown=shown), (9.4 if len(shown) > 1 else 5.6, 4.4),
-        ),
+        )
     ]  # fmt: skip
+    if np.isfinite(evidence.places.before).any():
+        found.append(
+            PagePicture(
+                "places", _places_title(evidence, shown),
+                "map of the plate with the error of the prediction, before and after",
+                partial(_places, evidence=evidence, shown=shown), (9.4 if len(shown) > 1 else 5.6, 4.4),
+            )
+        )  # fmt: skip
     if len(evidence.gain):
         better = int(np.sum(evidence.gain > 0.0))
         title = (
@@ -238,7 +241,7 @@ def _places(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None
         drawn = sector_map(axes, rings, list(MM * getattr(places, when)), -180.0, most, darker())
         for mark in evidence.marks:
             _mark(axes, mark)
-        axes.set_title(text, fontsize=9)
+        axes.set_title(text, fontsize=9, pad=12.0)  # above the 90°
     bar = figure.colorbar(drawn, ax=panels, shrink=0.8, extend="max")
     bar.set_label("error along the ring, mm")
 
@@ -282,12 +285,17 @@ def _memory(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None
 
 
 def _spectrum(figure: Figure, evidence: RigEvidenceDocument, shown: Shown) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     (axes,) = beside(figure, (1.0,))
     spectrum: Any = evidence.spectrum
     for when, (style, text) in shown.items():
         axes.plot(spectrum["hz"], spectrum[when], **line(style, linewidth=1.1), label=text)
     axes.axhline(PEAK, color=COLOURS["neutral"], linewidth=0.8, linestyle=":", label="noise alone is seldom higher")
     axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))  # 0.5 and not 5 x 10^-1
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("frequency, Hz")
     axes.set_ylabel("highest power of each band,\ntimes that of noise")
-    axes.legend(frameon=False, loc="upper right")
+    axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)  # lines may be anywhere

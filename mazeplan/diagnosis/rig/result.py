@@ -153,14 +153,15 @@ def sentence(done: RigVerdict) -> str:
 def _surely(done: RigVerdict) -> str:
     """How sure the finding is, in words and a number; empty if unknown."""
     if math.isfinite(done.held.likelier):
-        size, why = done.held.likelier, "predicts held-out parts better by {} standard errors"
+        size, why = done.held.likelier, "predicts held-out parts better by {}"
     else:
         sizes = [ratio for effect in done.effects if (ratio := _ratio(effect))]
-        size, why = min(sizes, default=0.0), "is a change of {} standard errors"
+        size, why = min(sizes, default=0.0), "is a change of {}"
     if size < BARELY:
         return ""
     word = "certain" if size > CERTAIN else "sure" if size > SURE else "likely"
-    return f" The finding is {word}: it {why.format(f'{size:.0f}' if size < 1000.0 else 'over 1000')}."
+    errors = "1 standard error" if f"{size:.0f}" == "1" else f"{size:.0f} standard errors"
+    return f" The finding is {word}: it {why.format(errors if size < 1000.0 else 'over 1000 standard errors')}."
 
 
 def _ratio(effect: Entry) -> float:
