@@ -75,10 +75,9 @@ class Runs:
         times = [r.time_s for r in self.results if r.success]
         kinds = Counter(str(f.kind) for r in self.results for f in r.failures)
         failures = ", ".join(f"{kind} {count}" for kind, count in sorted(kinds.items())) or "none"
-        ticks = float(np.median([r.tick_ms["p99"] for r in self.results]))
         figures = [f"{len(times)} of {len(self.results)}", f"{np.mean(times):.2f}", f"{np.max(times):.2f}"]
         left = sum(map(len, self.left))
-        return f"| `{rig}` | {' | '.join(figures)} | {failures} | {left} | {self.unnoticed} | {ticks:.0f} |"
+        return f"| `{rig}` | {' | '.join(figures)} | {failures} | {left} | {self.unnoticed} |"
 
 
 def navigations(rig: str, count: int) -> Runs:
@@ -146,8 +145,8 @@ def balls_section(quick: bool) -> list[str]:
         f"that had been in the centre for {OUT_S:g} s was truly outside for {OUT_S:g} s. Unnoticed: without a failure "
         "within 1 s.",
         "",
-        "| rig | arrived | mean, s | longest, s | failures | left | unnoticed | p99 of a tick, ms (median) |",
-        "|---|---|---|---|---|---|---|---|",
+        "| rig | arrived | mean, s | longest, s | failures | left | unnoticed |",
+        "|---|---|---|---|---|---|---|",
         *(navigations(rig, count).line(rig) for rig in ("toy", "ideal")),
         "",
         *detections(500 if quick else 10_000).lines(),
