@@ -76,15 +76,3 @@ class BallsStay(MazeLeaf):
                 detail = f"ball {ball} left ring {centre} for ring {ring}"
                 return self.fail_as(FailureKind.LEFT_THE_CENTRE, detail)
         return Status.SUCCESS
-
-
-class BallsInRing(MazeLeaf):
-    """Whether all balls are in a ring, by what was measured."""
-
-    category: ClassVar[str] = "Condition"
-    ports: ClassVar[dict[str, Port]] = {"ring": Port(int, REQUIRED, "number of the ring", choices="rings")}
-
-    def step(self) -> Status:
-        """SUCCESS or FAILURE; not a failure of the run."""
-        there = all(view.measured.ring == self.get("ring") for view in self.context.views)
-        return Status.SUCCESS if there else Status.FAILURE

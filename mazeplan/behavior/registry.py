@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mazeplan.behavior.ball_leaves import BallsInRing, BallsStay, ChooseBall, LeadBall
+from mazeplan.behavior.ball_leaves import BallsStay, ChooseBall, LeadBall
 from mazeplan.behavior.follow_policy import FollowPolicy
 from mazeplan.behavior.leaf import Leaf
 from mazeplan.behavior.opening_leaves import Align, ConfirmRing, PassOpening, Settle
@@ -26,7 +26,6 @@ REGISTRY: dict[str, type[Leaf]] = {
         AvoidOpening,
         BackOff,
         BallSeen,
-        BallsInRing,
         BallsStay,
         ChooseBall,
         ChooseOpening,

@@ -130,7 +130,7 @@ def test_a_leaf_of_ones_own_has_choices_too(call, tmp_path, monkeypatch, choices
 def test_the_palette_tells_conditions_from_actions(call):
     out = call("behavior", "palette")[1]
     conditions = {name for name in REGISTRY if f'<Condition ID="{name}"' in out}
-    assert conditions == {"BallSeen", "BallsInRing", "BallsStay", "InRing", "FailureIs"}
+    assert conditions == {"BallSeen", "BallsStay", "InRing", "FailureIs"}
 
 
 def test_a_folder_is_called_one(call, tmp_path):

@@ -91,13 +91,6 @@ def test_a_kept_ball_that_left_is_a_failure_once(two):
     assert len(two.run.failures) == 1
 
 
-def test_all_balls_must_be_in_the_ring(two):
-    for states, answer in (((at(5), at(5)), Status.SUCCESS), ((at(5), at(4)), Status.FAILURE)):
-        two.see(*states)
-        assert two.once("BallsInRing", ring=5) is answer
-    assert not two.run.failures
-
-
 def test_a_ball_that_there_is_not_is_named(two):
     two.see(at(1), at(1))
     with pytest.raises(TreeError, match="ball: got 3, expected 1 to 2"):

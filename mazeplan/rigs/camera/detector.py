@@ -116,28 +116,52 @@ class BallDetector:
         """The ball in a picture (height, width, 3), BGR. tilt: beta, gamma, rad, for a picture without markers.
 
         Raises ValueError for a picture of another size than the camera's."""
-        if image.shape != (self.camera.size[1], self.camera.size[0], 3):
-            raise ValueError(f"got a picture of shape {image.shape}, expected {self.camera.size[::-1]} and 3 colours")
-        by_markers = None if self._tilt is None else self._tilt.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        if by_markers is not None and by_markers[2] > self.settings.moved_px:
-            return Sighting(None, None, 0.0, Why.MOVED)
-        beta, gamma = (None, None) if by_markers is None else by_markers[:2]
-        used = tilt if by_markers is None else by_markers[:2]
-        if used is None:
-            dark = float(np.median(image[::8, ::8])) < 12.0
-            return Sighting(None, None, 0.0, Why.DARK if dark else Why.NO_MARKERS)
+        why, tilted = self._tilted(image, tilt)
+        if tilted is None:
+            return Sighting(None, None, 0.0, why)
+        used, (beta, gamma) = tilted
         why, fit = self._look(image, *used)
         if fit is None:
             return Sighting(None, None, 0.0, why, beta, gamma)
         return Sighting(fit.x, fit.y, fit.confidence, why, beta, gamma, fit.error)
 
-    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, OutlineFit | None]:
+    def locate_all(self, image: np.ndarray, most: int, tilt: tuple[float, float] | None = None) -> list[Sighting]:
+        """As `locate`, each ball of up to `most` in a picture, the clearest first; in no other order."""
+        _, tilted = self._tilted(image, tilt)
+        if tilted is None:
+            return []
+        used, (beta, gamma) = tilted
+        _, fits = self._fits(image, *used)
+        found: list[OutlineFit] = []
+        for fit in sorted(filter(self._good, fits), key=lambda fit: -fit.strength * fit.confidence):
+            apart = [np.hypot(fit.x - other.x, fit.y - other.y) for other in found]
+            if len(found) < most and min(apart, default=np.inf) > self.maze.ball.radius:
+                found.append(fit)
+        return [Sighting(fit.x, fit.y, fit.confidence, Why.FOUND, beta, gamma, fit.error) for fit in found]
+
+    def _tilted(
+        self, image: np.ndarray, tilt: tuple[float, float] | None
+    ) -> tuple[Why, tuple[tuple[float, float], tuple[float | None, float | None]] | None]:
+        """The tilt to use, and that by the markers (None: there are none); None with the reason if there is none."""
+        if image.shape != (self.camera.size[1], self.camera.size[0], 3):
+            raise ValueError(f"got a picture of shape {image.shape}, expected {self.camera.size[::-1]} and 3 colours")
+        by_markers = None if self._tilt is None else self._tilt.tilt(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+        if by_markers is not None and by_markers[2] > self.settings.moved_px:
+            return Why.MOVED, None
+        used = tilt if by_markers is None else by_markers[:2]
+        if used is None:
+            dark = float(np.median(image[::8, ::8])) < 12.0
+            return (Why.DARK if dark else Why.NO_MARKERS), None
+        return Why.FOUND, (used, (None, None) if by_markers is None else by_markers[:2])
+
+    def _fits(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, list[OutlineFit]]:
+        """Outlines of spheres at places where a ball has room."""
         settings, eye = self.settings, self.camera.centre(beta, gamma)
         seen = self.floor.straighten(image, self.camera, beta, gamma)
         clear = cv2.bitwise_and(self.floor.visible(eye), self.background.known)
         empty, light = _relit(self.background.picture, seen, clear)
         if light < settings.darkest:
-            return Why.DARK, None
+            return Why.DARK, []
         differs = self._differs(seen, empty, clear)
         fits = []
         least = settings.edge * self._light * light
@@ -145,6 +169,12 @@ class BallDetector:
             fit = self._outline.fit(seen, empty, clear, eye, np.array([x, y]))
             if fit is not None and fit.strength >= least and self._possible(fit):
                 fits.append(fit)
+        return Why.NO_BALL, fits
+
+    def _look(self, image: np.ndarray, beta: float, gamma: float) -> tuple[Why, OutlineFit | None]:
+        why, fits = self._fits(image, beta, gamma)
+        if why is Why.DARK:
+            return why, None
         good = [fit for fit in fits if self._good(fit)]
         if not good:
             return (Why.UNSURE if fits else Why.NO_BALL), None

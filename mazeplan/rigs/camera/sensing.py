@@ -68,6 +68,14 @@ class CameraSense:
         """Detect the ball in one picture. ball: its true centre (3,) in the plate frame, m, or None; tilt in rad."""
         return self.detector.locate(self.overhead.render(ball, beta, gamma, rng))
 
+    def look_at_all(
+        self, balls: list[Array], beta: float, gamma: float, rng: np.random.Generator, most: int
+    ) -> list[tuple[float, float]]:
+        """Places x, y, m, of up to `most` balls in one picture, in no order. balls: their true centres (3,)."""
+        picture = self.overhead.render(None, beta, gamma, rng, others=tuple(balls))
+        sightings = self.detector.locate_all(picture, most)
+        return [(ball.x, ball.y) for ball in sightings if ball.x is not None and ball.y is not None]
+
 
 class RenderedPictures:
     """Pictures of scenes (5,) as `SimulatedRig.pictured`, in red, green, blue."""

@@ -23,6 +23,7 @@ from mazeplan.rigs.sim.surprise import answer, surprised
 
 if TYPE_CHECKING:
     from mazeplan.rigs.camera.sensing import CameraSense
+    from mazeplan.rigs.camera.tracks import Tracks
 
 TOLERANCE = 1e-9  # rad, of the tilt limit
 
@@ -79,6 +80,8 @@ class SimulatedRig:
         self._balls = [_Trail(scene, math.floor(late) + 2, frames) for scene in self._scenes()]
         if self.settings.sense == "camera":
             self._light = rng.spawn(1)[0]  # only for pictures: the other noise stays the same
+            self._tracks: Tracks | None = None
+            self._pictured: tuple[float, list[tuple[float, float] | None]] = (math.nan, [])
 
     def close(self) -> None:
         """Release memory. A second call does nothing."""
@@ -142,7 +145,7 @@ class SimulatedRig:
         turn = math.radians(settings.camera_rotation_deg)
         place: tuple[float, float] | None = (float(ball.seen[0][0]), float(ball.seen[0][1]))
         if settings.sense == "camera":
-            place, noise, outlier = self._found(), np.zeros(2), 1.0
+            place, noise, outlier = self._found(t, ball), np.zeros(2), 1.0
         if place is None or math.isnan(place[0]):  # the picture has no ball
             return None, None
         x, y = (settings.camera_scale * part for part in place) if settings.camera_scale != 1.0 else place
@@ -159,15 +162,31 @@ class SimulatedRig:
         away = position - 1e-3 * np.array(self.settings.lens_mm)
         return self.settings.lens_per_m2 * float(away @ away) * away
 
-    def _found(self) -> tuple[float, float] | None:
-        """x, y of the ball in a rendered picture, or None."""
+    def _found(self, t: float, ball: _Trail) -> tuple[float, float] | None:
+        """x, y of a ball in a rendered picture, or None."""
         if self._sense is None:
             from mazeplan.rigs.camera.sensing import CameraSense
 
             self._sense = CameraSense(self.maze)
-        x, y, z, beta, gamma = (float(value) for value in self._balls[0].seen[0])
+        if len(self._balls) > 1:
+            return self._sorted(self._sense, t)[self._balls.index(ball)]
+        x, y, z, beta, gamma = (float(value) for value in ball.seen[0])
         sighting = self._sense.look(None if math.isnan(x) else np.array([x, y, z]), beta, gamma, self._light)
         return None if sighting.x is None or sighting.y is None else (sighting.x, sighting.y)
+
+    def _sorted(self, sense: CameraSense, t: float) -> list[tuple[float, float] | None]:
+        """x, y of each ball in the picture of this sample, which is taken once; None for a ball that is not found."""
+        if self._pictured[0] != t:
+            scenes = [trail.seen[0] for trail in self._balls]
+            there = [scene[:3] for scene in scenes if not math.isnan(scene[0])]
+            beta, gamma = (float(value) for value in scenes[0][3:])
+            found = sense.look_at_all(there, beta, gamma, self._light, len(scenes))
+            if self._tracks is None:
+                from mazeplan.rigs.camera.tracks import Tracks
+
+                self._tracks = Tracks([(float(scene[0]), float(scene[1])) for scene in scenes])  # where they are placed
+            self._pictured = (t, self._tracks.take(t, found))
+        return self._pictured[1]
 
     def inject(self, fault: Fault) -> None:
         """See `Machine.inject`."""
@@ -212,7 +231,7 @@ def _check_several(settings: SimulatedSettings, maze: Maze, build: Callable[[], 
         FloorFriction(settings, maze),
         Kerb(settings, maze),
     )
-    one = "a model of its own" if build is not None else "sense: camera" if settings.sense == "camera" else None
+    one = "a model of its own" if build is not None else None
     if one is None and any(parts):
         one = "forces along the way of the ball"
     if one is not None:

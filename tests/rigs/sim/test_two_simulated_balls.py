@@ -92,7 +92,7 @@ def test_the_noise_of_the_first_ball_has_the_spread_of_the_other():
     assert abs(np.corrcoef(np.array(off)[:, 0, 0], np.array(off)[:, 1, 0])[0, 1]) < 0.2
 
 
-@pytest.mark.parametrize("setting", [{"warp_mm": 1.0}, {"drag_per_s": 0.5}, {"kerb_loss": 0.2}, {"sense": "camera"}])
+@pytest.mark.parametrize("setting", [{"warp_mm": 1.0}, {"drag_per_s": 0.5}, {"kerb_loss": 0.2}])
 def test_what_a_rig_has_for_one_ball_is_refused_with_two(setting):
     with pytest.raises(SettingsError, match="balls: got 2, expected 1"):
         SimulatedRig(TWO, SimulatedSettings(**setting))
