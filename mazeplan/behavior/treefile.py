@@ -111,7 +111,7 @@ WRITTEN = (("EntityRef", "&", "&amp;"), ("Unescaped '<'", "<", "&lt;"))  # by wo
 EXPECTED = 'a behaviour tree (XML, <root BTCPP_format="4">)'
 
 
-DAMAGED = ("text that is not UTF-8", "a binary file")  # what a tree may look like with a few bytes spoilt
+SPOILT = ("text that is not UTF-8", "a binary file", "YAML", "JSON", "a table (CSV)")  # damaged trees
 
 
 def _read(path: Path) -> bytes:
@@ -141,7 +141,7 @@ def _parse(path: Path, data: bytes) -> Part:
     except etree.XMLSyntaxError as problem:
         kind = file_kinds.got(path)
         if kind not in ("XML", "HTML", "text", "no such file"):  # of text that was handed in there is no file
-            line = problem.lineno if kind in DAMAGED else None  # where a tree was spoilt; a picture has no lines
+            line = problem.lineno if kind in SPOILT else None  # where a tree was spoilt; a picture has no lines
             raise TreeError(f"got {kind}, expected {EXPECTED}", file=path, line=line) from None
         if "Excessive depth" in str(problem.msg):  # of the parser, which gives up far deeper
             raise TreeError(f"more than {MAX_DEPTH} levels of nesting", file=path, line=problem.lineno) from None
