@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import freeze_support
 from pathlib import Path
 from threading import Thread
@@ -23,10 +24,10 @@ from mazeplan.run.navigate import navigate
 ALLOWED_MB = 15.0  # of growth after the tenth run: what the allocator and caches move to and fro
 FIRST = 10  # runs until memory is to be flat
 ROWS = {
+    "page": ("runs by the clock on the wall with an open page, which is a process of its own", 1800, 40),
     "navigate": ("calls of `mazeplan.navigate` in one process", 100, 12),
     "evaluate": ("runs of `evaluate` in one process", 1000, 12),
     "workers": ("runs of `evaluate --workers 2`, all processes", 1000, 12),
-    "page": ("runs by the clock on the wall with an open page, which is a process of its own", 1800, 40),
 }  # what it is; the runs, of `page` the seconds, and how many in a quick try
 
 
@@ -105,17 +106,22 @@ def memory_section(quick: bool) -> list[str]:
         "| what | runs | after run 10 | halfway | at the end | most growth after run 10 | flat |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row, (what, much, few) in ROWS.items():
-        command = [sys.executable, __file__, row, str(few if quick else much)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        grown = json.loads(done.stdout.splitlines()[-1])
-        most = max(grown[FIRST:], default=grown[-1]) - grown[FIRST - 1]
-        rows.append(
-            f"| {what} | {len(grown)} | {grown[FIRST - 1]:.0f} | {grown[len(grown) // 2]:.0f} | {grown[-1]:.0f} | "
-            f"{most:.1f} | {'yes' if most <= ALLOWED_MB else 'no'} |"
-        )
-        print(rows[-1], file=sys.stderr)
+    with ThreadPoolExecutor(2) as pool:  # memory, not time, is measured
+        amounts = [few if quick else much for _, much, few in ROWS.values()]
+        for (what, *_), grown in zip(ROWS.values(), pool.map(in_own_process, ROWS, amounts), strict=True):
+            most = max(grown[FIRST:], default=grown[-1]) - grown[FIRST - 1]
+            rows.append(
+                f"| {what} | {len(grown)} | {grown[FIRST - 1]:.0f} | {grown[len(grown) // 2]:.0f} | {grown[-1]:.0f} | "
+                f"{most:.1f} | {'yes' if most <= ALLOWED_MB else 'no'} |"
+            )
+            print(rows[-1], file=sys.stderr)
     return rows
+
+
+def in_own_process(row: str, much: int) -> list[float]:
+    """`measured` in a process of its own."""
+    command = [sys.executable, __file__, row, str(much)]
+    return json.loads(subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout.splitlines()[-1])
 
 
 if __name__ == "__main__":
