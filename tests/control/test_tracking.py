@@ -57,13 +57,15 @@ def test_gains_correct_the_command():
     assert (command.u_beta, command.u_gamma) == pytest.approx((0.02 - 0.5 * 0.02, -0.01 + 0.1 * 0.1))
 
 
-def test_pd_pulls_back_along_theta():
+@pytest.mark.parametrize(("theta_error", "rate_error"), [(0.05, 0.0), (0.0, 0.3), (0.05, -0.3)])
+def test_pd_pulls_back_along_theta_and_brakes(theta_error, rate_error):
     plan = replace(make_plan(), controls=np.zeros((STEPS, 2)))
-    state = on_plan(plan, 3, theta_error=0.05)
+    state = on_plan(plan, 3, theta_error, rate_error)
     command = follow_pd(plan, state, PLATE, TrackingOptions(), RADIUS)
     # acceleration along theta of the ball's equation: -sin(beta) sin(theta) - sin(gamma) cos(theta)
     along = -command.u_beta * math.sin(state.theta) - command.u_gamma * math.cos(state.theta)
-    assert along == pytest.approx(-TrackingOptions().kp * 0.05 * RADIUS / 9.81)
+    wanted = TrackingOptions().kp * theta_error + TrackingOptions().kd * rate_error
+    assert along == pytest.approx(-wanted * RADIUS / 9.81)
 
 
 def test_commands_are_limited():
