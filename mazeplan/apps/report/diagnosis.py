@@ -39,6 +39,7 @@ VERDICTS = {
     "ambiguous": "an effect was found, but this record fits another one, too",
     "unknown_effect": "something is there that has no name",
 }
+ANGLE = "theta, rad"  # label of where on the ring
 SMALL = 0.05  # of the largest evidence; an effect with less is called small
 WHEN = {"before": "bad", "after": "good"}  # styles
 CANDIDATES = 10
@@ -327,12 +328,15 @@ def _residuals(figure: Figure, evidence: EvidenceDocument) -> None:
     for axes, name, label in zip(panels, ("position", "speed", "time"), (*evidence.axes[:2], "time, s"), strict=True):
         for when, role in WHEN.items():
             curve = getattr(getattr(evidence, when), name)
-            at, mean, error = words.labelled(1.0, label) * curve["at"], curve["mean"], curve["stderr"]
+            at, mean, error = words.labelled(1.0, label) * np.asarray(curve["at"]), curve["mean"], curve["stderr"]
+            if label == ANGLE:  # where on the ring: from 0 to 360
+                order = np.argsort(at % 360.0)
+                at, mean, error = at[order] % 360.0, np.asarray(mean)[order], np.asarray(error)[order]
             axes.plot(at, mean, **line(role), label=when)
             axes.fill_between(at, mean - 2 * error, mean + 2 * error, color=COLOURS[role], alpha=0.22, lw=0)
         axes.axhline(0.0, color=INK, lw=0.6)
         axes.set_xlabel(words.relabelled(label) + ("\n(counted against the motion)" if name == "time" else ""))
-        if label == "theta, rad":
+        if label == ANGLE:
             axes.xaxis.set_major_locator(MultipleLocator(90))
         axes.grid()
         if name == most:
