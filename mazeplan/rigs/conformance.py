@@ -18,7 +18,7 @@ from mazeplan.core.errors import MazeplanError
 from mazeplan.core.maths.angles import difference
 from mazeplan.core.records import Observation
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.interface import Rig
+from mazeplan.rigs.interface import Rig, traits
 
 TILT = math.radians(3.0)  # rad, of the test commands
 SETTLED = math.radians(0.7)  # rad: servo, sensor noise and play together
@@ -60,9 +60,12 @@ class RigTrial:
         if not isinstance(sample, Observation):
             got = type(sample).__name__
             raise UnfitError(f"observe() returned {got}, expected Observation(t, x, y, beta, gamma)")
-        for field in fields(sample):
-            value, unseen = getattr(sample, field.name), field.name in ("x", "y")
-            if not isinstance(value, Real) and not (value is None and unseen):
+        others, balls = len(sample.others), traits(self.rig).balls
+        if others != balls - 1:
+            raise UnfitError(f"others: got {others} samples, expected {balls - 1} of a rig with balls = {balls}")
+        for ball, field in itertools.product((sample, *sample.others), fields(sample)):
+            value, unseen = getattr(ball, field.name), field.name in ("x", "y")
+            if field.name != "others" and not isinstance(value, Real) and not (value is None and unseen):
                 raise UnfitError(f"{field.name}: got {value!r}, expected a number{' or None' if unseen else ''}")
         return sample
 

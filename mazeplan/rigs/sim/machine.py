@@ -28,6 +28,7 @@ from mazeplan.rigs.sim.mjcf import SUBSTEPS
 from mazeplan.rigs.sim.nearwalls import NearWalls, near_walls
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 
+APART = 1.2  # radii of a ball, from the middle of the disc to each of two balls in it
 CHUNKS = 5  # per sample; 1/150 s at 30 Hz
 AXES = ("beta", "gamma")
 _WHOLE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -66,6 +67,8 @@ class Machine:
         if self._gimbal is None:
             self._gimbal = self._build()
         radius, apart = self.maze.track_radius(ring), math.tau / self.maze.balls
+        if self.maze.balls > 1:  # in the disc beside its middle, where both have room
+            radius = max(radius, APART * self.maze.ball.radius)
         angles = [self.maze.clear_angle(ring, theta + k * apart) for k in range(self.maze.balls)]
         place, *others = (
             np.array([radius * math.cos(angle), radius * math.sin(angle), self.maze.ball.radius]) for angle in angles

@@ -11,6 +11,7 @@ import pytest
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.maze.mapfile import load_map
+from mazeplan.rigs.conformance import check_rig
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
 from mazeplan.rigs.sim.settings import SimulatedSettings
@@ -38,6 +39,12 @@ def test_they_begin_on_opposite_sides_of_their_ring():
     assert math.hypot(first.x, first.y) == pytest.approx(CME.track_radius(1))
     assert (other.x, other.y) == pytest.approx((-first.x, -first.y))
     assert (other.t, other.beta, other.gamma, other.others) == (first.t, first.beta, first.gamma, ())
+
+
+def test_in_the_disc_they_begin_side_by_side():
+    sample = begun(TWO, ring=5).observe()
+    gap = math.dist((sample.x, sample.y), (sample.others[0].x, sample.others[0].y))
+    assert gap == pytest.approx(2.4 * CME.ball.radius)
 
 
 def test_they_touch_and_do_not_pass_through_each_other():
@@ -97,3 +104,16 @@ def test_what_a_rig_has_for_one_ball_is_refused_with_two(setting):
     with pytest.raises(SettingsError, match="balls: got 2, expected 1"):
         SimulatedRig(TWO, SimulatedSettings(**setting))
     SimulatedRig(CME, SimulatedSettings(**setting))
+
+
+class Alone(SimulatedRig):
+    """Says that it has two balls, and measures one."""
+
+    def observe(self):
+        return replace(super().observe(), others=())
+
+
+def test_the_conformance_check_asks_for_both_balls():
+    assert all(check.passed for check in check_rig(SimulatedRig(TWO, IDEAL), TWO))
+    found = [check.detail for check in check_rig(Alone(TWO, IDEAL), TWO) if not check.passed]
+    assert any("others: got 0 samples, expected 1 of a rig with balls = 2" in detail for detail in found)
