@@ -33,13 +33,14 @@ class Tracks:
         count = len(self._last)
         ahead = [self._predicted(k, t) for k in range(count)]
         reach = [REACH + FASTER * max(0.0, t - at) for at in self._at]
+        unseen = max(reach) ** 2  # the same for all: a ball that hid before is no likelier to be the one in sight
         slots: list[Place | None] = [*found, *[None] * count]
         best, least = [None] * count, math.inf
         for chosen in permutations(range(len(slots)), count):
             cost = 0.0
             for k, i in enumerate(chosen):
                 place = slots[i]
-                cost += reach[k] ** 2 if place is None else float(np.sum((np.array(place) - ahead[k]) ** 2))
+                cost += unseen if place is None else float(np.sum((np.array(place) - ahead[k]) ** 2))
             if cost < least - 1e-15:
                 best, least = [slots[i] for i in chosen], cost
         placed = [self._within(place, ahead[k], reach[k]) for k, place in enumerate(best)]

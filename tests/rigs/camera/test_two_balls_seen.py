@@ -105,3 +105,16 @@ def test_the_same_seed_gives_the_same_measurements():
         return [rig.observe() for _ in range(3)]
 
     assert measured() == measured()
+
+
+def test_a_ball_that_hides_again_is_not_taken_for_the_one_behind_it():
+    step, gap = 0.012, 0.0127  # m: a picture later the ball behind is where the one in front was
+    tracks = Tracks([(gap, 0.09), (0.0, 0.09)])
+    for k in range(1, 4):
+        front, behind = (gap + k * step, 0.09), (k * step, 0.09)
+        assert tracks.take(k / 30, [behind, front]) == [front, behind]
+    for k in (4, 5, 6):
+        behind = (k * step, 0.09)
+        assert tracks.take(k / 30, [behind]) == [None, behind]
+    front, behind = (gap + 7 * step, 0.09), (7 * step, 0.09)
+    assert tracks.take(7 / 30, [front, behind]) == [front, behind]
