@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from os.path import isfile  # Path.is_file raises OSError for a name that is too long
 from pathlib import Path
 from xml.parsers import expat
 
@@ -82,14 +83,14 @@ def _with_includes(part: Part, folder: Path, known: set[Path]) -> Iterator[Part]
             got = ", ".join(map(str, element.attrib)) or "no attribute"
             raise TreeError(f"got {one_line(got, 100)}, expected path alone", **where)
         path = folder / given
-        if not path.is_file() and Path(given).name == given:  # a packaged tree, from wherever the file stands
+        if not isfile(path) and Path(given).name == given:  # a packaged tree, from wherever the file stands
             path = resources.share("behaviors") / given
         if path.resolve() in known:
             continue
         known.add(path.resolve())
         if len(known) > MAX_FILES:
             raise TreeError(f"more than {MAX_FILES} files", **where)
-        if not path.is_file():
+        if not isfile(path):
             raise TreeError(
                 f"got {one_line(given, 200)!r}, expected an XML file, seen from {folder}, or a packaged one", **where
             )

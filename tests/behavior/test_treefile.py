@@ -130,6 +130,7 @@ def test_two_trees_in_one_process_do_not_see_each_other(tmp_path):
         ),
         ("<BehaviorTree ID='Else'><Say word='a'/></BehaviorTree>", 1, "got 'Main', expected one of Else"),
         ("<include path='other.xml'/>", 2, "include: got 'other.xml', expected an XML file, seen from"),
+        (f"<include path='{'x' * 5000}.xml'/>", 2, "include: got 'xxx"),
         (main("<Say word='{my key}'/>"), 3, "got '{my key}', expected {key} of letters"),
         (main("<Say word='a' times='1_0'/>"), 3, "got '1_0', expected a whole number"),
         (
