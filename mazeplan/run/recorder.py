@@ -99,9 +99,11 @@ class RunRecorder:
         self, context: RunContext, observation: Observation, command: Command, *, status: str, ms: float,
         cut_off: str | None, doubts: str | None,
     ) -> None:  # fmt: skip
-        """Record a tick; ms: how long it took, without the recording."""
+        """Record a tick; ms: how long it took, without the recording. State and plan are of the first ball: while
+        another one is led, the tick has no plan."""
         self._tick_ms.append(ms)
-        first = context.here if context.ball == 1 else context.views[0].state
+        led = context.ball == 1
+        first = context.here if led else context.views[0].state
         self._display.tick(observation.t, first.ring, context.commanded_by)
         self._log.tick(
             observation,
@@ -110,8 +112,8 @@ class RunRecorder:
             status=status,
             leaf=context.commanded_by,
             opening=None if context.opening is None else context.opening.name,
-            goal_theta=context.goal_theta,
-            planned_theta=_planned_theta(context),
+            goal_theta=context.goal_theta if led else None,
+            planned_theta=_planned_theta(context) if led else None,
             planner_ms=context.planner_ms[-1] if context.planner_ms else None,
             tick_ms=ms,
             cut_off=cut_off,

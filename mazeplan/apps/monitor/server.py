@@ -132,7 +132,7 @@ class Monitor:
         self._statuses = statuses  # one assignment: the server's thread reads the old list or the new one
 
     def _record(self, statuses: list[int]) -> None:
-        since = int(1e6 * (time.monotonic() - (self._recording or 0.0)))
+        since = int(1e6 * (time.monotonic() - (self._recording or 0.0)))  # Groot2 replays by the clock on the wall
         for i, (before, now) in enumerate(zip(self._statuses, statuses, strict=True), 1):
             if before != now:
                 self._transitions.append(since.to_bytes(6, "little") + NODE.pack(i, now % ENDED))
@@ -240,7 +240,7 @@ class Monitor:
     def _toggle(self, text: bytes) -> bytes | None:
         if text == b"start":
             self._transitions.clear()
-            self._recording = time.monotonic()
+            self._recording = time.monotonic()  # the same clock as in `_record`
             return str(int(1e6 * time.time())).encode()  # the protocol wants it; nothing of a run depends on it
         self._recording = None
         return None

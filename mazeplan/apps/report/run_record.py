@@ -104,16 +104,20 @@ def visits(log: RunLog) -> list[Visit]:
 
 
 def followed_plans(log: RunLog) -> list[LoggedPlan]:
-    """Plans in the order of time. A tick may plan to several openings: the plan nearest to the tick's goal counts."""
+    """Plans for the first ball in the order of time. A tick may plan to several openings: the plan nearest to the
+    tick's goal counts."""
     goal = log.ticks.get("goal_theta", np.full(len(log.ticks["t"]), math.nan))
+    led = log.ticks.get("ball", np.ones(len(goal)))  # number of the ball that the tick plans for
     together: dict[float, list[LoggedPlan]] = {}
     for plan in log.plans:
         if len(plan.states):
             together.setdefault(round(plan.t0, 6), []).append(plan)
     found = []
     for t0, plans in sorted(together.items()):
-        wanted = float(goal[min(int(np.searchsorted(log.ticks["t"], t0 - 1e-9)), len(goal) - 1)])
-        found.append(min(plans, key=lambda plan: abs(difference(float(plan.states[-1, 0]), wanted))))
+        tick = min(int(np.searchsorted(log.ticks["t"], t0 - 1e-9)), len(goal) - 1)
+        if led[tick] == 1:
+            wanted = float(goal[tick])
+            found.append(min(plans, key=lambda plan: abs(difference(float(plan.states[-1, 0]), wanted))))
     return found
 
 

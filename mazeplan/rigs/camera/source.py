@@ -77,7 +77,7 @@ class VideoSource:
                 if self._ended or not got:
                     self._ended = True
                 else:
-                    self._newest = CameraFrame(image, time.monotonic())
+                    self._newest = CameraFrame(image, time.monotonic())  # a camera is a rig: its time is the host's
                 self._news.notify_all()
         self._video.release()
 
@@ -85,7 +85,7 @@ class VideoSource:
         """The next picture of a file, None at its end; a new picture of a camera, None after `close`."""
         if self._file:
             got, image = self._video.read()
-            return CameraFrame(image, time.monotonic()) if got else None
+            return CameraFrame(image, time.monotonic()) if got else None  # as of a camera
         with self._news:
             if not self._news.wait_for(lambda: self._newest is not None or self._ended, self._patience):
                 raise RigError(f"camera {shown(self.source)} has sent no picture for {self._patience:g} s")
@@ -148,7 +148,7 @@ class NewestPicture:
             while self._frame is None or self._frame.t <= after:
                 if self._problem is not None and not self._closing:
                     raise RigError(f"camera {self._name}: {self._problem}")
-                left = until - time.monotonic()
+                left = until - time.monotonic()  # waits for a device, not for a run
                 if left <= 0.0:
                     return None
                 self._news.wait(left)

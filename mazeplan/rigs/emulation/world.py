@@ -70,7 +70,7 @@ class EmulatedCamera(threading.Thread):
             slot, number = number % SLOTS, number + 1
             size = image.nbytes
             self._memory[slot * size : (slot + 1) * size] = image.tobytes()
-            time.sleep(max(0.0, exposed + self._delay - monotonic()))
+            time.sleep(max(0.0, exposed + self._delay - monotonic()))  # the emulated camera is as late as a real one
             self._say({"frame": slot, "exposed": exposed, "out": monotonic(), "lost": self.lost})
 
     def end(self) -> None:

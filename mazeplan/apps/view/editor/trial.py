@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import numpy as np
 
@@ -69,9 +70,10 @@ class Trial:
         self._thread.join(END_S)
 
 
-def _verdict(document: dict[str, object]) -> str:
-    passed = [str(ring["opening"]) for ring in document["rings"] if ring["opening"]]  # type: ignore[index,attr-defined]
-    word = "arrived" if document["success"] else str(document["reason"]).replace("_", " ")
+def _verdict(document: dict[str, Any]) -> str:
+    """How the run ended, in words; document: what `navigate --json` printed."""
+    passed = [ring["opening"] for ring in document["rings"] if ring["opening"]]
+    word = "arrived" if document["success"] else document["reason"].replace("_", " ")
     return f"{word} after {document['time_s']:.1f} s" + (f", by {', '.join(passed)}" if passed else "")
 
 
