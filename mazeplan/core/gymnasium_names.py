@@ -1,6 +1,6 @@
-"""Tells Gymnasium the name of the environment, as soon as a program imports both mazeplan and Gymnasium.
+"""Tells Gymnasium the names of the environments, as soon as a program imports both mazeplan and Gymnasium.
 
-`import mazeplan` does not import Gymnasium: a finder waits for that. Only names are registered; the environment's
+`import mazeplan` does not import Gymnasium: a finder waits for that. Only names are registered; the
 modules load when one is made. Gymnasium has no entry points for other packages since its version 1.0.
 """
 
@@ -13,12 +13,12 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
-ID = "mazeplan/CircularMaze-v1"
+ID, TWO_BALLS = "mazeplan/CircularMaze-v1", "mazeplan/TwoBalls-v1"
 STEPS = 600  # after which an episode is cut off: 20 s at 30 Hz, as for `navigate`
 
 
 def register(gymnasium: Any) -> None:
-    """Register the environment; a second call changes nothing."""
+    """Register the environments; a second call changes nothing."""
     if ID not in gymnasium.registry:
         gymnasium.register(
             ID,
@@ -26,6 +26,8 @@ def register(gymnasium: Any) -> None:
             vector_entry_point="mazeplan.apps.environment.vector:CircularMazeVectorEnv",
             max_episode_steps=STEPS,
         )
+    if TWO_BALLS not in gymnasium.registry:
+        gymnasium.register(TWO_BALLS, entry_point="mazeplan.apps.environment.pair:TwoBallsEnv", max_episode_steps=STEPS)
 
 
 class _Waiting(MetaPathFinder):

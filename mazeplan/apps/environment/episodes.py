@@ -14,12 +14,50 @@ from mazeplan.apps.environment.senses import HIGH, LOW, Senses
 from mazeplan.apps.environment.task import Task
 from mazeplan.apps.environment.worlds import world_of
 from mazeplan.core.errors import SettingsError
-from mazeplan.core.records import IntArray, Observation
+from mazeplan.core.gymnasium_names import TWO_BALLS
+from mazeplan.core.records import Array, IntArray, Observation
 from mazeplan.core.resources import to_install
+from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.sim.fleet import Samples
 
 OPTIONS = ("start_ring", "start_angle_deg")  # of reset()
+
+
+def places(
+    task: Task, maze: Maze, rngs: Sequence[np.random.Generator], options: Mapping[str, Any] | None
+) -> tuple[list[int], list[float]]:
+    """Rings and angles (rad) in which episodes begin. options: see OPTIONS, in the place of the task's. Raises
+    SettingsError."""
+    if not isinstance(options, Mapping | None):
+        raise SettingsError(f"got {options!r}, expected a dictionary or None", key="options")
+    asked = dict(options or {})
+    for name in asked:
+        if name not in OPTIONS:
+            raise SettingsError(f"unknown option of reset, expected one of {', '.join(OPTIONS)}", key=name)
+    starts = task.starts(maze, asked.get("start_ring"))
+    degrees = asked.get("start_angle_deg", task.start_angle_deg)
+    if degrees is not None and not (isinstance(degrees, int | float) and math.isfinite(degrees)):
+        raise SettingsError(f"got {degrees!r}, expected a finite number", key="start_angle_deg")
+    rings, thetas = [], []
+    for rng in rngs:  # both are drawn each time, so that what is given shifts nothing else
+        ring, angle = int(rng.integers(len(starts))), float(rng.uniform(-math.pi, math.pi))
+        rings.append(starts[ring])
+        thetas.append(maze.clear_angle(rings[-1], angle if degrees is None else math.radians(degrees)))
+    return rings, thetas
+
+
+def commands_of(actions: Any, number: int, limit: float) -> Array:
+    """Commands (number, 2), rad, of actions (number, 2), -1 to 1; what is beyond counts as that. limit: of the tilt,
+    rad. Raises ValueError for what is no number."""
+    try:
+        given = np.asarray(actions, dtype=float)
+    except (TypeError, ValueError):
+        given = np.array(math.nan)
+    if given.shape != (number, 2) or not np.all(np.isfinite(given)):
+        what = actions.tolist() if isinstance(actions, np.ndarray) else actions
+        raise ValueError(f"action: got {what!r}, expected two numbers from -1 to 1 for each rig")
+    return np.clip(given, -1.0, 1.0) * limit
 
 
 class Episodes:
@@ -27,6 +65,8 @@ class Episodes:
 
     def __init__(self, task: Task, number: int, threads: int | None = None) -> None:
         self.task, self.maze = task, load_map(task.map)
+        if self.maze.balls > 1:
+            raise SettingsError(f"got a map with {self.maze.balls} balls, expected 1: take {TWO_BALLS}", key="map")
         task.starts(self.maze)
         self.world = world_of(task.rig, self.maze, number, threads)
         self.rate_hz = self.world.rate_hz
@@ -57,21 +97,7 @@ class Episodes:
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Observations and info. options: see OPTIONS, in the place of the task's. Raises SettingsError."""
         self._check_open()
-        if not isinstance(options, Mapping | None):
-            raise SettingsError(f"got {options!r}, expected a dictionary or None", key="options")
-        asked = dict(options or {})
-        for name in asked:
-            if name not in OPTIONS:
-                raise SettingsError(f"unknown option of reset, expected one of {', '.join(OPTIONS)}", key=name)
-        starts = self.task.starts(self.maze, asked.get("start_ring"))
-        degrees = asked.get("start_angle_deg", self.task.start_angle_deg)
-        if degrees is not None and not (isinstance(degrees, int | float) and math.isfinite(degrees)):
-            raise SettingsError(f"got {degrees!r}, expected a finite number", key="start_angle_deg")
-        rings, thetas = [], []
-        for rng in rngs:  # both are drawn each time, so that what is given shifts nothing else
-            ring, angle = int(rng.integers(len(starts))), float(rng.uniform(-math.pi, math.pi))
-            rings.append(starts[ring])
-            thetas.append(self.maze.clear_angle(rings[-1], angle if degrees is None else math.radians(degrees)))
+        rings, thetas = places(self.task, self.maze, rngs, options)
         samples = self.world.reset(rows, rings, thetas, rngs)
         self._senses.reset(rows, samples, rings, thetas)
         self._judge.reset(rows)
@@ -87,14 +113,7 @@ class Episodes:
         """Observations, verdicts and info. actions: (len(rows), 2), -1 to 1; what is beyond counts as that. Raises
         ValueError for what is no number."""
         self._check_open()
-        try:
-            given = np.asarray(actions, dtype=float)
-        except (TypeError, ValueError):
-            given = np.array(math.nan)
-        if given.shape != (len(rows), 2) or not np.all(np.isfinite(given)):
-            what = actions.tolist() if isinstance(actions, np.ndarray) else actions
-            raise ValueError(f"action: got {what!r}, expected two numbers from -1 to 1 for each rig")
-        commands = np.clip(given, -1.0, 1.0) * self.maze.tilt_limit
+        commands = commands_of(actions, len(rows), self.maze.tilt_limit)
         samples = self.world.step(rows, commands)
         self._senses.take(rows, samples, commands)
         verdict = self._judge.judge(rows)

@@ -45,8 +45,10 @@ class World(Protocol):
 
 
 class RigRow:
-    """Any rigs of one kind, one after another. make: makes them, once more for a copy: a copy begins with `reset`, as
-    nobody can copy a machine in the midst of a run."""
+    """Any rigs of one kind, one after another; samples of a rig with several balls have a row for each ball.
+
+    make: makes them, once more for a copy: a copy begins with `reset`, as nobody can copy a machine in the midst of a
+    run."""
 
     def __init__(self, make: Callable[[], Sequence[Rig]], rigs: Sequence[Rig] | None = None) -> None:
         self._make, self._rigs = make, list(make() if rigs is None else rigs)
@@ -93,7 +95,8 @@ class RigRow:
 
 
 def _samples(seen: Sequence[Observation]) -> Samples:
-    table = np.array([(o.t, _number(o.x), _number(o.y), o.beta, o.gamma) for o in seen], dtype=float)
+    each = [ball for rig in seen for ball in (rig, *rig.others)]
+    table = np.array([(o.t, _number(o.x), _number(o.y), o.beta, o.gamma) for o in each], dtype=float)
     return Samples(*table.T)
 
 
@@ -106,10 +109,11 @@ def world_of(spec: str, maze: Maze, number: int, threads: int | None = None) -> 
     rig = make_rig(spec, maze)
     if isinstance(rig, SimulatedRig) and fits(rig.settings, rig.maze):
         return Fleet(rig.maze, rig.settings, number, threads)
-    return RigRow(partial(_rigs, spec, maze, number), _ready([rig, *(make_rig(spec, maze) for _ in range(number - 1))]))
+    return RigRow(partial(rigs, spec, maze, number), _ready([rig, *(make_rig(spec, maze) for _ in range(number - 1))]))
 
 
-def _rigs(spec: str, maze: Maze, number: int) -> list[Rig]:
+def rigs(spec: str, maze: Maze, number: int) -> list[Rig]:
+    """As many rigs, with watchdogs. Raises SettingsError, RigError for one that cannot be used."""
     return _ready([make_rig(spec, maze) for _ in range(number)])
 
 
