@@ -80,6 +80,7 @@ PARAMETERS: dict[str, Number] = {
     "quadratic": _named("ball", "quadratic", "quadratic_drag.coefficient", 0.2, "drag with the square of the speed"),
     "inertia": _named("ball", "inertia", "rolling_inertia.factor", 1e-2, "inertia over m R^2", INERTIA),
     "wall": _named("ball", "wall", "wall_friction.coefficient", 2e-2, "friction at walls"),
+    "wall_rolling": _own("ball", "wall_rolling", "1", (0.0, 1.0), 2e-3, "rolling friction at walls"),
     "restitution": _own("ball", "restitution", "1", (0.0, 0.95), 4e-2, "speed kept by a slow impact"),
     "hold": _own("ball", "hold", "m/s", (0.0, 1.0), 3e-3, "grip of the floor in an impact"),
     "spin": _own("ball", "spin", "m/s^2", (0.0, 2.0), 4e-3, "friction against spinning"),
@@ -103,8 +104,8 @@ PARAMETERS: dict[str, Number] = {
 }
 # parameters in a model file: those that a run needs; `delay` is added to camera_delay_s of the model
 KEPT = (
-    "rolling", "spin", "viscous", "quadratic", "inertia", "wall", "restitution", "hold", "tilt_beta", "tilt_gamma",
-    "delay", "noise", "plane", "strike",
+    "rolling", "spin", "viscous", "quadratic", "inertia", "wall", "wall_rolling", "restitution", "hold",
+    "tilt_beta", "tilt_gamma", "delay", "noise", "plane", "strike",
 )  # fmt: skip
 
 

@@ -95,6 +95,22 @@ def test_a_rough_wall_makes_the_ball_roll_on_it():
     np.testing.assert_allclose(little[-1, 3:], [v_t - impulse / (1.0 + k), w + impulse / k], rtol=1e-9)
 
 
+def test_rolling_friction_at_a_wall_slows_a_ball_that_rolls_along_it():
+    share, v, k = 0.05, 0.2, 0.4
+    ball, walls = SMOOTH._replace(wall=9.0, wall_rolling=share), open_floor((1.0, 0.0, 0.002))
+    out = moved(ball, walls, still_rows(0.0, 0.04, 300), [1.0, 0.002 + R, v, 0.0, -v])
+    slower = share * GRAVITY * math.sin(0.04) / (1.0 + 2.0 * k)  # for one second; energy (1 + 2 k) v^2 / 2 per mass
+    assert v - out[-1, 2] == pytest.approx(slower, rel=0.05)
+    assert out[-1, 4] == pytest.approx(-out[-1, 2], rel=0.01)
+
+
+def test_rolling_friction_at_a_wall_stops_a_spin_and_never_turns_it():
+    walls, rows = open_floor((0.0, 1.0, 0.002)), still_rows(0.0, 0.0, 60)
+    for w, left in ((0.5, 0.5 - 0.7 * 0.1 * 1.4 / 0.4), (-0.5, -0.5 + 0.7 * 0.1 * 1.4 / 0.4), (0.1, 0.0), (-0.1, 0.0)):
+        out = moved(SMOOTH._replace(wall_rolling=0.7), walls, rows, [0.002 + R + 1e-3, 1.0, -0.1, 0.0, w])
+        assert out[-1, 4] == pytest.approx(left, abs=1e-12)
+
+
 def test_dead_stop_below_stiction_and_none_above():
     ball = SMOOTH._replace(rolling=0.1)
     held = moved(ball, open_floor(), still_rows(0.7 * math.asin(0.1 / GRAVITY), 0.0, 600), [1.0, 0.0, 0.0, 0.02, 0.0])

@@ -61,6 +61,7 @@ CANDIDATES = (
     Candidate("quadratic_drag", ("quadratic",), far=(1.0, 3.0)),
     Candidate("rolling_inertia", ("inertia",), far=(-0.15, 0.15, 0.27), along=("restitution", "hold", "spin")),
     Candidate("wall_friction", ("wall",), far=(-0.2, -0.1, 0.2)),
+    Candidate("wall_friction", ("wall_rolling",), far=(0.02, 0.05)),
     Candidate("tilt_offset", ("tilt_beta", "tilt_gamma")),
     Candidate("tilt_gain", ("gain_beta", "gain_gamma")),
     Candidate("camera_offset", ("offset_x", "offset_y")),

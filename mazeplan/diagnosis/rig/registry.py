@@ -20,6 +20,7 @@ Values = dict[str, float]
 # errors of the model itself, found on known rigs: a share of the value, and a size in its unit
 MODEL_ERROR = {
     "rolling": (0.012, 0.0), "viscous": (0.03, 0.005), "quadratic": (0.03, 0.0), "wall": (0.03, 0.0),
+    "wall_rolling": (0.1, 0.0),
     "delay": (0.0, 1.2e-3), "inertia": (0.0, 2e-3), "angle": (0.0, 5e-4),
 }  # fmt: skip
 
@@ -101,6 +102,8 @@ def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> V
         phase = math.atan2(bc, bs) if math.hypot(bs, bc) > math.hypot(gs, gc) else math.atan2(gc, gs)
         s, c_ = math.cos(phase), math.sin(phase)
         return {"frequency": frequency, "beta": bs * s + bc * c_, "gamma": gs * s + gc * c_, "phase": phase}
+    if c.free == ("wall_rolling",):  # what it takes from a ball that rolls on the floor and on the wall
+        return {"coefficient": model.ball.wall_rolling * (1.0 + model.ball.inertia) / (1.0 + 2.0 * model.ball.inertia)}
     return dict(_number(name, model, was, radius, f) for name in c.free)
 
 

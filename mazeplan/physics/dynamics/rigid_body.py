@@ -19,7 +19,8 @@ A slow ball keeps rolling and comes back with e. In a fast impact the floor hold
 impulse J; the rest of the spin goes on into the wall and takes speed away when the ball rolls again (momentum of v and
 spin before and after). The wall gives (1 + k) (1 + e') u in all. The tangential impulse that would end the slip s =
 v_t - w is -s / (f + 1 / k); it is limited to mu_wall times the normal one. v_t changes by f, w by -1 / k of it. From
-these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rolls on, and all between.
+these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rolls on, and all between. Rolling friction
+at the wall then takes from w at most wall_rolling / k times the normal impulse, never its sign.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ class Ball(NamedTuple):
     """Parameters of the ball.
 
     inertia: k of k m R^2; rolling: c, m/s^2; viscous 1/s; quadratic 1/m; wall: friction coefficient at a wall;
-    restitution: e of the speed into a wall; hold: J, m/s; spin: c_s, m/s^2; height: of the centre above the pivot, m;
-    NaN: the radius, as if the plate turned about its surface."""
+    restitution: e of the speed into a wall; hold: J, m/s; spin: c_s, m/s^2; wall_rolling: rolling friction at a wall,
+    mu_roll / R; height: of the centre above the pivot, m; NaN: the radius, as if the plate turned about its surface."""
 
     inertia: float = 0.4
     rolling: float = 0.03
@@ -68,6 +69,7 @@ class Ball(NamedTuple):
     restitution: float = 0.3
     hold: float = 0.02
     spin: float = 0.02
+    wall_rolling: float = 0.0
     height: float = math.nan
 
 
@@ -100,6 +102,7 @@ class BodyCore(NamedTuple):
     hold: float
     spin: float
     spin_gain: float
+    wall_turn: float
     height: float
     address: int
     p: Any
@@ -113,8 +116,9 @@ def body_core(ball, walls, effects):
     height = walls.radius if math.isnan(ball.height) else ball.height
     return BodyCore(
         ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
-        ball.restitution, ball.hold, ball.spin, ball.spin / ball.inertia, height, effects.address,
-        pointer_to(effects.p, 0), pointer_to(effects.p, len(effects.p) - FELT_ROOM), wall_core(walls),
+        ball.restitution, ball.hold, ball.spin, ball.spin / ball.inertia,
+        ball.wall_rolling * (1.0 + ball.inertia) / ball.inertia, height, effects.address, pointer_to(effects.p, 0),
+        pointer_to(effects.p, len(effects.p) - FELT_ROOM), wall_core(walls),
     )  # fmt: skip
 
 
@@ -137,6 +141,8 @@ def _strike(core, h, depth, nx, ny, x, y, vx, vy, w):
     out, along = depth - late * e * vn, late * core.factor * grip
     x, y = x + out * nx - along * ny, y + out * ny + along * nx
     vn, vt, w = vn + jump, vt + core.factor * grip, w - grip / core.inertia
+    turned = core.wall_turn * jump
+    w = 0.0 if abs(w) <= turned else w - math.copysign(turned, w)
     return x, y, vn * nx - vt * ny, vn * ny + vt * nx, w, jump
 
 
