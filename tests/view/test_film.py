@@ -8,8 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from commands import call
+from matplotlib.figure import Figure
 
 from mazeplan.apps.view.film import END_S, HZ, at_even_times, check_film, frames, tree_rows, write_film
+from mazeplan.apps.view.filmed_plate import PIXELS, DrawnPlate, RenderedPlate, plate_of
 from mazeplan.apps.view.moment import BallShown, Moment, NodeShown, TreeShown
 from mazeplan.apps.view.story import moments
 from mazeplan.core.errors import InputError
@@ -62,10 +64,10 @@ def ball_at(picture):
     return None if len(rows) < 150 else (np.median(columns) / picture.shape[1], np.median(rows) / picture.shape[0])
 
 
-def test_the_ball_is_where_it_is_and_nowhere_else():
+def test_a_drawn_ball_is_where_it_is_and_nowhere_else():
     here = Moment(run=1, tick=1, ball=BallShown(0.05, 0.03, True))
     nowhere = Moment(run=1, tick=1)
-    first, second = frames([here, nowhere], MAZE, 100)
+    first, second = frames([here, nowhere], MAZE, 100, DrawnPlate)
     x, y = ball_at(first)
     scale = (
         0.54 / (2 * 1.03 * MAZE.walls[0].outer_radius) * 0.96 * 5.4 / (0.54 * 9.6)
@@ -73,6 +75,47 @@ def test_the_ball_is_where_it_is_and_nowhere_else():
     assert x == pytest.approx(0.27 + 0.05 * scale, abs=0.01)
     assert y == pytest.approx(0.5 - 0.03 * scale * 9.6 / 5.4, abs=0.015)
     assert ball_at(second) is None
+
+
+def blue(picture):
+    """Middle (x, y) of the saturated blue pixels, and how many there are."""
+    r, g, b = (picture[..., k].astype(int) for k in range(3))
+    rows, columns = np.nonzero((b - r > 60) & (b - g > 20))
+    return (float(columns.mean()), float(rows.mean()), len(rows)) if len(rows) else (0.0, 0.0, 0)
+
+
+def test_a_rendered_ball_is_where_lines_over_the_picture_take_it_to_be():
+    pytest.importorskip("cv2")
+    plate, place = RenderedPlate(Figure().add_subplot(), MAZE), np.array([[0.052, -0.031]])
+    radius = MAZE.ball.radius * PIXELS / (2.0 * MAZE.walls[0].outer_radius)
+    pictured, expected = [], []
+    for tilt in ((0.0, 0.0), (0.4, 0.0), (-0.2, 0.4)):
+        shown = Moment(ball=BallShown(*place[0], True), tilt=tilt)
+        plate.show(shown)
+        *middle, count = blue(plate.moving[0].get_array())
+        assert 0.3 < count / (np.pi * radius**2) < 1.2
+        pictured.append(middle)
+        expected.append(plate.at(place, shown)[0])
+    np.testing.assert_allclose(pictured, expected, atol=0.35 * radius)  # one side of the ball is brighter
+    assert np.abs(np.diff(expected, axis=0)).max() > 0.45 * radius  # the tilt is seen
+
+
+def test_a_ball_that_is_not_seen_is_not_in_the_rendered_picture():
+    pytest.importorskip("cv2")
+    plate = RenderedPlate(Figure().add_subplot(), MAZE)
+    plate.show(Moment(ball=BallShown(0.05, 0.03, False), second=BallShown(-0.05, 0.03, True)))
+    x, _, count = blue(plate.moving[0].get_array())
+    assert count > 50
+    assert x < 0.5 * PIXELS  # the second one, with its circle
+    assert plate.moving[1].get_xdata()[0] == pytest.approx(x, abs=5.0)
+    plate.show(Moment(ball=BallShown(0.05, 0.03, False)))
+    assert blue(plate.moving[0].get_array())[2] == 0
+    assert len(plate.moving[1].get_xdata()) == 0
+
+
+def test_without_opencv_the_plate_is_drawn(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mazeplan.rigs.camera.render", None)
+    assert isinstance(plate_of(Figure().add_subplot(), MAZE), DrawnPlate)
 
 
 def test_the_tree_has_what_was_reached_with_its_sign_and_the_active_leaf_stays_in_sight():

@@ -15,6 +15,7 @@ import mazeplan
 from mazeplan.apps.report.run import lead, run_section
 from mazeplan.apps.report.run_record import followed_plans, second_trail
 from mazeplan.apps.view.film import frames
+from mazeplan.apps.view.filmed_plate import DrawnPlate
 from mazeplan.apps.view.moment import BallShown, Moment
 from mazeplan.apps.view.scene import UNIT, Scene
 from mazeplan.apps.view.story import moments
@@ -60,7 +61,7 @@ def test_the_scene_shows_it_beside_the_first():
 
 def test_a_film_shows_it_in_its_colour():
     here = Moment(run=1, tick=1, ball=BallShown(0.05, 0.0, True), second=BallShown(-0.05, 0.0, True))
-    both, one = frames([here, Moment(run=1, tick=1, ball=BallShown(0.05, 0.0, True))], MAZE, 100)
+    both, one = frames([here, Moment(run=1, tick=1, ball=BallShown(0.05, 0.0, True))], MAZE, 100, DrawnPlate)
     inside = [(abs(picture[..., :3].astype(int) - rgb("second")) < 12).all(axis=-1) for picture in (both, one)]
     assert inside[0].sum() > 200 > inside[1].sum() + 150
     assert np.nonzero(inside[0])[1].mean() / both.shape[1] < 0.27  # left of the maze's middle

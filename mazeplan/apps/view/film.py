@@ -1,19 +1,20 @@
-"""A film of a run, .mp4 or .gif: the maze with ball, trail and plan, and beside it the behaviour tree.
+"""A film of a run, .mp4 or .gif: the plate with ball, trail and plan, and beside it the behaviour tree.
 
     messages of a run -> story -> moments at even times -> matplotlib -> OpenCV (.mp4) or Pillow (.gif)
 
-The background is drawn once; a frame draws only what changes (10 ms).
+The background is drawn once; a frame draws only what changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mazeplan.apps.view.filmed_plate import Plate, plate_of
 from mazeplan.apps.view.moment import Moment
 from mazeplan.apps.view.panel import SIGNS
 from mazeplan.apps.view.story import maze_of, moments
@@ -21,7 +22,6 @@ from mazeplan.core.errors import InputError
 from mazeplan.core.palette import COLOURS, INKS
 from mazeplan.core.resources import to_install
 from mazeplan.core.whole_file import whole_file
-from mazeplan.maze.drawing import draw_maze
 from mazeplan.maze.geometry import Maze
 
 SUFFIXES = (".mp4", ".gif")
@@ -30,7 +30,8 @@ HZ = {".mp4": 30.0, ".gif": 12.5}  # frames a second; browsers show a gif at ste
 END_S = 1.5  # s that the last frame stays
 COLOURS_GIF = 64
 ROWS = 30  # of the tree
-TRAIL_S, MM = 3.0, 1000.0
+TRAIL_S = 3.0
+CORNER, LONG = np.array([0.07, 0.07]), 0.06  # of the line downhill, in shares of the plate's axes
 STEEP = np.radians(5.0)  # tilt of a line of full length
 Frame = NDArray[np.uint8]  # (height, width, 3), RGB
 
@@ -74,24 +75,25 @@ def at_even_times(shown: Sequence[Moment], hz: float) -> list[Moment]:
     return [shown[i] for i in places] + [shown[-1]] * max(1, round(END_S * hz))
 
 
-def frames(shown: Sequence[Moment], maze: Maze, dpi: int) -> Iterator[Frame]:
-    """A picture of each moment."""
-    picture = _Picture(maze, shown[0].header, dpi)
+def frames(
+    shown: Sequence[Moment], maze: Maze, dpi: int, plate: Callable[[Any, Maze], Plate] = plate_of
+) -> Iterator[Frame]:
+    """A picture of each moment. plate: makes the part that shows the maze, in given axes."""
+    picture = _Picture(maze, shown[0].header, dpi, plate)
     return (picture.frame(moment) for moment in shown)
 
 
 class _Picture:
     """The parts of a frame that change, over a background that does not."""
 
-    def __init__(self, maze: Maze, header: dict[str, Any], dpi: int) -> None:
+    def __init__(self, maze: Maze, header: dict[str, Any], dpi: int, plate: Callable[[Any, Maze], Plate]) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-        from matplotlib.patches import Circle
 
         figure = Figure(figsize=INCHES, dpi=dpi)
         self._canvas, self._maze = FigureCanvasAgg(figure), maze
         plan = figure.add_axes((0.0, 0.02, 0.54, 0.96))
-        draw_maze(maze, plan, labels=False, ball=False)
+        self._plate = plate(plan, maze)
         side = figure.add_axes((0.55, 0.0, 0.45, 1.0))
         side.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
         side.set_axis_off()
@@ -99,22 +101,17 @@ class _Picture:
         side.text(
             0.0, 0.955, f"rig {rig}" + ("" if seed is None else f", seed {seed}"), fontsize=10, color=INKS["quiet"]
         )
-        reach = MM * maze.walls[0].outer_radius
-        self._corner = np.array([-0.86, -0.86]) * reach
-        plan.text(-0.99 * reach, -0.99 * reach, "downhill", fontsize=7.5, color=INKS["quiet"])
+        downhill = plan.text(0.03, 0.135, "downhill", fontsize=7.5, color=INKS["quiet"], transform=plan.transAxes)
         (self._trail,) = plan.plot([], [], color=COLOURS["real"], linewidth=2.0, alpha=0.5, zorder=5)
         (self._planned,) = plan.plot([], [], color=COLOURS["planned"], linewidth=2.4, zorder=6)
         (self._next,) = plan.plot([], [], "o", color=COLOURS["planned"], fillstyle="none", markersize=15, zorder=7)
         (self._tilt,) = plan.plot([], [], color=COLOURS["measured"], linewidth=3.0, marker="o", markevery=[0])
-        radius = MM * maze.ball.radius
-        self._balls = {name: Circle((0.0, 0.0), radius, color=COLOURS[name], zorder=8) for name in ("real", "second")}
-        for circle in self._balls.values():
-            plan.add_patch(circle)
+        self._tilt.set_transform(plan.transAxes)
         self._time = side.text(0.0, 0.895, "", fontsize=13, weight="bold")
         self._said = side.text(0.0, 0.84, "", fontsize=10, color=COLOURS["bad"])
         self._rows = [side.text(0.0, 0.79 - 0.0258 * k, "", fontsize=7.5) for k in range(ROWS)]
         self._axes = plan, side
-        self._moving = (self._trail, self._planned, self._next, self._tilt, *self._balls.values())
+        self._moving = (*self._plate.moving, downhill, self._trail, self._planned, self._next, self._tilt)
         self._texts = (self._time, self._said, *self._rows)
         for artist in (*self._moving, *self._texts):
             artist.set_animated(True)  # no part of the background
@@ -134,22 +131,20 @@ class _Picture:
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _place(self, moment: Moment) -> None:
-        trail = MM * moment.trail(TRAIL_S)
-        self._trail.set_data(trail[:, 0], trail[:, 1])
-        places = np.empty((0, 2)) if moment.plan is None else MM * moment.plan.places
-        self._planned.set_data(places[:, 0], places[:, 1])
+        self._plate.show(moment)
         ahead = [self._maze.opening(opening.name) for opening in moment.openings if opening.next]
-        radii = [MM * self._maze.threshold_radius(opening) for opening in ahead]
-        angles = [opening.angle for opening in ahead]
-        self._next.set_data(radii * np.cos(angles), radii * np.sin(angles))
+        angles = np.array([opening.angle for opening in ahead])
+        radii = np.array([self._maze.threshold_radius(opening) for opening in ahead])
+        for line, points in (
+            (self._trail, moment.trail(TRAIL_S)),
+            (self._planned, np.empty((0, 2)) if moment.plan is None else moment.plan.places),
+            (self._next, np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])),
+        ):
+            places = self._plate.at(points, moment)
+            line.set_data(places[:, 0], places[:, 1])
         way = np.array([moment.tilt[0], -moment.tilt[1]])  # positive beta lowers +x, positive gamma lifts +y
-        ends = np.array([self._corner, self._corner + 0.12 * MM * self._maze.walls[0].outer_radius * way / STEEP])
+        ends = np.array([CORNER, CORNER + LONG * way / STEEP])
         self._tilt.set_data(ends[:, 0], ends[:, 1])
-        for (name, circle), ball in zip(self._balls.items(), (moment.ball, moment.second), strict=True):
-            circle.set_visible(ball is not None)
-            if ball is not None:
-                circle.set_center((MM * ball.x, MM * ball.y))
-                circle.set_color(COLOURS[name if ball.seen else "neutral"])
 
     def _write(self, moment: Moment) -> None:
         task, result, failure = moment.task, moment.result, moment.failure
@@ -203,7 +198,10 @@ def _write_mp4(path: Path, pictures: Iterable[Frame]) -> None:
 def _write_gif(path: Path, pictures: Iterable[Frame]) -> None:
     from PIL import Image
 
-    images = [Image.fromarray(picture).quantize(COLOURS_GIF) for picture in pictures]
+    images = list[Any]()
+    for picture in pictures:  # in the colours of the first: what does not change costs nothing
+        image, first = Image.fromarray(picture), images[0] if images else None
+        images.append(image.quantize(COLOURS_GIF, palette=first, dither=Image.Dither.NONE))
     images[0].save(
         path, save_all=True, append_images=images[1:], duration=round(1000.0 / HZ[".gif"]), loop=0, optimize=True
     )
