@@ -60,8 +60,8 @@ def test_a_run_with_two_balls_is_replayed(run):
 class Robbed:
     """A rig from whose centre a ball is taken while the other one is led."""
 
-    def __init__(self, rig):
-        self._rig, self.taken_at = rig, None
+    def __init__(self, rig, ball):
+        self._rig, self._ball, self.taken_at = rig, ball, None
 
     def __getattr__(self, name):
         return getattr(self._rig, name)
@@ -69,23 +69,24 @@ class Robbed:
     def observe(self):
         sample, rig = self._rig.observe(), self._rig
         inside = [CME.ring_at(float((scene[:2] ** 2).sum()) ** 0.5) == 5 for scene in (rig.truth(), *rig.others())]
-        if self.taken_at is None and inside == [True, False]:
+        if self.taken_at is None and inside == [self._ball == 1, self._ball == 2]:
             self.taken_at = sample.t + 0.5
-            rig.inject(Fault(kind="teleport", at_s=self.taken_at, ring=3, direction_deg=90.0))
+            rig.inject(Fault(kind="teleport", at_s=self.taken_at, ball=self._ball, ring=3, direction_deg=90.0))
         return sample
 
 
-def test_a_ball_that_leaves_the_centre_is_noticed_and_brought_back():
-    rig = Robbed(make_rig("ideal", TWO))
-    result = mazeplan.navigate(rig=rig, map=TWO, model="ideal", seed=8, time_limit=30.0)
+@pytest.mark.parametrize(("ball", "angle"), [(1, 120.0), (2, 270.0)])  # so that this one is led first
+def test_a_ball_that_leaves_the_centre_is_noticed_and_brought_back(ball, angle):
+    rig = Robbed(make_rig("ideal", TWO), ball)
+    result = mazeplan.navigate(rig=rig, map=TWO, model="ideal", seed=8, start_angle_deg=angle, time_limit=30.0)
     left = [failure for failure in result.failures if failure.kind is FailureKind.LEFT_THE_CENTRE]
     assert rig.taken_at is not None
     assert result.success, result.reason
     assert left
     assert 0.0 <= left[0].t - rig.taken_at < 0.3
-    assert left[0].detail == "ball 1 left ring 5 for ring 3"
+    assert left[0].detail == f"ball {ball} left ring 5 for ring 3"
     assert left[0].recovery == "replan"
-    assert [p.ring for p in result.rings].count(5) == 2
+    assert [p.ring for p in (result.rings, result.others[0].rings)[ball - 1]].count(5) == 2
 
 
 def test_a_map_says_how_many_balls_there_are():

@@ -81,6 +81,8 @@ class Gimbal:
 
     def place_of(self, index: int) -> Array:
         """Position of a ball, (3,), m; the first one has index 0."""
+        if index == 0:
+            return self.place()
         return self.data.qpos[2 + 7 * index : 5 + 7 * index]
 
     def velocity(self) -> Array:
@@ -98,15 +100,17 @@ class Gimbal:
         data.qvel[v : v + 3] = velocity + self._drift()
         data.qvel[v + 3 : v + 6] = self._ball_rotation().T @ spin
 
-    def rest(self, place: Array) -> None:
-        """Put the ball at a place, (3,), without speed."""
-        self.data.qpos[self._q : self._q + 3] = self._centre() + place
-        self.data.qvel[self._v : self._v + 6] = 0.0
+    def rest(self, place: Array, index: int = 0) -> None:
+        """Put a ball at a place, (3,), without speed."""
+        q, v = self._q + 7 * index, self._v + 6 * index
+        self.data.qpos[q : q + 3] = self._centre() + place
+        self.data.qvel[v : v + 6] = 0.0
 
-    def kick(self, x: float, y: float) -> None:
-        """Add to the ball's velocity, m/s."""
-        self.data.qvel[self._v] += x
-        self.data.qvel[self._v + 1] += y
+    def kick(self, x: float, y: float, index: int = 0) -> None:
+        """Add to a ball's velocity, m/s."""
+        v = self._v + 6 * index
+        self.data.qvel[v] += x
+        self.data.qvel[v + 1] += y
 
     def pull(self, force: Array) -> None:
         """Force on the ball from now on, (3,), N."""

@@ -202,21 +202,21 @@ class Machine:
 
     def scene(self) -> Array:
         """x, y (NaN for a ball that is taken out), z of the ball in the plate frame, m, beta, gamma, rad; (5,)."""
-        gimbal = self.gimbal
-        plate, _ = gimbal.plate()
-        out = np.empty(5)
-        out[:3] = plate.T @ gimbal.place()
-        if self._faults.out(self.time):
-            out[:2] = math.nan
-        out[3:] = gimbal.tilt
-        return out
+        return self._scene_of(0)
 
     def others(self) -> list[Array]:
         """As `scene`, of each ball after the first, (5,) each."""
-        if self.maze.balls == 1:
-            return []
-        plate, tilt = self.gimbal.plate()[0].T, self.tilt
-        return [np.array([*(plate @ self.gimbal.place_of(k)), *tilt]) for k in range(1, self.maze.balls)]
+        return [self._scene_of(index) for index in range(1, self.maze.balls)]
+
+    def _scene_of(self, index: int) -> Array:
+        gimbal = self.gimbal
+        plate, _ = gimbal.plate()
+        out = np.empty(5)
+        out[:3] = plate.T @ gimbal.place_of(index)
+        if self._faults.out(self.time, index):
+            out[:2] = math.nan
+        out[3:] = gimbal.tilt
+        return out
 
     def blind(self, t: float) -> bool:
         """Whether a fault blinds the camera at time t."""

@@ -24,8 +24,8 @@ class FaultBox:
         for i, fault in enumerate(faults):
             self._check(fault, f"faults[{i}]")
         self._done: set[int] = set()
-        self._held: Array | None = None  # (3,) place in the plate of a ball that is held
-        self._taken_from: Array | None = None
+        self._held = dict[int, Array]()  # (3,) place in the plate of each ball that is held, by index
+        self._taken_from = dict[int, Array]()
         self._reached = np.zeros(2)  # set points of the servos after their faults
         self._at = 0.0
 
@@ -35,6 +35,8 @@ class FaultBox:
             raise SettingsError(f"got {fault.opening!r}, expected one of {', '.join(names)}", key=f"{key}.opening")
         if fault.kind == "teleport" and fault.ring > len(self._maze.rings):
             raise SettingsError(f"got {fault.ring}, expected 1 to {len(self._maze.rings)}", key=f"{key}.ring")
+        if fault.ball > self._maze.balls:
+            raise SettingsError(f"got {fault.ball}, expected at most {self._maze.balls} on this map", key=f"{key}.ball")
 
     def add(self, fault: Fault) -> None:
         """Add a fault, also while running. Raises SettingsError as the constructor does."""
@@ -49,9 +51,12 @@ class FaultBox:
         """Whether the camera sees nothing."""
         return bool(self.active("blackout", t))
 
-    def out(self, t: float) -> bool:
-        """Whether the ball is taken out."""
-        return bool(self.active("removed", t))
+    def out(self, t: float, index: int = 0) -> bool:
+        """Whether a ball is taken out; the first one has index 0."""
+        return self._acts("removed", t, index)
+
+    def _acts(self, kind: str, t: float, index: int) -> bool:
+        return any(fault.ball == index + 1 for fault in self.active(kind, t))
 
     def servo(self, t: float, wanted: Array) -> Array:
         """Set points that reach the servos, (2,) rad. A dead axis keeps its last one, at first the middle."""
@@ -83,35 +88,41 @@ class FaultBox:
                 self._done.add(i)
                 angle = math.radians(fault.direction_deg)
                 if fault.kind == "push":
-                    self._gimbal.kick(fault.speed_m_s * math.cos(angle), fault.speed_m_s * math.sin(angle))
+                    x, y = fault.speed_m_s * math.cos(angle), fault.speed_m_s * math.sin(angle)
+                    self._gimbal.kick(x, y, fault.ball - 1)
                 else:
                     radius = self._maze.track_radius(fault.ring)
-                    self._put(np.array([radius * math.cos(angle), radius * math.sin(angle), self._maze.ball.radius]))
+                    place = np.array([radius * math.cos(angle), radius * math.sin(angle), self._maze.ball.radius])
+                    self._put(place, fault.ball - 1)
 
-    def _put(self, position: Array) -> None:
-        """Put the ball to rest at a position (3,), m, in the plate's frame."""
-        self._gimbal.rest(self._gimbal.drawn() @ position)
+    def _put(self, position: Array, index: int) -> None:
+        """Put a ball to rest at a position (3,), m, in the plate's frame."""
+        self._gimbal.rest(self._gimbal.drawn() @ position, index)
 
     def after_step(self, t: float) -> None:
         """Move a ball that is glued or held with the plate: restore its place in the plate after each step."""
-        glued, out = bool(self.active("stuck", t)), self.out(t)
-        if not (glued or out) and self._taken_from is None:
-            self._held = None
+        for index in range(self._maze.balls):
+            self._hold(t, index)
+
+    def _hold(self, t: float, index: int) -> None:
+        glued, out, taken_from = self._acts("stuck", t, index), self.out(t, index), self._taken_from.get(index)
+        if not (glued or out) and taken_from is None:
+            self._held.pop(index, None)
             return
-        here = self._gimbal.drawn().T @ self._gimbal.place()
-        if out and self._taken_from is None:
-            self._taken_from = here
-        elif not out and self._taken_from is not None:
-            self._put(self._taken_from)
-            self._taken_from = None
+        here = self._gimbal.drawn().T @ self._gimbal.place_of(index)
+        if out and taken_from is None:
+            self._taken_from[index] = here
+        elif not out and taken_from is not None:
+            self._put(taken_from, index)
+            del self._taken_from[index]
         if not (glued or out):
-            self._held = None
+            self._held.pop(index, None)
             return
-        held = here if self._held is None else self._held
+        held = self._held.get(index, here)
         if out:
-            held = np.array([self._maze.walls[0].outer_radius + ASIDE, 0.0, ASIDE])
-        self._held = held
-        self._put(held)
+            held = np.array([self._maze.walls[0].outer_radius + ASIDE * (1 + index), 0.0, ASIDE])
+        self._held[index] = held
+        self._put(held, index)
 
 
 def _axes(fault: Fault) -> tuple[int, ...]:

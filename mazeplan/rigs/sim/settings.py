@@ -29,10 +29,11 @@ Turn = Annotated[float, Field(ge=-360.0, le=360.0)]  # deg
 class Fault(RigSection):
     """A fault of the machine, from at_s on for duration_s.
 
-    The ball: stuck (glued to the floor), push (a kick of `speed_m_s` towards `direction_deg`), teleport (at rest in
-    `ring` at `direction_deg`), removed (taken out, then put back). blackout: the camera sees nothing. blocked: a plug
-    is in `opening`. The servo `axis`: dead_axis (follows no command), slow_axis (follows at `slew_deg_s` at most),
-    offset_axis (`offset_deg` off), brown_out (without current, a spring moves it to its middle)."""
+    A ball (`ball`: 1 is the first): stuck (glued to the floor), push (a kick of `speed_m_s` towards `direction_deg`),
+    teleport (at rest in `ring` at `direction_deg`), removed (taken out, then put back). blackout: the camera sees
+    nothing. blocked: a plug is in `opening`. The servo `axis`: dead_axis (follows no command), slow_axis (follows at
+    `slew_deg_s` at most), offset_axis (`offset_deg` off), brown_out (without current, a spring moves it to its
+    middle)."""
 
     kind: Literal[
         "stuck", "blackout", "dead_axis", "blocked", "push",
@@ -42,6 +43,7 @@ class Fault(RigSection):
     duration_s: float = Field(default=1.0, ge=0.0)
     axis: Literal["beta", "gamma", "both"] = "beta"
     opening: str | None = None
+    ball: int = Field(default=1, ge=1)
     ring: int = Field(default=1, ge=1)
     speed_m_s: float = Field(default=0.1, ge=0.0, le=2.0)
     direction_deg: float = 0.0

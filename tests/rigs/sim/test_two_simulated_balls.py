@@ -14,7 +14,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.conformance import check_rig
 from mazeplan.rigs.registry import make_rig
 from mazeplan.rigs.sim.mjcf import SUBSTEPS, mjcf
-from mazeplan.rigs.sim.settings import SimulatedSettings
+from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
 from mazeplan.rigs.sim.simulated import SimulatedRig
 
 CME = load_map("cme")
@@ -117,3 +117,53 @@ def test_the_conformance_check_asks_for_both_balls():
     assert all(check.passed for check in check_rig(SimulatedRig(TWO, IDEAL), TWO))
     found = [check.detail for check in check_rig(Alone(TWO, IDEAL), TWO) if not check.passed]
     assert any("others: got 0 samples, expected 1 of a rig with balls = 2" in detail for detail in found)
+
+
+def places(rig, samples):
+    """(samples, 2, 2) x, y of both balls, NaN where a ball is not seen; the plate is level."""
+    out = []
+    for _ in range(samples):
+        sample = rig.observe()
+        each = (sample, *sample.others)
+        out.append([[math.nan if ball.x is None else ball.x, math.nan if ball.y is None else ball.y] for ball in each])
+        rig.command(0.0, 0.0)
+    return np.array(out)
+
+
+def test_the_second_ball_is_kicked_moved_and_taken_out_alone():
+    rig = begun(TWO)
+    still = places(rig, 5)[-1]
+    rig.inject(Fault(kind="push", at_s=0.0, ball=2, speed_m_s=0.1, direction_deg=math.degrees(0.4) + 90.0))
+    seen = places(rig, 10)
+    np.testing.assert_allclose(seen[:, 0], np.tile(still[0], (10, 1)), atol=1e-6)
+    assert math.dist(seen[-1, 1], still[1]) > 0.02
+    rig.inject(Fault(kind="teleport", at_s=0.0, ball=2, ring=3, direction_deg=100.0))
+    seen = places(rig, 5)
+    np.testing.assert_allclose(seen[-1, 0], still[0], atol=1e-6)
+    assert math.hypot(*seen[-1, 1]) == pytest.approx(CME.track_radius(3), abs=1e-3)
+    rig.inject(Fault(kind="removed", at_s=19.5 / 30.0, ball=2, duration_s=10.0 / 30.0))
+    seen = places(rig, 10)
+    assert np.isnan(seen[2:9, 1]).all()
+    np.testing.assert_allclose(seen[:, 0], np.tile(still[0], (10, 1)), atol=1e-6)
+    assert math.hypot(*places(rig, 5)[-1, 1]) == pytest.approx(CME.track_radius(3), abs=1e-3)  # put back
+
+
+def test_one_ball_is_glued_and_the_other_rolls():
+    rig = begun(TWO, replace_with(faults=(Fault(kind="stuck", at_s=0.0, duration_s=9.0, ball=2),)))
+    first = rig.observe()
+    for _ in range(20):
+        rig.command(0.05, 0.02)
+        last = rig.observe()
+    assert math.dist((first.x, first.y), (last.x, last.y)) > 0.02
+    assert math.dist(*[(each.others[0].x, each.others[0].y) for each in (first, last)]) < 1e-3
+
+
+def test_a_fault_of_a_ball_that_is_not_there_is_refused():
+    with pytest.raises(SettingsError, match=r"got 2, expected at most 1 on this map") as told:
+        begun(CME, replace_with(faults=(Fault(kind="push", at_s=0.0, ball=2),)))
+    assert told.value.key == "faults[0].ball"
+
+
+def replace_with(**settings):
+    """The ideal rig with other settings."""
+    return IDEAL.model_copy(update=settings)
