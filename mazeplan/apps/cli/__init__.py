@@ -24,12 +24,14 @@ import typer
 
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.output import short_warnings
+from mazeplan.apps.cli.path_checks import unusable
 from mazeplan.core.errors import InputError, MazeplanError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
 
 INTERRUPTED = 130  # exit status
 UNWRITABLE = (errno.ENOSPC, errno.EPIPE)  # a full disk; a reader that left, as in `mazeplan log export ... | head`
+UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)  # of a path
 ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 EXPECTED = {  # how typer begins its message about a number: our words
     "valid integer": "a whole number",
@@ -42,7 +44,7 @@ EXPECTED = {  # how typer begins its message about a number: our words
 def keep_compiled() -> None:
     """Give Numba a temporary cache folder if it can write neither to the package nor to the user's cache."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    places = [Path(__file__).parent, next(place for place in (cache, *cache.parents) if place.exists())]
+    places = [Path(__file__).parent, next(place for place in (cache, *cache.parents) if os.path.exists(place))]
     if "NUMBA_CACHE_DIR" in os.environ or any(os.access(place, os.W_OK) for place in places):
         return
     os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="mazeplan-compiled-")
@@ -189,6 +191,8 @@ def _run(received: list[int]) -> int:
     except typer.Exit as end:  # typer makes one of Ctrl-C
         status = end.exit_code
     except OSError as problem:
+        if problem.errno in UNUSABLE and problem.filename is not None:
+            return _fail(with_option(unusable(problem, str(problem.filename)), sys.argv[1:]), InputError.exit_status)
         if problem.errno not in UNWRITABLE:
             raise
         end_unwritable(problem)

@@ -9,6 +9,8 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
+from mazeplan.apps.cli.path_checks import check_paths
+
 WIDEST = 120  # columns; longer lines are hard to read
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 characters, then examples
@@ -186,7 +188,13 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
 
 
 class Command(TyperCommand):
-    """A command whose help names arguments as they are typed, and keeps the lines of its examples."""
+    """A command whose help names arguments as they are typed, and keeps the lines of its examples. It looks at the
+    files of its command line before it begins."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        check_paths(ctx)
+        return super().invoke(ctx)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """`[OPTIONS]`, and the arguments: LOG, LOG... for several, [LOG] for one that may be left out."""
