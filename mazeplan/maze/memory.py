@@ -8,7 +8,6 @@ run.
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from typing import Any
 import yaml
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1
@@ -99,10 +99,10 @@ def save_memory(memory: OpeningMemory, path: Path, now: float) -> None:
     for name, counts in openings.items():
         key = name if re.fullmatch(r"\w[\w@.-]*", name) else yaml.safe_dump(name, default_style='"').strip()
         lines.append(f"  {key}: {{successes: {counts['successes']}, failures: {counts['failures']}}}\n")
-    beside = path.with_name(path.name + ".part")
     try:
-        beside.write_text("".join(lines), encoding="utf-8")
-        os.replace(beside, path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as beside:
+            beside.write_text("".join(lines), encoding="utf-8")
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror}", file=path) from None
 

@@ -182,9 +182,9 @@ def test_export_overwrites_only_with_force_and_never_the_log(run, refused, log, 
     assert table.read_text() == "precious"
     run("export", log, "-o", table, "--force")
     assert table.read_text().startswith("t,theta")
-    assert "log itself" in refused("log", "export", log, "-o", log, "--force")
+    assert "ends in .csv" in refused("log", "export", log, "-o", log, "--force")
     assert log.read_bytes() == before
-    assert "cannot be written" in refused("log", "export", log, "-o", log / "run.csv")
+    assert "is a file; expected a folder" in refused("log", "export", log, "-o", log / "run.csv")
 
 
 def test_missing_logs_and_other_files(refused, tmp_path):

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
+from pathlib import Path
 
 import pytest
 from typer.main import get_command
 
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.path_checks import METAVARS
+from mazeplan.core.resources import share
 
+MINE = b"mine\n"
 OTHER = {  # metavars that name no file or folder
     "DEG", "EFFECT", "HZ", "M", "MM", "N", "NAME", "NxN", "OPENING", "RING", "RINGS", "S", "TEXT", "ADDRESS", "PORT",
     "KINDS", "SYSTEM", "MODULE", "MODULE:FUNCTION", "EFFECT.PARAM=VALUE", "PICTURES",
@@ -19,7 +22,10 @@ OTHER = {  # metavars that name no file or folder
 
 ENDINGS = {  # of files to write; others end in .yaml here
     "report -o": ".html", "compare --report": ".html", "evaluate --report": ".html", "compare --curve": ".png",
-    "policy export -o": ".h", "new tree -o": ".xml", "record -o": ".parquet",
+    "policy export -o": ".h", "new tree -o": ".xml", "record -o": ".parquet", "navigate --log": ".mcap",
+    "collect -o": ".mcap", "navigate --video": ".gif", "report --video": ".gif", "log export -o": ".csv",
+    "map show -o": ".png", "behavior show -o": ".png", "behavior palette -o": ".xml", "calibrate tilt --keep": ".csv",
+    "calibrate camera --sheet": ".pdf",
 }  # fmt: skip
 
 
@@ -86,3 +92,115 @@ def test_a_folder_that_may_not_be_entered_is_one_line(refused, locked, path, opt
 
 def test_a_name_that_is_too_long_is_one_line(refused):
     assert "File name too long; expected" in refused("learn", f"{'a' * 300}.csv", "-o", "model")
+
+
+# -- endings, and folders to write into ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("line", "ending"),
+    [
+        ("navigate --log run.csv", ".mcap"), ("navigate --log run", ".mcap"), ("collect -o g.csv", ".mcap"),
+        ("navigate --video run.mcap", ".mp4, .gif"), ("report a.mcap -o a.html --video run.avi", ".mp4, .gif"),
+        ("navigate --memory run.mcap", ".yaml, .yml, .json"), ("log export a.mcap -o x.mcap", ".csv"),
+        ("map show -o map.yaml", ".png, .svg, .pdf"), ("map learn a.csv -o map.csv", ".yaml, .yml"),
+        ("behavior show -o tree.xml", ".png, .svg, .pdf"), ("behavior palette -o palette.yaml", ".xml"),
+        ("rig check toy -o latency.csv", ".yaml, .yml"), ("calibrate tilt --keep readings.yaml", ".csv"),
+        ("calibrate camera --sheet sheet.csv", ".pdf, .svg, .png"),
+    ],
+)  # fmt: skip
+def test_an_ending_of_another_kind_is_refused(refused, tmp_path, monkeypatch, line, ending):
+    monkeypatch.chdir(tmp_path)
+    name = line.split()[-1]
+    assert refused(*line.split()).endswith(f"got '{name}', expected a file that ends in {ending}\n")
+    assert not Path(name).exists()
+
+
+@pytest.mark.parametrize("option", ["--video x.gif", "--memory x.yaml", "--log x.mcap"])
+def test_a_folder_that_cannot_be_made_is_seen_before_the_run(refused, desk, option):
+    name, file = option.split()
+    assert "a.csv is a file; expected a folder that can be made" in refused("navigate", name, f"a.csv/{file}")
+
+
+def test_the_folder_of_a_memory_is_made(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("navigate", "--rig", "ideal", "--from", "ring4", "--memory", "new/doors.yaml")[0] == 0
+    assert Path("new/doors.yaml").read_text().startswith("# What happened")
+
+
+# -- what is written is neither read nor written by another option -------------------------------------------------
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.yaml", "a.csv", "a.mcap", "model/model.yaml"):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_bytes(MINE)
+    for ending in ("mcap", "csv", "yaml"):
+        Path(f"link.{ending}").symlink_to("a.mcap")
+        os.link("a.mcap", f"hard.{ending}")
+    os.mkfifo("pipe.mcap")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "navigate --map a.mcap --log a.mcap", "navigate --settings ./a.mcap --log model/../a.mcap",
+        "log export a.mcap -o link.csv", "log export link.mcap -o hard.csv",
+        "map learn a.csv --map a.yaml -o a.yaml", "diagnose a.csv --model model -o model",
+        "improve --rig a.yaml --model model -o model", "learn model/model.yaml -o model",
+    ],
+)  # fmt: skip
+def test_what_is_read_is_not_written(refused, desk, line):
+    assert "which is read; expected another name" in refused(*line.split(), "--force")
+    assert Path("a.mcap").read_bytes() == Path("a.yaml").read_bytes() == MINE
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "behavior palette --into x.xml -o x.xml", "behavior palette --into a/x.xml -o a/../a/x.xml",
+        "navigate --log a.mcap --memory link.yaml", "navigate --log a.mcap --memory hard.yaml",
+        "report a.mcap -o x.html --pictures x.html",
+    ],
+)  # fmt: skip
+def test_two_outputs_have_two_names(refused, desk, line):
+    assert refused(*line.split(), "--force").endswith(", too; expected two names\n")
+
+
+def test_where_the_program_runs_may_be_written_what_is_read_there(refused, desk):
+    assert "column t is missing" in refused("learn", "a.csv", "-o", ".", "--force")
+
+
+@pytest.mark.parametrize(("path", "option", "command"), list(named()))
+def test_a_named_pipe_is_refused_before_it_is_opened(refused, desk, path, option, command):
+    words = line_with(path, option, command, "pipe")
+    Path("pipe.mcap").rename(words[words.index(next(w for w in words if w.startswith("pipe.")))])
+    error = refused(*words)
+    assert "pipe" in error
+    assert "; expected a f" in error
+
+
+# -- files that are read-only -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "behavior palette --into a.xml", "navigate --memory a.yaml", "behavior palette -o a.xml --force",
+        "learn a.csv -o model --force",
+    ],
+)  # fmt: skip
+def test_what_is_read_only_stays(refused, desk, line):
+    Path("a.xml").write_text(packaged("navigate"))
+    Path("a.xml").chmod(0o444)
+    Path("a.yaml").chmod(0o444)
+    Path("model").chmod(0o555)
+    assert " is read-only; expected a file or folder that may be written to" in refused(*line.split())
+    assert Path("a.xml").read_text() == packaged("navigate")
+    Path("model").chmod(0o755)
+
+
+def packaged(tree):
+    return (share("behaviors") / f"{tree}.xml").read_text()

@@ -86,5 +86,6 @@ def test_mistakes_are_one_line_with_place(tmp_path, text, said):
 
 
 def test_a_folder_that_cannot_be_written_to_is_said(tmp_path):
+    (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):
-        save_memory(OpeningMemory(), tmp_path / "nowhere" / "openings.yaml", now=0.0)
+        save_memory(OpeningMemory(), tmp_path / "file" / "openings.yaml", now=0.0)

@@ -50,12 +50,16 @@ CheckedMap = Annotated[
 ]
 Drawing = Annotated[
     Path | None,
-    typer.Option("-o", "--output", callback=opt.new_file, metavar="FILE", help="Draw into a PNG, SVG or PDF file."),
-]
+    typer.Option(
+        "-o", "--output", parser=opt.file(*opt.PICTURES, chosen=True), callback=opt.new_file, metavar="FILE",
+        help="Draw into a PNG, SVG or PDF file.",
+    ),
+]  # fmt: skip
 Into = Annotated[
     Path | None,
     typer.Option(
         "--into",
+        callback=opt.renewed,
         autocompletion=names.TREES,
         metavar="TREE",
         help="Tree whose TreeNodesModel to write or renew; all else in it stays.",
@@ -63,8 +67,11 @@ Into = Annotated[
 ]
 Palette = Annotated[
     Path | None,
-    typer.Option("-o", "--output", callback=opt.new_file, metavar="FILE", help="File to write. Default: stdout."),
-]
+    typer.Option(
+        "-o", "--output", parser=opt.file(opt.TREE), callback=opt.new_file, metavar="FILE",
+        help="File to write. Default: stdout.",
+    ),
+]  # fmt: skip
 
 
 LEAVES = ("Action", "Condition")  # categories of leaves

@@ -17,7 +17,7 @@ Keep = Annotated[
     Path | None,
     Option(
         "--keep",
-        parser=file(),
+        parser=file(".csv"),
         callback=new_file,
         metavar="FILE",
         help="CSV for the typed readings. Default: a new one.",
@@ -49,6 +49,7 @@ Sheet = Annotated[
     Path | None,
     Option(
         "--sheet",
+        parser=file(".pdf", ".svg", ".png", chosen=True),
         callback=new_file,
         metavar="FILE",
         help="Only draw the markers to scale (PDF; SVG or PNG: one file per page).",

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.option_checks import file_or_stdout
 from mazeplan.apps.cli.output import finite, print_json, say, write_text
-from mazeplan.core.errors import InputError
 
 if TYPE_CHECKING:
     from mazeplan.core.logs.run_log import RunLog
@@ -24,8 +24,11 @@ app = typer.Typer(help="Summarise, export and replay run logs.", no_args_is_help
 
 CsvFile = Annotated[
     str,
-    typer.Option("-o", "--output", callback=opt.new_file, metavar="FILE", help="CSV file to write, or - for stdout."),
-]
+    typer.Option(
+        "-o", "--output", parser=file_or_stdout(".csv"), callback=opt.new_file, metavar="FILE",
+        help="CSV file to write, or - for stdout.",
+    ),
+]  # fmt: skip
 RunModel = Annotated[
     str | None, typer.Option("--model", metavar="MODEL", help="Model of the run, for a log that does not hold it.")
 ]
@@ -60,8 +63,6 @@ def export(log: opt.RunLogFile, output: CsvFile, force: opt.Force = False) -> No
         sys.stdout.write(csv_text(read))
         return
     path = Path(output)
-    if path.exists() and path.samefile(log):
-        raise InputError("is the log itself, expected another file for the table", file=path)
     write_text(path, csv_text(read))
     say(f"wrote {len(read.ticks['t'])} rows to {path}")
 

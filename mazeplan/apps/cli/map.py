@@ -33,8 +33,11 @@ MapFiles = Annotated[
 ]
 Picture = Annotated[
     Path,
-    typer.Option("--output", "-o", callback=opt.new_file, metavar="FILE", help="Picture to write: .png, .svg or .pdf."),
-]
+    typer.Option(
+        "--output", "-o", parser=opt.file(*opt.PICTURES, chosen=True), callback=opt.new_file, metavar="FILE",
+        help="Picture to write: .png, .svg or .pdf.",
+    ),
+]  # fmt: skip
 WithRoute = Annotated[bool, typer.Option("--route", help="Also draw the route.")]
 WithLabels = Annotated[
     bool, typer.Option("--labels", help="Also write the names of openings, and a scale of degrees around the rim.")

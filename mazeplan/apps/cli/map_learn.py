@@ -19,8 +19,11 @@ if TYPE_CHECKING:
     from mazeplan.maze.transitions import BallTrack, LearnedOpening
 
 MapFile = Annotated[
-    Path, typer.Option("--output", "-o", callback=opt.new_file, metavar="FILE", help="Map file to write.")
-]
+    Path,
+    typer.Option(
+        "--output", "-o", parser=opt.file(*opt.YAML), callback=opt.new_file, metavar="FILE", help="Map file to write."
+    ),
+]  # fmt: skip
 MinCount = Annotated[int, typer.Option("--min-count", min=1, metavar="N", help="Fewest passages of an opening.")]
 PriorMap = Annotated[
     str | None, typer.Option("--map", metavar="MAP", help="Map for missing figures. Default: the log's, else cme.")

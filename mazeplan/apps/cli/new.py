@@ -45,13 +45,13 @@ NewFolder = Annotated[
 MapFile = Annotated[
     Path,
     typer.Option(
-        "-o", "--output", parser=opt.file(".yaml", ".yml"), callback=opt.new_file, metavar="FILE", help="File to write."
+        "-o", "--output", parser=opt.file(*opt.YAML), callback=opt.new_file, metavar="FILE", help="File to write."
     ),
 ]
 TreeFile = Annotated[
     Path,
     typer.Option(
-        "-o", "--output", parser=opt.file(".xml"), callback=opt.new_file, metavar="FILE", help="File to write."
+        "-o", "--output", parser=opt.file(opt.TREE), callback=opt.new_file, metavar="FILE", help="File to write."
     ),
 ]
 

@@ -2,7 +2,7 @@
 
 A check runs while the command line is read, before any work begins. An option that names a new file or folder has
 `callback=new_file` or `new_folder`, and its command has `force: Force`: nothing of a user's is overwritten without
-being asked.
+being asked. An option whose file goes on growing has `callback=renewed`. `path_checks` then looks at all of them.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from typing import Any
 from typer import BadParameter, CallbackParam, Context
 
 from mazeplan.apps.cli.output import check_new, free_name, say
+from mazeplan.apps.cli.path_checks import NEW, RENEWED, note_written
+from mazeplan.core.whole_file import in_dev
 
 
 def number(unit: str = "", *, positive: bool = True) -> Callable[[str], float]:
@@ -51,15 +53,18 @@ def folder(text: str) -> Path:
     return Path(text)
 
 
-def file(*endings: str) -> Callable[[str], Path]:
-    """Parser of a file to write, with one of the endings."""
+def file(*endings: str, chosen: bool = False) -> Callable[[str], Path]:
+    """Parser of a file to write, with one of the endings. chosen: the ending chooses what is written; otherwise names
+    in /dev need none."""
 
     def parse(text: str) -> Path:
         path = Path(text)
         problem = folder_problem(path.absolute().parent)
-        if endings and (path.suffix.lower() not in endings or path.is_dir()):
+        wrong = endings and path.suffix.lower() not in endings and (chosen or not in_dev(path))
+        if wrong or path.is_dir():
             what = ", a folder" if path.is_dir() else ""
-            problem = f"got {str(path)!r}{what}, expected a file that ends in {', '.join(endings)}"
+            ends = f" that ends in {', '.join(endings)}" if endings else ""
+            problem = f"got {str(path)!r}{what}, expected a file{ends}"
         if problem:
             raise BadParameter(problem)
         return path
@@ -67,11 +72,18 @@ def file(*endings: str) -> Callable[[str], Path]:
     return parse
 
 
+def file_or_stdout(*endings: str) -> Callable[[str], str]:
+    """Parser of a file to write, with one of the endings, or - for stdout."""
+    parse = file(*endings)
+    return lambda text: text if text == "-" else str(parse(text))
+
+
 def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
     """Check of the file that a command writes: it must be new, or --force be given. - is stdout.
 
     A name that nobody gave is the default's, or the next free one (maze-2.png). Raises InputError."""
     force = bool(ctx.params.get("force"))
+    note_written(ctx, param, NEW)
     if value is None or value == "-":
         return value
     source = ctx.get_parameter_source(param.name or "")
@@ -86,8 +98,15 @@ def new_file(ctx: Context, param: CallbackParam, value: Any) -> Any:
 
 def new_folder(ctx: Context, param: CallbackParam, value: Path | None) -> Path | None:
     """Check of the folder that a command writes: it must be new or empty, or --force be given. Raises InputError."""
+    note_written(ctx, param, NEW)
     if value is not None:
         check_new(min(param.opts, key=len), value, bool(ctx.params.get("force")), folder=True)
+    return value
+
+
+def renewed(ctx: Context, param: CallbackParam, value: Any) -> Any:
+    """Check of a file or folder that a command reads and renews: it needs no --force."""
+    note_written(ctx, param, RENEWED)
     return value
 
 

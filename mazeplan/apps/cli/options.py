@@ -9,9 +9,10 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from mazeplan.apps.cli import names
-from mazeplan.apps.cli.option_checks import file, folder, new_file, new_folder, number, ring
+from mazeplan.apps.cli.option_checks import file, folder, new_file, new_folder, number, renewed, ring
 
-PICTURES = (".png", ".svg", ".pdf")
+PICTURES, FILMS = (".png", ".svg", ".pdf"), (".mp4", ".gif")
+YAML, RUN_LOG, TREE = (".yaml", ".yml"), ".mcap", ".xml"
 
 # -- several commands ---------------------------------------------------------------------------------------------
 
@@ -185,18 +186,29 @@ Smoothing = Annotated[
 Video = Annotated[
     Path | None,
     Option(
-        "--video", callback=new_file, metavar="FILE", help="Write a film of the run: FILE.mp4 (OpenCV) or FILE.gif."
+        "--video", parser=file(*FILMS, chosen=True), callback=new_file, metavar="FILE",
+        help="Write a film of the run: FILE.mp4 (OpenCV) or FILE.gif.",
     ),
+]  # fmt: skip
+RunLog = Annotated[
+    Path | None,
+    Option("--log", parser=file(RUN_LOG), callback=new_file, metavar="LOG", help="Write a run log (MCAP)."),
 ]
-RunLog = Annotated[Path | None, Option("--log", callback=new_file, metavar="LOG", help="Write a run log (MCAP).")]
 Memory = Annotated[
-    Path | None, Option("--memory", metavar="FILE", help="File that keeps experience at openings for the next run.")
-]
+    Path | None,
+    Option(
+        "--memory", parser=file(*YAML, ".json"), callback=renewed, metavar="FILE",
+        help="File that keeps experience at openings for the next run.",
+    ),
+]  # fmt: skip
 Learn = Annotated[bool, Option("--learn", help="Update the model after each run.")]
 LearnedModel = Annotated[
     Path | None,
-    Option("-o", "--output", parser=folder, metavar="FOLDER", help="With --learn: folder of the updated model."),
-]
+    Option(
+        "-o", "--output", parser=folder, callback=renewed, metavar="FOLDER",
+        help="With --learn: folder of the updated model.",
+    ),
+]  # fmt: skip
 Page = Annotated[bool, Option("--view", help="Show and operate the run on a page in the browser.")]
 Runs = Annotated[
     int | None, Option("--runs", min=1, metavar="N", help="Number of runs. Default: 16; 10 per fault with --faults.")
@@ -214,8 +226,12 @@ Dask = Annotated[
     Option("--dask", metavar="ADDRESS", help="Run on a Dask scheduler, such as tcp://host:8786, or local."),
 ]
 Store = Annotated[
-    Path | None, Option("--store", metavar="DIR", help="Keep each run in this folder (Parquet) and skip kept runs.")
-]
+    Path | None,
+    Option(
+        "--store", parser=folder, callback=renewed, metavar="DIR",
+        help="Keep each run in this folder (Parquet) and skip kept runs.",
+    ),
+]  # fmt: skip
 NoDeadline = Annotated[bool, Option("--no-deadline", help="Let plans take any time, for repeatable results.")]
 Faults = Annotated[
     str | None, Option("--faults", metavar="FILE", help="YAML file of faults to inject, or all for each kind.")
@@ -224,8 +240,11 @@ Faults = Annotated[
 # -- collect, learn, compare, diagnose, improve, record -----------------------------------------------------------
 
 CollectedLog = Annotated[
-    Path, Option("-o", "--output", callback=new_file, metavar="FILE", help="Run log (MCAP) to write.")
-]
+    Path,
+    Option(
+        "-o", "--output", parser=file(RUN_LOG), callback=new_file, metavar="FILE", help="Run log (MCAP) to write."
+    ),
+]  # fmt: skip
 FirstRing = Annotated[
     str, Option("--ring", autocompletion=names.RINGS, metavar="RING", help="Ring to start in, such as ring1.")
 ]
@@ -298,7 +317,7 @@ Curve = Annotated[
     Path | None,
     Option(
         "--curve",
-        parser=file(*PICTURES),
+        parser=file(*PICTURES, chosen=True),
         callback=new_file,
         metavar="FILE",
         help="Draw learning curves (PNG, SVG, PDF).",

@@ -24,7 +24,7 @@ PolicyFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a p
 Exported = Annotated[
     Path,
     typer.Option(
-        "-o", "--output", parser=file(".h", ".onnx"), callback=new_file, metavar="FILE",
+        "-o", "--output", parser=file(".h", ".onnx", chosen=True), callback=new_file, metavar="FILE",
         help="File to write: a C header (policy.h) or an ONNX graph (policy.onnx).",
     ),
 ]  # fmt: skip

@@ -34,6 +34,7 @@ RigOutput = Annotated[
     typer.Option(
         "-o",
         "--output",
+        parser=opt.file(*opt.YAML),
         callback=opt.new_file,
         metavar="FILE",
         help="File for the latencies of a real rig. Default: its own file.",
