@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are whole."""
+"""Files that appear under their name only when they are whole, and folders that a failure does not leave half made."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from mazeplan.core.errors import InputError
 
 WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
@@ -56,4 +58,24 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             beside.unlink(missing_ok=True)
         if isinstance(problem, OSError) and str(problem.filename) == str(beside):
             problem.filename, problem.filename2 = str(path), None
+        raise
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[None]:
+    """Make a folder for the block. Of what is new then, an InputError leaves nothing; any other exception leaves all
+    files, for what was measured may be worth much, but no empty folder."""
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    before = set(folder.rglob("*"))
+    try:
+        yield
+    except BaseException as problem:
+        new = set(folder.rglob("*")) - before
+        for path in new if isinstance(problem, InputError) else ():
+            if not path.is_dir():
+                path.unlink()
+        for place in sorted(new.union(made), reverse=True):
+            with suppress(OSError):  # a file, or a folder that is not empty
+                place.rmdir()
         raise

@@ -8,6 +8,9 @@ import re
 import pytest
 from commands import plain
 
+from mazeplan.core.errors import InputError, RigError
+from mazeplan.core.whole_file import whole_folder
+
 
 @pytest.fixture
 def asked(monkeypatch):
@@ -65,3 +68,30 @@ def test_as_text_without_a_path_to_a_model_that_is_not_kept(call, asked):
 )
 def test_bad_input(refused, arguments, message):
     assert message in refused("improve", *arguments)
+
+
+def test_a_round_that_fails_leaves_nothing(refused, tmp_path):
+    words = ("improve", "--rig", "ideal", "--seconds", "2", "-o", tmp_path / "there" / "out")
+    assert "got 60 samples" in refused(*words)
+    assert not list(tmp_path.iterdir())
+    kept = tmp_path / "there" / "out" / "round1" / "mine.txt"
+    kept.parent.mkdir(parents=True)
+    kept.touch()
+    assert "got 60 samples" in refused(*words, "--force")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [kept]
+
+
+@pytest.mark.parametrize(("error", "kept"), [(InputError, []), (RigError, ["a.mcap"]), (KeyboardInterrupt, ["a.mcap"])])
+def test_what_was_measured_is_kept_where_the_rig_fails(tmp_path, error, kept):
+    folder = tmp_path / "out" / "round1"
+
+    def fail():
+        with whole_folder(folder):
+            (folder / "model").mkdir()
+            (folder / "a.mcap").touch()
+            raise error("no more")
+
+    pytest.raises(error, fail)
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == kept
+    assert (tmp_path / "out").exists() == bool(kept)
+    assert not (folder / "model").exists()

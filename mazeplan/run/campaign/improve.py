@@ -17,7 +17,7 @@ from typing import Any
 
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
-from mazeplan.core.whole_file import whole_file
+from mazeplan.core.whole_file import whole_file, whole_folder
 from mazeplan.diagnosis.rig.reference import RigReference, reference_of
 from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
 from mazeplan.diagnosis.rig.result import RigVerdict, advice
@@ -63,7 +63,8 @@ def improve(
     working: Words | None = None,
     advance: Advance | None = None,
 ) -> list[dict[str, Any]]:
-    """The rounds, as in the JSON of the command; logs, models and reports are left in the folder.
+    """The rounds, as in the JSON of the command; logs, models and reports are left in the folder, of whole rounds only
+    where an input is wrong.
 
     model: a name or folder (None: the rig's own); reference: logs of when the model was right (none: what the model's
     folder keeps of that time); own: effects looked for beside the packaged ones; tell gets findings, working the
@@ -77,28 +78,30 @@ def improve(
     path, before = model, None
     for number in range(1, options.rounds + 1):
         here = folder / f"round{number}"
-        here.mkdir(parents=True, exist_ok=True)
-        log = here / "record.mcap"
-        tell(f"round {number}: {options.seconds:g} s of record")
-        rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
-        plan = Collection(options.seconds, rings, 1000 * number + options.seed, rig_given=rig, map_given=options.map)
-        machine = watched(make_rig(rig, maze), own_process=options.own_process)
-        collected = of_total(advance, math.ceil(options.seconds))
-        run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
-        done = verdict_on(read_table(log), maze, was, working, own=own)
-        document: dict[str, Any] = done.document() | {"model": None, "report": None}
-        tell(document["sentence"])
-        if changes_model(done.effects):
-            known, was = moved_model(known, done.effects, done.searched.fit), reference_after(done)
-            document["model"] = _saved(known, was, here / "model")
-            document["advice"] = advice(done, document["model"])
-        new = document["model"]
-        before = before or _navigate(rig, path, options, tell, "before", working, advance)
-        after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)
-        document["advice"] += _looked_at(done, before, after)
-        rounds.append({"diagnosis": document, "navigation": {"before": before, "after": after}})
-        with whole_file(here / "round.json") as beside:
-            beside.write_text(json.dumps(rounds[-1], indent=1) + "\n")
+        with whole_folder(here):
+            log = here / "record.mcap"
+            tell(f"round {number}: {options.seconds:g} s of record")
+            rings = tuple(ring.number for ring in maze.rings if not ring.is_disc)
+            plan = Collection(
+                options.seconds, rings, 1000 * number + options.seed, rig_given=rig, map_given=options.map
+            )
+            machine = watched(make_rig(rig, maze), own_process=options.own_process)
+            collected = of_total(advance, math.ceil(options.seconds))
+            run_collection(machine, maze, plan, log, rig_name=rig_label(rig), progress=collected)
+            done = verdict_on(read_table(log), maze, was, working, own=own)
+            document: dict[str, Any] = done.document() | {"model": None, "report": None}
+            tell(document["sentence"])
+            if changes_model(done.effects):
+                known, was = moved_model(known, done.effects, done.searched.fit), reference_after(done)
+                document["model"] = _saved(known, was, here / "model")
+                document["advice"] = advice(done, document["model"])
+            new = document["model"]
+            before = before or _navigate(rig, path, options, tell, "before", working, advance)
+            after = before if new is None else _navigate(rig, new, options, tell, "after", working, advance)
+            document["advice"] += _looked_at(done, before, after)
+            rounds.append({"diagnosis": document, "navigation": {"before": before, "after": after}})
+            with whole_file(here / "round.json") as beside:
+                beside.write_text(json.dumps(rounds[-1], indent=1) + "\n")
         path, before = new or path, after
     return rounds
 
