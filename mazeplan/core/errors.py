@@ -70,6 +70,10 @@ class LogError(InputError):
     """A run log that cannot be used."""
 
 
+class ShortWarning(UserWarning):
+    """What a command says in one line on stderr, and goes on."""
+
+
 class RigError(MazeplanError):
     """The machine failed: serial line, camera, watchdog. `result`: the `records.NavigationResult` of what happened
     until then, where a run was under way."""

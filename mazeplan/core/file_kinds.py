@@ -6,6 +6,7 @@ not there                     no such file
 a folder                      a folder | the folder of a model
 no bytes                      an empty file
 may not be read               a file that may not be read (reason)
+FF FE, FE FF                  UTF-16 text, not UTF-8
 %PNG, MCAP, PDF, zip ...      a PNG picture | a run log (MCAP) | ...
 text                          XML | JSON | YAML | a table (CSV) | text
 other bytes                   a binary file
@@ -20,6 +21,8 @@ from pathlib import Path
 
 HEAD = 4096  # bytes looked at
 MAGIC = (
+    (b"\xff\xfe", "UTF-16 text, not UTF-8"),
+    (b"\xfe\xff", "UTF-16 text, not UTF-8"),
     (b"\x89PNG\r\n", "a PNG picture"),
     (b"\xff\xd8\xff", "a JPEG picture"),
     (b"GIF8", "a GIF picture"),

@@ -9,6 +9,8 @@ import warnings
 from collections.abc import Collection
 from pathlib import Path
 
+from mazeplan.core.errors import ShortWarning
+
 PACKAGE = Path(__file__).resolve().parents[1]
 CHECKOUT = PACKAGE.parent / "pyproject.toml"  # there in a clone, not where a wheel was installed
 
@@ -27,7 +29,7 @@ def share(kind: str) -> Path:
     return installed if installed.is_dir() else PACKAGE.parent / kind
 
 
-class BothWarning(UserWarning):
+class BothWarning(ShortWarning):
     """A bare name is that of a packaged thing and of a file or folder where the program runs: it means the first."""
 
 

@@ -74,7 +74,7 @@ def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
     memory = OpeningMemory()
     if not path.exists():
         return memory
-    tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (JSON)")
+    tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (YAML)")
     names = tuple(openings)
     check_format(tree, FORMAT, file=path)
     root = _mapping(tree, path, (), tree.data, ("format", "openings"))

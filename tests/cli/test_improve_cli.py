@@ -91,7 +91,8 @@ def test_what_was_measured_is_kept_where_the_rig_fails(tmp_path, error, kept):
             (folder / "a.mcap").touch()
             raise error("no more")
 
-    pytest.raises(error, fail)
+    with pytest.raises(error):
+        fail()
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == kept
     assert (tmp_path / "out").exists() == bool(kept)
     assert not (folder / "model").exists()

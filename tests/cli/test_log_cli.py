@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import re
 import shutil
 import signal
 import subprocess
@@ -172,7 +173,9 @@ def test_export_writes_the_known_columns_first(run, log, cut, tmp_path):
     assert float(rows[1]["r"]) == pytest.approx(0.05)
     assert [float(row["t"]) for row in rows] == [k / 30 for k in range(91)]
     assert run("export", log, "-o", "-")[1] == text
-    assert len(rows_of(run("export", cut, "-o", "-")[1])) == 54
+    _, text, err = run("export", cut, "-o", "-")
+    assert len(rows_of(text)) == 54
+    assert re.fullmatch(r"mazeplan: .*: the log is cut off, .*; used are its 54 ticks up to t = 1.77 s\n", err)
 
 
 def test_export_overwrites_only_with_force_and_never_the_log(run, refused, log, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -167,6 +168,23 @@ def test_what_is_read_is_not_written(refused, desk, line):
 )  # fmt: skip
 def test_two_outputs_have_two_names(refused, desk, line):
     assert refused(*line.split(), "--force").endswith(", too; expected two names\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "names"),
+    [
+        ("learn a.csv a.csv -o out", "a.csv a.csv"), ("map learn a.csv ./a.csv -o out.yaml", "a.csv a.csv"),
+        ("learn a.csv a.mcap link.csv -o out", "a.mcap link.csv"), ("score toy a.csv a.csv", "a.csv a.csv"),
+        ("compare a.csv --test link.mcap --test hard.mcap", "link.mcap hard.mcap"),
+        ("compare a.csv --test a.csv", "a.csv a.csv"), ("diagnose a.mcap --reference hard.csv", "hard.csv a.mcap"),
+    ],
+)  # fmt: skip
+def test_a_log_is_given_once(refused, desk, line, names):
+    found = re.fullmatch(
+        r"mazeplan: (?:LOG|--\w+): (\S+) is given again as \S+ (\S+); expected each log once\n", refused(*line.split())
+    )
+    assert found is not None
+    assert sorted(found.groups()) == sorted(names.split())
 
 
 def test_where_the_program_runs_may_be_written_what_is_read_there(refused, desk):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mazeplan.apps.report.inputs import read_input
+from mazeplan.apps.report.inputs import read_document, read_input
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.core.errors import InputError
 from mazeplan.core.file_kinds import got, refused
@@ -28,6 +28,7 @@ CONTENT = {
     "picture": (PNG, "a PNG picture"),
     "bytes": (bytes(range(256)), "a binary file"),
     "latin": ("Größe: 3\n".encode("latin-1"), "text that is not UTF-8"),
+    "wide": ("a: 1\n".encode("utf-16"), "UTF-16 text, not UTF-8"),
     "log": (b"\x89MCAP0\r\n", "a log (MCAP)"),
     "xml": (b'<?xml version="1.0"?>\n<root/>', "XML"),
     "html": (b"<!doctype html><p>", "HTML"),
@@ -71,11 +72,17 @@ def test_a_file_that_may_not_be_read(monkeypatch):
     assert refused(__file__, "a map") == "got a file that may not be read (Permission denied), expected a map"
 
 
+def test_json_with_a_byte_order_mark_is_read(tmp_path):
+    path = tmp_path / "evaluation.json"
+    path.write_text('{"results": []}', encoding="utf-8-sig")
+    assert read_document(path) == {"results": []}
+
+
 READERS = {
     "map": (load_map, "expected a map (YAML)"),
     "settings": (load_settings, "expected settings (YAML)"),
     "faults": (load_schedule, "expected a schedule of faults (YAML)"),
-    "memory": (lambda path: load_memory(path, ["1-2@45"]), "expected a file of `navigate --memory` (JSON)"),
+    "memory": (lambda path: load_memory(path, ["1-2@45"]), "expected a file of `navigate --memory` (YAML)"),
     "model": (load_model, "expected a folder with model.yaml"),
     "log": (read_log, "expected a run log of mazeplan (MCAP)"),
     "record": (read_table, "expected a run log (.mcap) or a table (CSV)"),

@@ -57,8 +57,10 @@ def info(log: opt.RunLogFile, as_json: opt.AsJson = False) -> None:
 def export(log: opt.RunLogFile, output: CsvFile, force: opt.Force = False) -> None:
     """Write the ticks of a run log as CSV, in SI units and radians."""
     from mazeplan.apps.cli.progress import log_read
+    from mazeplan.core.logs.run_log_reader import warn_if_cut
 
     read = log_read(log)
+    warn_if_cut(read)
     if output == "-":
         sys.stdout.write(csv_text(read))
         return

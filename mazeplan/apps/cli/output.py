@@ -14,8 +14,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from mazeplan.core.errors import InputError
-from mazeplan.core.resources import BothWarning
+from mazeplan.core.errors import InputError, ShortWarning
 from mazeplan.core.whole_file import is_stream, whole_file
 
 
@@ -67,14 +66,14 @@ def free_name(path: Path, number: int = 1) -> Path:
 
 @contextmanager
 def short_warnings() -> Iterator[None]:
-    """Within this a BothWarning is one line on stderr, once for each name."""
+    """Within this a ShortWarning is one line on stderr, once each."""
     said = set[str]()
     with warnings.catch_warnings():
-        warnings.simplefilter("always", BothWarning)
+        warnings.simplefilter("always", ShortWarning)
         before = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *more: Any) -> None:
-            if not issubclass(category, BothWarning):
+            if not issubclass(category, ShortWarning):
                 before(message, category, *more)
             elif str(message) not in said:
                 said.add(str(message))

@@ -1,7 +1,7 @@
 """Checks of all files and folders that a command line names, together, before the command begins.
 
 - Each may be used, and is a file or a folder: a named pipe would wait for ever.
-- Nothing that is written is read or written by another option, also by another name (links).
+- Nothing that is written is read or written by another option, also by another name (links). A log is given once.
 - A file that is read-only is not replaced.
 
 `new_file`, `new_folder` and `renewed` (option_checks) note what is written."""
@@ -24,11 +24,13 @@ _WRITES = "mazeplan.writes"
 
 
 class _Named(NamedTuple):
-    """A file or folder of the command line. option: its option, or its name in the help; writes: NEW, RENEWED or ''."""
+    """A file or folder of the command line. option: its option, or its name in the help; writes: NEW, RENEWED or '';
+    metavar: its kind in the help."""
 
     option: str
     path: Path
     writes: str
+    metavar: str
 
 
 def note_written(ctx: Any, param: Any, how: str) -> None:
@@ -68,9 +70,12 @@ def _check_kind(one: _Named) -> None:
 
 
 def _check_apart(one: _Named, other: _Named) -> None:
-    """Raises InputError for a file that is written, and read or written by another option as well."""
+    """Raises InputError for a log that is given twice, and a file that is written and another option's as well."""
     if not one.writes:
         one, other = other, one
+    if one.metavar == other.metavar == "LOG" and not one.writes and _same(one.path, other.path):
+        again = f"{one.option}: {one.path} is given again as {other.option} {other.path}"
+        raise InputError(f"{again}; expected each log once")
     if not one.writes or is_stream(one.path):
         return
     same = _same(one.path, other.path)
@@ -103,4 +108,4 @@ def _named(ctx: Any) -> Iterator[_Named]:
             writes, value = ctx.meta.get(_WRITES, {}).get(param.name, ""), ctx.params.get(param.name)
             for text in value if isinstance(value, list | tuple) else [value]:
                 if text not in (None, "", "-"):
-                    yield _Named(option, Path(text), writes)
+                    yield _Named(option, Path(text), writes, metavar)

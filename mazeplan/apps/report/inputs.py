@@ -87,7 +87,7 @@ def read_document(path: Path) -> dict[str, Any]:
         size = path.stat().st_size / 2**20
         if size > MOST / 2**20:
             raise InputError(f"got {size:.0f} MB, expected at most {MOST / 2**20:.0f}", file=path)
-        document = json.loads(path.read_bytes().decode())
+        document = json.loads(path.read_bytes().decode("utf-8-sig"))
     except json.JSONDecodeError as problem:
         if file_kinds.got(path) != "JSON":
             raise InputError(file_kinds.refused(path, KINDS), file=path) from None

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Sequence
@@ -55,7 +56,7 @@ class Chunks:
     def __init__(self, path: Path, skip: Collection[str] = ()) -> None:
         self.path, self._skip = path, skip
         self._topics: dict[int, str] = {}
-        self._before = 0  # messages of earlier chunks
+        self._before, self._whole = 0, 0  # messages of earlier chunks, and bytes up to the last one
         self.complete = True
 
     def __iter__(self) -> Iterator[tuple[int, list[Encoded]]]:
@@ -63,9 +64,9 @@ class Chunks:
             for place, opcode, content in self._records():
                 if found := self._messages(opcode, content):
                     yield place, found
-                    self._before += len(found)
+                    self._before, self._whole = self._before + len(found), place + HEAD.size + len(content)
         except DAMAGE as problem:
-            raise self._damaged(problem, self._before) from None
+            raise self._damaged(_one_line(problem)) from None
 
     def at(self, place: int) -> list[Encoded]:
         """The messages of a chunk that was read before."""
@@ -84,7 +85,7 @@ class Chunks:
             for topic, _, data in messages:
                 found.append((topic, _document(data)))
         except DAMAGE as problem:
-            raise self._damaged(problem, self._before + len(found)) from None
+            raise self._damaged(_one_line(problem), len(found)) from None
         return found
 
     def attachment(self, name: str) -> bytes | None:
@@ -94,11 +95,16 @@ class Chunks:
                 if opcode == Opcode.ATTACHMENT and (kept := Attachment.read(_stream(content))).name == name:
                     return kept.data
         except DAMAGE as problem:
-            raise LogError(f"damaged: {_one_line(problem)}", file=self.path) from None
+            raise self._damaged(_one_line(problem)) from None
         return None
 
-    def _damaged(self, problem: Exception, messages: int) -> LogError:
-        return LogError(f"damaged after {messages} messages: {_one_line(problem)}", file=self.path)
+    def _damaged(self, problem: str, more: int = 0) -> LogError:
+        """The error, with what can be done. more: messages of the damaged chunk that were read."""
+        remedy = "copy it again from where it was recorded"
+        if self._before:
+            kept = shlex.quote(f"{self.path.stem}-kept{self.path.suffix}")
+            remedy += f", or keep what is whole: head -c {self._whole} {shlex.quote(str(self.path))} > {kept}"
+        return LogError(f"damaged after {self._before + more} messages: {problem}; {remedy}", file=self.path)
 
     def _records(self) -> Iterator[Record]:
         """All records up to the end, or to where the file was cut."""
@@ -114,7 +120,7 @@ class Chunks:
         except OSError:
             raise LogError(file_kinds.refused(self.path, EXPECTED), file=self.path) from None
         if finished and not self.complete:  # it has its end, so a length in its middle must be wrong
-            raise LogError("damaged: a record is longer than the file", file=self.path)
+            raise self._damaged("a record is longer than the file")
 
     def _messages(self, opcode: int, content: bytes) -> list[Encoded]:
         """The messages in a record. Raises one of DAMAGE."""

@@ -6,6 +6,7 @@ The topics of `viewer_topics.py` are skipped: they say the same in other words.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mazeplan.core.errors import LogError
+from mazeplan.core.errors import LogError, ShortWarning
 from mazeplan.core.events import TimedEvent
 from mazeplan.core.file_format import format_problem
 from mazeplan.core.logs.chunks import EXPECTED, Chunks, Document, Encoded
@@ -110,13 +111,27 @@ def read_log(path: str | Path) -> RunLog:
         )
 
 
+class CutLogWarning(ShortWarning):
+    """A log was cut off: what came later is missing."""
+
+
+def warn_if_cut(log: RunLog) -> None:
+    """Warn (CutLogWarning) of a log that its program did not finish."""
+    if not log.complete:
+        t = log.ticks["t"]
+        kept = f"{len(t)} ticks" + (f" up to t = {t[-1]:.2f} s" if len(t) else "")
+        told = f"{log.path}: the log is cut off, its program did not finish it; used are its {kept}"
+        warnings.warn(told, CutLogWarning, stacklevel=3)
+
+
 @contextmanager
 def checked_fields(path: Path) -> Iterator[None]:
     """Raises LogError for what a message with a missing or odd field raises within it."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as problem:
-        raise LogError(f"damaged: a field is missing or of the wrong kind ({problem})", file=path) from None
+        found = f"a field is missing or of the wrong kind ({problem})"
+        raise LogError(f"damaged: {found}; copy it again from where it was recorded", file=path) from None
 
 
 def read_messages(path: Path) -> tuple[dict[str, Any], list[Document], bool]:

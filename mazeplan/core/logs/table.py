@@ -24,7 +24,7 @@ import numpy as np
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import TableError
 from mazeplan.core.logs.run_log import read_log
-from mazeplan.core.logs.run_log_reader import columns_of
+from mazeplan.core.logs.run_log_reader import columns_of, warn_if_cut
 from mazeplan.core.records import Array, IntArray
 
 BALL = ("x", "y", "theta", "r")  # may be missing in single rows: the ball was not seen
@@ -104,6 +104,7 @@ def read_table(path: str | Path) -> Table:
         raise TableError(file_kinds.refused(path, EXPECTED), file=path)
     if path.suffix == ".mcap":
         log = read_log(path)
+        warn_if_cut(log)
         columns = {name: column for name, column in log.ticks.items() if column.dtype != object}
         rows, content = _Rows(path, range(1, 1 + len(log.ticks.get("t", ())))), path.read_bytes()
     else:
