@@ -67,19 +67,23 @@ def memory_from_document(document: dict[str, Any]) -> OpeningMemory:
     return OpeningMemory(float(document["fading_s"]), counts)
 
 
-def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
+def load_memory(path: Path, openings: Iterable[str], map_name: str = "") -> OpeningMemory:
     """The counts in a file, faded by one run; empty if the file does not exist.
 
-    openings: names in the map. Raises InputError with file, line and key."""
+    openings: names in the map; map_name: its own, "" does not matter. Raises InputError with file, line and key."""
     memory = OpeningMemory()
     if not path.exists():
         return memory
     tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (YAML)")
     names = tuple(openings)
     check_format(tree, FORMAT, file=path)
-    root = _mapping(tree, path, (), tree.data, ("format", "openings"))
+    root = _mapping(tree, path, (), tree.data, ("format", "map", "openings"))
     if "format" not in root:
         raise _wrong(tree, path, ("format",), f"is missing, expected {FORMAT}")
+    made_for = root.get("map", map_name)
+    if map_name and made_for != map_name:
+        expected = f"{map_name!r}, the map of this run; give another file, which is made where there is none"
+        raise _wrong(tree, path, ("map",), f"got {shown(made_for)}, expected {expected}")
     entries = _mapping(tree, path, ("openings",), root.get("openings") or {}, names)
     for name, entry in entries.items():
         key = ("openings", name)
@@ -89,15 +93,16 @@ def load_memory(path: Path, openings: Iterable[str]) -> OpeningMemory:
     return memory
 
 
-def save_memory(memory: OpeningMemory, path: Path, now: float) -> None:
-    """Write the counts at rig time now (s) atomically. Raises InputError."""
+def save_memory(memory: OpeningMemory, path: Path, now: float, map_name: str = "") -> None:
+    """Write the counts at rig time now (s) atomically, for the map of this name. Raises InputError."""
     openings = {
         name: {"successes": round(successes, 4), "failures": round(failures, 4)}
         for name, (successes, failures) in sorted(memory.at_end(now).items())
     }
-    lines = [NOTE, f"format: {FORMAT}\n", "openings:\n" if openings else "openings: {}\n"]
+    named = f"map: {_quoted(map_name)}\n" if map_name else ""
+    lines = [NOTE, f"format: {FORMAT}\n", named, "openings:\n" if openings else "openings: {}\n"]
     for name, counts in openings.items():
-        key = name if re.fullmatch(r"\w[\w@.-]*", name) else yaml.safe_dump(name, default_style='"').strip()
+        key = name if re.fullmatch(r"\w[\w@.-]*", name) else _quoted(name)
         lines.append(f"  {key}: {{successes: {counts['successes']}, failures: {counts['failures']}}}\n")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -105,6 +110,11 @@ def save_memory(memory: OpeningMemory, path: Path, now: float) -> None:
             beside.write_text("".join(lines), encoding="utf-8")
     except OSError as problem:
         raise InputError(f"cannot be written: {problem.strerror}", file=path) from None
+
+
+def _quoted(name: str) -> str:
+    """A name as YAML text, on one line."""
+    return yaml.safe_dump(name, default_style='"', width=math.inf).strip()
 
 
 def _wrong(tree: Tree, path: Path, key: Key, problem: str) -> InputError:

@@ -96,7 +96,7 @@ def navigate(
     check_ready(machine)
     check_balls(maze, machine, job, policy is not None)
     own_effects(effects)
-    kept = None if memory is None else load_memory(Path(memory), [opening.name for opening in maze.openings])
+    kept = None if memory is None else load_memory(Path(memory), [o.name for o in maze.openings], maze.name)
     chosen = tree_of(maze, "policy" if policy is not None else "waypoints" if via else behavior)
     setup = Setup(
         maze,
@@ -115,7 +115,7 @@ def navigate(
     with _open_rig(machine, guard):
         result = run_job(machine, setup, job, log=log, display=display, goals=goals, feed=feed)
     if kept is not None and memory is not None:
-        save_memory(kept, Path(memory), result.time_s)
+        save_memory(kept, Path(memory), result.time_s, maze.name)
     try:
         machine.close()
     except RigError as error:  # the result of the run stands

@@ -51,6 +51,18 @@ def test_a_file_brings_it_to_the_next_run(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["openings.yaml"]
 
 
+@pytest.mark.parametrize("name", ["cme", "true", "12", "a: b " * 40])
+def test_a_memory_of_another_map_is_refused_with_both_names(tmp_path, name):
+    path = tmp_path / "openings.yaml"
+    save_memory(OpeningMemory(), path, 0.0, name)
+    assert load_memory(path, NAMES, name).at_end(0.0) == load_memory(path, NAMES).at_end(0.0) == {}
+    with pytest.raises(InputError) as error:
+        load_memory(path, NAMES, "detour")
+    assert f":3: map: got '{name[:20]}" in str(error.value)
+    assert "expected 'detour', the map of this run; give another file" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
 def test_names_that_yaml_would_read_otherwise_survive(tmp_path):
     path, names = tmp_path / "openings.yaml", ("12", "yes", "a: b", "# x", "é")
     memory = OpeningMemory()
