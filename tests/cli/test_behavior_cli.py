@@ -54,7 +54,7 @@ def test_show_list_and_palette(call, refused, tmp_path):
     assert "preconditions of any node: _failureIf, _successIf, _skipIf, _while" in out
     assert call("behavior", "palette", "-o", palette)[0] == 0
     assert call("behavior", "palette")[1] == palette.read_text()
-    assert "cannot be written" in refused("behavior", "palette", "-o", palette / "x.xml")
+    assert "is a file; expected a folder" in refused("behavior", "palette", "-o", palette / "x.xml")
 
 
 def test_map_show_draws_the_trail_of_a_run(call, refused, tmp_path):

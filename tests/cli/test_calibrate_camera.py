@@ -92,7 +92,7 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
         (["--boards", "boards", "--corners", "7x5", "--square-mm", "0"], 2, "--square-mm"),
         (["--boards", "boards", "--corners", "7x5", "--plate", "boards/0.png"], 2, "expected at least two of"),
         (["--boards", "boards", "--corners", "7x5", "--plate", "97"], 3, "camera 97 cannot be opened"),
-        (["--sheet", "markers.doc"], 2, "expected one of .pdf"),
+        (["--sheet", "markers.doc"], 2, "expected a file that ends in .pdf"),
     ],
 )
 def test_bad_input(calibrate, shots, tmp_path, words, status, message):

@@ -94,7 +94,7 @@ def test_another_campaign_in_the_folder_is_named(tmp_path, call):
     [
         (("--dask", "nowhere"), "--dask: got 'nowhere', expected local or an address such as tcp://scheduler:8786"),
         (("--dask", "tcp://h:1", "--workers", "2"), "--workers: got 2 with --dask tcp://h:1"),
-        (("--store", "file"), "--store: got file: File exists; expected a folder that can be made"),
+        (("--store", "file"), "is a file; expected a folder that can be made"),
         (("--behavior", "mine.xml", "--workers", "2"), "mazeplan: mine.xml:3:"),
     ],
 )

@@ -138,6 +138,8 @@ def desk(tmp_path, monkeypatch):
     for name in ("a.yaml", "a.csv", "a.mcap", "model/model.yaml"):
         Path(name).parent.mkdir(exist_ok=True)
         Path(name).write_bytes(MINE)
+    Path("a.csv").write_bytes(b"mine, too\n")
+    Path("copy.csv").write_bytes(Path("a.csv").read_bytes())
     for ending in ("mcap", "csv", "yaml"):
         Path(f"link.{ending}").symlink_to("a.mcap")
         os.link("a.mcap", f"hard.{ending}")
@@ -174,7 +176,7 @@ def test_two_outputs_have_two_names(refused, desk, line):
     ("line", "names"),
     [
         ("learn a.csv a.csv -o out", "a.csv a.csv"), ("map learn a.csv ./a.csv -o out.yaml", "a.csv a.csv"),
-        ("learn a.csv a.mcap link.csv -o out", "a.mcap link.csv"), ("score toy a.csv a.csv", "a.csv a.csv"),
+        ("learn a.csv a.mcap link.csv -o out", "a.mcap link.csv"), ("score toy a.csv copy.csv", "a.csv copy.csv"),
         ("compare a.csv --test link.mcap --test hard.mcap", "link.mcap hard.mcap"),
         ("compare a.csv --test a.csv", "a.csv a.csv"), ("diagnose a.mcap --reference hard.csv", "hard.csv a.mcap"),
     ],

@@ -1,13 +1,15 @@
 """Checks of all files and folders that a command line names, together, before the command begins.
 
 - Each may be used, and is a file or a folder: a named pipe would wait for ever.
-- Nothing that is written is read or written by another option, also by another name (links). A log is given once.
+- Nothing that is written is read or written by another option, also by another name (links). A log is given once,
+  but for `view`.
 - A file that is read-only is not replaced.
 
 `new_file`, `new_folder` and `renewed` (option_checks) note what is written."""
 
 from __future__ import annotations
 
+import filecmp
 import os
 import stat
 from collections.abc import Iterator
@@ -73,7 +75,7 @@ def _check_apart(one: _Named, other: _Named) -> None:
     """Raises InputError for a log that is given twice, and a file that is written and another option's as well."""
     if not one.writes:
         one, other = other, one
-    if one.metavar == other.metavar == "LOG" and not one.writes and _same(one.path, other.path):
+    if one.metavar == other.metavar == "LOG" and not one.writes and _same(one.path, other.path, copies=True):
         again = f"{one.option}: {one.path} is given again as {other.option} {other.path}"
         raise InputError(f"{again}; expected each log once")
     if not one.writes or is_stream(one.path):
@@ -86,10 +88,11 @@ def _check_apart(one: _Named, other: _Named) -> None:
         raise InputError(f"{one.option}: {one.path} {is_it} {other.option}, which is read; expected another name")
 
 
-def _same(one: Path, other: Path) -> bool:
-    """Whether two names mean the same file, by links, too; both may be new."""
+def _same(one: Path, other: Path, *, copies: bool = False) -> bool:
+    """Whether two names mean the same file, by links, too; both may be new. copies: or files with the same content."""
     if os.path.exists(one) and os.path.exists(other):
-        return os.path.samefile(one, other)
+        files = copies and one.is_file() and other.is_file()
+        return os.path.samefile(one, other) or (files and filecmp.cmp(one, other, shallow=False))
     return os.path.realpath(one) == os.path.realpath(other)
 
 
@@ -108,4 +111,4 @@ def _named(ctx: Any) -> Iterator[_Named]:
             writes, value = ctx.meta.get(_WRITES, {}).get(param.name, ""), ctx.params.get(param.name)
             for text in value if isinstance(value, list | tuple) else [value]:
                 if text not in (None, "", "-"):
-                    yield _Named(option, Path(text), writes, metavar)
+                    yield _Named(option, Path(text), writes, param.metavar)
