@@ -104,9 +104,11 @@ def test_the_document_has_the_figures_of_the_tables(learn, table, tmp_path):
         assert opening["width_from"] == "the packaged map cme"
         assert (opening["sign"], opening["written"], opening["problem"]) == (0, True, "")
     assert got["camera"]["noise_mm"] == pytest.approx(1e3 * NOISE, abs=0.1)
-    twice = json.loads(learn(table, table, "--json")[1])  # the end of a log is no passage
+    again = tmp_path / "again.csv"
+    again.write_text(table.read_text() + "\n")
+    twice = json.loads(learn(table, again, "--json")[1])  # the end of a log is no passage
     assert twice["passages"] == 2 * got["passages"]
-    assert "run.csv, run.csv" in (tmp_path / "map.yaml").read_text()
+    assert "run.csv, again.csv" in (tmp_path / "map.yaml").read_text()
 
 
 def test_a_run_log_supplies_its_own_map(learn, tmp_path):
