@@ -1,13 +1,35 @@
-"""Checks that frozen options make of their own numbers."""
+"""Checks that frozen options make of their own numbers, and the unit that a number out of its range may have had."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection
 from dataclasses import fields
 from typing import Any
 
 from mazeplan.core.errors import SettingsError
+
+# unit: what makes a number in it of one in a unit that is taken for it
+CONVERSIONS = {
+    "mm": (1e3, 10.0), "m": (1e-3, 1e-2), "m/s": (1e-3,), "g": (1e3, 1e-3), "s": (1e-3,), "ms": (1e3,),
+    "deg": (180.0 / math.pi,), "rad": (math.pi / 180.0,), "deg/s": (180.0 / math.pi,),
+    "rad/s": (2.0 * math.pi, math.pi / 180.0),
+}  # fmt: skip
+_SUFFIX = re.compile(r"(?<!_per)_(rad_s|deg_s|m_s|mm|ms|deg|rad|m|g|s)$")
+
+
+def unit_hint(value: float, unit: str, low: float, high: float) -> str:
+    """The end of a message on a number out of its range: what it may mean in that unit. Empty if nothing fits."""
+    meant = (factor * value for factor in CONVERSIONS.get(unit, ()))
+    found = next((number for number in meant if number and low <= number <= high), None)
+    return "" if found is None else f"; the unit is {unit}: did you mean {found:.4g}?"
+
+
+def unit_of(key: str) -> str:
+    """The unit at the end of a key: deg/s of servo_slew_deg_s. Empty without one."""
+    found = _SUFFIX.search(key)
+    return "" if found is None else found[1].replace("_s", "/s")
 
 
 def check_numbers(options: Any, *, positive: Collection[str] = (), least: float = 0.0) -> None:

@@ -35,6 +35,7 @@ import yaml
 
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import ModelError
+from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gp_file import read_process, write_process
 from mazeplan.learning.learned_part import LearnedPart
@@ -165,7 +166,7 @@ class _Reader:
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
         delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")
         if not 0.0 <= delay <= 0.5:
-            raise self.fail(f"got {delay}, expected 0 to 0.5 s", "camera_delay_s")
+            raise self.fail(f"got {delay}, expected 0 to 0.5 s{unit_hint(delay, 's', 0.0, 0.5)}", "camera_delay_s")
         stage = self.section(root["stage"], ("stage",), ("beta", "gamma"), ("beta", "gamma"))
         rings = self.section(root["rings"], ("rings",))
         if not rings:

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
+from mazeplan.core.field_checks import unit_hint
 from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
 from mazeplan.maze.mapschema import MapFile, OpeningSection, complaints
 from mazeplan.maze.wallrules import (
@@ -30,6 +31,8 @@ from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, parse_yaml
 
 FORMAT = 1  # of a file without `format`, too
 MIN_WALL_MM = 1.0  # thinner walls break in print and let a fast ball through in simulation
+
+DENSITIES = (0.02, 25.0)  # g/cm^3 of a ball, from foam to platinum
 
 MAX_REPORTED = 50  # errors of one file
 
@@ -134,6 +137,11 @@ def _ring_problems(spec: MapFile) -> Iterator[Problem]:
             ("wall_height_mm",),
             f"got {spec.wall_height_mm:g}, expected at least the ball's radius {spec.ball.radius_mm:g}",
         )
+    volume, mass = 4.0 / 3.0 * math.pi * (0.1 * spec.ball.radius_mm) ** 3, spec.ball.mass_g
+    low, high = (density * volume for density in DENSITIES)
+    if not low <= mass <= high:
+        hint = unit_hint(mass, "g", low, high)
+        yield ("ball", "mass_g"), f"got {mass:g}, expected {low:.2g} to {high:.3g} for a ball of this radius{hint}"
     for i, ring in enumerate(spec.rings):
         inner, outer = ("rings", i, "inner_radius_mm"), ("rings", i, "outer_radius_mm")
         if i == last and ring.inner_radius_mm != 0.0:

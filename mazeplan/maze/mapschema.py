@@ -5,11 +5,13 @@ Ranges are wide enough for any maze on a table; they catch a length in the wrong
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
+from mazeplan.core.field_checks import unit_hint, unit_of
 from mazeplan.maze.yamltree import Key, shown
 
 NAME_PATTERN = r"^[A-Za-z0-9_.@+-][A-Za-z0-9_.@+ -]{0,39}$"
@@ -37,7 +39,7 @@ class RingSection(_Section):
     """One channel: clear floor between two radii."""
 
     inner_radius_mm: float = Field(ge=0, le=1000)
-    outer_radius_mm: float = Field(gt=0, le=1000)
+    outer_radius_mm: float = Field(ge=1, le=1000)
 
 
 class OpeningSection(_Section):
@@ -45,7 +47,7 @@ class OpeningSection(_Section):
 
     rings: list[Annotated[int, Field(ge=1, le=MAX_RINGS)]] = Field(min_length=2, max_length=2)
     angle_deg: float = Field(ge=0, lt=360)
-    width_mm: float = Field(gt=0, le=1000)
+    width_mm: float = Field(ge=2, le=1000)
     name: Name | None = None
     closed: bool = False
     extra_cost_s: float = Field(default=0.0, ge=0, le=3600)
@@ -65,8 +67,8 @@ class MapFile(_Section):
 
     name: Name
     ball: BallSection
-    tilt_limit_deg: float = Field(gt=0, le=30)
-    wall_height_mm: float = Field(gt=0, le=200)
+    tilt_limit_deg: float = Field(ge=0.5, le=30)
+    wall_height_mm: float = Field(ge=1, le=200)
     rim_thickness_mm: float = Field(default=5.0, ge=1, le=100)
     balls: int = Field(default=1, ge=1, le=MAX_BALLS)
     rings: list[RingSection] = Field(min_length=2, max_length=MAX_RINGS)
@@ -80,6 +82,7 @@ _SECTIONS: dict[str, type[BaseModel]] = {
     "openings": OpeningSection,
     "radial_walls": RadialWallSection,
 }
+OUTSIDE = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 _TYPES = {
     "float_type": "a number",
     "finite_number": "a finite number",
@@ -115,7 +118,17 @@ def _sentence(item: Any) -> str:
         expected += f", {bounds}"
     elif not expected or kind == "finite_number":
         expected = bounds or item["msg"]
-    return f"got {shown(item['input'])}, expected {expected}"
+    return f"got {shown(item['input'])}, expected {expected}{_hint(item) if kind in OUTSIDE else ''}"
+
+
+def _hint(item: Any) -> str:
+    """What a number beyond its bounds may mean."""
+    field = _field(tuple(item["loc"]))
+    low, high = -math.inf, math.inf
+    for bound in field.metadata if field else ():
+        low = getattr(bound, "ge", getattr(bound, "gt", low))
+        high = getattr(bound, "le", getattr(bound, "lt", high))
+    return unit_hint(item["input"], unit_of(str(item["loc"][-1])), low, high)
 
 
 def _section(loc: Key) -> type[BaseModel]:

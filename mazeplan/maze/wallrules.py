@@ -81,6 +81,7 @@ def overlaps(section: str, where: str, radius: float, entries: Iterable[tuple[fl
     """Neighbours that overlap at a radius, mm; entries: (angle in degrees, index in the section, width in mm)."""
     found = sorted(entries)
     pairs = list(pairwise(found))
+    in_radians = "; the unit is deg: are the angles in radians?" if found and found[-1][0] <= 2.0 * math.pi else ""
     if len(found) > 2:
         pairs.append((found[-1], found[0]))
     for (angle_a, a, width_a), (angle_b, b, width_b) in pairs:
@@ -90,7 +91,7 @@ def overlaps(section: str, where: str, radius: float, entries: Iterable[tuple[fl
             yield (
                 (section, second, "angle_deg"),
                 f"overlaps {section}[{first}] in the same {where}: got {apart:g} deg between their middles, "
-                f"expected more than {needed:.4g}",
+                f"expected more than {needed:.4g}{in_radians}",
             )
 
 

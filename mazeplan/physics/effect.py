@@ -21,6 +21,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from mazeplan.core.field_checks import unit_hint
+
 GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "wall", "opening"
 STAGE, TILT_SENSOR, CAMERA = "stage", "tilt sensor", "camera"
 BALL = (GRAVITY, FORCE, DRAG, DRY, WALL, OPENING)  # effects on the ball: entries of a ring in a model file
@@ -112,7 +114,8 @@ class Effect(WallPattern, FitHints):
         for key, value in given.items():
             allowed = self.parameters[key]
             if not allowed.low <= value <= allowed.high:  # also refuses NaN
-                raise ValueError(f"{key}: got {value}, expected {allowed.low} to {allowed.high} {allowed.unit}".strip())
+                said = f"{key}: got {value}, expected {allowed.low} to {allowed.high} {allowed.unit}".strip()
+                raise ValueError(said + unit_hint(value, allowed.unit, allowed.low, allowed.high))
         return Term(self, tuple(float(given.get(key, p.default)) for key, p in self.parameters.items()))
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.field_checks import unit_hint, unit_of
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1  # of a file without `format`, too
@@ -92,6 +94,7 @@ def as_tuples(value: Any) -> Any:
 
 def _sentence(error: Any) -> str:
     """One of pydantic's errors in words: the value and what is allowed."""
+    name = next((part for part in reversed(error["loc"]) if isinstance(part, str)), "")
     message, kind, got = str(error["msg"]), error["type"], error.get("input")
     if kind == "value_error":  # from a validator of this program
         return message.removeprefix("Value error, ")
@@ -101,7 +104,10 @@ def _sentence(error: Any) -> str:
         most = error["ctx"].get("max_length", error["ctx"].get("min_length"))
         return f"got {len(got)} entries, expected {'at most' if kind == 'too_long' else 'at least'} {most}"
     expected = EXPECTED.get(kind) or message.removeprefix("Input should be ").removeprefix("Field ")
-    return f"got {shown(list(got) if isinstance(got, tuple) else got)}, expected {expected}"
+    limit: Any = next(iter(error.get("ctx", {}).values()), None) if kind.startswith(("less", "greater")) else None
+    low, high = (0.0, limit) if kind.startswith("less") else (limit, math.inf)
+    hint = "" if limit is None else unit_hint(got, unit_of(name), low, high)
+    return f"got {shown(list(got) if isinstance(got, tuple) else got)}, expected {expected}{hint}"
 
 
 def _fields(kind: Any, key: Key) -> list[str]:

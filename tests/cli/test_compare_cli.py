@@ -242,8 +242,8 @@ def test_a_table_without_ring_needs_options(compare, refused):
         (["one.csv", "--rates", "late"], "--rates: got 'late', expected one of auto, smoothed, delayed, filtered"),
         (["one.csv", "--kernel", "matern"], "--kernel: got 'matern', expected one of auto, rbf, exponential"),
         (["one.csv", "--device", "tpu"], "got 'tpu', expected one of cpu, cuda"),
-        (["one.csv", "--delay", "nan"], "delay: got nan, expected a finite number"),
-        (["one.csv", "--delay=-1"], "delay: got -1, expected a finite number"),
+        (["one.csv", "--delay", "nan"], "--delay: got 'nan', expected a finite number of s"),
+        (["one.csv", "--delay=-1"], "--delay: got -1, expected 0 to 0.5 s"),
         (["one.csv", "--radius", "0"], "--radius: got '0', expected"),
         (["one.csv", "--ring", "0"], "--ring"),
         (["one.csv", "--ring", "5"], "--ring: got 5, a disc"),
@@ -268,10 +268,12 @@ def test_bad_input(refused, monkeypatch, folder, arguments, said):
     assert said in refused("compare", *arguments)
 
 
-def test_a_delay_that_leaves_no_rows(call, folder):
-    code, out, err = call("compare", folder / "one.csv", "--delay", "1000")
+def test_a_record_that_leaves_no_rows(call, folder):
+    short = (folder / "one.csv").read_text().splitlines()[:9]
+    (folder / "short.csv").write_text("\n".join(short) + "\n")
+    code, out, err = call("compare", folder / "short.csv", "--delay", "0.5")
     assert (code, out) == (2, "")
-    assert "no ring has samples both to train and to test on; ring 2: got 0 rows to train" in err.splitlines()[-1]
+    assert "no ring has samples both to train and to test on; ring 2: got 8 rows (0.267 s)" in err.splitlines()[-1]
 
 
 def test_without_torch_the_package_to_install_is_named(refused, monkeypatch, folder):

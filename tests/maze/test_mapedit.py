@@ -174,10 +174,10 @@ def test_a_byte_order_mark_stays_in_front():
 
 EDITS = st.one_of(
     st.tuples(st.just("move"), st.integers(0, 30), st.floats(-720, 720)),
-    st.tuples(st.just("widen"), st.integers(0, 30), st.floats(1, 200)),
+    st.tuples(st.just("widen"), st.integers(0, 30), st.floats(2, 200)),
     st.tuples(st.just("close"), st.integers(0, 30), st.booleans()),
     st.tuples(st.just("remove"), st.integers(0, 30), st.none()),
-    st.tuples(st.just("add"), st.integers(1, 2), st.tuples(st.floats(0, 360), st.floats(1, 200))),
+    st.tuples(st.just("add"), st.integers(1, 2), st.tuples(st.floats(0, 360), st.floats(2, 200))),
 )
 
 

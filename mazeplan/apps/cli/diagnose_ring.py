@@ -30,7 +30,6 @@ from mazeplan.physics.effects.rig import FAMILY as RIG_EFFECTS
 from mazeplan.physics.rig.sensors import Camera
 from mazeplan.physics.rig.stage import StageModel
 
-WIDEST = 2.0  # m; radius of a ring on a table
 FEWEST_IN_RINGS = 0.7  # share of the samples of a table without rings; a run's log also has passages
 
 
@@ -70,8 +69,6 @@ def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData
     if request.radius is None:
         ring = _ring(table, maze, request.ring)
         return _RingData(table, ring, maze.track_radius(ring), rings_of(table, maze) == ring, ring_openings(maze, ring))
-    if request.radius > WIDEST:
-        raise InputError(f"--radius: got {request.radius:g}, expected metres, at most {WIDEST:g}")
     return _RingData(table, request.ring, request.radius, np.ones(len(table), dtype=bool), None)
 
 

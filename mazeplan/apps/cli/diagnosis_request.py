@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mazeplan.apps.cli.output import print_json, write_text
 from mazeplan.core.errors import InputError
+from mazeplan.core.field_checks import unit_hint
 
 if TYPE_CHECKING:
     from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis
@@ -59,7 +60,9 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
             raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number") from None
         spec = allowed[parameter]
         if not (math.isfinite(number) and spec.low <= number <= spec.high):
-            raise InputError(f"--declare: got {effect}.{parameter} {number:g}, expected {spec.low:g} to {spec.high:g}")
+            hint = unit_hint(number, spec.unit, spec.low, spec.high)
+            expected = f"expected {spec.low:g} to {spec.high:g}{hint}"
+            raise InputError(f"--declare: got {effect}.{parameter} {number:g}, {expected}")
         defaults = {} if effect == partly else {key: p.default for key, p in allowed.items()}
         known.setdefault(effect, defaults)[parameter] = number
 

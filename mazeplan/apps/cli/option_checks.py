@@ -17,11 +17,15 @@ from typer import BadParameter, CallbackParam, Context
 
 from mazeplan.apps.cli.output import check_new, free_name, say
 from mazeplan.apps.cli.path_checks import NEW, RENEWED, note_written
+from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.whole_file import in_dev
 
 
-def number(unit: str = "", *, positive: bool = True) -> Callable[[str], float]:
-    """Parser of a finite number; positive: greater than 0."""
+def number(
+    unit: str = "", *, positive: bool = True, least: float = -math.inf, most: float = math.inf
+) -> Callable[[str], float]:
+    """Parser of a finite number; positive: greater than 0; least, most: its bounds."""
+    low = max(least, 0.0) if positive else least
     expected = "a finite number" + " > 0" * positive + (f" of {unit}" if unit else "")
 
     def parse(text: str) -> float:
@@ -31,6 +35,10 @@ def number(unit: str = "", *, positive: bool = True) -> Callable[[str], float]:
             value = math.nan
         if not math.isfinite(value) or (positive and value <= 0.0):
             raise BadParameter(f"got {str(text)!r}, expected {expected}")
+        if not low <= value <= most:
+            wanted = f"at most {most:g}" if low == -math.inf else f"{low:g} to {most:g}"
+            hint = unit_hint(value, {"degrees": "deg"}.get(unit, unit), low, most)
+            raise BadParameter(f"got {text}, expected {wanted}{f' {unit}' if unit else ''}{hint}")
         return value
 
     return parse

@@ -174,7 +174,12 @@ Ring = Annotated[
 ]
 Radius = Annotated[
     float | None,
-    Option("--radius", parser=number(), metavar="M", help="Track radius in m. Default: the map's."),
+    Option(
+        "--radius",
+        parser=number("m", least=0.002, most=2.0),
+        metavar="M",
+        help="Track radius in m. Default: the map's.",
+    ),
 ]
 Device = Annotated[str, Option("--device", metavar="cpu|cuda", help="Device for training: cpu or cuda.")]
 Smoothing = Annotated[
@@ -282,7 +287,12 @@ TestLogs = Annotated[
 ]
 Delay = Annotated[
     float | None,
-    Option("--delay", metavar="S", help="Delay of the camera behind the tilt sensor in s. Default: estimated."),
+    Option(
+        "--delay",
+        parser=number("s", positive=False, least=0.0, most=0.5),
+        metavar="S",
+        help="Delay of the camera behind the tilt sensor in s. Default: estimated.",
+    ),
 ]
 Rates = Annotated[
     Literal["auto", "smoothed", "delayed", "filtered"],

@@ -29,6 +29,7 @@ from mazeplan.physics.formulas.compiled import term_functions
 from mazeplan.physics.registry import EFFECTS
 
 ACTS = (FORCE, DRAG, DRY)
+UNITS = ("rad", "m")
 NEEDED = ("position", "unit", "motion")
 TAKEN = ("theta", "theta_dot", "position", "velocity", "t", "speed", "direction")
 # units of what makes an acceleration, and the same of what makes a force {0} on a position in {1}
@@ -77,6 +78,10 @@ def mechanism_of(described: Any, more: Sequence[Effect] = ()) -> Mechanism:
     for key in NEEDED[:-1]:
         if not (isinstance(getattr(described, key), str) and getattr(described, key)):
             raise InputError(f"{key}: got {getattr(described, key)!r}, expected a name")
+    if described.unit not in UNITS:
+        raise InputError(
+            f"unit: got {described.unit!r}, expected rad or m: convert the column {described.position} first"
+        )
     inputs, held = _names(described, "inputs"), _names(described, "held")
     force, inertia = getattr(described, "force", ""), getattr(described, "inertia", "")
     parameters, effects = getattr(described, "parameters", {}), getattr(described, "effects", FAMILY)

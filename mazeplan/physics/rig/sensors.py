@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.maths.fingerprint import LATER
 
 ROUNDS = 20  # of the fixed-point correction of the lens; each leaves a share k |p - c|^2 of the error
@@ -37,8 +38,10 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name, low, high, unit in LIMITS:
-            if not low <= getattr(self, name) <= high:  # also refuses NaN
-                raise ValueError(f"{name}: got {getattr(self, name)}, expected {low} to {high} {unit}".strip())
+            value = getattr(self, name)
+            if not low <= value <= high:  # also refuses NaN
+                hint = unit_hint(value, unit, low, high)
+                raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}".strip() + hint)
 
     def true(self, x: float, y: float) -> tuple[float, float]:
         """True position of a measured one (x, y), m."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.maths.fingerprint import LATER
 from mazeplan.core.records import Array
 
@@ -33,19 +34,20 @@ class StageAxis:
     coupling: float = field(default=0.0, metadata=LATER)
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("backlash", 0.0, 0.2),
-            ("deadband", 0.0, 0.2),
-            ("gain", 0.05, 20.0),
-            ("natural_frequency", 0.5, 500.0),
-            ("damping", 0.02, 20.0),
-            ("dead_time", 0.0, 1.0),
-            ("offset", -0.5, 0.5),
-            ("coupling", -0.5, 0.5),
+        for name, low, high, unit in (
+            ("backlash", 0.0, 0.2, "rad"),
+            ("deadband", 0.0, 0.2, "rad"),
+            ("gain", 0.05, 20.0, ""),
+            ("natural_frequency", 0.5, 500.0, "rad/s"),
+            ("damping", 0.02, 20.0, ""),
+            ("dead_time", 0.0, 1.0, "s"),
+            ("offset", -0.5, 0.5, "rad"),
+            ("coupling", -0.5, 0.5, ""),
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise ValueError(f"{name}: got {value}, expected {low} to {high}")
+                hint = unit_hint(value, unit, low, high)
+                raise ValueError(f"{name}: got {value}, expected {low} to {high}{hint}")
 
     def poles(self) -> tuple[complex, complex]:
         """Poles of the continuous axis, rad/s."""
