@@ -45,7 +45,7 @@ class KeepOptions:
     leans: int = 9
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("hold_s", "rescue_s", "leans"))
+        check_numbers(self, positive=("hold_s", "rescue_s", "leans"), most={"leans": 50, "rescue_s": 5.0})
 
 
 SHARES = (1.0, 0.6, 0.25, 0.0, -0.5)  # of the wanted command along the ring of the other ball

@@ -52,7 +52,7 @@ class RolloutOptions:
     late_body_s: float = 0.16
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("grid", "horizon_s"))
+        check_numbers(self, positive=("grid", "horizon_s"), most={"grid": 25, "horizon_s": 5.0})
 
     def starts(self) -> Array:
         """Offsets (5, 2) of the starts across the opening, m and m/s: none, to either side, faster and slower."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -16,6 +16,9 @@ CONVERSIONS = {
     "deg": (180.0 / math.pi,), "rad": (math.pi / 180.0,), "deg/s": (180.0 / math.pi,),
     "rad/s": (2.0 * math.pi, math.pi / 180.0),
 }  # fmt: skip
+# largest values of numbers in a unit, and of those without one: far beyond what is of use, so that nothing hangs
+MOST = {"s": 60.0, "ms": 1e3, "mm": 500.0, "m": 1.0, "deg": 90.0, "rad": 2.0 * math.pi, "m/s": 10.0, "": 1e6}
+WHOLE = 1000  # largest count
 _SUFFIX = re.compile(r"(?<!_per)_(rad_s|deg_s|m_s|mm|ms|deg|rad|m|g|s)$")
 
 
@@ -32,9 +35,12 @@ def unit_of(key: str) -> str:
     return "" if found is None else found[1].replace("_s", "/s")
 
 
-def check_numbers(options: Any, *, positive: Collection[str] = (), least: float = 0.0) -> None:
-    """Every number of a dataclass must be finite and >= `least`, those named in `positive` > 0; whole where declared
-    so. Raises SettingsError with the field's name."""
+def check_numbers(
+    options: Any, *, positive: Collection[str] = (), least: float = 0.0, most: Mapping[str, float] | None = None
+) -> None:
+    """Every number of a dataclass must be >= `least`, those named in `positive` > 0; whole where declared so.
+
+    most: largest values by field; of the others see MOST. Raises SettingsError with the field's name."""
     for field in fields(options):
         value = getattr(options, field.name)
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -47,3 +53,9 @@ def check_numbers(options: Any, *, positive: Collection[str] = (), least: float 
             raise SettingsError(f"got {value:g}, expected a number > 0", key=field.name)
         if not least <= value < math.inf:
             raise SettingsError(f"got {value:g}, expected a number >= {least:g}", key=field.name)
+        unit = unit_of(field.name)
+        high = (most or {}).get(field.name, MOST[""] if field.type == "float" else WHOLE)
+        high = min(high, MOST.get(unit, math.inf))
+        if value > high:
+            hint = unit_hint(value, unit, least, high)
+            raise SettingsError(f"got {value:g}, expected a number <= {high:g}{hint}", key=field.name)

@@ -29,6 +29,7 @@ from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.delay import best_delay, usable_starts
 from mazeplan.learning.rig_model import RigModel
+from mazeplan.learning.samples import rings_of
 from mazeplan.learning.smoothing import smoothed
 from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.maze.geometry import Maze
@@ -240,12 +241,14 @@ def _score(table: Table, windows: list[WeakWindows], fit: _BallFit, delay: float
 def fit_rig(
     table: Table, maze: Maze, sources: tuple[dict[str, str], ...] = (), *, progress: Words = no_words
 ) -> RigFit:
-    """Fit stage, ball and camera delay. Raises ValueError if the table lacks a column or free motion of the ball.
+    """Fit stage, ball and camera delay. Raises ValueError if the table lacks a column or free motion of the ball,
+    TableError if it has a ring that the map does not have.
 
     sources: of the table, for the model file; progress: receives each step in words."""
     for name in ("u_beta", "u_gamma", "r"):
         if name not in table:
             raise ValueError(f"column {name} is needed to fit a whole rig")
+    rings_of(table, maze)
     dt = table.dt
     progress("stage")
     breaks = np.concatenate([[True], np.diff(table.segment) != 0])

@@ -157,7 +157,11 @@ def rings_of(table: Table, maze: Maze | None) -> IntArray:
     """Ring of each row (N,), 0 for none: by column, or by radius and map.
 
     With radius and map, the ball must be in the channel: half in an opening, it moves differently. A disc has no
-    channel."""
+    channel. Raises TableError for a ring that the map does not have, and without any of those columns."""
+    highest = int(table["ring"].max(initial=0)) if "ring" in table and maze is not None else 0
+    if maze is not None and highest > len(maze.rings):
+        problem = f"ring: got {highest}, expected 1 to {len(maze.rings)}: the rings of the map {maze.name}"
+        raise TableError(problem, file=table.source.get("file"))
     if "r" not in table or maze is None:
         if "ring" in table:
             discs = [] if maze is None else [place.number for place in maze.rings if place.is_disc]

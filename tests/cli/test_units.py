@@ -111,3 +111,20 @@ def test_a_system_in_degrees(refused, monkeypatch, tmp_path):
     (tmp_path / "x.csv").write_text("t,theta\n0,0\n")
     said = "unit: got 'deg', expected rad or m: convert the column theta first"
     assert said in refused("diagnose", "x.csv", "--system", "swing:Swing")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("navigate", "--start-angle", "1e300"), "--start-angle: got 1e300, expected -3600 to 3600 degrees"),
+        (
+            ("collect", "--rig", "ideal", "--highest-hz", "40", "-o", "a.mcap"),
+            "expected at most 15 Hz: half the samples",
+        ),
+        (("navigate", "--view", "--port", "70000"), "--port"),
+    ],
+)
+def test_a_number_that_is_far_too_large(refused, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    assert said in refused(*words)
+    assert not list(tmp_path.iterdir())

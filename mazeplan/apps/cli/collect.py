@@ -57,6 +57,9 @@ def collect(
         note_missing_model(rig, model, maze)
         setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
     machine = watched(make_rig(rig, maze), own_process=True)
+    if highest_hz > 0.5 * machine.rate_hz:
+        why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
+        raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")
     bar = campaign_progress(math.ceil(seconds), label="seconds")
     with _report_kept(output), stop_key(machine, interrupt), bar as advance:
         if setup is None:

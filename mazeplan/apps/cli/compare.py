@@ -61,7 +61,7 @@ def compare(
     if split != "blocks" and test:
         raise InputError(f"--split: got {split} with --test, expected one of them: --test names the test rows")
     require_torch()
-    found = logged_map(map_, logs[0])
+    found = logged_map(map_, *logs, *(test or ()))
     if ring is not None and radius is None:
         check_channel(ring, found.maze)
     options = CompareOptions(

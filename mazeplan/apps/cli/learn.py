@@ -49,7 +49,7 @@ def learn(
         require_torch()
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()
     options = FitOptions(most=most, training=TrainingOptions(device=device, starts=2), seed=seed)
-    maze = logged_map(map_, logs[0]).maze
+    maze = logged_map(map_, *logs).maze
     with ProgressBar("learning") as bar:
         bar.show("reading")
         tables = [read_table(log) for log in logs]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, ShortWarning
 from mazeplan.maze.geometry import Maze
 
 RIG, MAP = "YOUR_RIG", "YOUR_MAP"
@@ -29,18 +30,24 @@ class LoggedMap:
 
 
 def logged_map(name: str | None, *logs: Path) -> LoggedMap:
-    """The named map, else that of the first run log that holds one, else cme. Raises MapError."""
+    """The named map, else that of the first run log that holds one, else cme. Raises MapError.
+
+    Warns (ShortWarning) of a log that was recorded on a map of another name."""
     from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.maze.mapfile import check_text, load_map
 
-    if name is not None:
-        return LoggedMap(load_map(name), f"map {name}")
+    given = None if name is None else LoggedMap(load_map(name), f"map {name}")
     for log in logs:
         if log.suffix == ".mcap" and log.is_file():
             text = read_header(log).get("map")
             maze = check_text(text, file=log).maze if isinstance(text, str) else None
-            if maze is not None:
+            if given is not None and maze is not None and maze.name != given.maze.name:
+                told = f"{log}: recorded on the map {maze.name}, used with --map {name}"
+                warnings.warn(told, ShortWarning, stacklevel=2)
+            if given is None and maze is not None:
                 return LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
+    if given is not None:
+        return given
     return LoggedMap(load_map("cme"), "the packaged map cme", known=False)
 
 

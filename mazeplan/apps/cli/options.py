@@ -79,7 +79,7 @@ GoalRing = Annotated[
 MapGoal = Annotated[
     str | None, Option("--to", autocompletion=names.RINGS, metavar="RING", help="Ring to reach. Default: the centre.")
 ]
-_degrees = number("degrees", positive=False)
+_degrees = number("degrees", positive=False, least=-3600.0, most=3600.0)
 StartAngle = Annotated[
     float | None,
     Option("--start-angle", parser=_degrees, metavar="DEG", help="Start angle in degrees. Default: by the seed."),
@@ -130,7 +130,9 @@ Host = Annotated[
         "--host", metavar="ADDRESS", help="Address of the page. Any other than the loopback needs the token in its URL."
     ),
 ]
-PagePort = Annotated[int, Option("--port", metavar="PORT", help="Port of the page; 0: any free port.")]
+PagePort = Annotated[
+    int, Option("--port", min=0, max=65535, metavar="PORT", help="Port of the page; 0: any free port.")
+]
 HOST, PORT = "127.0.0.1", 8080
 Force = Annotated[bool, Option("--force", is_eager=True, help="Replace files that exist.")]  # eager: read first
 DryRun = Annotated[bool, Option("--dry-run", help="Report the result, but do not change the rig's file.")]
@@ -261,7 +263,7 @@ Tilt = Annotated[
 ]
 HighestHz = Annotated[
     float,
-    Option("--highest-hz", parser=number(), metavar="HZ", help="Highest frequency of the sines in Hz."),
+    Option("--highest-hz", parser=number("Hz", most=100.0), metavar="HZ", help="Highest frequency of the sines in Hz."),
 ]
 Kind = Annotated[
     Literal["p", "pi", "np", "sp", "nn", "spnn"],

@@ -12,8 +12,8 @@ The scrollbar of a panel would cover its content, and gets room of its own. In a
 folded, until a person unfolds it. viser warns of drawing in software, which a user cannot help: it is not told which
 device draws.
 
-viser gives no names to its icons and to the number beside a slider: those who do not see them get some here. What scrolls can be
-reached by the Tab key, so that keys scroll it, too.
+viser gives no names to its icons and to the number beside a slider: those who do not see them get some here. What
+scrolls can be reached by the Tab key, so that keys scroll it, too.
 
 The emergency stop of a live page is a bar above viser's client, and no part of it: no panel covers, scrolls or folds
 it. The bar and the key press viser's command for Escape, in text fields as well.

@@ -131,7 +131,7 @@ def join(tables: Sequence[Table]) -> Table:
         numbers.append(table.segment - table.segment.min() + offset)
         offset = float(numbers[-1].max()) + 1.0
     columns["segment"] = np.concatenate(numbers)
-    return Table(columns)
+    return Table(columns, {"file": ", ".join(table.source.get("file", "a table") for table in tables)})
 
 
 def stretches(table: Table, longest_step: float = 1.5) -> list[slice]:
