@@ -152,7 +152,6 @@ def test_a_picture_of_a_route_says_where_it_begins_in_degrees_from_0_to_360(monk
         ("route", "--close", "x"),
         ("route", "detour", "--start-angle", "100"),  # a radial wall
         ("show", "detour", "--route", "--start-angle", "97"),
-        ("show", "-o", "maze.gif"),
     ],
 )
 def test_bad_input_is_an_input_error(words):
@@ -162,8 +161,9 @@ def test_bad_input_is_an_input_error(words):
     assert "\n" not in str(error)
 
 
-def test_a_start_angle_that_is_no_number_is_a_usage_error():
-    assert run("route", "--start-angle", "nan").exit_code == 2
+@pytest.mark.parametrize("words", [("route", "--start-angle", "nan"), ("show", "-o", "maze.gif")])
+def test_an_option_that_cannot_be_read_is_a_usage_error(words):
+    assert run(*words).exit_code == 2
 
 
 def test_a_route_that_is_not_told_where_begins_beside_the_wall_that_is_there():
