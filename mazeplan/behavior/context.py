@@ -46,7 +46,7 @@ class TravelOptions:
     planned_choices: int = 3
 
     def __post_init__(self) -> None:
-        check_numbers(self, positive=("planned_choices",), most={"planned_choices": 50})
+        check_numbers(self, positive=("planned_choices",), most={"planned_choices": 50, "deadline_ms": 1e9})
 
 
 @dataclass(frozen=True)

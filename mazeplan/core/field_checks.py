@@ -17,7 +17,10 @@ CONVERSIONS = {
     "rad/s": (2.0 * math.pi, math.pi / 180.0),
 }  # fmt: skip
 # largest values of numbers in a unit, and of those without one: far beyond what is of use, so that nothing hangs
-MOST = {"s": 60.0, "ms": 1e3, "mm": 500.0, "m": 1.0, "deg": 90.0, "rad": 2.0 * math.pi, "m/s": 10.0, "": 1e6}
+MOST = {
+    "s": 60.0, "ms": 1e3, "mm": 500.0, "m": 1.0, "deg": 90.0, "rad": 2.0 * math.pi, "m/s": 10.0, "g": 1e3,
+    "deg/s": 1e4, "rad/s": 1e3, "": 1e6,
+}  # fmt: skip
 WHOLE = 1000  # largest count
 _SUFFIX = re.compile(r"(?<!_per)_(rad_s|deg_s|m_s|mm|ms|deg|rad|m|g|s)$")
 
@@ -54,8 +57,7 @@ def check_numbers(
         if not least <= value < math.inf:
             raise SettingsError(f"got {value:g}, expected a number >= {least:g}", key=field.name)
         unit = unit_of(field.name)
-        high = (most or {}).get(field.name, MOST[""] if field.type == "float" else WHOLE)
-        high = min(high, MOST.get(unit, math.inf))
+        high = (most or {}).get(field.name, MOST[unit] if field.type == "float" else WHOLE)
         if value > high:
             hint = unit_hint(value, unit, least, high)
             raise SettingsError(f"got {value:g}, expected a number <= {high:g}{hint}", key=field.name)
