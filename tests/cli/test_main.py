@@ -86,6 +86,8 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
             "--rig: got rig 'zz', expected one of emulated, hardware, ideal, rough, surp",
         ),
         (["navigate", "--rig", "no.such.module:Rig"], "rig 'no.such.module:Rig'"),
+        (["navigate", "--rig", "my.py:Rig"], "got 'my.py', expected the module's name without .py: my"),
+        (["behavior", "list", "--behavior-module", "x/my.py"], "--behavior-module: got 'x/my.py', expected the"),
         (["navigate", "--rig", "os:getcwd"], "'os:getcwd' is no rig"),
         (["navigate", "--balls", "2", "--via", "ring3"], "--balls: got 2, expected 1 with waypoints (via)"),
         (["navigate", "--via", "ring3,,ring2"], "--via: ring: got '', expected ring1 to ring5"),

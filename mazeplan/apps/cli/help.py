@@ -150,8 +150,9 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "mazeplan policy show runs/policy",
     ),
     "policy export": (
-        "Write the network of a policy as plain C.",
+        "Write the network of a policy as plain C or ONNX.",
         "mazeplan policy export runs/policy -o policy.h",
+        "mazeplan policy export runs/policy -o policy.onnx",
     ),
     "effect list": (
         "List the physical effects.",
