@@ -23,6 +23,8 @@ def desks() -> tuple[Path, ...]:
 def user_module(name: str, option: str, folder: Path | None = None) -> ModuleType:
     """Import a module; one that lies in `folder`, that of the file that names it, comes first. Raises InputError, which
     begins with the option and names the place, if that fails."""
+    if name.endswith(".py"):
+        raise InputError(f"{option}: got {name!r}, expected the module's name without .py: {Path(name).stem}")
     if not all(part.isidentifier() for part in name.split(".")):
         raise InputError(f"{option}: got {name!r}, expected the name of a Python module, such as my_module")
     here = os.getcwd()

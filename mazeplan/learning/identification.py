@@ -258,8 +258,11 @@ def fit_rig(
     train = [w for w in (_part(w, table, True) for w in found) if len(w.start) >= MIN_WINDOWS]
     test = [w for w in (_part(w, table, False) for w in found) if any(w.ring == t.ring for t in train)]
     if not train:
-        split = round((1.0 - TEST_SHARE) * len(table))
-        raise ValueError(f"the ball is hardly ever seen moving freely in a ring ({split} samples looked at)")
+        most = max((len(_part(w, table, True).start) for w in found), default=0)
+        raise ValueError(
+            f"the ball is hardly ever seen moving freely in a ring: got {most} windows of {WINDOW} samples in "
+            f"{len(table) * dt:.3g} s, expected at least {MIN_WINDOWS} in one ring; record for a minute"
+        )
     progress("how late the camera is")
     delay, delay_sigma = _best_delay(table, train, maze, dt)
     progress("ball")

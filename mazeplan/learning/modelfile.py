@@ -77,8 +77,8 @@ def is_packaged_model(source: str | Path) -> bool:
     return resources.is_packaged(source, model_names())
 
 
-def load_model(source: str | Path) -> RigModel:
-    """The model in a folder, or the packaged one of that name. Raises ModelError with file, line and key."""
+def model_path(source: str | Path) -> Path:
+    """The model.yaml in a folder, or of the packaged model of that name. Raises ModelError if there is none."""
     folder = PACKAGED / source if is_packaged_model(source) else Path(source)
     path = folder if folder.suffix == ".yaml" else folder / "model.yaml"
     if not path.exists():
@@ -86,6 +86,12 @@ def load_model(source: str | Path) -> RigModel:
         problem = "no such model; " if what == "no such file" else f"got {what}, "
         expected = f"expected a folder with model.yaml, or one of {', '.join(model_names())}"
         raise ModelError(problem + expected, file=source)
+    return path
+
+
+def load_model(source: str | Path) -> RigModel:
+    """The model in a folder, or the packaged one of that name. Raises ModelError with file, line and key."""
+    path = model_path(source)
     return _Reader(read_yaml(path, error=ModelError, what="a model (model.yaml)"), path).model()
 
 

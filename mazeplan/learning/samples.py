@@ -122,7 +122,8 @@ def ring_samples(
             r = options.radius if options.radius is not None else _radius(table, maze, number, rows)
             found[int(number)] = _collect(table, signals, rows, run[rows], int(number), r, smoothing, options)
     if not found:
-        raise TableError("no ring has enough samples in a row", file=table.source.get("file"))
+        least = f"expected {SHORTEST} at least"
+        raise TableError(f"no ring has enough samples in a row: {least}", file=table.source.get("file"))
     return found
 
 

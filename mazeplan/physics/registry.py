@@ -73,7 +73,7 @@ def brought(spec: str) -> list[Any]:
     """The objects that a user's module offers, `MODULE:FUNCTION`, unchecked. Raises InputError."""
     module, _, name = spec.partition(":")
     if not module or not name:
-        raise InputError(f"--effects: got {spec!r}, expected MODULE:FUNCTION")
+        raise InputError(f"--effects: got {spec!r}, expected MODULE:FUNCTION{', without .py' * spec.endswith('.py')}")
     code = user_module(module, "--effects")
     try:
         return offered(getattr(code, name))

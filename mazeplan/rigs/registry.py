@@ -153,6 +153,12 @@ def rig_model_hint(spec: str) -> str | None:
     return None if hint is None else _beside(path, hint)
 
 
+def unusable_model(spec: str, problem: str) -> SettingsError:
+    """The error for the model that a rig's file names with `model:`, at its line."""
+    path = rig_file(spec)
+    return placed(SettingsError(problem, key="model"), {} if path is None else read_rig_file(path)[1])
+
+
 def _beside(path: Path, name: str) -> str:
     """A file or folder that a rig's file names: beside that file if it exists there."""
     found = path.parent / name
@@ -186,7 +192,10 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
     if sense is not None:
         settings = settings.model_copy(update={"sense": sense})
     own = maze if settings.map is None else replace(load_map(_beside(data.file, settings.map)), balls=maze.balls)
-    return SimulatedRig(own, settings)
+    try:
+        return SimulatedRig(own, settings)
+    except SettingsError as problem:
+        raise placed(problem, data) from None
 
 
 def _from_class(spec: str, maze: Maze, settings: FileSettings | None) -> Rig:

@@ -38,7 +38,7 @@ def check_balls(maze: Maze, rig: Rig, job: Job, policy: bool) -> None:
     if has < maze.balls:
         why = f"expected {has}: the rig has no more"
     elif policy or job.via:
-        why = f"expected 1 with {'a policy' if policy else 'waypoints'}"
+        why = f"expected 1 with {'a policy' if policy else 'waypoints (via)'}"
     elif not maze.ring(job.goal).is_disc:
         why = f"expected 1 on the way to ring {job.goal}: several balls go to the centre, ring {len(maze.rings)}"
     if why is not None:

@@ -7,12 +7,12 @@ import re
 from pathlib import Path
 
 from mazeplan.core import resources
-from mazeplan.core.errors import InputError
-from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names
+from mazeplan.core.errors import InputError, ModelError
+from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names, model_path
 from mazeplan.learning.rig_model import carried_over
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
-from mazeplan.rigs.registry import rig_model_hint
+from mazeplan.rigs.registry import rig_model_hint, unusable_model
 
 CENTRE = ("centre", "center")
 HOME = resources.share("maps") / "cme.yaml"  # the map on which the packaged models were fitted
@@ -55,12 +55,23 @@ def model_from(source: str | Path, maze: Maze) -> RigModel:
 
 
 def model_source(model: str | Path | None, rig: str | None) -> str | None:
-    """Absolute folder, or packaged name, of the model; None: nominal physics."""
+    """Absolute folder, or packaged name, of the model; None: nominal physics. Raises SettingsError with the line of
+    the rig's file that names a model which is not there."""
     if model is None and rig is not None:
-        model = rig_model_hint(rig)
+        model = _model_of_rig(rig)
         if model is None and rig in model_names():
             model = rig
     if model is None:
         return None
     there = not is_packaged_model(model) and Path(model).exists()
     return str(Path(model).absolute()) if there else str(model)
+
+
+def _model_of_rig(rig: str) -> str | None:
+    hint = rig_model_hint(rig)
+    try:
+        if hint is not None:
+            model_path(hint)
+    except ModelError as problem:
+        raise unusable_model(rig, str(problem)) from None
+    return hint

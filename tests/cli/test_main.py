@@ -14,6 +14,8 @@ import pytest
 import mazeplan.apps.cli
 from mazeplan.apps.cli import TolerantStream, keep_compiled, with_option
 from mazeplan.core.errors import InputError
+from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.run.balls import with_balls
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 SHORT = ["navigate", "--rig", "ideal", "--from", "ring4"]
@@ -84,7 +86,12 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
             "--rig: got rig 'zz', expected one of emulated, hardware, ideal, rough, surp",
         ),
         (["navigate", "--rig", "no.such.module:Rig"], "rig 'no.such.module:Rig'"),
+        (["navigate", "--rig", "my.py:Rig"], "got 'my.py', expected the module's name without .py: my"),
+        (["behavior", "list", "--behavior-module", "x/my.py"], "--behavior-module: got 'x/my.py', expected the"),
         (["navigate", "--rig", "os:getcwd"], "'os:getcwd' is no rig"),
+        (["navigate", "--balls", "2", "--via", "ring3"], "--balls: got 2, expected 1 with waypoints (via)"),
+        (["navigate", "--via", "ring3,,ring2"], "--via: ring: got '', expected ring1 to ring5"),
+        (["navigate", "--via", "ring3,ring9"], "--via: ring: got 'ring9', expected ring1 to ring5"),
         (["navigate", "--model", "zz"], "--model: zz: no such model; expected a folder with model.yaml"),
         (["navigate", "--map", "zz"], "--map: zz: no such file, and not a packaged map"),
         (["navigate", "--behavior", "zz"], "--behavior: zz: no such file, expected an XML file"),
@@ -97,7 +104,7 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
         (["navigate", "--colour"], "No such option: --colour"),
         (["evaluate", "--to", "ring9"], "--to: ring: got 'ring9'"),
         (["map", "route", "--from", "ring9"], "--from: ring: got 'ring9'"),
-        (["collect", "--ring", "9", "-o", "c.mcap"], "--ring: ring: got '9'"),
+        (["collect", "--ring", "9", "-o", "c.mcap"], "--ring: got '9'"),
         (
             ["learn", "a.csv", "-o", "m", "--kind", "magic"],
             "--kind: got 'magic', expected one of p, pi, np, sp, nn, spnn\n",
@@ -108,6 +115,13 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
 )
 def test_an_error_names_the_option_and_its_value(refused, words, message):
     assert message in refused(*words)
+
+
+def test_record_has_no_use_for_a_map_with_two_balls(refused, tmp_path):
+    path = tmp_path / "two.yaml"
+    path.write_text(dump_map(with_balls(load_map("cme"), 2)))
+    said = refused("record", "--map", path, "-o", tmp_path / "x.parquet")
+    assert "--map: got a map with 2 balls, expected 1" in said
 
 
 def test_a_place_in_a_file_needs_no_option():

@@ -88,7 +88,8 @@ def test_a_model_with_it_needs_it(refused, windy, monkeypatch):
 @pytest.mark.parametrize("command", [("diagnose",), ("navigate",), ("evaluate",)])
 @pytest.mark.parametrize(
     ("spec", "words"),
-    [("mine", "expected MODULE:FUNCTION"), ("nowhere:x", "'nowhere' cannot be imported"),
+    [("mine", "expected MODULE:FUNCTION"), ("mine.py", "expected MODULE:FUNCTION, without .py"),
+     ("mine.py:x", "expected the module's name without .py: mine"), ("nowhere:x", "'nowhere' cannot be imported"),
      ("mine:nothing", "gives no effects"),
      ("bad:nothing", "got 1, expected an Effect with a formula that acts on the ball")],
 )  # fmt: skip

@@ -18,7 +18,7 @@ from mazeplan.core.logs.table import read_table
 from mazeplan.learning.ball_models import effect_ball
 from mazeplan.learning.identification import fit_rig
 from mazeplan.learning.modelfile import save_model
-from mazeplan.maze.mapfile import load_map
+from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.collect import Collection, run_collection
 
 MAZE = load_map("cme")
@@ -113,6 +113,18 @@ def test_a_campaign_says_how_sure_it_is():
     lost = verdict(campaign(10, 16))
     assert "the most frequent failure is stuck" in lost["because"]
     assert "mazeplan navigate --seed 7 --start-angle 28.65 --log LOST.mcap" in lost["advice"][0]
+
+
+def test_a_campaign_without_a_way_names_the_map(call, tmp_path):
+    shut = tuple(replace(opening, closed=True) for opening in MAZE.openings)
+    (tmp_path / "shut.yaml").write_text(dump_map(replace(MAZE, openings=shut)))
+    code, out, _ = call("evaluate", "--runs", 2, "--rig", "ideal", "--map", tmp_path / "shut.yaml", "--json")
+    document = json.loads(out)
+    assert code == 1
+    assert document["because"].startswith("no run found a way to its goal")
+    assert document["advice"] == [
+        "open a way in the map, until this finds one: mazeplan map route MAP --from ring1 --to ring5"
+    ]
 
 
 def test_evaluate_ends_with_its_verdict(call):

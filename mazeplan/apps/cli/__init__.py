@@ -129,8 +129,12 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
     if not isinstance(error, InputError) or error.line is not None or text.startswith("-"):
         return text
     for option, value in _option_values(words):
+        if error.file is None and option == f"--{error.key}":
+            return f"--{text}"
         same = error.file is not None and os.path.abspath(value) == os.path.abspath(str(error.file))
-        if same or (error.file is None and f"got {value!r}" in text.replace("got rig ", "got ")):
+        parts = {value, *(part.strip() for part in value.split(","))}  # --via ring3,ring2
+        got = any(f"got {part!r}" in text.replace("got rig ", "got ") for part in parts)
+        if same or (error.file is None and got):
             return f"{option}: {text}"
     return text
 

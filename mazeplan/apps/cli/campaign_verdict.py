@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from mazeplan.core.records import FailureKind
+
+NO_ROUTE = FailureKind.NO_ROUTE.value
 SURE = 0.9  # lower end of the 95 % interval of the share that arrives, from which on nothing is left to do
 FEW = 10  # runs that show nothing, if all arrive
 
@@ -20,6 +23,9 @@ def verdict(document: dict[str, Any]) -> dict[str, Any]:
     because = f"{arrived} of {runs} runs arrived; of many runs {share} would (95 % interval)"
     lost = next((result for result in document["results"] if not result["success"]), None)
     advice = []
+    if runs and all(result.get("reason") == NO_ROUTE for result in document["results"]):
+        because = "no run found a way to its goal: see `openings` and `closed` in the file of the map"
+        return {"verdict": "poor", "because": because, "advice": [show_route(document)]}
     if lost is not None:
         worst = max(document["failures"].items(), key=lambda item: item[1], default=None)
         because += f"; the most frequent failure is {worst[0]}" if worst else ""
@@ -34,3 +40,10 @@ def verdict(document: dict[str, Any]) -> dict[str, Any]:
     word = "fair" if arrived >= 0.5 * runs else "poor"
     log = "mazeplan collect --rings -o NEW.mcap, then mazeplan score MODEL NEW.mcap"
     return {"verdict": word, "because": because, "advice": [*advice, f"see whether its model is to blame: {log}"]}
+
+
+def show_route(document: dict[str, Any]) -> str:
+    """The advice for a map without a way to the goal."""
+    setup = document.get("setup", {})
+    ends = f" --from ring{setup['start_ring']} --to ring{setup['goal_ring']}" if setup else ""
+    return f"open a way in the map, until this finds one: mazeplan map route MAP{ends}"

@@ -41,8 +41,6 @@ def collect(
     from mazeplan.run.resolve import resolve_model, ring_number
     from mazeplan.run.specification import Setup
 
-    if place and not rings:
-        raise InputError("needs --rings: one ring needs no second placing", key="--place")
     if model is not None and (place or not rings):
         raise InputError("needs --rings without --place: only then the model drives the ball", key="--model")
     maze = load_map(map_)

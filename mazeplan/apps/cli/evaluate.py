@@ -58,7 +58,7 @@ def evaluate(
     from mazeplan.run.balls import with_balls
     from mazeplan.run.campaign.evaluate import Campaign, setup_document, summary
 
-    check_learning(learn, output, workers, {"--faults": faults, "--dask": dask, "--store": store})
+    check_learning(learn, workers, {"--faults": faults, "--dask": dask, "--store": store})
     maze = with_balls(load_map(map_), balls)
     note_missing_model(rig, model, maze, sense)
     campaign = Campaign(
@@ -125,6 +125,10 @@ def _evaluate_faults(
     from mazeplan.run.campaign.store import open_stores
 
     trials = every_kind() if faults == "all" else load_schedule(faults)
+    late = [trial.name for trial in trials if any(e.at_s[0] >= campaign.time_limit for e in trial.entries)]
+    if late:
+        limit = f"begins only after the time limit of {campaign.time_limit:g} s"
+        say(f"--faults: {', '.join(late)}: {limit}; expected an earlier at_s, or a longer --time-limit")
     with ExitStack() as stack:
         documents = [trial.to_json() for trial in trials]
         stores = () if folder is None else stack.enter_context(open_stores(folder, campaign, documents))

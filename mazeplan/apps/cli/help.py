@@ -9,6 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
+from mazeplan.apps.cli.option_checks import check_effect
 from mazeplan.apps.cli.path_checks import check_paths
 
 WIDEST = 120  # columns; longer lines are hard to read
@@ -149,8 +150,9 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
         "mazeplan policy show runs/policy",
     ),
     "policy export": (
-        "Write the network of a policy as plain C.",
+        "Write the network of a policy as plain C or ONNX.",
         "mazeplan policy export runs/policy -o policy.h",
+        "mazeplan policy export runs/policy -o policy.onnx",
     ),
     "effect list": (
         "List the physical effects.",
@@ -189,11 +191,12 @@ HELP: dict[str, tuple[str, ...]] = {  # what it does in one line of 50 character
 
 class Command(TyperCommand):
     """A command whose help names arguments as they are typed, and keeps the lines of its examples. It looks at the
-    files of its command line before it begins."""
+    files and options of its command line before it begins."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         check_paths(ctx)
+        check_effect(ctx)
         return super().invoke(ctx)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:

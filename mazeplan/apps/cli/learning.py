@@ -23,12 +23,8 @@ EXCLUDED = {
 }
 
 
-def check_learning(
-    learn: bool, output: Path | None, workers: int | None = None, others: Mapping[str, object] | None = None
-) -> None:
+def check_learning(learn: bool, workers: int | None = None, others: Mapping[str, object] | None = None) -> None:
     """Raises InputError for options that exclude each other; others: values of the options in EXCLUDED, or None."""
-    if not learn and output is not None:
-        raise InputError("-o is the folder of the updated model: give --learn, too")
     if learn and workers is not None and workers > 1:
         raise InputError(f"--workers: got {workers} with --learn, expected 1: {EXCLUDED['--dask']}")
     for name, value in (others or {}).items():

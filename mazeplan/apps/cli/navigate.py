@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.apps.cli import options as opt
-from mazeplan.apps.cli.learning import check_learning, navigate_learning
+from mazeplan.apps.cli.learning import navigate_learning
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.runs import navigate_once, navigation_job
 from mazeplan.core.errors import InputError, RigError
@@ -54,7 +54,6 @@ def navigate(
         closed=close or (), seed=seed, time_limit=time_limit, memory=memory,
         via=tuple(ring.strip() for rings in via or () for ring in rings.split(",")),
     )  # fmt: skip
-    check_learning(learn, output)
     if video is not None:
         from mazeplan.apps.view.film import check_film
 

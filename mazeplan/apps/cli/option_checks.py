@@ -17,8 +17,33 @@ from typer import BadParameter, CallbackParam, Context
 
 from mazeplan.apps.cli.output import check_new, free_name, say
 from mazeplan.apps.cli.path_checks import NEW, RENEWED, note_written
+from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.whole_file import in_dev
+
+NEEDS = (  # an option, and the one without which it would have no effect, in each command that has both
+    ("--host", "--view"), ("--port", "--view"), ("--groot-host", "--groot"), ("--place", "--rings"),
+    ("-o", "--learn"),
+)  # fmt: skip
+APART = (("-o", "--into"), ("--markdown", "--json"))  # options of which the second would hide the first
+
+
+def check_effect(ctx: Context) -> None:
+    """Raises InputError for an option of a command line that would have no effect."""
+    params = {min(param.opts, key=len): param.name or "" for param in ctx.command.params}
+    sources = {option: ctx.get_parameter_source(name) for option, name in params.items()}
+    given = {option for option, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
+    for option, other in NEEDS:
+        if option in given and other in params and other not in given:
+            raise no_effect(option, other)
+    for option, other in APART:
+        if option in given and other in given:
+            raise InputError(f"got {other} as well, expected one of the two", key=option)
+
+
+def no_effect(option: str, what: str) -> InputError:
+    """The error for an option that has no effect without something else."""
+    return InputError(f"needs {what}; without it the option has no effect", key=option)
 
 
 def number(

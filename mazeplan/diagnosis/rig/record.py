@@ -111,7 +111,8 @@ def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
     record = record_of(table)
     seen = int(np.isfinite(np.column_stack([table["x"], table["y"]])).all(axis=1).sum())
     if seen < FEWEST:
-        raise TableError(f"got {seen} pictures of the ball, expected {FEWEST} at least", file=file)
+        least = f"{FEWEST} at least ({FEWEST * table.dt:.0f} s)"
+        raise TableError(f"got {seen} pictures of the ball, expected {least}", file=file)
     stage = fit_stage(record, np.ones(len(record), dtype=bool))
     moves = None if stage is None or stage.hurried else StageModel(*stage.axes)
     return filter_of(table, record, maze, moves), stage

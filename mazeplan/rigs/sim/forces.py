@@ -145,17 +145,13 @@ class BallForces:
 
 
 class FloorFriction:
-    """Additional rolling friction by place and direction; false if there is none.
-
-    Raises SettingsError for a ring that the maze does not have."""
+    """Additional rolling friction by place and direction; false if there is none."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
         self._settings, self._maze = settings, maze
         self._metres = maze.ball.radius * (1.0 + settings.ball_inertia) / GRAVITY  # per m/s^2 of a ball on the floor
         start, end = (math.radians(angle) for angle in settings.sticky_deg)
         self._start, self._span = start, (end - start) % math.tau
-        if settings.sticky_m_s2 > 0.0:
-            _check_ring("sticky_ring", settings.sticky_ring, maze)
 
     def __bool__(self) -> bool:
         return self._settings.sticky_m_s2 > 0.0 or self._settings.nap_m_s2 != 0.0
@@ -179,15 +175,11 @@ class FloorFriction:
 
 
 class Kerb:
-    """A ridge across a ring that takes a share of the ball's speed; left: the remaining share. False if there is none.
-
-    Raises SettingsError for a ring that the maze does not have."""
+    """A ridge across a ring that takes a share of the ball's speed; left: what remains; false if there is none."""
 
     def __init__(self, settings: SimulatedSettings, maze: Maze) -> None:
         self._settings, self._maze, self.left = settings, maze, 1.0 - settings.kerb_loss
         self._at = math.radians(settings.kerb_deg)
-        if self:
-            _check_ring("kerb_ring", settings.kerb_ring, maze)
 
     def __bool__(self) -> bool:
         return self._settings.kerb_loss > 0.0
@@ -200,6 +192,8 @@ class Kerb:
         return (was < 0.0 <= was + way) or (was + way < 0.0 <= was)
 
 
-def _check_ring(key: str, ring: int, maze: Maze) -> None:
-    if ring > len(maze.rings):
-        raise SettingsError(f"got {ring}, expected 1 to {len(maze.rings)}", key=key)
+def check_rings(settings: SimulatedSettings, maze: Maze) -> None:
+    """Raises SettingsError for a ring that the maze does not have."""
+    for key, ring in (("sticky_ring", settings.sticky_ring), ("kerb_ring", settings.kerb_ring)):
+        if ring > len(maze.rings):
+            raise SettingsError(f"got {ring}, expected 1 to {len(maze.rings)}", key=key)

@@ -21,7 +21,7 @@ import numpy as np
 from mazeplan.core.errors import RigError
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
-from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, Motion, PlateForces, turned
+from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, Motion, PlateForces, check_rings, turned
 from mazeplan.rigs.sim.gimbal import Gimbal, MazeGimbal
 from mazeplan.rigs.sim.machine_faults import FaultBox
 from mazeplan.rigs.sim.mjcf import SUBSTEPS
@@ -50,9 +50,11 @@ class Snapshot:
 class Machine:
     """Plate, servos and ball of a maze. Call `reset` first.
 
-    chunk_s: duration of one `step`, s; data: MuJoCo's data; build: makes the model, by default from the map."""
+    chunk_s: duration of one `step`, s; data: MuJoCo's data; build: makes the model, by default from the map.
+    Raises SettingsError for a ring that the maze does not have."""
 
     def __init__(self, maze: Maze, settings: SimulatedSettings, build: Callable[[], Gimbal] | None = None) -> None:
+        check_rings(settings, maze)
         # no method of its own: a machine in a cycle of references would outlive its run
         self.maze, self.settings, self._build = maze, settings, build or partial(_from_map, maze, settings)
         self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)

@@ -1,0 +1,19 @@
+"""What is wrong in a rig's file is named with its file and line, whoever finds it."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("model: nothere", "own.yaml:2: model: nothere: no such model; expected a folder with model.yaml"),
+        ("sticky_ring: 7", "own.yaml:2: sticky_ring: got 7, expected 1 to 5"),
+        ("kerb_ring: 6", "own.yaml:2: kerb_ring: got 6, expected 1 to 5"),
+    ],
+)
+def test_a_mistake_in_a_rig_file_has_its_line(refused, tmp_path, line, message):
+    (tmp_path / "own.yaml").write_text(f"camera_noise_mm: 0.1\n{line}\n")
+    assert message in refused("navigate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1")
+    assert message in refused("evaluate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1", "--runs", "1")

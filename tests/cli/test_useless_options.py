@@ -1,0 +1,24 @@
+"""Options that would be ignored are refused, with what they need."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("navigate --port 8090", "--port: needs --view"),
+        ("navigate --host 0.0.0.0", "--host: needs --view"),
+        ("navigate --groot-host 0.0.0.0", "--groot-host: needs --groot"),
+        ("navigate -o model", "-o: needs --learn"),
+        ("evaluate -o model", "-o: needs --learn"),
+        ("behavior palette -o new.xml --into navigate", "-o: got --into as well, expected one of the two"),
+        ("effect list --markdown --json", "--markdown: got --json as well, expected one of the two"),
+        ("rig check toy -o new.yaml", "-o: needs a real rig, whose latencies it keeps"),
+    ],
+)
+def test_an_option_without_effect_is_refused(refused, monkeypatch, tmp_path, words, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused(*words.split())
+    assert not list(tmp_path.iterdir())
