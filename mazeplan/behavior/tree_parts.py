@@ -62,8 +62,10 @@ def bad_name(name: str) -> str | None:
 
 def _format_problem(given: str | None) -> str:
     """Why a tree with this BTCPP_format cannot be read."""
+    if given is None:
+        return f"missing, expected '{FORMAT}': add it if the tree was made for BehaviorTree.CPP {FORMAT}"
     problem = f"got {shown(given)}, expected '{FORMAT}'"
-    if given is None or not WHOLE.fullmatch(given) or int(given) <= int(FORMAT):
+    if not WHOLE.fullmatch(given) or int(given) <= int(FORMAT):
         return problem
     return problem + advice(None)
 

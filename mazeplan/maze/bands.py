@@ -69,7 +69,8 @@ def fit_bands(x: Array, y: Array, ball_radius: float) -> Bands:
     centre = _rough_centre(x, y)
     rough = _rough_bands(x - centre[0], y - centre[1], ball_radius)
     if len(rough) < 2:
-        raise TableError(f"the ball was seen in {len(rough)} ring{'s' * (len(rough) != 1)}, expected at least 2")
+        seen = f"{len(rough)} ring{'s' * (len(rough) != 1)}"
+        raise TableError(f"the ball was seen in {seen}, expected at least 2: record with `mazeplan collect --rings`")
     if rough[-1][0] > 0.0:
         raise TableError(
             f"the innermost ring in which the ball was for long has a radius of {500.0 * sum(rough[-1]):.0f} mm, "

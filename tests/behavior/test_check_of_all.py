@@ -299,6 +299,7 @@ def test_a_file_of_another_format_has_one_mistake():
         text = f'{head}<BehaviorTree ID="Main"><Replan/></BehaviorTree></{head[1:5]}>'
         (error,) = check_file(text, registry_with(()), Still()).errors
         assert error.line == 1
+        assert ("missing, expected '4': add it" in error.problem) == (head == "<root>")
 
 
 def test_a_tree_with_the_name_of_an_included_one_is_a_mistake_of_the_file_itself(tmp_path):

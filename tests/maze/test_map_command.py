@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -91,6 +92,15 @@ def test_route_as_json():
     assert [leg["ring"] for leg in document["legs"]] == [3, 2]
     assert "wide" not in [leg["opening"] for leg in document["legs"]]
     assert document["expected_s"] == pytest.approx(sum(leg["expected_s"] for leg in document["legs"]))
+
+
+def test_without_a_route_closed_openings_are_told(tmp_path):
+    maze = load_map("cme")
+    closed = replace(maze, openings=tuple(replace(opening, closed=True) for opening in maze.openings))
+    (tmp_path / "closed.yaml").write_text(dump_map(closed))
+    result = run("route", str(tmp_path / "closed.yaml"))
+    assert result.exit_code == 1
+    assert "through the openings of map cme (13 of 13 are closed in it)" in result.stderr
 
 
 def test_no_route_is_exit_status_1():

@@ -364,7 +364,7 @@ def test_tracks_that_show_no_rings():
     with pytest.raises(TableError, match="the ball was seen in 60 samples, expected at least 200"):
         fit_bands(track.x, track.y, BALL)
     one = Journey().round(0.0, n=400).track()
-    with pytest.raises(TableError, match="seen in 1 ring, expected at least 2"):
+    with pytest.raises(TableError, match="seen in 1 ring, expected at least 2: record with `mazeplan collect --rings`"):
         fit_bands(one.x, one.y, BALL)
     two = Journey().round(0.0, n=400).place(2, 0.0).round(0.0, n=400).track()
     with pytest.raises(TableError, match=r"radius of 3[89] mm, expected a disc"):

@@ -21,6 +21,7 @@ from mazeplan.apps.report.learned import effects_table, judged, learned_from
 from mazeplan.apps.report.models import around, model_section, models_section
 from mazeplan.apps.report.page import Note, PagePicture, PageTable
 from mazeplan.apps.report.words import MISSING
+from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table as Record
 from mazeplan.core.logs.table import read_table
 from mazeplan.learning.modelfile import RigModel, save_model
@@ -125,6 +126,13 @@ def test_the_heat_map_shows_the_cell_and_its_sign():
     assert [(t.get_text(), t.get_position()) for t in axes.texts] == [("−", (45.0, 0.5))]  # .5 is not worth a sign
     (curve,) = drawn(parts, "learning").axes[0].lines
     assert curve.get_xydata().tolist() == [[50, 0.8], [200, 0.5], [400, 0.3451]]
+
+
+def test_too_few_samples_to_judge_by_are_counted():
+    record = Record({**columns(Ball(RADII[2]), 1.0), "ring": np.full(30, 2.0)})
+    model = RigModel(StageModel(), {2: BallModel(())})
+    with pytest.raises(InputError, match=r"got at most \d+ usable samples in a ring, expected 50: record for longer"):
+        judged(model, [record], load_map("cme"))
 
 
 def test_a_model_is_judged_on_a_table_as_the_equation_says():

@@ -201,7 +201,10 @@ class _Found(NamedTuple):
     def require_route(self, maze: Maze) -> Route:
         """The route. Without one, prints a message and ends with status 1."""
         if self.route is None:
-            say(f"mazeplan: no route from ring{self.first} to ring{self.last} through the openings of map {maze.name}")
+            closed = sum(opening.closed for opening in maze.openings)
+            told = f" ({closed} of {len(maze.openings)} are closed in it)" if closed else ""
+            way = f"from ring{self.first} to ring{self.last} through the openings of map {maze.name}"
+            say(f"mazeplan: no route {way}{told}")
             raise typer.Exit(1)
         return self.route
 

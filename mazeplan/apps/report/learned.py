@@ -73,7 +73,9 @@ def samples_of(model: RigModel, tables: Sequence[Table], maze: Maze) -> dict[int
     together = {ring: joined(parts) for ring, parts in sorted(found.items())}
     enough = {ring: samples for ring, samples in together.items() if int(samples.good.sum()) >= FEWEST}
     if not enough:
-        raise InputError(f"no ring has {FEWEST} samples in the logs that the model is to be judged on")
+        most = max((int(samples.good.sum()) for samples in together.values()), default=0)
+        problem = f"got at most {most} usable samples in a ring, expected {FEWEST}: record for longer"
+        raise InputError(f"the logs that the model is to be judged on: {problem}")
     return enough
 
 
