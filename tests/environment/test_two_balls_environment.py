@@ -53,7 +53,7 @@ def placed(monkeypatch):
 
     def make(*places, **options):
         monkeypatch.setattr(Placed, "places", places)
-        made.append(TwoBallsEnv(rig="test_two_balls:Placed", **options))
+        made.append(TwoBallsEnv(rig="test_two_balls_environment:Placed", **options))
         return made[-1], made[-1].reset(seed=1)
 
     yield make
@@ -151,7 +151,7 @@ def test_a_copy_begins_anew():
         ({"goal_ring": 3}, "unknown option"),
         ({"observation": "pixels"}, "unknown option"),
         ({"render_mode": "human"}, "expected ansi"),
-        ({"rig": "test_two_balls:OneBall"}, "expected 2"),
+        ({"rig": "test_two_balls_environment:OneBall"}, "expected 2"),
     ],
 )
 def test_options_that_cannot_be_used_are_refused(options, words):
