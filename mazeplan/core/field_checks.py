@@ -22,11 +22,15 @@ MOST = {
     "deg/s": 1e4, "rad/s": 1e3, "": 1e6,
 }  # fmt: skip
 WHOLE = 1000  # largest count
+NEAR = 0.1  # share of a bound
 _SUFFIX = re.compile(r"(?<!_per)_(rad_s|deg_s|m_s|mm|ms|deg|rad|m|g|s)$")
 
 
 def unit_hint(value: float, unit: str, low: float, high: float) -> str:
-    """The end of a message on a number out of its range: what it may mean in that unit. Empty if nothing fits."""
+    """The end of a message on a number out of its range: what it may mean in that unit. Empty if nothing fits, and for
+    a number near its range, which is hardly in another unit."""
+    if any(abs(value - bound) <= NEAR * abs(bound) for bound in (low, high) if math.isfinite(bound)):
+        return ""
     meant = (factor * value for factor in CONVERSIONS.get(unit, ()))
     found = next((number for number in meant if number and low <= number <= high), None)
     return "" if found is None else f"; the unit is {unit}: did you mean {found:.4g}?"
