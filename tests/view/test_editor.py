@@ -227,7 +227,7 @@ def test_a_packaged_map_is_saved_in_the_folder_where_one_works(tmp_path, monkeyp
     ("content", "problem"),
     [
         (None, "no such file"),
-        (b"\xff\xfe", "got text that is not UTF-8, expected a map"),
+        (b"\xff\xfe", "got UTF-16 text, not UTF-8, expected a map"),
         (b"a: [", "not valid YAML"),
         (b"", "got an empty file, expected a map"),
     ],
