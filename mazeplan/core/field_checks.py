@@ -18,7 +18,7 @@ CONVERSIONS = {
 }  # fmt: skip
 # largest values of numbers in a unit, and of those without one: far beyond what is of use, so that nothing hangs
 MOST = {
-    "s": 60.0, "ms": 1e3, "mm": 500.0, "m": 1.0, "deg": 90.0, "rad": 2.0 * math.pi, "m/s": 10.0, "g": 1e3,
+    "s": 1e3, "ms": 1e3, "mm": 500.0, "m": 1.0, "deg": 90.0, "rad": 2.0 * math.pi, "m/s": 10.0, "g": 1e3,
     "deg/s": 1e4, "rad/s": 1e3, "": 1e6,
 }  # fmt: skip
 WHOLE = 1000  # largest count
