@@ -27,6 +27,7 @@ def log(folder, **header):
     ("name", "header", "expected", "known"),
     [(None, {"map": SEVEN}, "seven", True), ("lopsided", {"map": SEVEN}, "lopsided", True), (None, {}, "cme", False)],
 )
+@pytest.mark.filterwarnings("ignore:.*used with --map")
 def test_the_map_is_the_given_one_else_that_of_the_log_else_cme(tmp_path, name, header, expected, known):
     found = logged_map(name, tmp_path / "table.csv", log(tmp_path, **header))
     assert (found.maze, found.known) == (load_map(expected), known)

@@ -150,7 +150,7 @@ def test_a_disc_has_no_track_to_be_on():
     [
         ({"ring": None}, None, MAZE, r"a\.csv: the ring of a row is unknown.* ring, or r .* --ring N"),
         ({"ring": None, "r": np.full(N, 0.07)}, None, None, "the ring of a row is unknown"),
-        ({"ring": np.full(N, 7.0)}, None, MAZE, r"a\.csv: ring 7 is not in the map: its radius is needed"),
+        ({"ring": np.full(N, 7.0)}, None, MAZE, r"a\.csv: ring: got 7, expected 1 to 5: the rings of"),
         ({}, None, None, "ring 2 is not in the map"),
         ({"n": SHORTEST - 1}, None, MAZE, r"a\.csv: no ring has enough samples in a row: expected 8 at least"),
         ({"ring": np.zeros(N)}, None, MAZE, "no ring has enough"),
