@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import call as run_command
-from planar_rig import PlanarRig
+from planar_rig import PATIENT, PlanarRig
 
 import mazeplan
 from mazeplan.core.errors import InputError, RigError
@@ -78,7 +78,8 @@ class Robbed:
 @pytest.mark.parametrize(("ball", "angle"), [(1, 120.0), (2, 270.0)])  # so that this one is led first
 def test_a_ball_that_leaves_the_centre_is_noticed_and_brought_back(ball, angle):
     rig = Robbed(make_rig("ideal", TWO), ball)
-    result = mazeplan.navigate(rig=rig, map=TWO, model="ideal", seed=8, start_angle_deg=angle, time_limit=30.0)
+    way = {"model": "ideal", "seed": 8, "start_angle_deg": angle, "time_limit": 30.0, "settings": PATIENT}
+    result = mazeplan.navigate(rig=rig, map=TWO, **way)
     left = [failure for failure in result.failures if failure.kind is FailureKind.LEFT_THE_CENTRE]
     assert rig.taken_at is not None
     assert result.success, result.reason
