@@ -7,7 +7,6 @@ Both forms of a node are taken: `<Track speed="1"/>` and `<Action ID="Track" spe
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +25,7 @@ from mazeplan.behavior.script_values import Scope, ScriptError
 from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.tree_parts import ATTRIBUTES, ELSEWHERE, EXPLICIT, Element, Part, TreeParts, literal
 from mazeplan.core.errors import InputError, MazeplanError, TreeError
+from mazeplan.core.name_hints import nearest
 from mazeplan.core.resources import share
 from mazeplan.core.user_modules import reason
 
@@ -210,9 +210,9 @@ class Builder:
         if kind in ELSEWHERE:
             return f": a node of {ELSEWHERE[kind]} that mazeplan lacks; a leaf of your own can take its place"
         known = ["SubTree", *BUILTIN, *self._registry]
-        near = difflib.get_close_matches(kind, known, 1)
-        if near:
-            return f"; did you mean {near[0]}? One of your own needs {OPTION}"
+        near = nearest(kind, known)
+        if near is not None:
+            return f"; did you mean {near}? One of your own needs {OPTION}"
         return f"; one of your own needs {OPTION}; expected one of {', '.join(known)}"
 
     def _check_children(self, element: Element, path: str, node: type[TreeNode], values: Mapping[str, Any]) -> None:

@@ -3,10 +3,10 @@ tick reaches, trees that nobody uses."""
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from mazeplan.behavior.blackboard import Blackboard
 from mazeplan.behavior.builtin_leaves import ScriptCondition
@@ -22,20 +22,38 @@ from mazeplan.behavior.ports import Key, shown
 from mazeplan.behavior.tree import BehaviorTree, parts_of
 from mazeplan.behavior.treefile import read_tree
 from mazeplan.core.errors import TreeError
+from mazeplan.core.name_hints import nearest
+from mazeplan.maze.geometry import Maze
 
 MOST_NAMES = 200  # among which a similar one is looked for, which takes its time
 OPERATORS = {word: f"the sign for {word} is {sign}" for word, sign in (("and", "&&"), ("or", "||"), ("not", "!"))}
 SET_BY_THE_RUN = ("goal", "waypoints")  # on the outermost scope, before the first tick
 
 
+class Unrun:
+    """Context of a tree that never runs. maze: of the map whose rings and openings the tree may name; None: any."""
+
+    def __init__(self, maze: Maze | None = None) -> None:
+        if maze is not None:
+            self.maze = maze
+
+    def clock(self) -> float:
+        """Time stands still, s."""
+        return 0.0
+
+    def failed(self, failure: Any) -> None:
+        """Ignore the failure."""
+
+
 @dataclass(frozen=True)
 class Findings:
     """errors: what is refused, or fails when it is ticked; warnings: what does no harm, and nothing else either. nodes:
-    how many the tree has; None where it cannot be built."""
+    how many the tree has; None where it cannot be built. names_map: whether one of them names a ring or an opening."""
 
     errors: tuple[TreeError, ...] = ()
     warnings: tuple[TreeError, ...] = ()
     nodes: int | None = None
+    names_map: bool = False
 
 
 def check_file(source: str | Path, registry: Mapping[str, type[TreeNode]], context: Context) -> Findings:
@@ -49,7 +67,8 @@ def check_file(source: str | Path, registry: Mapping[str, type[TreeNode]], conte
         return Findings(_told(draft.mistakes, first, len(draft.mistakes) >= MOST_KEPT))
     found = check_tree(draft.tree)
     warnings = _in_order((*found.warnings, *draft.remarks), first)
-    return Findings(_told((*draft.mistakes, *found.errors), first), warnings, None if draft.mistakes else found.nodes)
+    nodes = None if draft.mistakes else found.nodes
+    return Findings(_told((*draft.mistakes, *found.errors), first), warnings, nodes, found.names_map)
 
 
 def check_tree(tree: BehaviorTree) -> Findings:
@@ -67,7 +86,13 @@ def check_tree(tree: BehaviorTree) -> Findings:
     wrong, doubtful = wrong_constants(reads, writes, given)
     warnings = [*never_ticked(tree.root), *_unread(nodes, (*reads, *writes)), *_doubtful_scripts(nodes)]
     warnings += [*doubtful, *read_before_set(reads, writes, given)]
-    return Findings(_once((*errors, *wrong)), _once(warnings), len(nodes))
+    return Findings(_once((*errors, *wrong)), _once(warnings), len(nodes), any(map(_names_map, nodes)))
+
+
+def _names_map(node: TreeNode) -> bool:
+    """Whether a port has a ring or an opening by its name."""
+    of_map = (name for name, port in node.ports.items() if isinstance(port.choices, str))
+    return any(not isinstance(node.values.get(name), Key | None) for name in of_map)
 
 
 def refuse_mistakes(tree: BehaviorTree) -> None:
@@ -128,15 +153,15 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
         told.add(mistake)
         there = names.get(scope, ())
         enums = [*use.node.board.enums] if use.attribute in dict(scripts_of(use.node)) else []
-        near = difflib.get_close_matches(key, [*there, *enums], 1) if len(there) + len(enums) <= MOST_NAMES else ()
+        near = nearest(key, [*there, *enums]) if len(there) + len(enums) <= MOST_NAMES else None
         hint = (
-            f"did you mean {near[0] if near[0] in enums else Key(near[0])}?"
+            f"did you mean {near if near in enums else Key(near)}?"
             if near
             else OPERATORS.get(key) or f"set are {', '.join(there[:MOST_NAMES]) or 'none'}"
         )
         inside = f"inside, {use.node.name} reads {Key(use.name)}{use.at}"
         if missing is not None:
-            slip = f"; or was {Key(near[0])} meant there?" if near else ""
+            slip = f"; or was {Key(near)} meant there?" if near else ""
             yield missing.wrong(f"{key} is missing: {inside}{slip}")
         elif giving is not None:
             yield giving[0].wrong(f"{giving[1]}: nothing sets {Key(key)}; {inside}; {hint}")

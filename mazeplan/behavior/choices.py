@@ -15,6 +15,7 @@ from mazeplan.behavior.node import Control, TreeNode
 from mazeplan.behavior.ports import REQUIRED, Key, Port
 from mazeplan.behavior.script_values import EPSILON, number_of, text_of
 from mazeplan.behavior.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Result
+from mazeplan.core.name_hints import one_of
 
 
 class _Choice(Control):
@@ -197,7 +198,7 @@ class ManualSelector(Control):
         number = number_of(text, {}) if text not in ("true", "false") else None
         if number is not None and number.is_integer() and 1 <= number <= len(names):  # 2.000000 is that of a script
             return int(number) - 1
-        raise self.wrong(f"selection: got {text!r}, expected one of {', '.join(names)}, or 1 to {len(names)}")
+        raise self.wrong(f"selection: got {text!r}, expected {one_of(names, text)}, or 1 to {len(names)}")
 
     def on_halt(self) -> None:
         """Halting forgets what was selected."""

@@ -21,6 +21,7 @@ from mazeplan.behavior.node import Node, TreeNode
 from mazeplan.behavior.ports import CONVERSIONS, OF_THE_MAP, REQUIRED, Port, shown
 from mazeplan.behavior.registry import REGISTRY
 from mazeplan.core.errors import InputError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.plugins import LEAVES, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
 
@@ -176,7 +177,7 @@ def _check(node: type[TreeNode], where: str) -> None:
 
 def _check_leaf(leaf: type[Leaf], where: str) -> None:
     if leaf.category not in CATEGORIES:
-        raise InputError(f"{where}: category: got {shown(leaf.category)}, expected one of {', '.join(CATEGORIES)}")
+        raise InputError(f"{where}: category: got {shown(leaf.category)}, expected {one_of(CATEGORIES, leaf.category)}")
     ticks = leaf.wind_down_ticks
     if type(ticks) is not int or not 1 <= ticks <= MOST_WIND_DOWN:
         expected = f"expected a whole number from 1 to {MOST_WIND_DOWN}"
@@ -200,7 +201,7 @@ def _check_port(port: Port, where: str) -> None:
         expected = f"a tuple of values, or one of {', '.join(OF_THE_MAP)}"
         raise InputError(f"{where}: choices: got {shown(port.choices)}, expected {expected}")
     if port.direction not in DIRECTIONS:
-        raise InputError(f"{where}: got {shown(port.direction)}, expected one of {', '.join(DIRECTIONS)}")
+        raise InputError(f"{where}: got {shown(port.direction)}, expected {one_of(DIRECTIONS, port.direction)}")
     for name in ("least", "most"):
         bound = getattr(port, name)
         if bound is not None and port.type not in (int, float):

@@ -50,6 +50,10 @@ POWERS = {  # how tightly an operator binds; assignments and ?: are apart
 }  # fmt: skip
 QUOTES = ("'", '"')
 PREFIXES = ("-", "!", "~")
+SLIPS = {  # two signs that are one in other languages, and what is meant
+    "<>": "!=", "=<": "<=", "=>": ">=", "=!": "!=", "===": "==", "!==": "!=", "**": "* for a product",
+    "++": "+= 1 to count up",
+}  # fmt: skip
 ALLOWED = f"numbers, 'text', true, false, names on the blackboard, ( ) ? : ; ~ ! {' '.join((*POWERS, *ASSIGNMENTS))}"
 
 
@@ -151,6 +155,10 @@ class _Parser:
 
     def _unexpected(self, expected: str) -> NoReturn:
         token = self._now
+        before = self._tokens[max(self._at - 1, 0)]
+        slip = SLIPS.get(before.text + token.text) if before.column + len(before.text) == token.column else None
+        if slip is not None:
+            raise ScriptError(f"column {before.column}: got {before.text}{token.text}, expected {slip}")
         got = "the end" if token.kind == "end" else repr(token.text)
         raise ScriptError(f"column {token.column}: got {got}, expected {expected}")
 

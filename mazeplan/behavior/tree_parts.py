@@ -5,7 +5,6 @@ A file has <BehaviorTree>, <include> and <TreeNodesModel> at its top; `treefile`
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,12 +16,12 @@ from mazeplan.behavior.mistakes import EnoughError, Mistakes
 from mazeplan.behavior.ports import Key, one_line, shown
 from mazeplan.core.errors import TreeError
 from mazeplan.core.file_format import advice
+from mazeplan.core.name_hints import nearest, one_of
 
 EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 FORMAT = "4"  # BehaviorTree.CPP's own number
 ROOT_ATTRIBUTES = ("BTCPP_format", "main_tree_to_execute", "project_name")
 ATTRIBUTES = (*CONDITIONS, "_autoremap")  # those with _ that mean something; others are of editors
-LOWER = {name.lower(): name for name in ATTRIBUTES}
 FORBIDDEN = frozenset(" \t\n\r<>&\"'/\\:*?|.")  # in names of trees and nodes, for the tools that read the files
 KEY = re.compile(r"\{(@?[A-Za-z_][A-Za-z0-9_.]*)\}")
 BRACED = re.compile(r"\{.*\}", re.DOTALL)
@@ -119,7 +118,7 @@ class TreeParts:
         """Refuse other attributes than these; those of another namespace, and of editors (_name), mean nothing here."""
         for attribute in map(str, element.attrib):
             if attribute not in allowed and not attribute.startswith(("{", "_")):
-                problem = f"unknown attribute {shown(attribute)}, expected one of {', '.join(allowed)}"
+                problem = f"unknown attribute {shown(attribute)}, expected {one_of(allowed, attribute)}"
                 raise self.error(element, path, problem)
 
     def key(self, element: Element, path: str, attribute: str, text: str) -> Key | None:
@@ -142,7 +141,7 @@ class TreeParts:
                 raise self.error(root, "", "main_tree_to_execute is missing, and there is more than one tree")
             name = next(iter(self.trees))
         if name not in self.trees:
-            raise self.error(root, "", f"main tree: got {shown(name)}, expected one of {', '.join(self.trees)}")
+            raise self.error(root, "", f"main tree: got {shown(name)}, expected {one_of(self.trees, name)}")
         return name
 
     def remarks(self, main: str) -> tuple[TreeError, ...]:
@@ -161,9 +160,9 @@ class TreeParts:
             for element in tree.iter():
                 kept = () if element is tree else ATTRIBUTES if element.tag == "SubTree" else CONDITIONS
                 for attribute in map(str, element.attrib):
-                    near = difflib.get_close_matches(attribute.lower(), LOWER, 1, 0.75) if attribute[0] == "_" else ()
-                    if near and attribute not in kept:
-                        hint = "" if attribute in ATTRIBUTES else f"; did you mean {LOWER[near[0]]}?"
+                    near = attribute if attribute in ATTRIBUTES else nearest(attribute, ATTRIBUTES, 0.75)
+                    if near and attribute[0] == "_" and attribute not in kept:
+                        hint = "" if attribute in ATTRIBUTES else f"; did you mean {near}?"
                         yield self.error(element, name, f"{attribute} is ignored here{hint}")
 
     def _read_part(self, root: Element) -> None:

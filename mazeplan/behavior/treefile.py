@@ -25,6 +25,7 @@ from mazeplan.behavior.tree import BehaviorTree
 from mazeplan.behavior.tree_parts import EXPLICIT, Part
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import TreeError
+from mazeplan.core.name_hints import one_of
 
 MAX_BYTES = 1 << 20
 MAX_FILES = 50  # a file and all that it includes
@@ -119,7 +120,7 @@ def _read(path: Path) -> bytes:
     """What a file says, as far as it may be read. Raises TreeError."""
     try:
         if not path.is_file():
-            raise TreeError(file_kinds.refused(path, f"an XML file or one of {', '.join(tree_names())}"), file=path)
+            raise TreeError(file_kinds.refused(path, f"an XML file or {one_of(tree_names(), path.name)}"), file=path)
         with path.open("rb") as stream:
             return stream.read(MAX_BYTES + 1)
     except (OSError, ValueError):

@@ -26,6 +26,7 @@ import yaml
 from mazeplan.control.policy import INPUTS, KNOWN, Policy, Single
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import ModelError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gp_file import arrays_of, content_of, write_content
 from mazeplan.maze.yamltree import Tree, check_format, key_path, read_yaml, shown
@@ -115,7 +116,7 @@ def _mapping(tree: Tree, keys: tuple[str, ...], wrong: Any) -> dict[str, Any]:
         raise wrong(f"got {shown(data)}, expected a mapping")
     for name in data:
         if name not in (*keys, "format", "version"):
-            raise wrong(f"unknown key, expected one of {', '.join(keys)}", name)
+            raise wrong(f"unknown key, expected {one_of(keys, name)}", name)
     for name in keys:
         if name not in data:
             raise wrong(f"{name} is missing")

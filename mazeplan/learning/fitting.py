@@ -22,6 +22,7 @@ from scipy import stats
 
 from mazeplan.core.constants import WALL_ROLLING
 from mazeplan.core.errors import InputError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.progress import Advance, Words, no_advance, no_words
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.ball_models import (
@@ -128,7 +129,7 @@ def fit_kind(
             rates=options.rates, seed=options.seed, progress=progress, advance=advance,
         )  # fmt: skip
         return Fitted(NetworkBall(*found))
-    raise InputError(f"got kind {kind!r}, expected one of {', '.join(KINDS)}")
+    raise InputError(f"got kind {kind!r}, expected {one_of(KINDS, kind)}")
 
 
 def fit_forest(x: Array, target: Array, seed: int) -> object:

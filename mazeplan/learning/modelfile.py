@@ -36,6 +36,7 @@ import yaml
 from mazeplan.core import file_kinds, resources
 from mazeplan.core.errors import ModelError
 from mazeplan.core.field_checks import unit_hint
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.learning.gp_file import read_process, write_process
 from mazeplan.learning.learned_part import LearnedPart
@@ -84,7 +85,7 @@ def model_path(source: str | Path) -> Path:
     if not path.exists():
         what = file_kinds.got(folder)
         problem = "no such model; " if what == "no such file" else f"got {what}, "
-        expected = f"expected a folder with model.yaml, or one of {', '.join(model_names())}"
+        expected = f"expected a folder with model.yaml, or {one_of(model_names(), str(source))}"
         raise ModelError(problem + expected, file=source)
     return path
 
@@ -122,7 +123,7 @@ class _Reader:
             raise self.fail(f"got {shown(node)}, expected a mapping", *key)
         for name in node:
             if allowed is not None and name not in allowed:
-                raise self.fail(f"unknown key, expected one of {', '.join(allowed)}", *key, name)
+                raise self.fail(f"unknown key, expected {one_of(allowed, name)}", *key, name)
         for name in needed:
             if name not in node:
                 raise self.fail(f"{name} is missing", *key)
@@ -179,7 +180,7 @@ class _Reader:
             raise self.fail("expected at least one ring", "rings")
         kind = root.get("kind", "p")
         if kind not in KINDS:
-            raise self.fail(f"got {shown(kind)}, expected one of {', '.join(KINDS)}", "kind")
+            raise self.fail(f"got {shown(kind)}, expected {one_of(KINDS, kind)}", "kind")
         rate = self.number(root.get("rate_hz", 30.0), "rate_hz")[0]
         if rate <= 0.0:
             raise self.fail(f"got {rate:g}, expected a number > 0", "rate_hz")

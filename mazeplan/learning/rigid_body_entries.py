@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mazeplan.core.maths.fingerprint import LATER
+from mazeplan.core.name_hints import one_of
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.effect import Parameter, Term
 from mazeplan.physics.registry import PACKAGED
@@ -124,7 +125,7 @@ class Body:
     def __post_init__(self) -> None:
         for name, value in self.values.items():
             if name not in KEPT:
-                raise ValueError(f"got {name}, expected one of {', '.join(KEPT)}")
+                raise ValueError(f"got {name}, expected {one_of(KEPT, name)}")
             number = PARAMETERS[name]
             low = -number.high if name == "delay" else number.low
             if not low <= value <= number.high:  # also refuses NaN

@@ -231,8 +231,8 @@ class RouteGraph:
                 left, node = opening.leads_to(entered), (opening.name, entered)
                 states.add_edge(_START, node, ring=left, opening=opening, travel_s=None)
                 states.add_edge(node, _GOAL, ring=entered)
-        for a, b in permutations(self.maze.openings, 2):
-            for ring in {a.outer, a.inner} & {b.outer, b.inner}:
+        for ring in range(1, len(self.maze.rings) + 1):
+            for a, b in permutations(self.maze.openings_of(ring), 2):
                 turn = self.maze.turn(ring, a.angle, b.angle)
                 if turn is None:
                     continue

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
 from mazeplan.core.field_checks import unit_hint
+from mazeplan.core.name_hints import guess
 from mazeplan.maze.geometry import Ball, Maze, Opening, RadialWall, Ring
 from mazeplan.maze.mapschema import MapFile, OpeningSection, complaints
 from mazeplan.maze.wallrules import (
@@ -89,7 +90,9 @@ def find_map(source: str | Path) -> Path:
         raise MapError(f"{shown(str(source))} is not the name of a map or file")
     if missing and not path.suffix and path.parent == Path("."):
         names = ", ".join(packaged_maps())
-        raise MapError(f"no such file, and not a packaged map, which are: {names}", file=path)
+        raise MapError(
+            f"no such file, and not a packaged map, which are: {names}{guess(path.name, packaged_maps())}", file=path
+        )
     return path
 
 
@@ -170,9 +173,11 @@ def _opening_problems(spec: MapFile) -> Iterator[Problem]:
     if problems:
         return
     yield from duplicate_names("openings", [(_name(o), bool(o.name)) for o in spec.openings])
-    for inner in range(2, len(spec.rings) + 1):  # a gap with parallel sides is widest in angle at the inner face
-        gaps = ((o.angle_deg, i, o.width_mm) for i, o in enumerate(spec.openings) if max(o.rings) == inner)
-        yield from overlaps("openings", "wall", spec.rings[inner - 1].outer_radius_mm, gaps)
+    gaps: dict[int, list[tuple[float, int, float]]] = {}
+    for i, opening in enumerate(spec.openings):
+        gaps.setdefault(max(opening.rings), []).append((opening.angle_deg, i, opening.width_mm))
+    for inner in sorted(gaps):  # a gap with parallel sides is widest in angle at the inner face
+        yield from overlaps("openings", "wall", spec.rings[inner - 1].outer_radius_mm, gaps[inner])
     for ring in _unreachable(spec, [_pair(o) for o in spec.openings]):
         yield ("rings", ring - 1), f"ring {ring} cannot be reached from ring 1, expected openings that lead to it"
 

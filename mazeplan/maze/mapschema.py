@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from mazeplan.core.field_checks import unit_hint, unit_of
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import Key, shown
 
 NAME_PATTERN = r"^[A-Za-z0-9_.@+-][A-Za-z0-9_.@+ -]{0,39}$"
@@ -105,7 +106,7 @@ def complaints(error: ValidationError) -> list[tuple[Key, str]]:
 def _sentence(item: Any) -> str:
     kind, loc, context = item["type"], tuple(item["loc"]), item.get("ctx", {})
     if kind == "extra_forbidden":
-        return f"unknown key, expected one of {', '.join(_section(loc[:-1]).model_fields)}"
+        return f"unknown key, expected {one_of(_section(loc[:-1]).model_fields, loc[-1])}"
     if kind == "missing":
         return f"missing, expected {_expected(loc)}"
     if kind in ("too_long", "too_short"):

@@ -17,6 +17,7 @@ from typing import Any
 import yaml
 
 from mazeplan.core.errors import InputError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
@@ -126,7 +127,7 @@ def _mapping(tree: Tree, path: Path, key: Key, node: Any, allowed: tuple[str, ..
         raise _wrong(tree, path, key, f"got {shown(node)}, expected a mapping")
     for name in node:
         if name not in allowed:
-            raise _wrong(tree, path, (*key, name), f"unknown key, expected one of {', '.join(allowed)}")
+            raise _wrong(tree, path, (*key, name), f"unknown key, expected {one_of(allowed, name)}")
     return node
 
 

@@ -28,6 +28,7 @@ Key = tuple[str | int, ...]
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INTEGER = re.compile(r"[-+]?[0-9]{1,15}")
+_DIGITS = re.compile(r"[0-9]{1,15}")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
@@ -160,13 +161,14 @@ class _Builder:
             self.fail(f"tags ({shown(event.tag)}) are not allowed", event, key)
         self.lines.setdefault(key, event.start_mark.line + 1)
         if isinstance(event, yaml.MappingStartEvent):
-            return self.mapping(key, depth)
+            return self.mapping(key, depth, event.flow_style)
         if isinstance(event, yaml.SequenceStartEvent):
             return self.sequence(key, depth)
         return self.scalar(event, key)
 
-    def mapping(self, key: Key, depth: int) -> dict[str, Any]:
+    def mapping(self, key: Key, depth: int, flow: bool) -> dict[str, Any]:
         data: dict[str, Any] = {}
+        after: Any = None
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             if isinstance(event, yaml.AliasEvent):
                 self.fail("anchors (&) and aliases (*) are not allowed: write the value out", event, key)
@@ -180,7 +182,15 @@ class _Builder:
             if event.value in data:
                 self.fail(f"got the same key twice, first in line {self.lines[path]}", event, path)
             self.lines[path] = event.start_mark.line + 1
-            data[event.value] = self.node(next(self.events), path, depth + 1)
+            before, after = after, next(self.events)
+            if flow and _halves_of_number(before, event, after):
+                got = f"{before.value},{event.value}"
+                self.fail(
+                    f"got {got}, expected a number with a point: {got.replace(',', '.')}",
+                    event,
+                    (*key, next(reversed(data))),
+                )
+            data[event.value] = self.node(after, path, depth + 1)
         return data
 
     def sequence(self, key: Key, depth: int) -> list[Any]:
@@ -194,6 +204,12 @@ class _Builder:
         if len(text) > MAX_TEXT:
             self.fail(f"got text of {len(text)} characters, expected at most {MAX_TEXT}", event, key)
         return text if event.style else plain_value(text)
+
+
+def _halves_of_number(before: Any, key: Any, after: Any) -> bool:
+    """Whether a value, the key after it and the value of that key are a number with a decimal comma: {width: 15,3}."""
+    number = isinstance(before, yaml.ScalarEvent) and _INTEGER.fullmatch(before.value)
+    return bool(number and _DIGITS.fullmatch(key.value) and isinstance(after, yaml.ScalarEvent) and not after.value)
 
 
 def plain_value(text: str) -> str | int | float | bool | None:

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mazeplan.core.field_checks import unit_hint
+from mazeplan.core.name_hints import one_of
 
 GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "wall", "opening"
 STAGE, TILT_SENSOR, CAMERA = "stage", "tilt sensor", "camera"
@@ -110,7 +111,7 @@ class Effect(WallPattern, FitHints):
         given = dict(zip(self.parameters, values, strict=False)) | more
         for key in given:
             if key not in self.parameters:
-                raise ValueError(f"got parameter {key!r} of {self.name}, expected one of {', '.join(self.parameters)}")
+                raise ValueError(f"got parameter {key!r} of {self.name}, expected {one_of(self.parameters, key)}")
         for key, value in given.items():
             allowed = self.parameters[key]
             if not allowed.low <= value <= allowed.high:  # also refuses NaN

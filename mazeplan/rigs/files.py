@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.field_checks import unit_hint, unit_of
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import Key, Tree, check_format, key_path, read_yaml, shown
 
 FORMAT = 1  # of a file without `format`, too
@@ -79,7 +80,7 @@ def mistake(kind: type[BaseModel], error: Any, within: Key = ()) -> SettingsErro
     """One of pydantic's errors as a SettingsError without a file."""
     key = tuple(part for part in error["loc"] if not str(part).startswith("function-"))
     if error["type"] == "extra_forbidden":
-        said = f"unknown key, expected one of {', '.join(_fields(kind, key[:-1]))}"
+        said = f"unknown key, expected {one_of(_fields(kind, key[:-1]), key[-1])}"
     else:
         said = _sentence(error)
     return SettingsError(said, key=key_path((*within, *key)) or None)

@@ -15,6 +15,7 @@ from typing import Any
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.plugins import RIGS, Plugin, plugin, plugins
 from mazeplan.core.user_modules import user_module
 from mazeplan.maze.geometry import Maze
@@ -96,9 +97,9 @@ def rig_file(spec: str) -> Path | None:
     if found is not None:
         rig = installed_rig(found)
         return rig if isinstance(rig, Path) else None
-    names = ", ".join((*rig_names(), *installed_rigs()))
+    names = one_of((*rig_names(), *installed_rigs()), spec, ", a YAML file, or module:Class")
     what = f", {file_kinds.got(path)}" if path.is_dir() else ""
-    raise SettingsError(f"got rig {shown(spec)}{what}, expected one of {names}, a YAML file, or module:Class")
+    raise SettingsError(f"got rig {shown(spec)}{what}, expected {names}")
 
 
 def seeded(spec: str) -> tuple[str, str | None]:
@@ -170,7 +171,7 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
 
     sense: how a simulated rig sees the ball, by default as its settings say."""
     if sense not in (None, *SENSES):
-        raise SettingsError(f"--sense: got {shown(sense)}, expected one of {', '.join(SENSES)}")
+        raise SettingsError(f"--sense: got {shown(sense)}, expected {one_of(SENSES, sense)}")
     path = rig_file(spec)
     kind, data = (spec, None) if path is None else read_rig_file(path)
     if kind is not None:

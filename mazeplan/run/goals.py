@@ -13,6 +13,7 @@ from typing import Protocol
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.core.events import GoalChanged, OpeningClosed, OpeningReopened, Request, StopRequested, TimedEvent
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.mapfile import load_map
 from mazeplan.run.resolve import ring_number
@@ -72,7 +73,7 @@ class Goals:
     def _opening(self, name: str) -> str:
         known = [opening.name for opening in self._maze.openings]
         if name not in known:
-            raise SettingsError(f"got {name!r}, expected one of {', '.join(known)}", key="opening")
+            raise SettingsError(f"got {name!r}, expected {one_of(known, name)}", key="opening")
         return name
 
     def _add(self, request: Request) -> bool:

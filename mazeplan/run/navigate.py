@@ -7,15 +7,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from mazeplan.behavior.check import reads_key, refuse_mistakes
+from mazeplan.behavior.check import Unrun, reads_key, refuse_mistakes
 from mazeplan.behavior.context import RunContext
+from mazeplan.behavior.own_nodes import registry_with
 from mazeplan.behavior.ports import one_line
 from mazeplan.behavior.tree import BehaviorTree
+from mazeplan.behavior.treefile import load_tree
 from mazeplan.control.policy import Policy
 from mazeplan.control.policy_file import load_policy
 from mazeplan.core.display import Display
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.logs.run_log import Sink
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import NavigationResult
 from mazeplan.learning.modelfile import RigModel
 from mazeplan.maze.geometry import Maze
@@ -98,10 +101,12 @@ def navigate(
     own_effects(effects)
     kept = None if memory is None else load_memory(Path(memory), [o.name for o in maze.openings], maze.name)
     chosen = tree_of(maze, "policy" if policy is not None else "waypoints" if via else behavior)
+    tree = chosen if behavior == "navigate" else behavior
+    load_tree(tree, registry_with(behavior_modules), Unrun(maze))  # before the model, which may compile for minutes
     setup = Setup(
         maze,
         resolve_model(model, rig_name, maze),
-        chosen if behavior == "navigate" else behavior,
+        tree,
         rig_label(rig) if isinstance(rig, str) else type(rig).__name__,
         model_name="" if isinstance(model, RigModel | None) else str(model),
         settings=settings if isinstance(settings, Settings) else load_settings(settings),
@@ -178,7 +183,7 @@ def _job(
     known = [opening.name for opening in maze.openings]
     for name in closed:
         if name not in known:
-            raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed opening")
+            raise InputError(f"got {name!r}, expected {one_of(known, name)}", key="closed opening")
     job = Job(
         ring_number(start, maze),
         len(maze.rings) if goal is None else ring_number(goal, maze),

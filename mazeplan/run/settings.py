@@ -15,6 +15,7 @@ from typing import Any
 from mazeplan.behavior.context import LeafOptions
 from mazeplan.control.estimation.estimator import EstimatorOptions
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import Tree, check_format, key_path, parse_yaml, read_yaml, shown
 
 PACKAGED = Path(__file__).resolve().parent / "settings.yaml"
@@ -81,13 +82,13 @@ def _apply(base: Settings, tree: Tree, path: Path) -> Settings:
     data = {name: values for name, values in _mapping(tree.data, tree, path, ()).items() if name != "format"}
     for section, values in data.items():
         if section not in sections:
-            expected = f"unknown section, expected one of {', '.join(sections)}"
+            expected = f"unknown section, expected {one_of(sections, section)}"
             raise SettingsError(expected, file=path, line=tree.line((section,)), key=key_path((section,)))
         options = base.estimator if section == "estimator" else getattr(base.leaves, section)
         known = [f.name for f in fields(options) if f.type in ("int", "float", "bool")]
         for name in _mapping(values, tree, path, (section,)):
             if name not in known:
-                problem = f"unknown key, expected one of {', '.join(known)}"
+                problem = f"unknown key, expected {one_of(known, name)}"
                 raise SettingsError(problem, file=path, line=tree.line((section, name)), key=key_path((section, name)))
     try:
         return base.with_values(data)

@@ -21,6 +21,17 @@ def test_check_names_every_bad_file(call, tmp_path):
     assert "did you mean Align?" in err.splitlines()[0]
 
 
+def test_check_says_that_rings_were_not_looked_up(call, tmp_path):
+    own = tmp_path / "own.xml"
+    own.write_text('<root BTCPP_format="4"><BehaviorTree ID="M"><InRing ring="7"/></BehaviorTree></root>')
+    code, out, err = call("behavior", "check", own)
+    assert (code, out) == (0, f"{own}: ok, 1 nodes\n")
+    assert "were not looked up: give --map MAP" in err
+    code, _, err = call("behavior", "check", own, "--map", "cme")
+    assert (code, "ring: got '7', expected one of 1, 2, 3, 4, 5" in err) == (2, True)
+    assert "looked up" not in call("behavior", "check", "navigate")[2]
+
+
 def test_check_and_list_for_programs(call, tmp_path):
     (tmp_path / "bad.xml").write_text("<root/>")
     code, out, err = call("behavior", "check", "navigate", str(tmp_path / "bad.xml"), "--json")
@@ -28,6 +39,7 @@ def test_check_and_list_for_programs(call, tmp_path):
     assert (code, err) == (2, "")
     assert good == {
         "file": "navigate", "ok": True, "nodes": good["nodes"], "error": None, "errors": [], "warnings": [],
+        "names_map": False,
     }  # fmt: skip
     assert good["nodes"] > 20
     assert (bad["ok"], bad["nodes"]) == (False, None)

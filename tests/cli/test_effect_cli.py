@@ -73,3 +73,7 @@ def test_the_page_about_effects_is_the_registry(call):
     expected = [line for line in call("effect", "list", "--markdown")[1].splitlines() if line.startswith(named)]
     assert shown.splitlines() == expected
     assert all(line.count("|") == 6 for line in expected), "no formula with a bar in it"
+
+
+def test_a_slip_in_a_name_is_answered(refused):
+    assert refused("effect", "show", "dry-friction").rstrip().endswith("; did you mean dry_friction?")

@@ -153,7 +153,7 @@ def test_a_wall_without_passages_is_taken_from_the_given_map(learn, tmp_path):
     [
         ({"scale": 1000.0}, r"run.csv:[0-9]+: x: got .* are these millimetres\?"),
         ({"columns": ("t", "theta", "y", "beta", "gamma")}, "run.csv: needs x and y, or theta and r"),
-        ({"columns": ("t", "x", "y", "beta")}, "run.csv: column gamma is missing"),
+        ({"columns": ("t", "x", "y", "beta")}, "run.csv: missing columns: gamma"),
     ],
 )
 def test_bad_tables(refused, change, message, tmp_path):

@@ -41,8 +41,8 @@ def test_theta_and_r_are_worked_out_and_unknown_columns_kept(tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [
-        ("t,x,y,beta\n0,1,1,1\n", None, "column gamma is missing; there are t, x, y, beta"),
-        ("t,beta,gamma\n0,0,0\n1,0,0\n", None, "needs theta, or x and y"),
+        ("t,x,y,beta\n0,1,1,1\n", None, "missing columns: gamma; there are t, x, y, beta"),
+        ("t,beta,gamma\n0,0,0\n1,0,0\n", None, "missing columns: theta (or x and y)"),
         (GOOD.replace("0.067", "0.02"), 4, "t: got 0.02 after 0.033, expected it to grow"),
         (GOOD.replace("0.067", ""), 4, "t: got an empty cell, expected a finite number"),
         (GOOD.replace("0.033,0.0,0.1,0.01", "0.033,0.0,0.1,nan"), 3, "beta: got 'nan', expected a finite number"),

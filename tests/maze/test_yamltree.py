@@ -65,6 +65,8 @@ def test_quoted_numbers_stay_text():
         ("a: 1\n\tb: 2\n", 2, "tab"),
         ("a: 1\nb: 2\na: 3\n", 3, "twice, first in line 1"),
         ("x:\n  - {a: 1, a: 2}\n", 2, "twice"),
+        ("x:\n  - {a: 15,3, b: 2}\n", 2, "x[0].a: got 15,3, expected a number with a point: 15.3"),
+        ("x: {a: -0,5}\n", 1, "x.a: got -0,5, expected a number with a point: -0.5"),
         (BOMB, 1, "anchors"),
         ("a: 1\nb: *a\n", 2, "aliases"),
         ("a: !!python/object/apply:os.system [x]\n", 1, "tags"),
@@ -83,6 +85,12 @@ def test_refusals(text, line, words):
     error = refused(text)
     assert words in str(error)
     assert error.line == line
+
+
+def test_numbers_as_keys_are_no_decimal_comma():
+    assert parse_yaml("x: {1: a, 2: 3}\ny: {4: 5, a: }\n1: 2\n3:\n", file="f").data == {
+        "x": {"1": "a", "2": 3}, "y": {"4": 5, "a": None}, "1": 2, "3": None,
+    }  # fmt: skip
 
 
 def test_tab_in_a_comment_is_allowed():

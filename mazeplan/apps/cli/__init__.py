@@ -142,6 +142,10 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
 def _usage_message(error: Any, words: Sequence[str]) -> str:
     """A usage error in our form: option, value, allowed values."""
     text = " ".join(error.format_message().split())
+    if text.startswith("No such option") and error.ctx is not None:
+        name = error.option_name.lstrip("-").upper()
+        if name in (argument.metavar for argument in error.ctx.command.params if argument.opts[0][0] != "-"):
+            return f"{text}: give the {name.lower()} without it: {error.ctx.info_name} {name}"
     found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Input should be (?:a )?|Value error, )?(.*)", text)
     if found is None or found[2].startswith("got "):
         return text if found is None else f"{found[1]}: {found[2]}"

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from mazeplan.behavior.ports import Port
     from mazeplan.behavior.tree import BehaviorTree
     from mazeplan.core.logs.run_log import RunLog
-    from mazeplan.maze.geometry import Maze
 
 app = typer.Typer(help="Check and show behaviour trees; list leaves.", no_args_is_help=True)
 
@@ -78,26 +77,12 @@ LEAVES = ("Action", "Condition")  # categories of leaves
 KINDS = {"Action": "leaves", "Control": "control nodes", "Decorator": "decorators"}
 
 
-class _NoContext:
-    """Context of a tree that never runs. maze: of the map whose rings and openings the tree may name; None: any."""
-
-    def __init__(self, maze: Maze | None = None) -> None:
-        if maze is not None:
-            self.maze = maze
-
-    def clock(self) -> float:
-        """Time stands still, s."""
-        return 0.0
-
-    def failed(self, failure: Any) -> None:
-        """Ignore the failure."""
-
-
 def _load(source: str, modules: list[str] | None) -> BehaviorTree:
+    from mazeplan.behavior.check import Unrun
     from mazeplan.behavior.own_nodes import registry_with
     from mazeplan.behavior.treefile import load_tree
 
-    return load_tree(source, registry_with(modules or ()), _NoContext())
+    return load_tree(source, registry_with(modules or ()), Unrun())
 
 
 @app.command("check")
@@ -113,13 +98,15 @@ def check(
             say(f"mazeplan: {line}")
         if tree["ok"]:
             print(f"{tree['file']}: ok, {tree['nodes']} nodes")
+        if tree["names_map"] and map_ is None:
+            say("mazeplan: rings and openings that the tree names were not looked up: give --map MAP")
     if not all(tree["ok"] for tree in found):
         raise SystemExit(2)
 
 
 def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[str, Any]:
     """What there is to say of one tree."""
-    from mazeplan.behavior.check import Findings, check_file
+    from mazeplan.behavior.check import Findings, Unrun, check_file
     from mazeplan.behavior.own_nodes import registry_with
 
     maze = None
@@ -129,13 +116,13 @@ def _checked(source: str, map_: str | None, modules: list[str] | None) -> dict[s
         maze = load_map(map_)
     registry = registry_with(modules or ())
     try:
-        found = check_file(source, registry, _NoContext(maze))
+        found = check_file(source, registry, Unrun(maze))
     except TreeError as error:
         found = Findings((error,))
     errors, warnings = [str(e) for e in found.errors], [str(w) for w in found.warnings]
     return {
         "file": source, "ok": not errors, "nodes": found.nodes, "error": errors[0] if errors else None,
-        "errors": errors, "warnings": warnings,
+        "errors": errors, "warnings": warnings, "names_map": found.names_map,
     }  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
 from mazeplan.apps.cli.progress import ProgressBar
 from mazeplan.core.errors import InputError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.user_modules import user_module
 from mazeplan.diagnosis.mechanism.diagnose import diagnose_mechanism
 from mazeplan.diagnosis.mechanism.drive_log import read_drive, read_motion
@@ -61,7 +62,7 @@ def _declared(declare: Sequence[str], mechanism: Mechanism) -> tuple[Values, lis
     declare_known(known, valued, mechanism.library, mechanism.motion.name)
     for name in fitted:
         if name not in names:
-            raise InputError(f"--declare: got effect {name!r}, expected one of {', '.join(names)}")
+            raise InputError(f"--declare: got effect {name!r}, expected {one_of(names, name)}")
         if name in known:
             raise InputError(f"--declare: got {name} both with and without a value, expected one of the two")
     return known, fitted

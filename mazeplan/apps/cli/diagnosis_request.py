@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from mazeplan.apps.cli.output import print_json, write_text
 from mazeplan.core.errors import InputError
 from mazeplan.core.field_checks import unit_hint
+from mazeplan.core.name_hints import one_of
 
 if TYPE_CHECKING:
     from mazeplan.diagnosis.coordinate.diagnosis import Diagnosis
@@ -49,10 +50,10 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
             example = "such as dry_friction.coefficient=0.4"
             raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE, {example}")
         if effect not in library:
-            raise InputError(f"--declare: got effect {effect!r}, expected one of {', '.join(library)}")
+            raise InputError(f"--declare: got effect {effect!r}, expected {one_of(library, effect)}")
         allowed = library[effect].parameters
         if parameter not in allowed:
-            expected = f"expected one of {', '.join(allowed)}"
+            expected = f"expected {one_of(allowed, parameter)}"
             raise InputError(f"--declare: got parameter {parameter!r} of {effect}, {expected}")
         try:
             number = float(value)

@@ -11,6 +11,7 @@ from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json
 from mazeplan.core.errors import InputError
+from mazeplan.core.name_hints import one_of
 
 if TYPE_CHECKING:
     from mazeplan.physics.effect import Effect
@@ -48,7 +49,7 @@ def show(name: EffectName, effects: opt.EffectModule = None, as_json: opt.AsJson
 
     found = _known(effects)
     if name not in found:
-        raise InputError(f"got effect {name!r}, expected one of {', '.join(found)}")
+        raise InputError(f"got effect {name!r}, expected {one_of(found, name)}")
     effect = found[name]
     if as_json:
         print_json({**document(effect), "text": effect.text, "source": effect.source})

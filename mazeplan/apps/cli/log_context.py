@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mazeplan.core.errors import InputError, ShortWarning
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 
 RIG, MAP = "YOUR_RIG", "YOUR_MAP"
@@ -55,7 +56,7 @@ def parse_opening(text: str, maze: Maze) -> str:
     """Name of an opening of the map. Raises InputError."""
     names = [opening.name for opening in maze.openings]
     if text not in names:
-        raise InputError(f"opening: got {text!r}, expected one of {', '.join(names)} (map {maze.name})")
+        raise InputError(f"opening: got {text!r}, expected {one_of(names, text)} (map {maze.name})")
     return text
 
 

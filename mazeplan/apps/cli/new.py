@@ -16,6 +16,7 @@ from mazeplan.apps.cli.option_checks import folder_problem
 from mazeplan.apps.cli.output import check_new, say, write_text
 from mazeplan.core import resources
 from mazeplan.core.errors import InputError
+from mazeplan.core.name_hints import one_of
 
 app = typer.Typer(help="Write templates.", no_args_is_help=True)
 
@@ -82,7 +83,7 @@ def _copy(kind: str, name: str, file: Path) -> None:
     """Copy a packaged file. Raises InputError."""
     packaged = {path.stem: path for path in resources.share(kind).iterdir()}
     if name not in packaged:
-        raise InputError(f"NAME: got {name!r}, expected one of {', '.join(sorted(packaged))}")
+        raise InputError(f"NAME: got {name!r}, expected {one_of(sorted(packaged), name)}")
     write_text(file, packaged[name].read_text(encoding="utf-8"))
     say(f"wrote {file}")
 

@@ -30,15 +30,24 @@ APART = (("-o", "--into"), ("--markdown", "--json"))  # options of which the sec
 
 def check_effect(ctx: Context) -> None:
     """Raises InputError for an option of a command line that would have no effect."""
-    params = {min(param.opts, key=len): param.name or "" for param in ctx.command.params}
-    sources = {option: ctx.get_parameter_source(name) for option, name in params.items()}
-    given = {option for option, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
+    params, given = _options(ctx), given_options(ctx)
     for option, other in NEEDS:
         if option in given and other in params and other not in given:
             raise no_effect(option, other)
     for option, other in APART:
         if option in given and other in given:
             raise InputError(f"got {other} as well, expected one of the two", key=option)
+
+
+def given_options(ctx: Context) -> set[str]:
+    """The options that stand in the command line, in their shortest spelling."""
+    sources = {option: ctx.get_parameter_source(name) for option, name in _options(ctx).items()}
+    return {option for option, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
+
+
+def _options(ctx: Context) -> dict[str, str]:
+    """Name of the parameter of each option and argument of a command."""
+    return {min(param.opts, key=len): param.name or "" for param in ctx.command.params}
 
 
 def no_effect(option: str, what: str) -> InputError:

@@ -176,16 +176,20 @@ def list_rigs(as_json: opt.AsJson = False) -> None:
 
 
 @app.command("show")
-def show(rig: RigArgument, as_json: opt.AsJson = False) -> None:
-    """Show the file of a rig: its model, and each setting with its meaning."""
+def show(rig: RigArgument, map_: opt.Map = "cme", as_json: opt.AsJson = False) -> None:
+    """Check the file of a rig, and show its model, and each setting with its meaning."""
+    from mazeplan.maze.mapfile import load_map
     from mazeplan.rigs.files import read_rig_file
-    from mazeplan.rigs.registry import rig_file
+    from mazeplan.rigs.registry import make_rig, rig_file
     from mazeplan.rigs.sim.settings import SimulatedSettings
+    from mazeplan.run.resolve import model_source
 
     path = rig_file(rig)
     if path is None:
         raise InputError(f"got rig {rig!r}, a class, which has no file; expected a name from `rig list` or a YAML file")
     kind, data = read_rig_file(path)
+    make_rig(rig, load_map(map_))  # opens nothing; it refuses what `navigate` refuses
+    model_source(None, rig)
     fields = {} if kind is not None else SimulatedSettings.model_fields
     if as_json:
         print_json({"rig": rig, "file": str(path), "class": kind, "what": headline(path), "settings": dict(data)})

@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from mazeplan.apps.cli import options as opt
+from mazeplan.apps.cli.option_checks import given_options
 from mazeplan.core.errors import InputError
 
 ViewLogs = Annotated[list[Path] | None, Argument(metavar="LOG [OTHER]", help="Show a run log, or two side by side.")]
@@ -16,6 +17,7 @@ Edit = Annotated[bool, Option("--edit", help="Edit the map of --map on the page;
 
 
 def view(
+    ctx: Context,
     logs: ViewLogs = None,
     start: opt.StartRing = "ring1",
     goal: opt.GoalRing = "centre",
@@ -39,6 +41,9 @@ def view(
 
         if logs and edit:
             raise InputError("--edit: got a log as well, expected one of the two")
+        used = {"logs", "--edit", "--host", "--port"} | ({"--map"} if edit else set())
+        for option in sorted(given_options(ctx) - used):
+            raise InputError(f"has no effect {'with --edit' if edit else 'beside a log'}: leave it out", key=option)
         if not logs:
             edit_map(map_, host, port)
             return

@@ -15,6 +15,7 @@ from mazeplan.apps.environment.task import Task
 from mazeplan.apps.environment.worlds import world_of
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.gymnasium_names import TWO_BALLS
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Array, IntArray, Observation
 from mazeplan.core.resources import to_install
 from mazeplan.maze.geometry import Maze
@@ -34,7 +35,7 @@ def places(
     asked = dict(options or {})
     for name in asked:
         if name not in OPTIONS:
-            raise SettingsError(f"unknown option of reset, expected one of {', '.join(OPTIONS)}", key=name)
+            raise SettingsError(f"unknown option of reset, expected {one_of(OPTIONS, name)}", key=name)
     starts = task.starts(maze, asked.get("start_ring"))
     degrees = asked.get("start_angle_deg", task.start_angle_deg)
     if degrees is not None and not (isinstance(degrees, int | float) and math.isfinite(degrees)):

@@ -26,6 +26,7 @@ from mazeplan.apps.environment.task import Task
 from mazeplan.apps.environment.worlds import RigRow, rigs
 from mazeplan.core.errors import RigError, SettingsError
 from mazeplan.core.gymnasium_names import TWO_BALLS
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import IntArray
 from mazeplan.maze.mapfile import load_map
 from mazeplan.rigs.interface import traits
@@ -46,7 +47,7 @@ class TwoBallsEnv(gymnasium.Env):
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
         for name in options:
             if name not in OPTIONS:
-                raise SettingsError(f"unknown option, expected one of {', '.join([*OPTIONS, 'render_mode'])}", key=name)
+                raise SettingsError(f"unknown option, expected {one_of([*OPTIONS, 'render_mode'], name)}", key=name)
         if render_mode not in (None, "ansi"):
             raise SettingsError(f"got {render_mode!r}, expected ansi", key="render_mode")
         self.render_mode, self.task = render_mode, Task.of(options)

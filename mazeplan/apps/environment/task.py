@@ -8,6 +8,7 @@ from typing import Any
 
 from mazeplan.core.errors import InputError, SettingsError
 from mazeplan.core.gymnasium_names import STEPS as STEPS
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.run.resolve import ring_number
 
@@ -57,7 +58,7 @@ class Task:
         known = [field.name for field in fields(cls)]
         for name in options:
             if name not in known:
-                raise SettingsError(f"unknown option, expected one of {', '.join([*known, 'render_mode'])}", key=name)
+                raise SettingsError(f"unknown option, expected {one_of([*known, 'render_mode'], name)}", key=name)
         return cls(**options)
 
     def goal(self, maze: Maze) -> int:

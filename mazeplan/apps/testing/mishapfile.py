@@ -21,6 +21,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.yamltree import Key, Tree, key_path, parse_yaml, read_yaml, shown
 from mazeplan.rigs.files import RigSection
@@ -145,7 +146,7 @@ class _Reader:
             raise self.error(f"got {len(entry)} keys, expected one of {', '.join(KINDS)}", key)
         (name, values), *_ = entry.items()
         if name not in KINDS:
-            raise self.error(f"unknown mishap, expected one of {', '.join(KINDS)}", (*key, name))
+            raise self.error(f"unknown mishap, expected {one_of(KINDS, name)}", (*key, name))
         return self._checked(self._section(KINDS[name], {} if values is None else values, (*key, name)), (*key, name))
 
     def _section(self, kind: type[Any], values: Any, key: Key) -> Any:
@@ -155,7 +156,7 @@ class _Reader:
             first = problem.errors()[0]
             at: Key = (*key, *first["loc"])
             if first["type"] == "extra_forbidden":
-                raise self.error(f"unknown key, expected one of {', '.join(kind.model_fields)}", at) from None
+                raise self.error(f"unknown key, expected {one_of(kind.model_fields, at[-1])}", at) from None
             if first["type"] == "missing":
                 raise self.error("is missing", at) from None
             said = str(first["msg"]).removeprefix("Input should be ")
@@ -168,7 +169,9 @@ class _Reader:
         if isinstance(mishap, OpeningBlocked):
             names = [opening.name for opening in self._maze.openings]
             if mishap.opening not in names:
-                raise self.error(f"got {shown(mishap.opening)}, expected one of {', '.join(names)}", (*key, "opening"))
+                raise self.error(
+                    f"got {shown(mishap.opening)}, expected {one_of(names, mishap.opening)}", (*key, "opening")
+                )
         for name in ("ring", "in_ring"):
             ring = getattr(mishap, name, None)
             if ring is not None and ring > len(self._maze.rings):

@@ -23,6 +23,7 @@ from mazeplan.control.ring_planner import RingPlanner
 from mazeplan.control.tilt import Plate
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.events import FailureReported, OtherEvent, TimedEvent
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Failure, FailureKind, NavigationResult, State
 from mazeplan.maze.geometry import Maze
 from mazeplan.maze.graph import RouteGraph
@@ -221,7 +222,7 @@ def _openings(names: Sequence[str], maze: Maze) -> tuple[str, ...]:
     known = [opening.name for opening in maze.openings]
     for name in names:
         if name not in known:
-            raise InputError(f"got {name!r}, expected one of {', '.join(known)}", key="closed")
+            raise InputError(f"got {name!r}, expected {one_of(known, name)}", key="closed")
     return tuple(names)
 
 

@@ -306,11 +306,11 @@ def _checked(columns: dict[str, Array], rows: _Rows) -> dict[str, Array]:
 def _check_present(columns: dict[str, Array], file: Path) -> None:
     names = list(columns)
     there = ", ".join(names[:30]) + (f" and {len(names) - 30} more" if len(names) > 30 else "")
-    for name in ("t", "beta", "gamma"):
-        if name not in columns:
-            raise TableError(f"column {name} is missing; there are {there or 'none'}", file=file)
+    missing = [name for name in ("t", "beta", "gamma") if name not in columns]
     if "theta" not in columns and not {"x", "y"} <= set(columns):
-        raise TableError(f"needs theta, or x and y; there are {there}", file=file)
+        missing.append("theta (or x and y)")
+    if missing:
+        raise TableError(f"missing columns: {', '.join(missing)}; there are {there or 'none'}", file=file)
     if len(columns["t"]) < 2:
         raise TableError(f"got {len(columns['t'])} rows, expected at least 2", file=file)
 

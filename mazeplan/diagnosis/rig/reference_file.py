@@ -20,6 +20,7 @@ from mazeplan.control.estimation.rigid_body_filter import BodyModel
 from mazeplan.control.estimation.rigid_body_parameters import value_of, with_values
 from mazeplan.core.errors import ModelError
 from mazeplan.core.file_format import format_problem
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
 from mazeplan.diagnosis.rig.reference import RigReference, reference_by_model, textbook
 from mazeplan.diagnosis.rig.search import Reference
@@ -87,7 +88,7 @@ def load_reference(source: str | Path, model: RigModel) -> RigReference | None:
     values, stderr = {}, {}
     for name, node in _section(document, "body", path).items():
         if name not in PARAMETERS:
-            raise ModelError(f"got {name}, expected one of {', '.join(PARAMETERS)}", file=path, key="body")
+            raise ModelError(f"got {name}, expected {one_of(PARAMETERS, name)}", file=path, key="body")
         number = PARAMETERS[name]
         values[name] = _number(node, "value", path, f"body.{name}", number.low, number.high)
         if "stderr" in node:
@@ -118,7 +119,7 @@ def _terms(section: Mapping[str, Any], path: Path) -> tuple[Term, ...]:
     for name, node in section.items():
         effect = FAMILY.get(name) or EFFECTS.get(name)
         if effect is None:
-            raise ModelError(f"got {name}, expected one of {', '.join(FAMILY)}", file=path, key="terms")
+            raise ModelError(f"got {name}, expected {one_of(FAMILY, name)}", file=path, key="terms")
         try:
             out.append(effect(**{key: float(value) for key, value in node.items()}))
         except (TypeError, ValueError, AttributeError) as problem:

@@ -22,6 +22,7 @@ from pydantic import BeforeValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import check_format, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
 from mazeplan.rigs.files import FileSettings, RigSection, validated
@@ -55,7 +56,7 @@ class Entry(RigSection):
     @classmethod
     def _known(cls, kind: str) -> str:
         if kind not in KINDS:
-            raise ValueError(f"got {shown(kind)}, expected one of {', '.join(KINDS)}")
+            raise ValueError(f"got {shown(kind)}, expected {one_of(KINDS, kind)}")
         return kind
 
     @field_validator("size")

@@ -23,7 +23,7 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.forces import BallForces, FloorFriction, Kerb, Motion, PlateForces, check_rings, turned
 from mazeplan.rigs.sim.gimbal import Gimbal, MazeGimbal
-from mazeplan.rigs.sim.machine_faults import FaultBox
+from mazeplan.rigs.sim.machine_faults import FaultBox, check_fault
 from mazeplan.rigs.sim.mjcf import SUBSTEPS
 from mazeplan.rigs.sim.nearwalls import NearWalls, near_walls
 from mazeplan.rigs.sim.settings import Fault, SimulatedSettings
@@ -59,6 +59,8 @@ class Machine:
         self.maze, self.settings, self._build = maze, settings, build or partial(_from_map, maze, settings)
         self.chunk_s = 1.0 / (settings.rate_hz * CHUNKS)
         self._gimbal: Gimbal | None = None
+        for i, fault in enumerate(settings.faults):
+            check_fault(fault, f"faults[{i}]", maze)
 
     # -- life -------------------------------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.name_hints import one_of
 from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.sim.gimbal import Gimbal
@@ -16,31 +17,31 @@ from mazeplan.rigs.sim.settings import Fault
 ASIDE = 0.1  # m beside and above the plate's rim: place of a ball that is taken out
 
 
+def check_fault(fault: Fault, key: str, maze: Maze) -> None:
+    """Raises SettingsError for an opening, ring or ball that the maze does not have; key: the fault's place."""
+    names = [opening.name for opening in maze.openings]
+    if fault.kind == "blocked" and fault.opening not in names:
+        raise SettingsError(f"got {fault.opening!r}, expected {one_of(names, fault.opening)}", key=f"{key}.opening")
+    if fault.kind == "teleport" and fault.ring > len(maze.rings):
+        raise SettingsError(f"got {fault.ring}, expected 1 to {len(maze.rings)}", key=f"{key}.ring")
+    if fault.ball > maze.balls:
+        raise SettingsError(f"got {fault.ball}, expected at most {maze.balls} on this map", key=f"{key}.ball")
+
+
 class FaultBox:
-    """Applies the faults of one run to a MuJoCo model. Raises SettingsError for an unknown opening or ring."""
+    """Applies the faults of one run, which `check_fault` has checked, to a MuJoCo model."""
 
     def __init__(self, faults: Sequence[Fault], gimbal: Gimbal, maze: Maze) -> None:
         self._faults, self._gimbal, self._maze = list(faults), gimbal, maze
-        for i, fault in enumerate(faults):
-            self._check(fault, f"faults[{i}]")
         self._done: set[int] = set()
         self._held = dict[int, Array]()  # (3,) place in the plate of each ball that is held, by index
         self._taken_from = dict[int, Array]()
         self._reached = np.zeros(2)  # set points of the servos after their faults
         self._at = 0.0
 
-    def _check(self, fault: Fault, key: str) -> None:
-        names = [opening.name for opening in self._maze.openings]
-        if fault.kind == "blocked" and fault.opening not in names:
-            raise SettingsError(f"got {fault.opening!r}, expected one of {', '.join(names)}", key=f"{key}.opening")
-        if fault.kind == "teleport" and fault.ring > len(self._maze.rings):
-            raise SettingsError(f"got {fault.ring}, expected 1 to {len(self._maze.rings)}", key=f"{key}.ring")
-        if fault.ball > self._maze.balls:
-            raise SettingsError(f"got {fault.ball}, expected at most {self._maze.balls} on this map", key=f"{key}.ball")
-
     def add(self, fault: Fault) -> None:
-        """Add a fault, also while running. Raises SettingsError as the constructor does."""
-        self._check(fault, "fault")
+        """Add a fault, also while running. Raises SettingsError as `check_fault` does."""
+        check_fault(fault, "fault", self._maze)
         self._faults.append(fault)
 
     def active(self, kind: str, t: float) -> list[Fault]:

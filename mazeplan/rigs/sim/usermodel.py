@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 from mazeplan.rigs.files import FileSettings, validated
 from mazeplan.rigs.sim.machine import CHUNKS
@@ -48,7 +49,7 @@ class ModelRig(SimulatedRig):
         for key in rest:
             if key not in SHARED:
                 what = "belongs to the generated machine" if key in SimulatedSettings.model_fields else "unknown key"
-                raise SettingsError(f"{what}, expected one of {', '.join((*keys, *SHARED))}", key=key)
+                raise SettingsError(f"{what}, expected {one_of((*keys, *SHARED), key)}", key=key)
         chosen = settings_from(rest)
         for i, fault in enumerate(chosen.faults):
             self._check(fault, f"faults[{i}].kind")

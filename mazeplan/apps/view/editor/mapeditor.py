@@ -15,6 +15,7 @@ from pathlib import Path
 
 from mazeplan.core import resources
 from mazeplan.core.errors import MapError
+from mazeplan.core.name_hints import one_of
 from mazeplan.maze import mapedit
 from mazeplan.maze.geometry import Maze, Wall
 from mazeplan.maze.mapedit import Section, Written
@@ -69,7 +70,7 @@ class MapEditor:
 
         Raises MapError for a template that is not packaged, and for a file name that is taken or none."""
         if template not in packaged_maps():
-            raise MapError(f"got the template {template!r}, expected one of {', '.join(packaged_maps())}")
+            raise MapError(f"got the template {template!r}, expected {one_of(packaged_maps(), template)}")
         path = self._other(name)
         if os.path.lexists(path):
             raise MapError("exists already, expected the name of a new file", file=path)
