@@ -20,6 +20,7 @@ import stat
 from pathlib import Path
 
 HEAD = 4096  # bytes looked at
+LOG = "a log (MCAP)"
 MAGIC = (
     (b"\xff\xfe", "UTF-16 text, not UTF-8"),
     (b"\xfe\xff", "UTF-16 text, not UTF-8"),
@@ -27,7 +28,7 @@ MAGIC = (
     (b"\xff\xd8\xff", "a JPEG picture"),
     (b"GIF8", "a GIF picture"),
     (b"%PDF", "a PDF"),
-    (b"\x89MCAP0\r\n", "a log (MCAP)"),
+    (b"\x89MCAP0\r\n", LOG),
     (b"PK\x03\x04", "a zip archive"),
     (b"\x1f\x8b", "a gzip archive"),
     (b"\x89HDF\r\n", "an HDF5 file"),

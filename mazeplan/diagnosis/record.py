@@ -100,10 +100,10 @@ def record_of(table: Table, rows: np.ndarray | None = None, notes: Sequence[str]
     if seen < FEWEST:
         where = "" if rows.all() else " in this ring"
         problem = f"got {seen} samples of the ball{where}, expected at least {FEWEST}"
-        raise TableError(problem, file=table.source.get("file"))
+        raise TableError(problem, file=table.place)
     if max(np.ptp(table["beta"][rows]), np.ptp(table["gamma"][rows])) < STILL:
         problem = "the plate hardly moves, so that nothing can be learned about the ball"
-        raise TableError(problem, file=table.source.get("file"))
+        raise TableError(problem, file=table.place)
     u = np.column_stack([table["u_beta"], table["u_gamma"]]) if "u_beta" in table and "u_gamma" in table else None
     if u is None:
         notes.append(

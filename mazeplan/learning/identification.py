@@ -35,6 +35,7 @@ from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.maze.geometry import Maze
 from mazeplan.physics.ball_model import BallModel
 from mazeplan.physics.dynamics.planar import PlanarModel
+from mazeplan.physics.effects.ball import rolling_inertia
 from mazeplan.physics.formulas.arrays import RingKinematics, gravity_jacobian, gravity_part, kinematic_terms
 from mazeplan.physics.rig.stage import StageModel
 
@@ -212,7 +213,20 @@ def _fit_balls(table: Table, windows: list[WeakWindows], delay: float, dt: float
         offset, offset_variance, _ = ridge(
             np.concatenate(tilt_X), np.concatenate(tilt_y), np.zeros(2), np.full(2, 0.1), np.concatenate(tilt_b)
         )
+    for ring, found in weights.items():
+        _check_follows(ring, float(found[0]))
     return _BallFit(weights, sigma, offset, np.sqrt(offset_variance))
+
+
+def _check_follows(ring: int, factor: float) -> None:
+    """Raises ValueError for a ball that the tilt does not move as it moves a ball."""
+    allowed = rolling_inertia.parameters["factor"]
+    if not allowed.low <= factor <= allowed.high:
+        raise ValueError(
+            f"ring {ring}: the ball does not follow the tilt: its acceleration is {factor:.2g} times that of a sliding "
+            f"point, expected {allowed.low:g} to {allowed.high:g}; are x and y, or beta and gamma, swapped, a sign or "
+            "a unit wrong?"
+        )
 
 
 def _best_delay(table: Table, windows: list[WeakWindows], maze: Maze, dt: float) -> tuple[float, float]:

@@ -76,7 +76,7 @@ def learn_processes(
             balls[ring], processes[ring], learned[ring] = _learn_ring(samples, ball, kind, options, words, share)
     if not processes:
         problem = f"in no ring are there {FEWEST} samples, which kind {kind} needs; record more, or learn kind pi"
-        raise TableError(problem, file=table.source.get("file"))
+        raise TableError(problem, file=table.place)
     scores = {
         **model.scores,
         "smoothing": {"method": smoothing.method, "model": smoothing.model},

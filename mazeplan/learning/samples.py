@@ -123,18 +123,18 @@ def ring_samples(
             found[int(number)] = _collect(table, signals, rows, run[rows], int(number), r, smoothing, options)
     if not found:
         least = f"expected {SHORTEST} at least"
-        raise TableError(f"no ring has enough samples in a row: {least}", file=table.source.get("file"))
+        raise TableError(f"no ring has enough samples in a row: {least}", file=table.place)
     return found
 
 
 def _radius(table: Table, maze: Maze | None, ring: int, rows: IntArray) -> float:
     if maze is not None and 1 <= ring <= len(maze.rings):
         if maze.ring(ring).is_disc:
-            raise TableError(f"ring {ring} is a disc: its track has no radius", file=table.source.get("file"))
+            raise TableError(f"ring {ring} is a disc: its track has no radius", file=table.place)
         return maze.ring(ring).track_radius
     if "r" in table:
         return float(np.nanmedian(table["r"][rows]))
-    raise TableError(f"ring {ring} is not in the map: its radius is needed", file=table.source.get("file"))
+    raise TableError(f"ring {ring} is not in the map: its radius is needed", file=table.place)
 
 
 def tells_rings(table: Table, maze: Maze | None, options: SampleOptions) -> bool:
@@ -162,14 +162,14 @@ def rings_of(table: Table, maze: Maze | None) -> IntArray:
     highest = int(table["ring"].max(initial=0)) if "ring" in table and maze is not None else 0
     if maze is not None and highest > len(maze.rings):
         problem = f"ring: got {highest}, expected 1 to {len(maze.rings)}: the rings of the map {maze.name}"
-        raise TableError(problem, file=table.source.get("file"))
+        raise TableError(problem, file=table.place)
     if "r" not in table or maze is None:
         if "ring" in table:
             discs = [] if maze is None else [place.number for place in maze.rings if place.is_disc]
             return np.where(np.isin(table["ring"], discs), 0, table["ring"]).astype(np.int64)
         raise TableError(
             "the ring of a row is unknown: expected a column ring, or r (or x, y), or --ring N",
-            file=table.source.get("file"),
+            file=table.place,
         )
     numbers, reach = np.zeros(len(table), dtype=np.int64), maze.ball.radius - SLACK
     for place in maze.rings:

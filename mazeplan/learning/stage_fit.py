@@ -23,6 +23,7 @@ GRID = (  # starts: natural frequencies in rad/s, dampings, dead times in s
 LOOKED_AT = 3000  # samples that choose among them
 STARTS = 3  # fits: a fast axis with a dead time is much like a slow one without
 FEWEST = 60  # samples
+LEAST_RANGE = 1e-3  # rad, of commands
 LOW = (0.1, 0.5, 0.05, 0.0, -0.3)  # bounds of the fit: gain, natural frequency, damping, dead time, offset
 HIGH = (10.0, 240.0, 7.0, 0.5, 0.3)
 SETTLE_S = 0.5  # s at the beginning of a stretch that are left out: the motion before it is unknown ...
@@ -43,9 +44,11 @@ def fit_axis(u: Array, angle: Array, dt: float, breaks: Array | None = None, nea
 
     breaks: True where a new record begins; near: a similar axis to start from, which saves the grid. Raises ValueError
     for fewer than FEWEST samples or a constant command."""
-    if len(u) < FEWEST or np.ptp(u) < 1e-3:
-        got = f"got {len(u)} samples with commands over {np.ptp(u) if len(u) else 0.0:.2g} rad"
-        raise ValueError(f"{got}, expected at least {FEWEST} with commands over 0.001 rad")
+    if len(u) < FEWEST:
+        raise ValueError(f"got {len(u)} samples, expected at least {FEWEST}: record for longer")
+    if np.ptp(u) < LEAST_RANGE:
+        got = f"commands within {np.ptp(u):.2g} rad"
+        raise ValueError(f"got {got}, expected at least {LEAST_RANGE:g} rad: tilt the plate, as `collect` does")
     number = np.zeros(len(u)) if breaks is None else np.cumsum(breaks).astype(np.float64)
     edges = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(number))), len(u)]
     pieces = [(a, b) for a, b in itertools.pairwise(edges) if b - a >= 30]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from pathlib import Path
 
 from mazeplan.core import resources
-from mazeplan.core.errors import InputError, ModelError
+from mazeplan.core.errors import InputError, ModelError, ShortWarning
 from mazeplan.learning.modelfile import RigModel, is_packaged_model, load_model, model_names, model_path
 from mazeplan.learning.rig_model import carried_over
 from mazeplan.maze.geometry import Maze
@@ -45,7 +46,14 @@ def resolve_model(model: str | Path | RigModel | None, rig: str | None, maze: Ma
     if isinstance(model, RigModel):
         return model
     source = model_source(model, rig)
-    return RigModel.nominal(maze) if source is None else model_from(source, maze)
+    if source is None:
+        return RigModel.nominal(maze)
+    found = model_from(source, maze)
+    missing = [ring.number for ring in maze.rings if ring.number not in found.balls and not ring.is_disc]
+    if missing:
+        told = f"model {source} does not know ring {', '.join(map(str, missing))} of the map {maze.name}"
+        warnings.warn(f"{told}: numbers of the nearest ring are used", ShortWarning, stacklevel=2)
+    return found
 
 
 def model_from(source: str | Path, maze: Maze) -> RigModel:

@@ -16,6 +16,7 @@ from standalone_page import alone
 from mazeplan.apps.cli.diagnosis_request import result_lines
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
+from mazeplan.diagnosis.rig.record import why_not_whole
 from mazeplan.learning.modelfile import load_model
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
@@ -87,6 +88,26 @@ def test_the_sentence_and_the_ring_of_the_map(diagnose, log, tmp_path):
     assert "dry_friction" in [e["name"] for e in json.loads(out)["effects"]]
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: c.pop("u_beta"), "the record has no u_beta"),
+        (
+            lambda c: c["x"].__setitem__(slice(100, None), np.nan),
+            "the ball is seen in 100 pictures; all rings together",
+        ),
+        (lambda c: None, "the ball has no play between the walls"),
+    ],
+)
+def test_what_keeps_the_rings_from_being_diagnosed_together(change, words):
+    columns = play(seed=3, seconds=40.0)
+    off = 0.004  # m, of the camera; a bead all the same
+    columns["x"] = 0.0925 * np.cos(columns["theta"]) + off
+    columns["y"] = 0.0925 * np.sin(columns["theta"])
+    change(columns)
+    assert words in why_not_whole([Table(columns)])
+
+
 def test_the_result_names_the_ring_and_how_to_separate_two_effects():
     ways = [
         {"why": "it turns", "first": "turn the rig", "command": "mazeplan collect -o apart.mcap"},
@@ -111,6 +132,9 @@ def test_the_result_names_the_ring_and_how_to_separate_two_effects():
         (("--declare", "viscous_friction.size=1"), "got parameter 'size' of viscous_friction, expected one of coeff"),
         (("--declare", "viscous_friction.coefficient=much"), "expected EFFECT.PARAM=VALUE with a number"),
         (("--declare", "viscous_friction.coefficient=-3"), "got viscous_friction.coefficient -3, expected 0 to 20"),
+        (("--declare", "viscous_friction.coefficient=0,35"), "with a number, as 0.35"),
+        ((*KNOWN, "--declare", KNOWN[3]), "--declare: got rolling_inertia.factor twice, expected it once"),
+        (("--radius", "0.3"), "--radius: got 0.3 m, expected where the ball is: 0.092 to 0.093 m from the centre"),
         (("--radius", "-1"), "--radius"),
         (("--ring", "9"), "--ring: got 9, expected 1 to 5"),
         (("--ring", "5"), "--ring: got 5, a disc"),

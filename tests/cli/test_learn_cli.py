@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from commands import plain
 from planar_rig import PlanarRig
+from ring_record import write_csv
 
-from mazeplan.core.logs.table import read_table
+from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.resources import to_install
 from mazeplan.learning import gp_training
 from mazeplan.learning.features import inputs
@@ -21,7 +22,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.physics.formulas.arrays import RingKinematics
 from mazeplan.run.collect import Collection, run_collection
 
-MAZE = load_map("cme")
+MAZE, COMMANDS = load_map("cme"), ("u_beta", "u_gamma")
 
 
 @pytest.fixture(autouse=True)
@@ -121,6 +122,8 @@ def test_several_logs_are_learned_from_together(learn, log, tmp_path):
         (["log.mcap", "--device", "cuda", "--kind", "np"], "got cuda, but torch sees no such device; expected cpu"),
         (["log.mcap", "--most", "10"], "--most"),
         (["log.mcap", "--map", "none.yaml"], "none.yaml"),
+        (["swapped.csv"], "swapped.csv: ring 2: the ball does not follow the tilt: its acceleration is -"),
+        (["short.csv"], "short.csv: got 20 samples, expected at least 60: record for longer"),
         (["none.mcap"], "none.mcap: no such file"),
         (["none.mcap", "--kind", "p"], "none.mcap: no such file"),
         (["bare.csv", "--kind", "np"], "bare.csv: column u_beta is needed to fit a whole rig"),
@@ -133,6 +136,10 @@ def test_bad_input(refused, monkeypatch, log, arguments, said):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.chdir(log.parent)
     (log.parent / "bare.csv").write_text("t,x,y,beta,gamma\n0,.07,0,0,0\n.033,.07,0,0,0\n.067,.07,0,0,0\n")
+    given = read_table(log)
+    swapped = {"x": given["y"], "y": given["x"], **{name: given[name] for name in ("t", "beta", "gamma", *COMMANDS)}}
+    write_csv(Table(swapped), log.parent / "swapped.csv")
+    write_csv(Table({name: column[:20] for name, column in swapped.items()}), log.parent / "short.csv")
     assert said in refused("learn", *arguments, "-o", "model")
     assert not (log.parent / "model").exists()
 

@@ -54,11 +54,22 @@ def test_theta_and_r_are_worked_out_and_unknown_columns_kept(tmp_path):
         (GOOD.replace("0.033,0.0", "0.033,zero"), 3, "x: got 'zero', expected a number"),
         (GOOD.replace("0.033,0.0", "0.033,1_0"), 3, "x: got '1_0', expected a number"),
         (GOOD.replace("0.01", "True"), 2, "beta: got 'True', expected a number"),
-        (GOOD.replace("0.1,", "89.2,"), 2, "x: got 89.2, expected metres (at most 1); are these millimetres?"),
+        (
+            GOOD.replace("0.1,", "89.2,"),
+            2,
+            "x: got 89.2, expected metres (at most 1); are these millimetres or centimetres?",
+        ),
         (GOOD.replace("note", "ring").replace(",2\n", ",1.5\n"), 3, "ring: got 1.5, expected a whole number"),
         (GOOD.replace("note", "r").replace(",2\n", ",-.1\n"), 3, "r: got -0.1, expected at least 0 m"),
         (GOOD.replace(",0.1", ",").replace("0.0,", ","), 2, "t: got an empty cell"),
         (GOOD.replace("0.1,0.0,", ",0.0,").replace(",0.0,0.1", ",,0.1"), None, "the ball is never seen"),
+        ("T,Theta,Beta,gamma\n0,0,0,0\n", None, "names of columns are in lower case"),
+        (
+            "t,theta,beta,gamma\n0,0,0,0\n1,0,0,0\n2,0,0,0\n",
+            3,
+            "steps of 1 s (median), expected at most 0.5 s from "
+            "sample to sample; are these the numbers of the samples?",
+        ),
         ("t,t,beta\n", 1, "got column 't' twice, expected a header row with each name once"),
         ("", None, "got an empty file"),
         ("\n  \n", None, "nothing but blanks"),
@@ -190,7 +201,7 @@ def test_angles_that_may_be_radians_are_taken_as_such(tmp_path, columns):
 
 def test_numbers_near_the_largest_do_no_harm(tmp_path):
     big = np.array([-1e308, 1.7e308, -1.7e308])
-    table = read_table(write(tmp_path, csv(t=np.arange(3.0), theta=big, beta=big * 0, gamma=big * 0)))
+    table = read_table(write(tmp_path, csv(t=0.1 * np.arange(3.0), theta=big, beta=big * 0, gamma=big * 0)))
     assert list(table["theta"]) == list(big)
     with pytest.raises(TableError, match="steps of inf"):
         read_table(write(tmp_path, csv(t=np.sort(big), theta=big, beta=big * 0, gamma=big * 0)))
@@ -226,6 +237,14 @@ def test_a_mistake_in_a_run_log_names_the_row(tmp_path):
             log.sample(Observation(k / 30, 0.1, 0.0, tilt, 0.02), Command(0.03, 0.04), segment=0)
     with pytest.raises(TableError, match=r"log.mcap:4: beta: got no value, expected a finite number"):
         read_table(path)
+
+
+def test_a_run_log_with_another_ending_is_read_as_one(tmp_path):
+    path = tmp_path / "log.mcap"
+    with RunLogWriter(path, {"rig": "test"}) as log:
+        for k in range(5):
+            log.sample(Observation(k / 30, 0.1, 0.0, 0.01, 0.02), Command(0.03, 0.04), segment=0)
+    assert len(read_table(path.rename(tmp_path / "log.csv"))) == 5
 
 
 def test_joined_tables_keep_their_segments_apart(tmp_path):

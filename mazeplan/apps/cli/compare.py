@@ -41,7 +41,7 @@ def compare(
     as_json: opt.AsJson = False,
 ) -> None:
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
-    from mazeplan.apps.cli.log_context import check_channel, logged_map
+    from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.cli.report import write_report
     from mazeplan.core.logs.table import read_table
@@ -74,6 +74,8 @@ def compare(
         bar.show("reading")
         tables, held_out = ([read_table(log) for log in group] for group in (logs, test or []))
         shown: dict[str, Any] = {"progress": bar.show, "advance": bar.advance, "left_out": say}
+        for table in (*tables, *held_out) if radius is not None else ():
+            check_radius(table, radius, ring)
         scores = comparison.compare(tables, held_out, found.maze, options, openings_known=found.known, **shown)
     document = {f"ring{score.ring}": score.document() for score in scores}
     if curve is not None:

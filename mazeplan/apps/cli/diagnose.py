@@ -47,18 +47,20 @@ def diagnose(
 
         diagnose_body(_single(logs, "--body"), request)
         return
+    why = ""
     if given is None:
         from mazeplan.apps.cli.diagnose_rig import diagnose_rig
         from mazeplan.core.logs.table import read_table
-        from mazeplan.diagnosis.rig.record import whole_rig
+        from mazeplan.diagnosis.rig.record import why_not_whole
 
         tables = [read_table(log) for log in logs]
-        if reference or whole_rig(tables):
+        why = why_not_whole(tables)
+        if reference or not why:
             diagnose_rig(tables, request)
             return
     from mazeplan.apps.cli.diagnose_ring import diagnose_ring
 
-    diagnose_ring(_single(logs, given or "a table without x, y, u_beta and u_gamma"), request)
+    diagnose_ring(_single(logs, given or "a table without x, y, u_beta and u_gamma"), request, why)
 
 
 def _single(logs: list[Path], why: str) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,8 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
         names = [path.name for path in request.logs]
         title = " and ".join(names[:2]) + (" and others" if len(names) > 2 else "")
         _write_model(done, document, known, request.output)
+    document["advice"] = advice(done, document["model"], known is not None, shlex.join(map(str, request.logs)))
+    if request.output is not None:
         write_reports(document, rig_evidence(done, maze, found.text, title), request.output)
     if request.as_json:
         print_json(document)
@@ -87,10 +90,9 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
 
 
 def _write_model(done: RigVerdict, document: dict[str, Any], known: RigModel | None, output: Path) -> None:
-    """Write the model with the found effects, and its reference; sets `model` and `advice` in the document."""
+    """Write the model with the found effects, and its reference; sets `model` in the document."""
     if known is not None and changes_model(done.effects):
         new = moved_model(known, done.effects, done.searched.fit)
         document["model"] = str(save_model(new, output / "model").parent)
         if not done.was.body.open:
             save_reference(reference_after(done), new, output / "model")
-    document["advice"] = advice(done, document["model"])

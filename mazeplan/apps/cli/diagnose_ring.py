@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, Values, declare_known, finish
-from mazeplan.apps.cli.log_context import check_channel, collect_options, logged_map
+from mazeplan.apps.cli.log_context import check_channel, check_radius, collect_options, logged_map
 from mazeplan.apps.cli.output import say
 from mazeplan.apps.cli.plugins import added_effects
 from mazeplan.apps.cli.progress import ProgressBar
@@ -33,12 +33,15 @@ from mazeplan.physics.rig.stage import StageModel
 FEWEST_IN_RINGS = 0.7  # share of the samples of a table without rings; a run's log also has passages
 
 
-def diagnose_ring(log: Path, request: DiagnosisRequest) -> None:
-    """Diagnose one ring of a log, write the report and the model, and print the result. Raises InputError."""
+def diagnose_ring(log: Path, request: DiagnosisRequest, why: str = "") -> None:
+    """Diagnose one ring of a log, write the report and the model, and print the result. why: the other rings are left
+    out. Raises InputError."""
     maze = logged_map(request.map, log).maze
     model = None if request.model is None else load_model(request.model)
     done, document = _diagnose(log, maze, model, request)
     number, known = document["ring"], document["declared"]
+    if why:
+        document["notes"].append(f"one ring was diagnosed, not all of them together: {why}")
     if request.output is not None and done.effects:
         stage = None if done.stage is None else StageModel(*done.stage.axes)
         old = base_model(number, known, stage) if model is None else model
@@ -69,6 +72,7 @@ def _ring_data(table: Table, maze: Maze, request: DiagnosisRequest) -> _RingData
     if request.radius is None:
         ring = _ring(table, maze, request.ring)
         return _RingData(table, ring, maze.track_radius(ring), rings_of(table, maze) == ring, ring_openings(maze, ring))
+    check_radius(table, request.radius, request.ring)
     return _RingData(table, request.ring, request.radius, np.ones(len(table), dtype=bool), None)
 
 

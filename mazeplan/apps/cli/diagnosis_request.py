@@ -42,7 +42,7 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
     """Add the parameters of `--declare` to `known`. Raises InputError naming the allowed ones.
 
     Other parameters of a declared effect get their defaults, except those of the effect `partly`."""
-    library = {effect.name: effect for effect in candidates}
+    library, given = {effect.name: effect for effect in candidates}, set[str]()
     for text in texts:
         name, equals, value = text.partition("=")
         effect, _, parameter = name.partition(".")
@@ -55,10 +55,14 @@ def declare_known(known: Values, texts: Iterable[str], candidates: Iterable[Effe
         if parameter not in allowed:
             expected = f"expected {one_of(allowed, parameter)}"
             raise InputError(f"--declare: got parameter {parameter!r} of {effect}, {expected}")
+        if name in given:
+            raise InputError(f"--declare: got {name} twice, expected it once")
+        given.add(name)
         try:
             number = float(value)
         except ValueError:
-            raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number") from None
+            hint = f", as {value.replace(',', '.', 1)}" if "," in value else ""
+            raise InputError(f"--declare: got {text!r}, expected EFFECT.PARAM=VALUE with a number{hint}") from None
         spec = allowed[parameter]
         if not (math.isfinite(number) and spec.low <= number <= spec.high):
             hint = unit_hint(number, spec.unit, spec.low, spec.high)
@@ -97,6 +101,6 @@ def result_lines(sentence: str, document: dict[str, Any]) -> list[str]:
     ways = (
         (way["first"] + ", then " if way["first"] else "", way["command"]) for way in document.get("separate_by", [])
     )
-    lines += [f"to separate them: {first}{command}" for first, command in ways]
+    lines += dict.fromkeys(f"to separate them: {first}{command}" for first, command in ways)
     lines += [f"note: {note}" for note in document["notes"]]
     return lines + [f"{key}: {document[key]}" for key in ("report", "model") if document.get(key) is not None]

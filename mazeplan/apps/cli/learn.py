@@ -100,11 +100,11 @@ def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> 
 
 def _keep_reference(table: Table, maze: Maze, model: RigModel, folder: Path) -> Path | None:
     """Write the reference of the rig beside its model if the logs show a whole rig; else remove an old one."""
-    from mazeplan.diagnosis.rig.record import whole_rig
+    from mazeplan.diagnosis.rig.record import why_not_whole
     from mazeplan.diagnosis.rig.reference import reference_of, shortened
     from mazeplan.diagnosis.rig.reference_file import reference_path, save_reference
 
-    if not whole_rig([table]):
+    if why_not_whole([table]):
         reference_path(folder).unlink(missing_ok=True)
         return None
     return save_reference(reference_of([shortened(table)], maze, model), model, folder)

@@ -6,11 +6,15 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from mazeplan.core.errors import InputError, ShortWarning
+from mazeplan.core.logs.table import Table
 from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
 
 RIG, MAP = "YOUR_RIG", "YOUR_MAP"
+NEAR, MOSTLY = 0.2, 0.9  # share of a radius within which a ball is near it; share of a record that has to be so
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,22 @@ def parse_opening(text: str, maze: Maze) -> str:
     if text not in names:
         raise InputError(f"opening: got {text!r}, expected {one_of(names, text)} (map {maze.name})")
     return text
+
+
+def check_radius(table: Table, radius: float, ring: int | None = None) -> None:
+    """Raises InputError for a radius (m) at which the ball of a table is hardly ever seen; a table without r may have
+    any. ring: whose rows are looked at, where the table has a column `ring`."""
+    r = table["r"] if "r" in table else np.zeros(0)
+    if ring is not None and "ring" in table:
+        r = r[table["ring"] == ring] if r.size else r
+    r = r[np.isfinite(r)]
+    if not r.size or np.mean(np.abs(r / radius - 1.0) < NEAR) > MOSTLY:
+        return
+    low, high = np.quantile(r, (0.05, 0.95))
+    raise InputError(
+        f"--radius: got {radius:g} m, expected where the ball is: {low:.3g} to {high:.3g} m from the centre; "
+        "of a record of several rings name one with --ring"
+    )
 
 
 def check_channel(ring: int, maze: Maze) -> None:

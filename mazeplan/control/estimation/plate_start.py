@@ -32,7 +32,7 @@ def with_true_starts(
     for a, b in pairwise([*np.flatnonzero(first).tolist(), len(tilts)]):
         for i, axis in enumerate(axes):
             free = _free(axis, plate.step, min(fine, (b - a) * per))
-            n = min(rows, b - a)
+            n = min(rows, b - a, -(-len(free) // per))  # rows that the free motion reaches
             gap = tilts[a : a + n, i] - plate.motion[a * per : (a + n) * per : per, 3 * i]
             looked = free[: n * per : per, 0]
             good = np.isfinite(gap)

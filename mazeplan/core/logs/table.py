@@ -36,6 +36,7 @@ DEGREES = 1.0  # rad; a plate that is said to tilt further was measured in degre
 MILLIMETRES = 1.0  # m; a ball further out than this was measured in millimetres: the largest track is 0.09 m
 MILLISECONDS = 5.0  # s; a table with longer steps than this has another unit of time: rigs run at about 30 Hz
 SPINNING = 20.0  # rad/s; half of all rows faster than this (over LAG_S) is no ball in a ring but an angle in degrees
+SLOWEST = 0.5  # s; a ball that rolls is somewhere else after a longer step
 LAG_S = 0.1  # s; long enough that noise of the camera is no speed
 
 LIMIT_BYTES = 100 * 2**20  # half a million rows of 20 columns, about five hours at 30 Hz
@@ -44,10 +45,11 @@ LIMIT_COLUMNS = 1000
 
 @dataclass(frozen=True)
 class Table:
-    """Columns (N,) by name; `source`: file and sha256 of what it was read from."""
+    """Columns (N,) by name; `source`: file and sha256 of what it was read from; path: of that, for messages."""
 
     columns: dict[str, Array]
     source: dict[str, str] = field(default_factory=dict)
+    path: str | None = None
 
     def __len__(self) -> int:
         return len(self.columns["t"])
@@ -57,6 +59,11 @@ class Table:
 
     def __contains__(self, name: str) -> bool:
         return name in self.columns
+
+    @property
+    def place(self) -> str | None:
+        """What messages call it: its path, else its file."""
+        return self.path or self.source.get("file")
 
     @property
     def segment(self) -> Array:
@@ -102,7 +109,7 @@ def read_table(path: str | Path) -> Table:
     path = Path(path)
     if not path.is_file() or file_kinds.got(path) in OTHERS or not os.access(path, os.R_OK):
         raise TableError(file_kinds.refused(path, EXPECTED), file=path)
-    if path.suffix == ".mcap":
+    if path.suffix == ".mcap" or file_kinds.got(path) == file_kinds.LOG:
         log = read_log(path)
         warn_if_cut(log)
         columns = {name: column for name, column in log.ticks.items() if column.dtype != object}
@@ -112,7 +119,7 @@ def read_table(path: str | Path) -> Table:
         columns, rows = read_csv(content, path)
     with np.errstate(all="ignore"):  # numbers near the largest overflow in the checks; they compare all the same
         columns = _checked(columns, rows)
-    return Table(columns, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()})
+    return Table(columns, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}, str(path))
 
 
 def table_of(ticks: Sequence[Mapping[str, Any]], name: str) -> Table:
@@ -131,7 +138,8 @@ def join(tables: Sequence[Table]) -> Table:
         numbers.append(table.segment - table.segment.min() + offset)
         offset = float(numbers[-1].max()) + 1.0
     columns["segment"] = np.concatenate(numbers)
-    return Table(columns, {"file": ", ".join(table.source.get("file", "a table") for table in tables)})
+    files = ", ".join(table.source.get("file", "a table") for table in tables)
+    return Table(columns, {"file": files}, ", ".join(table.place or "a table" for table in tables))
 
 
 def stretches(table: Table, longest_step: float = 1.5) -> list[slice]:
@@ -310,9 +318,11 @@ def _check_present(columns: dict[str, Array], file: Path) -> None:
     if "theta" not in columns and not {"x", "y"} <= set(columns):
         missing.append("theta (or x and y)")
     if missing:
-        raise TableError(f"missing columns: {', '.join(missing)}; there are {there or 'none'}", file=file)
+        upper = any(name.lower() in KNOWN for name in names if name not in KNOWN)
+        hint = "; names of columns are in lower case" if upper else ""
+        raise TableError(f"missing columns: {', '.join(missing)}; there are {there or 'none'}{hint}", file=file)
     if len(columns["t"]) < 2:
-        raise TableError(f"got {len(columns['t'])} rows, expected at least 2", file=file)
+        raise TableError(f"got {len(columns['t'])} rows, expected at least 2: record for longer", file=file)
 
 
 def _first(bad: np.ndarray) -> int:
@@ -343,11 +353,14 @@ def _check_time(columns: dict[str, Array], rows: _Rows) -> None:
     if step > MILLISECONDS:
         unit = "milliseconds" if step < 1000.0 * MILLISECONDS else "microseconds or nanoseconds"
         rows.refuse("t", 1, f"seconds; are these {unit}?", f"steps of {step:g} (median)")
+    if step > SLOWEST:
+        numbers = "; are these the numbers of the samples?" if np.all(np.diff(t) == 1.0) else ""
+        rows.refuse("t", 1, f"at most {SLOWEST:g} s from sample to sample{numbers}", f"steps of {step:g} s (median)")
 
 
 def _check_units(columns: dict[str, Array], rows: _Rows) -> None:
     tilt = f"radians (at most {DEGREES:g}); are these degrees?"
-    place = f"metres (at most {MILLIMETRES:g}); are these millimetres?"
+    place = f"metres (at most {MILLIMETRES:g}); are these millimetres or centimetres?"
     limits = [(name, DEGREES, tilt) for name in ("beta", "gamma", "u_beta", "u_gamma")]
     for name, most, expected in limits + [(name, MILLIMETRES, place) for name in ("x", "y", "r")]:
         if name in columns:

@@ -32,7 +32,7 @@ from mazeplan.physics.rig.stage import StageModel
 
 FEWEST = 900  # pictures
 NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
-PART, LEAST_PLAY = 15, 1.5e-3  # pictures; m
+PART, LEAST_PARTS, LEAST_PLAY = 15, 10, 0.8e-3  # pictures; m
 GUESSED = (  # right in a bead's model; its inertia and other friction stand in for walls, too
     "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "bend", "delay",
     "gain_beta", "gain_gamma",
@@ -81,31 +81,41 @@ class RigRecord:
         }  # fmt: skip
 
 
-def whole_rig(tables: Sequence[Table]) -> bool:
-    """Whether records show a whole rig: long enough, with commands, and with a ball that has play in its channel.
+def why_not_whole(tables: Sequence[Table]) -> str:
+    """Why records do not show a whole rig, in a few words; "" if they do: long enough, with commands, and with a ball
+    that has play in its channel.
 
     A ball without play is a bead on a circle, which the equation of a ring describes."""
-    if not all(name in table for table in tables for name in NEEDED):
-        return False
+    missing = [name for name in NEEDED if not all(name in table for table in tables)]
+    if missing:
+        return f"the record has no {' and no '.join(missing)}"
     seen = sum(int(np.isfinite(table["x"]).sum()) for table in tables)
-    return seen >= FEWEST and max(_play(table) for table in tables) > LEAST_PLAY
+    if seen < FEWEST:
+        return f"the ball is seen in {seen} pictures; all rings together need {FEWEST}"
+    play = max(_play(table) for table in tables)
+    return "" if play > LEAST_PLAY else "the ball has no play between the walls, as in a simulation without walls"
 
 
 def _play(table: Table) -> float:
-    """Variation of the ball's distance from its circle beyond noise, m, over stretches of PART pictures, in which the
-    camera's place hardly shows."""
-    r = np.hypot(table["x"], table["y"])
-    parts = r[: len(r) // PART * PART].reshape(-1, PART)
-    parts = parts[np.isfinite(parts).all(axis=1)]
-    if not len(parts):
+    """Variation of the ball's distance from its circle beyond noise, m, over stretches of PART pictures, without what
+    a camera off the centre, a lens or a turned picture does: harmonics of the angle."""
+    n = len(table) // PART * PART
+    x, y = (table[name][:n].reshape(-1, PART) for name in ("x", "y"))
+    seen = np.isfinite(x + y).all(axis=1)
+    if seen.sum() < LEAST_PARTS:
         return math.inf
+    parts, angle = np.hypot(x, y)[seen], np.arctan2(y, x)[seen]
+    waves = np.stack([wave(k * angle) for k in (1, 2) for wave in (np.cos, np.sin)], axis=2)
+    waves -= waves.mean(axis=1, keepdims=True)
+    parts = parts - parts.mean(axis=1, keepdims=True)
+    parts = parts - waves @ np.linalg.lstsq(waves.reshape(-1, 4), parts.ravel(), rcond=None)[0]
     noise = np.mean(np.diff(parts, 2, axis=1) ** 2) / 6.0  # of white noise, the second difference has six times that
     return math.sqrt(max(float(np.quantile(parts.var(axis=1, ddof=1), 0.9) - noise), 0.0))
 
 
 def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
     """The filter for a record with x and y, and the stage that fits it, None without commands. Raises TableError."""
-    file = table.source.get("file")
+    file = table.place
     if "x" not in table or "y" not in table:
         raise TableError("got a table without x and y, expected where the camera saw the ball", file=file)
     record = record_of(table)

@@ -58,7 +58,8 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
     if stage is not None:
         known = Known.of_model(RigModel(StageModel(*stage.axes), {}, kind="pi"))
     starts = starts_of(body, fit.filtered, maze)
-    errors = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
+    found = errors_by_ring(body, fit.filtered, starts, roll_out_errors(body, fit.model, starts), maze)
+    errors = {ring: error.mean for ring, error in found.items()}
     return RigReference(Reference(fit.model, fit.stderr), known, *left_over(body, fit), errors=errors)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from mazeplan.control.estimation.rigid_body_filter import BodyFilter
 from mazeplan.core.maths.angles import place_deg
-from mazeplan.diagnosis.effect_entry import Entry
+from mazeplan.diagnosis.effect_entry import Entry, values_of
 from mazeplan.diagnosis.rig.reference import RigReference
 from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.diagnosis.rig.search import Searched
@@ -18,6 +18,7 @@ from mazeplan.physics.registry import EFFECTS
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
 REMAINS, TWICE = 1.5, 2.0  # times the noise, from which what remains is compared, and from which it is too much
+LEAST_GAIN = 0.5  # of a tilt sensor; beyond it or its inverse columns are swapped rather than the sensor off
 CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors
 DEG = 180.0 / math.pi
 SHOWN = {"rad": (DEG, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
@@ -230,14 +231,18 @@ def _repair(effect: Entry) -> str:
     return REPAIRS[effect["name"]]
 
 
-def advice(done: RigVerdict, model: str | None = None) -> list[str]:
-    """What to do next, with commands behind a colon. model: the folder of the new model, if it was written."""
+def advice(done: RigVerdict, written: str | None = None, given: bool = False, logs: str = "LOG") -> list[str]:
+    """What to do next, with commands behind a colon. written: the folder of the new model, if there is one; given:
+    whether a model to change was; logs: of the record, as words of a command."""
     repairs = [(e, f"{_repair(e)}{_place(e)}.") for e in done.effects if e["name"] in REPAIRS]
     out = list(dict.fromkeys(repair for e, repair in repairs if e.get("planned", True)))
+    if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())
+           for e in done.effects):  # fmt: skip
+        out.insert(0, "First check the columns: are x and y, or beta and gamma, swapped, or is a sign wrong?")
     out += [f"{line} No plan can allow for it: {e['why_not']}." for e, line in repairs if not e.get("planned", True)]
     if any(e.get("planned", True) for e in done.effects):
-        way = (f"plan with the new model: mazeplan navigate --rig RIG --model {model}" if model
-               else "write a new model: add --model MODEL -o FOLDER to this command")  # fmt: skip
+        way = (f"plan with the new model: mazeplan navigate --rig RIG --model {written}" if written
+               else f"write a new model: add {'' if given else '--model MODEL '}-o FOLDER to this command")  # fmt: skip
         out.append(f"Or leave the rig as it is, and {way}.")
     if any(e["name"] == "tilt_offset" for e in done.effects):
         out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")
@@ -248,11 +253,11 @@ def advice(done: RigVerdict, model: str | None = None) -> list[str]:
     if done.unknown is not None:
         look = done.unknown.look or ("One cause has no name yet",)
         out += [line if line.endswith("?") else f"{line}." for line in look]
-        out.append("If that is how the rig has to be, learn the model again: mazeplan learn LOG -o FOLDER.")
+        out.append(f"If that is how the rig has to be, learn the model again: mazeplan learn {logs} -o FOLDER.")
     elif done.verdict == "nothing_missing" and done.remaining > TWICE:
         out.append(
             "More remains than noise explains, as when the model was right. Learn the model again with terms "
-            "and a Gaussian process: mazeplan learn LOG --kind sp -o FOLDER."
+            f"and a Gaussian process: mazeplan learn {logs} --kind sp -o FOLDER."
         )
     elif done.verdict == "nothing_missing":
         out.append("Nothing needs to be done. Go on with the same model.")

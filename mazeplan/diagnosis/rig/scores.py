@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,20 +21,27 @@ EVERY = 7  # pictures between the starts of roll-outs
 FEWEST = 40  # roll-outs in a ring, to say how large their errors are
 
 
+class RingError(NamedTuple):
+    """Mean error of the roll-outs in a ring, and its standard error by the scatter of blocks of time, rad."""
+
+    mean: float
+    stderr: float
+
+
 @dataclass(frozen=True)
 class HeldOut:
     """Predictions of held-out pictures.
 
     starts (W,): pictures from which roll-outs start; before, after (AHEAD, W): errors of the angle, rad, 1 to AHEAD
     samples ahead, without and with what was found; gain (B,): of -2 log L, by blocks of BLOCK_S; plain (AHEAD, W):
-    errors with the new stage alone; by_ring: mean of the last errors with what was found, rad."""
+    errors with the new stage alone; by_ring: of the last errors with what was found."""
 
     starts: IntArray
     before: Array
     after: Array
     gain: Array
     plain: Array
-    by_ring: dict[int, float] = field(default_factory=dict)
+    by_ring: dict[int, RingError] = field(default_factory=dict)
 
     @property
     def nearer(self) -> bool:
@@ -108,11 +116,22 @@ def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
 
 def errors_by_ring(
     body: BodyFilter, filtered: Filtered, starts: IntArray, errors: Array, maze: Maze
-) -> dict[int, float]:
-    """Mean of the last errors (AHEAD, W), rad, by the ring of the start, for rings with FEWEST starts or more."""
+) -> dict[int, RingError]:
+    """Of the last errors (AHEAD, W), by the ring of the start, for rings with FEWEST starts or more."""
     r, last = np.hypot(*filtered.state[starts, :2].T), errors[-1]
+    block = starts // round(BLOCK_S / body.pictures.dt)
     here = {ring.number: (r > ring.inner_radius) & (r < ring.outer_radius) & np.isfinite(last) for ring in maze.rings}
-    return {number: float(last[rows].mean()) for number, rows in here.items() if rows.sum() >= FEWEST}
+    return {number: _ring_error(last[rows], block[rows]) for number, rows in here.items() if rows.sum() >= FEWEST}
+
+
+def _ring_error(errors: Array, block: IntArray) -> RingError:
+    """errors (M,), block (M,): its number of each; errors of one block are not independent."""
+    mean = float(errors.mean())
+    sums = np.bincount(block, errors - mean)
+    there = len(np.unique(block))
+    if there < 2:
+        return RingError(mean, math.inf)
+    return RingError(mean, math.sqrt(float(np.sum(sums**2)) * there / (there - 1.0)) / len(errors))
 
 
 def surprise(filtered: Filtered) -> Array:

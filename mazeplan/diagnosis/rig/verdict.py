@@ -9,6 +9,7 @@ the model was right.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -40,7 +41,8 @@ from mazeplan.physics.rig.stage import StageModel
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
 MEMORY = 0.1  # autocorrelation of innovations from which something is left
 CLEAR_GAIN = 0.05  # change of a gain that commands which overtax the servos do not make
-WORSE = 1.7  # times the error when the model was right, on average over rings; healthy records have up to 1.2
+WORSE = 1.7  # times the error when the model was right, on average over rings
+HEALTHY, SURE = 1.2, 3.5  # times the error that healthy records have; standard errors by which a record has more
 HARDLY = 3.0  # times the smallest size
 AS_BEFORE = 1.3  # times what was left when the model was right: no more than that is no news
 
@@ -56,7 +58,7 @@ def verdict_on(
     own, refused = _for_a_rigid_body(own)
     tell("stage")
     body, stage = body_filter(table, maze)
-    check_map(body, maze, table.source.get("file"))
+    check_map(body, maze, table.place)
     servo, sensor = _gain(body, record_of(table), stage, was)
     searched = search_rig(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
     tell("held-out part")
@@ -96,10 +98,14 @@ def verdict_on(
 
 def _worse_than_before(held: HeldOut, was: RigReference) -> Unknown | None:
     """Something without a name, if the ball is predicted much worse than when the model was right, ring by ring."""
-    ratios = [error / was.errors[ring] for ring, error in held.by_ring.items() if was.errors.get(ring)]
-    if not ratios or float(np.mean(ratios)) < WORSE:
+    rings = [ring for ring in held.by_ring if was.errors.get(ring)]
+    if not rings:
         return None
-    what = f"the ball is predicted {np.mean(ratios):.1f} times as badly as when the model was right"
+    now, old = (np.array([held.by_ring[ring] for ring in rings]).T, np.array([was.errors[ring] for ring in rings]))
+    worse, stderr = float(np.mean(now[0] / old)), math.sqrt(float(np.sum((now[1] / old) ** 2))) / len(rings)
+    if worse < WORSE or worse - SURE * stderr < HEALTHY:
+        return None
+    what = f"the ball is predicted {worse:.1f} times as badly as when the model was right"
     return Unknown(what, look=("Look at the ball: is it round, clean and evenly heavy?",))
 
 

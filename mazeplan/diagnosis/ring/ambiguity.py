@@ -33,7 +33,7 @@ EXPERIMENTS = tuple(Experiment(frozenset(effects), *rest) for effects, *rest in 
      "", "--tilt 5 --highest-hz 0.7"),
     (("rolling_inertia", "tilt_gain"),
      "the scale of the tilt sensor also scales the rates of the tilt: large, fast tilts show it",
-     "or measure the scale with a clinometer", "--tilt 5 --highest-hz 3"),
+     "measure the scale of the tilt sensor with a clinometer, if there is one", "--tilt 5 --highest-hz 3"),
     (("viscous_friction", "quadratic_drag"),
      "drag grows with the square of the speed: both slow and fast runs are needed", "", "--tilt 5 --highest-hz 0.4"),
     (("viscous_friction", "dry_friction"), "dry friction shows at low speed and at rest",
