@@ -13,7 +13,7 @@ import pytest
 
 import mazeplan.apps.cli
 from mazeplan.apps.cli import TolerantStream, keep_compiled, with_option
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, LogError, MapError, ModelError, TableError
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.balls import with_balls
 
@@ -132,6 +132,20 @@ def test_record_has_no_use_for_a_map_with_two_balls(refused, tmp_path):
 def test_a_place_in_a_file_needs_no_option():
     assert with_option(InputError("bad", file="a.yaml", line=3), ["navigate", "--map", "a.yaml"]) == "a.yaml:3: bad"
     assert with_option(InputError("bad", file="a.yaml"), ["map", "check", "a.yaml"]) == "a.yaml: bad"
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "option"),
+    [
+        (TableError, "diagnose c.mcap --model m --reference m", "--reference: "),
+        (LogError, "diagnose c.mcap --model m --test m", "--test: "),
+        (ModelError, "diagnose c.mcap --test m --model m", "--model: "),
+        (MapError, "map show cme --log m", "--log: "),
+        (TableError, "diagnose m --model m", ""),
+    ],
+)
+def test_of_options_with_the_same_value_that_is_named_which_the_error_is_about(error, words, option):
+    assert with_option(error("bad", file="m"), words.split()) == f"{option}m: bad"
 
 
 def test_help_and_version(call):

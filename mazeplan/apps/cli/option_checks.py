@@ -70,7 +70,9 @@ def number(
         if not math.isfinite(value) or (positive and value <= 0.0):
             raise BadParameter(f"got {str(text)!r}, expected {expected}")
         if not low <= value <= most:
-            wanted = f"at most {most:g}" if low == -math.inf else f"{low:g} to {most:g}"
+            wanted = f"{low:g} to {most:g}"
+            if math.inf in (-low, most):
+                wanted = f"at most {most:g}" if low == -math.inf else f"at least {low:g}"
             hint = unit_hint(value, {"degrees": "deg"}.get(unit, unit), low, most)
             raise BadParameter(f"got {text}, expected {wanted}{f' {unit}' if unit else ''}{hint}")
         return value
