@@ -8,8 +8,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from typer import Context
+
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import check_learning, evaluate_learning
+from mazeplan.apps.cli.option_checks import given_words
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.runs import note_missing_model
 
@@ -24,6 +27,7 @@ MOST_OTHERS = 3  # other campaigns in the store that are named
 
 
 def evaluate(
+    ctx: Context,
     runs: opt.Runs = None,
     rig: opt.RigName = "toy",
     map_: opt.Map = "cme",
@@ -79,7 +83,7 @@ def evaluate(
     if report is not None:
         write_report("evaluation", document, report, document["setup"]["rig"] + (" with faults" if faults else ""))
     if faults is None:
-        document |= verdict(document)
+        document |= verdict(document, given_words(ctx))
     if as_json:
         print_json(document)
     elif faults is not None:
