@@ -60,7 +60,7 @@ def test_as_text_without_a_path_to_a_model_that_is_not_kept(call, asked):
     ("arguments", "message"),
     [
         (("--rig", "nowhere"), "got rig 'nowhere', expected one of"),
-        (("--rig", "toy@3"), "got @3, but there is no surprise in these settings"),
+        (("--rig", "toy@3"), "--rig: got rig 'toy@3', but toy has no surprise; expected toy"),
         (("--rig", "toy", "--model", "nowhere"), "no such model"),
         (("--rig", "toy", "--seconds", "0"), "--seconds: got '0', expected a finite number > 0"),
         (("--rig", "toy", "--seconds", "0.1"), "--seconds: got 0.1, expected at least 1 s"),

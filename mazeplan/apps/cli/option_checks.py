@@ -26,7 +26,11 @@ NEEDS = (  # an option, and the one without which it would have no effect, in ea
     ("--host", "--view"), ("--port", "--view"), ("--groot-host", "--groot"), ("--place", "--rings"),
     ("-o", "--learn"),
 )  # fmt: skip
-APART = (("-o", "--into"), ("--markdown", "--json"))  # options of which the second would hide the first
+APART = (
+    ("-o", "--into"),
+    ("-o", "--minari"),
+    ("--markdown", "--json"),
+)  # options of which the second would hide the first
 
 
 def check_effect(ctx: Context) -> None:
