@@ -24,7 +24,7 @@ import typer
 
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.output import short_warnings
-from mazeplan.apps.cli.path_checks import unusable
+from mazeplan.apps.cli.path_checks import unreadable, unusable
 from mazeplan.core.errors import InputError, LogError, MapError, MazeplanError, ModelError, TableError, TreeError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
@@ -156,6 +156,10 @@ def _usage_message(error: Any, words: Sequence[str]) -> str:
         name = error.option_name.lstrip("-").upper()
         if name in (argument.metavar for argument in error.ctx.command.params if argument.opts[0][0] != "-"):
             return f"{text}: give the {name.lower()} without it: {error.ctx.info_name} {name}"
+    shut = re.fullmatch(r"Invalid value for '(.*?)': \w+ '(.*)' is not readable\.", text)
+    if shut is not None:
+        option = f"{shut[1]}: " if shut[1].startswith("-") else ""
+        return f"{option}{unreadable(shut[2])}"
     found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Input should be (?:a )?|Value error, )?(.*)", text)
     if found is None or found[2].startswith("got "):
         return text if found is None else f"{found[1]}: {found[2]}"
