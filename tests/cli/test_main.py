@@ -125,6 +125,27 @@ def test_an_error_names_the_option_and_its_value(refused, words, message):
     assert message in refused(*words)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("learn", "nosuch.mcap", "-o", "out"),
+        ("compare", "nosuch.mcap"),
+        ("policy", "train", "--rig", "nosuch", "-o", "out"),
+        ("policy", "train", "--model", "nosuch", "-o", "out"),
+    ],
+)
+def test_a_name_that_is_not_there_is_told_before_torch_loads(tmp_path, words):
+    check = (
+        "import sys; sys.argv[0] = 'mazeplan'; from mazeplan.apps.cli import main\n"
+        "try: main()\nfinally: print('torch' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", check, *words], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout) == (2, "False\n"), done.stderr
+    assert "nosuch" in done.stderr
+
+
 def test_record_has_no_use_for_a_map_with_two_balls(refused, tmp_path):
     path = tmp_path / "two.yaml"
     path.write_text(dump_map(with_balls(load_map("cme"), 2)))
