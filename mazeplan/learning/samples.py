@@ -168,7 +168,7 @@ def rings_of(table: Table, maze: Maze | None) -> IntArray:
             discs = [] if maze is None else [place.number for place in maze.rings if place.is_disc]
             return np.where(np.isin(table["ring"], discs), 0, table["ring"]).astype(np.int64)
         raise TableError(
-            "the ring of a row is unknown: expected a column ring, or r (or x, y), or --ring N",
+            "the ring of a row is unknown: expected a column ring, or r (or x, y)",
             file=table.place,
         )
     numbers, reach = np.zeros(len(table), dtype=np.int64), maze.ball.radius - SLACK

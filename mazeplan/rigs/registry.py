@@ -11,7 +11,7 @@ import re
 import traceback
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, MazeplanError, RigError, SettingsError
@@ -23,7 +23,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.files import FileSettings, placed, read_rig_file
 from mazeplan.rigs.interface import Rig
-from mazeplan.rigs.sim.settings import settings_from
+from mazeplan.rigs.sim.settings import SurpriseName, settings_from
 
 PACKAGED = Path(__file__).resolve().parent
 HARDWARE = "hardware"  # this name means hardware.yaml in the current folder, if it exists
@@ -184,10 +184,13 @@ def make_rig(spec: str, maze: Maze, sense: str | None = None) -> Rig:
     if TABLE_KEYS & data.keys():
         what = "is missing; the file of a rig on a table begins with `class: mazeplan.rigs.hardware:HardwareRig`"
         raise SettingsError(what, file=path, line=1, key="class")
-    settings, (_, seed) = settings_from(data), seeded(spec)
+    settings, (name, seed) = settings_from(data), seeded(spec)
     if seed is not None:
         if settings.surprise is None:
-            raise SettingsError(f"got @{seed}, but there is no surprise in these settings", file=path)
+            raise SettingsError(f"got rig {spec!r}, but {name} has no surprise; expected {name}")
+        if not seed.isdecimal() and seed not in get_args(SurpriseName):
+            ways = one_of(get_args(SurpriseName), seed)
+            raise SettingsError(f"got rig {spec!r}, expected {name}@N with a seed, or {name}@KIND with {ways}")
         data.update({"surprise_seed": int(seed)} if seed.isdecimal() else {"surprise": seed})
         settings = settings_from(data)
     if sense is not None:

@@ -88,7 +88,11 @@ def test_from_pictures_to_the_rigs_file(calibrate, shots, tmp_path):
         (["--plate", "plate.png"], 2, "rig.yaml: camera: has no lens yet"),
         (["--boards", "nix", "--plate", "plate.png"], 2, "nix: no such file, expected a folder of pictures"),
         (["--boards", "boards", "--corners", "7", "--plate", "plate.png"], 2, "--corners: got '7', expected"),
-        (["--boards", "boards", "--corners", "9x6", "--plate", "plate.png"], 2, "expected at least 5"),
+        (
+            ["--boards", "boards", "--corners", "9x6", "--plate", "plate.png"],
+            2,
+            "--boards: boards: chessboard: got 0 pictures with a whole board of 9 x 6 inner corners among ",
+        ),
         (["--boards", "boards", "--corners", "7x5", "--square-mm", "0"], 2, "--square-mm"),
         (["--boards", "boards", "--corners", "7x5", "--plate", "boards/0.png"], 2, "expected at least two of"),
         (["--boards", "boards", "--corners", "7x5", "--plate", "97"], 3, "camera 97 cannot be opened"),

@@ -48,6 +48,7 @@ def test_rings_drives_and_place_places(call, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        (["--seconds", "0.1"], "--seconds: got 0.1, expected at least 1 s"),
         (["--seconds", "-1"], "--seconds: got '-1', expected a finite number > 0"),
         (["--tilt", "90"], "--tilt: got 90, expected at most"),
         (["--ring", "ring7"], "ring1 to ring5"),

@@ -224,7 +224,7 @@ def test_learning_curves_are_drawn(compare, tmp_path):
 
 
 def test_a_table_without_ring_needs_options(compare, refused):
-    message = "bare.csv: the ring of a row is unknown: expected a column ring, or r (or x, y), or --ring N"
+    message = "bare.csv: the ring of a row is unknown: expected a column ring, or r (or x, y)\n"
     assert message in refused("compare", "bare.csv", *QUICK)
     assert "--ring: got 8, expected 1 to 5" in refused("compare", "bare.csv", *QUICK, "--ring", "8")
     found = []

@@ -35,6 +35,16 @@ def log(tmp_path_factory):
     return path
 
 
+def test_the_errors_on_a_test_record_are_told(diagnose, log, tmp_path):
+    further = tmp_path / "further.csv"
+    further.write_text(log.read_text().rpartition("\n")[0])
+    code, out, err = diagnose(log, *KNOWN, "--test", further)
+    assert code == 0, err
+    (line,) = (line for line in out.splitlines() if line.startswith("on the record of --test: "))
+    before, after = map(float, re.findall(r"0\.\d+", line))
+    assert after < 0.2 * before
+
+
 def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagnose, log, tmp_path):
     further = tmp_path / "further.csv"
     further.write_text(log.read_text().rpartition("\n")[0])

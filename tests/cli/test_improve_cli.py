@@ -60,9 +60,14 @@ def test_as_text_without_a_path_to_a_model_that_is_not_kept(call, asked):
     ("arguments", "message"),
     [
         (("--rig", "nowhere"), "got rig 'nowhere', expected one of"),
-        (("--rig", "toy@3"), "got @3, but there is no surprise in these settings"),
+        (("--rig", "toy@3"), "--rig: got rig 'toy@3', but toy has no surprise; expected toy"),
         (("--rig", "toy", "--model", "nowhere"), "no such model"),
         (("--rig", "toy", "--seconds", "0"), "--seconds: got '0', expected a finite number > 0"),
+        (("--rig", "toy", "--seconds", "0.1"), "--seconds: got 0.1, expected at least 1 s"),
+        (
+            ("--rig", "toy", "--seconds", "5"),
+            "--seconds: got 5, expected at least 33: the diagnosis needs 900 pictures",
+        ),
         (("--rig", "toy", "--reference", "nowhere.mcap"), "nowhere.mcap"),
     ],
 )
@@ -70,7 +75,8 @@ def test_bad_input(refused, arguments, message):
     assert message in refused("improve", *arguments)
 
 
-def test_a_round_that_fails_leaves_nothing(refused, tmp_path):
+def test_a_round_that_fails_leaves_nothing(refused, monkeypatch, tmp_path):
+    monkeypatch.setattr("mazeplan.run.campaign.improve.check_seconds", lambda seconds, rate_hz: None)
     words = ("improve", "--rig", "ideal", "--seconds", "2", "-o", tmp_path / "there" / "out")
     assert "got 60 samples" in refused(*words)
     assert not list(tmp_path.iterdir())

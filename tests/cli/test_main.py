@@ -13,7 +13,7 @@ import pytest
 
 import mazeplan.apps.cli
 from mazeplan.apps.cli import TolerantStream, keep_compiled, with_option
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, LogError, MapError, ModelError, TableError
 from mazeplan.maze.mapfile import dump_map, load_map
 from mazeplan.run.balls import with_balls
 
@@ -107,6 +107,9 @@ def test_a_tolerant_stream_drops_what_it_cannot_write():
         (["navigate", "--log", "/proc/none/x.mcap"], "--log: /proc/none/x.mcap"),
         (["navigate", "--colour"], "No such option: --colour"),
         (["map", "route", "--map", "cme"], "--map: give the map without it: route MAP"),
+        (["evaluate", "--faults", "camera_dead"], "--faults: got 'camera_dead', expected all, or a schedule of faults"),
+        (["evaluate", "--faults", "camera_deed"], "(YAML); camera_dead is a kind of fault, for such a file: `faults: "),
+        (["navigate", "--rig", "surprise@nosuch"], "--rig: got rig 'surprise@nosuch', expected surprise@N with a seed"),
         (["evaluate", "--to", "ring9"], "--to: ring: got 'ring9'"),
         (["map", "route", "--from", "ring9"], "--from: ring: got 'ring9'"),
         (["collect", "--ring", "9", "-o", "c.mcap"], "--ring: got '9'"),
@@ -122,6 +125,27 @@ def test_an_error_names_the_option_and_its_value(refused, words, message):
     assert message in refused(*words)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("learn", "nosuch.mcap", "-o", "out"),
+        ("compare", "nosuch.mcap"),
+        ("policy", "train", "--rig", "nosuch", "-o", "out"),
+        ("policy", "train", "--model", "nosuch", "-o", "out"),
+    ],
+)
+def test_a_name_that_is_not_there_is_told_before_torch_loads(tmp_path, words):
+    check = (
+        "import sys; sys.argv[0] = 'mazeplan'; from mazeplan.apps.cli import main\n"
+        "try: main()\nfinally: print('torch' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", check, *words], capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout) == (2, "False\n"), done.stderr
+    assert "nosuch" in done.stderr
+
+
 def test_record_has_no_use_for_a_map_with_two_balls(refused, tmp_path):
     path = tmp_path / "two.yaml"
     path.write_text(dump_map(with_balls(load_map("cme"), 2)))
@@ -132,6 +156,20 @@ def test_record_has_no_use_for_a_map_with_two_balls(refused, tmp_path):
 def test_a_place_in_a_file_needs_no_option():
     assert with_option(InputError("bad", file="a.yaml", line=3), ["navigate", "--map", "a.yaml"]) == "a.yaml:3: bad"
     assert with_option(InputError("bad", file="a.yaml"), ["map", "check", "a.yaml"]) == "a.yaml: bad"
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "option"),
+    [
+        (TableError, "diagnose c.mcap --model m --reference m", "--reference: "),
+        (LogError, "diagnose c.mcap --model m --test m", "--test: "),
+        (ModelError, "diagnose c.mcap --test m --model m", "--model: "),
+        (MapError, "map show cme --log m", "--log: "),
+        (TableError, "diagnose m --model m", ""),
+    ],
+)
+def test_of_options_with_the_same_value_that_is_named_which_the_error_is_about(error, words, option):
+    assert with_option(error("bad", file="m"), words.split()) == f"{option}m: bad"
 
 
 def test_help_and_version(call):

@@ -190,7 +190,7 @@ def test_a_log_is_given_once(refused, desk, line, names):
 
 
 def test_where_the_program_runs_may_be_written_what_is_read_there(refused, desk):
-    assert "column t is missing" in refused("learn", "a.csv", "-o", ".", "--force")
+    assert "missing columns: t" in refused("learn", "a.csv", "-o", ".", "--force")
 
 
 @pytest.mark.parametrize(("path", "option", "command"), list(named()))
@@ -224,3 +224,17 @@ def test_what_is_read_only_stays(refused, desk, line):
 
 def packaged(tree):
     return (share("behaviors") / f"{tree}.xml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "option"), [(("log", "info", "shut.mcap"), ""), (("view", "shut.mcap"), ""),
+                          (("diagnose", "log.csv", "--test", "shut.mcap"), "--test: ")]
+)  # fmt: skip
+def test_a_file_that_may_not_be_read_is_told_in_our_words(refused, monkeypatch, tmp_path, words, option):
+    monkeypatch.chdir(tmp_path)
+    for name in ("shut.mcap", "log.csv"):
+        (tmp_path / name).touch()
+    may = os.access
+    monkeypatch.setattr(os, "access", lambda path, *more, **m: "shut" not in str(path) and may(path, *more, **m))
+    problem = "shut.mcap: cannot be read: Permission denied; expected a file that you may read: chmod u+r shut.mcap"
+    assert refused(*words) == f"mazeplan: {option}{problem}\n"

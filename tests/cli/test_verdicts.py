@@ -115,6 +115,27 @@ def test_a_campaign_says_how_sure_it_is():
     assert "mazeplan navigate --seed 7 --start-angle 28.65 --log LOST.mcap" in lost["advice"][0]
 
 
+def test_the_advice_repeats_the_options_that_were_given():
+    given = {"--rig": " --rig ideal", "--from": " --from ring4", "--store": " --store st", "--runs": " --runs 1"}
+    (more,) = verdict(campaign(1, 1), given)["advice"]
+    assert more.endswith("mazeplan evaluate --runs 64 --rig ideal --from ring4 --store st")
+    look, see = verdict(campaign(1, 16), {**given, "--model": " --model my/model"})["advice"]
+    assert "--start-angle 28.65 --rig ideal --from ring4 --model my/model --log LOST.mcap" in look
+    assert see.endswith("collect --rings --rig ideal -o NEW.mcap, then mazeplan score my/model NEW.mcap")
+
+
+def test_options_are_repeated_as_one_would_type_them(call, monkeypatch, tmp_path):
+    given = ("--rig", "ideal", "--from", "ring4", "--no-deadline", "--time-limit", "12.5", "--settings", "my file.yaml")
+    (tmp_path / "my file.yaml").write_text("{}")
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = call("evaluate", "--runs", 1, *given, "--json")
+    assert code == 0
+    (more,) = json.loads(out)["advice"]
+    assert more.partition("--runs 64")[2].split(" --") == [
+        "", "rig ideal", "settings 'my file.yaml'", "from ring4", "time-limit 12.5", "no-deadline",
+    ]  # fmt: skip
+
+
 def test_a_campaign_without_a_way_names_the_map(call, tmp_path):
     shut = tuple(replace(opening, closed=True) for opening in MAZE.openings)
     (tmp_path / "shut.yaml").write_text(dump_map(replace(MAZE, openings=shut)))
@@ -123,7 +144,8 @@ def test_a_campaign_without_a_way_names_the_map(call, tmp_path):
     assert code == 1
     assert document["because"].startswith("no run found a way to its goal")
     assert document["advice"] == [
-        "open a way in the map, until this finds one: mazeplan map route MAP --from ring1 --to ring5"
+        f"open a way in the map, until this finds one: mazeplan map route {tmp_path / 'shut.yaml'} "
+        "--from ring1 --to ring5"
     ]
 
 

@@ -24,7 +24,7 @@ def test_logs_that_cannot_be_shown(refused, tmp_path):
         ((other,), "other.mcap: got "),
         ((tmp_path / "none.mcap",), "none.mcap: no such file, expected a run log"),
         ((log, log, log), "got 3 logs, expected one, or two"),
-        ((log, "--edit"), "--edit: got a log as well"),
+        ((log, "--edit"), "run.mcap, a log, expected a map; to see the log, leave out --edit"),
     ):
         assert message in refused("view", *words)
 
@@ -34,6 +34,23 @@ def test_maps_that_cannot_be_edited(refused, tmp_path):
     bad.write_text("name: a\nrings: [\n")
     assert "bad.yaml:3: not valid YAML" in refused("view", "--map", bad, "--edit")
     assert "packaged" in refused("view", "--map", "nowhere", "--edit")
+    assert "bad.yaml:3: not valid YAML" in refused("view", "--edit", bad)
+    assert "expected one map" in refused("view", "--edit", bad, "--map", "cme")
+    assert "expected one map" in refused("view", "--edit", bad, bad)
+
+
+def test_the_map_to_edit_may_be_the_argument_or_that_of_the_option(call, monkeypatch):
+    edited = []
+    monkeypatch.setattr("mazeplan.apps.view.serving.edit_map", lambda source, host, port: edited.append(source))
+    for words in (("mine.yaml",), ("--map", "mine.yaml"), ("seven",), ()):
+        assert call("view", "--edit", *words)[0] == 0
+    assert edited == ["mine.yaml", "mine.yaml", "seven", "cme"]
+
+
+def test_a_map_in_the_place_of_a_log_is_told_how_to_edit_it(refused, tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("name: a\n")
+    assert f"to edit a map: mazeplan view --edit {mine}" in refused("view", mine)
 
 
 def test_a_port_that_is_taken(refused):

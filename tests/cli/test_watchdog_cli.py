@@ -144,7 +144,7 @@ def test_a_hanging_part_ends_the_program_in_time(place, bad, where, how, said, l
         ("evaluate", "--runs", "2", "--workers", "2"),
         ("collect", "--seconds", "5", "-o", "log.mcap"),
         ("collect", "--seconds", "5", "-o", "log.mcap", "--rings"),
-        ("improve", "--runs", "1", "--seconds", "5"),
+        ("improve", "--runs", "1", "--seconds", "40"),
     ],
 )
 def test_every_command_that_moves_a_rig_watches_it(place, bad, monkeypatch, call, arguments):

@@ -164,6 +164,8 @@ def test_a_models_folder_is_a_page(monkeypatch, capsys, tmp_path):
     code, _, err = done(record, "-o", tmp_path / "o.html")
     assert code == 2
     assert "x.csv: got a table, expected the folder of a model to score on it as well" in err
+    code, _, err = done("none.csv", "-o", tmp_path / "o.html")
+    assert (code, err.count("none.csv: no such file")) == (2, 1)
 
 
 def test_a_model_on_the_log_that_it_was_learned_from_carries_a_warning(tmp_path):

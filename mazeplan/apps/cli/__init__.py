@@ -24,8 +24,8 @@ import typer
 
 from mazeplan.apps.cli.app import app
 from mazeplan.apps.cli.output import short_warnings
-from mazeplan.apps.cli.path_checks import unusable
-from mazeplan.core.errors import InputError, MazeplanError
+from mazeplan.apps.cli.path_checks import unreadable, unusable
+from mazeplan.core.errors import InputError, LogError, MapError, MazeplanError, ModelError, TableError, TreeError
 
 _UsageError: Any = typer.BadParameter.__base__  # typer exports BadParameter, but not its base
 
@@ -33,6 +33,8 @@ INTERRUPTED = 130  # exit status
 UNWRITABLE = (errno.ENOSPC, errno.EPIPE)  # a full disk; a reader that left, as in `mazeplan log export ... | head`
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ELOOP, errno.ENAMETOOLONG)  # of a path
 ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+OWN: dict[type[InputError], str] = {ModelError: "--model", MapError: "--map", TreeError: "--behavior"}
+NEVER_A_LOG = ("--model", "--map", "--behavior", "--rig", "--settings", "--policy")  # in these options
 EXPECTED = {  # how typer begins its message about a number: our words
     "valid integer": "a whole number",
     "valid number": "a number",
@@ -128,7 +130,7 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
     text = str(error)
     if not isinstance(error, InputError) or error.line is not None or text.startswith("-"):
         return text
-    for option, value in _option_values(words):
+    for option, value in _likely_first(error, words):
         if error.file is None and option == f"--{error.key}":
             return f"--{text}"
         same = error.file is not None and os.path.abspath(value) == os.path.abspath(str(error.file))
@@ -139,6 +141,14 @@ def with_option(error: MazeplanError, words: Sequence[str]) -> str:
     return text
 
 
+def _likely_first(error: InputError, words: Sequence[str]) -> list[tuple[str, str]]:
+    """The options with their values, those first which such an error is about: several may have the same value."""
+    pairs = list(_option_values(words))
+    if isinstance(error, LogError | TableError):
+        return [pair for pair in pairs if pair[0] not in NEVER_A_LOG]
+    return sorted(pairs, key=lambda pair: pair[0] != OWN.get(type(error)))
+
+
 def _usage_message(error: Any, words: Sequence[str]) -> str:
     """A usage error in our form: option, value, allowed values."""
     text = " ".join(error.format_message().split())
@@ -146,6 +156,10 @@ def _usage_message(error: Any, words: Sequence[str]) -> str:
         name = error.option_name.lstrip("-").upper()
         if name in (argument.metavar for argument in error.ctx.command.params if argument.opts[0][0] != "-"):
             return f"{text}: give the {name.lower()} without it: {error.ctx.info_name} {name}"
+    shut = re.fullmatch(r"Invalid value for '(.*?)': \w+ '(.*)' is not readable\.", text)
+    if shut is not None:
+        option = f"{shut[1]}: " if shut[1].startswith("-") else ""
+        return f"{option}{unreadable(shut[2])}"
     found = re.fullmatch(r"Invalid value for '(-[\w-]+)'[^:]*: (?:Input should be (?:a )?|Value error, )?(.*)", text)
     if found is None or found[2].startswith("got "):
         return text if found is None else f"{found[1]}: {found[2]}"

@@ -80,17 +80,27 @@ def _calibrate(
     import numpy as np
 
     from mazeplan.apps.cli.progress import ProgressBar
-    from mazeplan.rigs.camera.calibration import calibrate_lens, calibrate_plate
+    from mazeplan.rigs.camera.calibration import calibrate_plate
     from mazeplan.rigs.camera.source import pictures
 
     source = plate or str(given.get("source", 0))
     pivot = np.array(given.get("pivot_mm", (0.0, 0.0, 0.0)), dtype=float) / 1000.0
     with ProgressBar("calibrating", compiles=False) as bar:
-        chessboards = None if boards is None else _shown(pictures(boards, BOARDS), bar)
-        lens = _lens(given, file) if chessboards is None else calibrate_lens(chessboards, *board)
+        lens = _lens(given, file) if boards is None else _lens_of(boards, board, bar)
         seen = list(_shown(pictures(source, PLATES), bar))
         bar.show("place of the camera")
         return lens, calibrate_plate(lens, seen, maze, markers, pivot)
+
+
+def _lens_of(boards: str, board: tuple[tuple[int, int], float], bar: ProgressBar) -> LensCalibration:
+    """The lens by pictures of the chessboard. Raises InputError that names the pictures, or all of them."""
+    from mazeplan.rigs.camera.calibration import calibrate_lens
+    from mazeplan.rigs.camera.source import pictures
+
+    try:
+        return calibrate_lens(_shown(pictures(boards, BOARDS), bar), *board)
+    except InputError as problem:
+        raise problem if problem.file is not None else InputError(problem.problem, file=boards) from None
 
 
 def _shown(found: Iterator[Any], bar: ProgressBar) -> Iterator[Any]:

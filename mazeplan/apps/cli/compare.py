@@ -41,10 +41,13 @@ def compare(
     as_json: opt.AsJson = False,
 ) -> None:
     """Compare kinds of ball models in each ring: nRMSE of theta_dd and roll-out errors."""
+    from mazeplan.core.logs.table import check_there, read_table
+
+    for log in (*logs, *(test or ())):  # before torch loads
+        check_there(log)
     from mazeplan.apps.cli.log_context import check_channel, check_radius, logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.cli.report import write_report
-    from mazeplan.core.logs.table import read_table
     from mazeplan.learning import comparison
     from mazeplan.learning.confidence import DRAWS, ConfidenceOptions
     from mazeplan.learning.fitting import KINDS, FitOptions

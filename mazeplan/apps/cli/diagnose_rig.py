@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, write_reports
+from mazeplan.apps.cli.diagnosis_request import DiagnosisRequest, lines_of_test, write_reports
 from mazeplan.apps.cli.log_context import logged_map
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.plugins import added_effects
@@ -84,7 +84,8 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
     if request.as_json:
         print_json(document)
         return
-    lines = [document["sentence"], *document["advice"], *(f"note: {note}" for note in done.notes)]
+    on_test = lines_of_test("" if done.test is None else done.test.both())
+    lines = [document["sentence"], *on_test, *document["advice"], *(f"note: {note}" for note in done.notes)]
     lines += [f"{key}: {document[key]}" for key in ("report", "model") if document[key] is not None]
     print("\n".join(lines))
 

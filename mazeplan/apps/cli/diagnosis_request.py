@@ -91,13 +91,19 @@ def finish(done: Diagnosis, document: dict[str, Any], request: DiagnosisRequest,
     if request.as_json:
         print_json(document)
     else:
-        print("\n".join(result_lines(done.sentence(), document)))
+        on_test = "" if done.test is None else done.test[0].both(done.test[1])
+        print("\n".join(result_lines(done.sentence(), document, on_test)))
 
 
-def result_lines(sentence: str, document: dict[str, Any]) -> list[str]:
-    """The verdict, ways to separate ambiguous effects, notes and written files."""
+def lines_of_test(errors: str) -> list[str]:
+    """The errors before and after on the record of --test, in words; none without one."""
+    return [f"on the record of --test: {errors}"] if errors else []
+
+
+def result_lines(sentence: str, document: dict[str, Any], on_test: str = "") -> list[str]:
+    """The verdict, errors on a test record, ways to separate ambiguous effects, notes and written files."""
     ring = document.get("ring")
-    lines = [f"Ring {ring}: {sentence}" if ring else sentence]
+    lines = [f"Ring {ring}: {sentence}" if ring else sentence, *lines_of_test(on_test)]
     ways = (
         (way["first"] + ", then " if way["first"] else "", way["command"]) for way in document.get("separate_by", [])
     )

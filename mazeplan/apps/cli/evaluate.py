@@ -8,13 +8,17 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from typer import Context
+
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import check_learning, evaluate_learning
+from mazeplan.apps.cli.option_checks import given_words
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.runs import note_missing_model
 
 if TYPE_CHECKING:
     from mazeplan.core.records import NavigationResult
+    from mazeplan.rigs.faults.schedule import FaultTrial
     from mazeplan.run.campaign.evaluate import Campaign
     from mazeplan.run.campaign.executor import Executor
     from mazeplan.run.campaign.store import Store
@@ -24,6 +28,7 @@ MOST_OTHERS = 3  # other campaigns in the store that are named
 
 
 def evaluate(
+    ctx: Context,
     runs: opt.Runs = None,
     rig: opt.RigName = "toy",
     map_: opt.Map = "cme",
@@ -79,7 +84,7 @@ def evaluate(
     if report is not None:
         write_report("evaluation", document, report, document["setup"]["rig"] + (" with faults" if faults else ""))
     if faults is None:
-        document |= verdict(document)
+        document |= verdict(document, given_words(ctx))
     if as_json:
         print_json(document)
     elif faults is not None:
@@ -119,12 +124,11 @@ def _evaluate_faults(
     campaign: Campaign, faults: str, workers: int | None, dask: str | None, folder: Path | None
 ) -> dict[str, Any]:
     """The document of a campaign in which each fault of a schedule is tried; faults: its file, or all."""
-    from mazeplan.rigs.faults.schedule import every_kind, load_schedule
     from mazeplan.run.campaign.evaluate import summary
     from mazeplan.run.campaign.faults import evaluate_faults, report
     from mazeplan.run.campaign.store import open_stores
 
-    trials = every_kind() if faults == "all" else load_schedule(faults)
+    trials = _trials(faults)
     late = [trial.name for trial in trials if any(e.at_s[0] >= campaign.time_limit for e in trial.entries)]
     if late:
         limit = f"begins only after the time limit of {campaign.time_limit:g} s"
@@ -139,6 +143,22 @@ def _evaluate_faults(
     document["results"] = [outcome.to_json() for outcome in flat]
     document["faults"] = [report(trial, found) for trial, found in zip(trials, outcomes, strict=True)]
     return document
+
+
+def _trials(faults: str) -> tuple[FaultTrial, ...]:
+    """The trials of a schedule; faults: its file, or all."""
+    from mazeplan.core.errors import InputError
+    from mazeplan.core.name_hints import nearest
+    from mazeplan.rigs.faults.kinds import KINDS
+    from mazeplan.rigs.faults.schedule import every_kind, load_schedule
+
+    if faults == "all":
+        return every_kind()
+    kind = faults if faults in KINDS else nearest(faults, KINDS)
+    if kind is not None and not Path(faults).exists():
+        how = f"{kind} is a kind of fault, for such a file: `faults: [{{kind: {kind}}}]`"
+        raise InputError(f"got {faults!r}, expected all, or a schedule of faults (YAML); {how}", key="--faults")
+    return load_schedule(faults)
 
 
 @contextmanager

@@ -33,10 +33,13 @@ def learn(
     as_json: opt.AsJson = False,
 ) -> None:
     """Fit the model of a rig, stage and ball, to its logs."""
+    from mazeplan.core.logs.table import check_there, join, read_table
+
+    for log in logs:  # before torch loads
+        check_there(log)
     from mazeplan.apps.cli.log_context import logged_map
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.report.words import verdict_lines
-    from mazeplan.core.logs.table import join, read_table
     from mazeplan.learning.fitting import NETWORKS, FitOptions
     from mazeplan.learning.gp_training import TrainingOptions, require_torch
     from mazeplan.learning.identification import fit_rig

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,11 @@ NEEDS = (  # an option, and the one without which it would have no effect, in ea
     ("--host", "--view"), ("--port", "--view"), ("--groot-host", "--groot"), ("--place", "--rings"),
     ("-o", "--learn"),
 )  # fmt: skip
-APART = (("-o", "--into"), ("--markdown", "--json"))  # options of which the second would hide the first
+APART = (
+    ("-o", "--into"),
+    ("-o", "--minari"),
+    ("--markdown", "--json"),
+)  # options of which the second would hide the first
 
 
 def check_effect(ctx: Context) -> None:
@@ -43,6 +48,24 @@ def given_options(ctx: Context) -> set[str]:
     """The options that stand in the command line, in their shortest spelling."""
     sources = {option: ctx.get_parameter_source(name) for option, name in _options(ctx).items()}
     return {option for option, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
+
+
+def given_words(ctx: Context) -> dict[str, str]:
+    """The options of a command line as one would type them again, each with a space before it: for advice."""
+    given, words = given_options(ctx), dict[str, str]()
+    for option, name in _options(ctx).items():
+        value = ctx.params.get(name)
+        if option in given and option.startswith("-") and value not in (None, False):
+            values = value if isinstance(value, list | tuple) else [value]
+            words[option] = "".join(f" {option}{_typed(one)}" for one in values)
+    return words
+
+
+def _typed(value: Any) -> str:
+    """A value after its option; nothing for a flag."""
+    if value is True:
+        return ""
+    return " " + shlex.quote(f"{value:g}" if isinstance(value, float) else str(value))
 
 
 def _options(ctx: Context) -> dict[str, str]:
@@ -70,7 +93,9 @@ def number(
         if not math.isfinite(value) or (positive and value <= 0.0):
             raise BadParameter(f"got {str(text)!r}, expected {expected}")
         if not low <= value <= most:
-            wanted = f"at most {most:g}" if low == -math.inf else f"{low:g} to {most:g}"
+            wanted = f"{low:g} to {most:g}"
+            if math.inf in (-low, most):
+                wanted = f"at most {most:g}" if low == -math.inf else f"at least {low:g}"
             hint = unit_hint(value, {"degrees": "deg"}.get(unit, unit), low, most)
             raise BadParameter(f"got {text}, expected {wanted}{f' {unit}' if unit else ''}{hint}")
         return value

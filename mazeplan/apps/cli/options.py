@@ -116,7 +116,7 @@ TimeLimit = Annotated[
     Option("--time-limit", parser=number(), metavar="S", help="Time limit in s of rig time."),
 ]
 Seconds = Annotated[
-    float, Option("--seconds", parser=number(), metavar="S", help="Length of the record in s of rig time.")
+    float, Option("--seconds", parser=number("s", least=1.0), metavar="S", help="Length of the record, s of rig time.")
 ]
 Sense = Annotated[
     str | None,

@@ -9,8 +9,10 @@
 
 from __future__ import annotations
 
+import errno
 import filecmp
 import os
+import shlex
 import stat
 from collections.abc import Iterator
 from itertools import combinations
@@ -52,6 +54,12 @@ def check_paths(ctx: Any) -> None:
 def unusable(problem: OSError, path: str | Path) -> InputError:
     """The error for a path that the system refuses: no right to enter its folder, a name too long."""
     return InputError(f"cannot be used: {problem.strerror}; expected a file or folder that you may use", file=path)
+
+
+def unreadable(path: str | Path) -> InputError:
+    """The error for a file that may not be read."""
+    problem = f"cannot be read: {os.strerror(errno.EACCES)}; expected a file that you may read"
+    return InputError(f"{problem}: chmod u+r {shlex.quote(str(path))}", file=path)
 
 
 def _check_kind(one: _Named) -> None:

@@ -46,17 +46,18 @@ def train(
     as_json: opt.AsJson = False,
 ) -> None:
     """Train a policy: runs of the planner, then of the policy with the planner's commands as its lessons."""
-    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.apps.cli.runs import note_missing_model
+    from mazeplan.maze.mapfile import load_map
+
+    note_missing_model(rig, model, load_map(map_))  # names a rig that is not there before torch loads
+    from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.control.policy_file import policy_document, save_policy
     from mazeplan.learning.gp_training import require_torch
-    from mazeplan.maze.mapfile import load_map
     from mazeplan.run.campaign.imitation import Options
     from mazeplan.run.campaign.imitation import train as train_policy
     from mazeplan.run.campaign.one_run import Campaign
 
     require_torch()
-    note_missing_model(rig, model, load_map(map_))
     campaign = Campaign(runs=runs, rig=rig, map=map_, model=model, settings=settings)
     lines: list[str] = []
     with ProgressBar("learning") as bar:

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import print_json, say
-from mazeplan.core.errors import InputError
+from mazeplan.core.errors import InputError, SettingsError
+
+OPTIONS = {"start_ring": "--from", "goal_ring": "--to"}  # by the name that the environment has for it
 
 
 def record(
@@ -30,8 +32,8 @@ def record(
     from mazeplan.apps.environment.record import Recording, record_minari
     from mazeplan.apps.environment.record import record as record_parquet
 
-    if (output is None) == (minari is None):
-        raise InputError("got both or neither of -o FILE.parquet and --minari NAME, expected one")
+    if output is None and minari is None:
+        raise InputError("got neither -o FILE.parquet nor --minari NAME, expected one of the two")
     options = {
         "map": map_, "rig": rig, "observation": observation, "reward": reward, "start_ring": start,
         "goal_ring": goal,
@@ -43,6 +45,10 @@ def record(
                 done = record_minari(plan, minari, bar.advance)
             else:
                 done = record_parquet(plan, Path(str(output)), bar.advance)
+    except SettingsError as problem:
+        if problem.file is not None or problem.key not in OPTIONS:
+            raise
+        raise SettingsError(problem.problem, key=OPTIONS[problem.key]) from None
     except KeyboardInterrupt:
         say("no episode is kept: a data set is written only when it is complete")
         raise

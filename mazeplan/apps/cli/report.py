@@ -98,6 +98,7 @@ def _sections(given: list[Input], show: Callable[[str], None] = lambda text: Non
     from mazeplan.apps.report.models import model_section, models_section
     from mazeplan.apps.report.run import run_section
     from mazeplan.core.logs.run_log import read_log
+    from mazeplan.core.logs.table import check_there
 
     data = [part.path for part in given if part.kind in ("run", "table")]
     models = any(part.kind == "model" for part in given)
@@ -110,6 +111,7 @@ def _sections(given: list[Input], show: Callable[[str], None] = lambda text: Non
         elif part.kind in ("run", "table") and models:
             continue
         elif part.kind == "table":
+            check_there(part.path)
             raise InputError("got a table, expected the folder of a model to score on it as well", file=part.path)
         elif part.kind == "run":
             log = read_log(part.path)

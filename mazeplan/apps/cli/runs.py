@@ -29,11 +29,13 @@ def navigation_job(
 def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | None = None) -> None:
     """Print a note if nominal physics replace a fitted model: no camera delay, no tilt of the table.
 
-    Raises InputError or RigError for a rig that cannot be made."""
-    from mazeplan.learning.modelfile import model_names
+    Raises InputError or RigError for a rig that cannot be made, and for a model that is not there."""
+    from mazeplan.learning.modelfile import model_names, model_path
     from mazeplan.rigs.registry import make_rig, rig_model_hint
 
     make_rig(rig, maze, sense)
+    if model is not None:
+        model_path(model)
     if model is None and rig not in model_names() and rig_model_hint(rig) is None:
         say(f"no model for rig {rig}: using nominal physics; fit a model with `mazeplan collect` and `learn`")
 

@@ -12,8 +12,11 @@ from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.option_checks import given_options
 from mazeplan.core.errors import InputError
 
-ViewLogs = Annotated[list[Path] | None, Argument(metavar="LOG [OTHER]", help="Show a run log, or two side by side.")]
-Edit = Annotated[bool, Option("--edit", help="Edit the map of --map on the page; move no rig.")]
+ViewLogs = Annotated[
+    list[Path] | None,
+    Argument(metavar="LOG [OTHER]", help="Show a run log, or two side by side. With --edit: the map to edit."),
+]
+Edit = Annotated[bool, Option("--edit", help="Edit a map on the page, cme if none is given; move no rig.")]
 
 
 def view(
@@ -39,16 +42,15 @@ def view(
         from mazeplan.apps.cli.progress import ProgressBar
         from mazeplan.apps.view.serving import edit_map, open_logs, show_logs
 
-        if logs and edit:
-            raise InputError("--edit: got a log as well, expected one of the two")
-        used = {"logs", "--edit", "--host", "--port"} | ({"--map"} if edit else set())
-        for option in sorted(given_options(ctx) - used):
+        given = given_options(ctx)
+        for option in sorted(given - {"logs", "--edit", "--host", "--port"} - ({"--map"} if edit else set())):
             raise InputError(f"has no effect {'with --edit' if edit else 'beside a log'}: leave it out", key=option)
-        if not logs:
-            edit_map(map_, host, port)
+        if edit:
+            edit_map(_map_to_edit(logs or [], map_ if "--map" in given else None), host, port)
             return
+        _check_logs(logs or [])
         with ProgressBar("reading") as bar:
-            runs = open_logs(logs, bar.show)
+            runs = open_logs(logs or [], bar.show)
         show_logs(runs, host, port)
         return
     from mazeplan.apps.cli.live import navigate_live
@@ -59,3 +61,21 @@ def view(
         settings=settings, seed=seed, time_limit=time_limit,
     )  # fmt: skip
     sys.exit(navigate_live(job, host, port, begin=False))
+
+
+def _map_to_edit(given: list[Path], map_: str | None) -> str:
+    """The map to edit: the argument, or that of --map, else cme. Raises InputError for more than one, and for a log."""
+    if len(given) + (map_ is not None) > 1:
+        names = ", ".join(map(str, [*given, *([] if map_ is None else [map_])]))
+        raise InputError(f"--edit: got {names}, expected one map")
+    if given and given[0].suffix.lower() == opt.RUN_LOG:
+        raise InputError(f"--edit: got {given[0]}, a log, expected a map; to see the log, leave out --edit")
+    return str(given[0]) if given else map_ or "cme"
+
+
+def _check_logs(given: list[Path]) -> None:
+    """Raises InputError for a map in the place of a log."""
+    for path in given:
+        if path.suffix.lower() in opt.YAML:
+            problem = f"got a YAML file, expected a run log; to edit a map: mazeplan view --edit {path}"
+            raise InputError(problem, file=path)

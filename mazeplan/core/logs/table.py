@@ -104,11 +104,16 @@ OTHERS = (
 EXPECTED = "a run log (.mcap) or a table (CSV) with t, beta, gamma and theta, or x and y, in its first row"
 
 
+def check_there(path: Path) -> None:
+    """Raises TableError for what is not there, or surely neither a run log nor a table."""
+    if not path.is_file() or file_kinds.got(path) in OTHERS or not os.access(path, os.R_OK):
+        raise TableError(file_kinds.refused(path, EXPECTED), file=path)
+
+
 def read_table(path: str | Path) -> Table:
     """A table from a run log (.mcap) or CSV. Raises TableError or LogError with file, line and column."""
     path = Path(path)
-    if not path.is_file() or file_kinds.got(path) in OTHERS or not os.access(path, os.R_OK):
-        raise TableError(file_kinds.refused(path, EXPECTED), file=path)
+    check_there(path)
     if path.suffix == ".mcap" or file_kinds.got(path) == file_kinds.LOG:
         log = read_log(path)
         warn_if_cut(log)

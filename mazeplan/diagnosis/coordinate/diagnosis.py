@@ -44,8 +44,12 @@ class Score(ABC):
         """The sentence of a record in which no effect was found."""
 
     @abstractmethod
+    def both(self, after: Any) -> str:
+        """These errors and those after the effects were found, in words."""
+
     def change(self, after: Any) -> str:
-        """From these errors to those after the effects were found, in words."""
+        """The same, and what follows from it."""
+        return self.both(after)
 
     def document(self) -> dict[str, float | None]:
         """The errors, rounded; None if not finite."""

@@ -180,8 +180,8 @@ class MechanismScore(Score):
         run = f"{self.seconds:.1f} s of free run {times * self.free_run:.3g} {unit} off"
         return f"Nothing is missing: {self.mechanism.scored} error {self.nrmse:.2%}, {run}."
 
-    def change(self, after: MechanismScore) -> str:
-        """From these errors to those after the effects were found, in words."""
+    def both(self, after: MechanismScore) -> str:
+        """These errors and those after the effects were found, in words."""
         times, unit = self.mechanism.shown
         error = f"{self.mechanism.scored} error {self.nrmse:.2%} -> {after.nrmse:.2%}"
         off = f"{times * self.free_run:.3g} -> {times * after.free_run:.3g} {unit} off"

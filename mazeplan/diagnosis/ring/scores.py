@@ -78,14 +78,17 @@ class RingScore(Score):
             return f"Nothing that is missing was found: {same}; {TOO_SELDOM}."
         return f"Nothing is missing: {same}."
 
-    def change(self, after: RingScore) -> str:
-        """From these errors to those after the effects were found, in words."""
+    def both(self, after: RingScore) -> str:
+        """These errors and those after the effects were found, in words."""
         if not math.isfinite(self.rollout40):
             return f"nRMSE of theta_dd {self.nrmse:.3f} -> {after.nrmse:.3f}"
-        change = f"40-step error {self.rollout40:.4f} -> {after.rollout40:.4f} rad"
-        if after.rollout40 > self.rollout40:
-            change += " where it was held out, which is no better: a longer record would tell more"
-        return change
+        return f"40-step error {self.rollout40:.4f} -> {after.rollout40:.4f} rad"
+
+    def change(self, after: RingScore) -> str:
+        """The same, and that the found effects do not help where they do not."""
+        worse = math.isfinite(self.rollout40) and after.rollout40 > self.rollout40
+        no_better = " where it was held out, which is no better: a longer record would tell more"
+        return self.both(after) + no_better * worse
 
 
 def ring_of(likelihood: Likelihood) -> RingSystem:

@@ -77,9 +77,10 @@ def calibrate_lens(pictures: Iterable[NamedPicture], corners: tuple[int, int], s
         term = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-3)
         found.append((name, cv2.cornerSubPix(gray, at, (4, 4), (-1, -1), term)))
     if size is None or len(found) < LEAST_BOARDS:
+        looked = len(found) + len(without)
         raise InputError(
-            f"chessboard: got {len(found)} pictures with a board of {corners[0]} x {corners[1]} inner corners, "
-            f"expected at least {LEAST_BOARDS}"
+            f"chessboard: got {len(found)} pictures with a whole board of {corners[0]} x {corners[1]} inner corners "
+            f"among {looked}, expected at least {LEAST_BOARDS}; take more, or count the inner corners for --corners"
         )
     lens = _zhang(board, [at for _, at in found], size)
     while lens.error_px > GOOD_PX and len(found) > LEAST_BOARDS:

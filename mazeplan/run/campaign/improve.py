@@ -15,9 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mazeplan.core.errors import InputError
 from mazeplan.core.logs.table import Table, read_table
 from mazeplan.core.progress import Advance, Words, no_advance, no_words, of_total
 from mazeplan.core.whole_file import whole_file, whole_folder
+from mazeplan.diagnosis.rig.record import FEWEST
 from mazeplan.diagnosis.rig.reference import RigReference, reference_of
 from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
 from mazeplan.diagnosis.rig.result import RigVerdict, advice
@@ -32,6 +34,7 @@ from mazeplan.run.campaign.evaluate import Campaign, evaluate, summary
 from mazeplan.run.collect import Collection, run_collection
 from mazeplan.run.resolve import model_source, resolve_model
 
+UNSEEN = 90  # pictures more than a diagnosis needs: in some the camera misses the ball
 WORSE = 1.05  # times the mean time of navigation, from which it got worse
 
 
@@ -72,6 +75,7 @@ def improve(
     tell, working, advance = tell or no_words, working or no_words, advance or no_advance
     maze = load_map(options.map)
     known = resolve_model(model, rig, maze)
+    check_seconds(options.seconds, make_rig(rig, maze).rate_hz)
     working("what the rig was like")
     was = reference_of(reference, maze, known) if reference else known_reference(model_source(model, rig), known, maze)
     rounds: list[dict[str, Any]] = []
@@ -104,6 +108,14 @@ def improve(
                 beside.write_text(json.dumps(rounds[-1], indent=1) + "\n")
         path, before = new or path, after
     return rounds
+
+
+def check_seconds(seconds: float, rate_hz: float) -> None:
+    """Raises InputError for a record that would be too short for a diagnosis, before the rig moves."""
+    least = math.ceil((FEWEST + UNSEEN) / rate_hz)
+    if seconds < least:
+        why = f"expected at least {least}: the diagnosis needs {FEWEST} pictures of the ball"
+        raise InputError(f"got {seconds:g}, {why}", key="seconds")
 
 
 def _navigate(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
@@ -23,7 +24,7 @@ from mazeplan.core.file_format import format_problem
 from mazeplan.core.records import NavigationResult
 from mazeplan.core.resources import to_install
 from mazeplan.rigs.registry import rig_label
-from mazeplan.run.campaign.identity import difference, digest_of, identity, text_of
+from mazeplan.run.campaign.identity import LETTERS, difference, digest_of, identity, text_of
 from mazeplan.run.campaign.lock import alone
 from mazeplan.run.campaign.one_run import Campaign
 from mazeplan.run.campaign.parcel import Parcel, packed
@@ -33,6 +34,7 @@ from mazeplan.run.resolve import model_source
 FORMAT, KEY = 1, b"mazeplan_format"  # in the metadata of a file; a file without it has 1, too
 TOGETHER = 1000  # runs, each in a file of its own, that are put together on the way
 SPREADS = ("p50", "p99", "max")
+NAME = re.compile(rf"campaign-[0-9a-f]{{{LETTERS}}}(\.run-[0-9]+)?\.parquet")  # of a file in a store
 
 
 def columns() -> Any:
@@ -190,9 +192,7 @@ def _table(path: Path, only: list[str] | None = None) -> Any:
                 raise InputError(refused, file=path, key="mazeplan_format")
             return file.read(only).replace_schema_metadata()
     except (pa.ArrowException, OSError) as problem:
-        why = " ".join(str(problem).split())
-        problem = f"cannot be read as runs of a campaign: {why}; without this file its runs are done again"
-        raise InputError(problem, file=path) from None
+        raise _damaged(path, problem) from None
 
 
 def _refused(told: Mapping[bytes, bytes]) -> str | None:
@@ -205,6 +205,36 @@ def _setup_in(path: Path) -> Mapping[str, Any]:
     with suppress(InputError, LookupError, ValueError, AttributeError):
         return dict(json.loads(_table(path, ["setup"])["setup"][0].as_py()))
     return {}
+
+
+def _check_folder(folder: Path) -> None:
+    """Raises InputError for a folder that is no store, and for a damaged file of any campaign.
+
+    A reader of the whole folder takes every Parquet file in it for runs; other files may lie beside the runs."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    there = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    ours = [path for path in there if NAME.fullmatch(path.name)]
+    for path in there:
+        if path not in ours and (not ours or path.suffix == ".parquet"):
+            expected = "expected a new or empty folder, or one with runs of `evaluate` only"
+            raise InputError(f"--store: {folder} is no store of runs: it holds {path.name}; {expected}")
+    for path in ours:
+        try:
+            pq.read_metadata(path)
+        except FileNotFoundError:  # another command has just put its runs together
+            continue
+        except (pa.ArrowException, OSError) as problem:
+            raise _damaged(path, problem) from None
+
+
+def _damaged(path: Path, problem: Exception) -> InputError:
+    """The error for a file of a campaign that cannot be read."""
+    why = " ".join(str(problem).split())
+    return InputError(
+        f"cannot be read as runs of a campaign: {why}; without this file its runs are done again", file=path
+    )
 
 
 @contextmanager
@@ -226,6 +256,7 @@ def open_stores(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise InputError(f"--store: got {folder}: {problem.strerror}; expected a folder that can be made") from None
+    _check_folder(folder)
     parcel = packed(campaign)
     setups = [{**identity(campaign, parcel), "fault": fault} for fault in faults]
     with ExitStack() as stack:

@@ -79,7 +79,7 @@ def test_a_board_that_lies_is_left_out_and_named():
 
 
 def test_too_few_boards():
-    with pytest.raises(InputError, match="got 0 pictures with a board of 9 x 6"):
+    with pytest.raises(InputError, match="got 0 pictures with a whole board of 9 x 6"):
         calibrate_lens(plates(2), CORNERS, SQUARE)
     with pytest.raises(InputError, match="expected 640 x 480"):
         calibrate_lens([*boards()[:2], ("small", np.zeros((240, 320, 3), np.uint8))], CORNERS, SQUARE)

@@ -51,12 +51,14 @@ def test_a_kind_is_asked_for_by_name():
     rig = make_rig("surprise@gain", MAZE)
     assert rig.surprise.kind == "gain"  # pyright: ignore[reportAttributeAccessIssue]
     assert rig_label("surprise@gain") == "surprise@gain"
-    with pytest.raises(SettingsError, match=r"surprise: got 'nonsense', expected 'drawn', 'table'"):
+    with pytest.raises(
+        SettingsError, match=r"^got rig 'surprise@nonsense', expected surprise@N with a seed, .* one of drawn, table"
+    ):
         make_rig("surprise@nonsense", MAZE)
 
 
 def test_a_rig_without_a_surprise_takes_no_seed():
-    with pytest.raises(SettingsError, match=r"got @3, but there is no surprise"):
+    with pytest.raises(SettingsError, match=r"got rig 'toy@3', but toy has no surprise; expected toy$"):
         make_rig("toy@3", MAZE)
     assert answer(settings_from({}), MAZE) is None
 

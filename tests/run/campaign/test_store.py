@@ -153,3 +153,31 @@ def test_files_that_are_none_of_ours_are_named_and_folders_that_cannot_be_made(t
     for wrong in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(InputError, match=r"--store: got .*file"), open_store(wrong, LIGHT):
             pass
+
+
+def test_a_damaged_file_of_another_campaign_is_named(tmp_path):
+    with open_store(tmp_path, LIGHT) as store:
+        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
+    store.whole.write_text("no parquet")
+    named = rf"{store.whole.name}: cannot be read as runs of a campaign: .*; without this file its runs are done again"
+    with pytest.raises(InputError, match=named), open_store(tmp_path, replace(LIGHT, seed=8)):
+        pass
+
+
+@pytest.mark.parametrize("name", ["model.yaml", "other.parquet", "campaign-mine.parquet"])
+def test_a_folder_that_is_no_store_is_refused_and_stays_as_it_is(tmp_path, name):
+    (tmp_path / name).touch()
+    with pytest.raises(InputError, match=f"--store: .* holds {name}; expected"), open_store(tmp_path, LIGHT):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_other_files_than_parquet_may_lie_beside_the_runs(tmp_path):
+    with open_store(tmp_path, LIGHT) as store:
+        store.keep(0, Ran(run(7), 0.5, 0.125, "here:1"))
+    (tmp_path / "report.html").touch()
+    with open_store(tmp_path, LIGHT) as store:
+        assert set(store.results) == {0}
+    (tmp_path / "episodes.parquet").touch()
+    with pytest.raises(InputError, match="holds episodes"), open_store(tmp_path, LIGHT):
+        pass
