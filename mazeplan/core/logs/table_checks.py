@@ -1,0 +1,172 @@
+"""What is checked in a table of measurements: columns that are needed, numbers, time, and units."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from mazeplan.core.errors import TableError
+from mazeplan.core.records import Array, IntArray
+
+BALL = ("x", "y", "theta", "r")  # may be missing in single rows: the ball was not seen
+RATES = tuple(f"{name}_{order}" for order in ("dot", "ddot") for name in ("theta", "beta", "gamma"))
+EVERYWHERE = ("t", "beta", "gamma", "u_beta", "u_gamma", "segment", "ring")  # a number in each row, if there at all
+KNOWN = (*EVERYWHERE, *BALL, *RATES)
+
+DEGREES = 1.0  # rad; a plate that is said to tilt further was measured in degrees
+MILLIMETRES = 1.0  # m; a ball further out than this was measured in millimetres: the largest track is 0.09 m
+MILLISECONDS = 5.0  # s; a table with longer steps than this has another unit of time: rigs run at about 30 Hz
+SPINNING = 20.0  # rad/s; half of all rows faster than this (over LAG_S) is no ball in a ring but an angle in degrees
+SLOWEST = 0.5  # s; a ball that rolls is somewhere else after a longer step
+LAG_S = 0.1  # s; long enough that noise of the camera is no speed
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where the rows of a table stand in its file, for messages: line of each row; data, header of a CSV."""
+
+    file: Path
+    lines: Sequence[int] | IntArray
+    data: bytes = b""
+    header: tuple[str, ...] = ()
+
+    def refuse(self, name: str, row: int, expected: str, got: object = None) -> NoReturn:
+        """Raise TableError about one cell; got: what to say, else what stands in the file."""
+        line = int(self.lines[row])
+        if got is None:
+            fields = fields_of(self.data, line)
+            at = self.header.index(name) if name in self.header else len(fields)
+            text = fields[at].strip() if at < len(fields) else ""
+            got = repr(text[:40]) if text else "an empty cell" if self.data else "no value"
+        raise TableError(f"got {got}, expected {expected}", file=self.file, line=line, key=name)
+
+
+def lines_of(data: bytes) -> io.TextIOWrapper:
+    """The bytes of a CSV as lines of text."""
+    return io.TextIOWrapper(io.BytesIO(data), encoding="utf-8", newline="")
+
+
+def fields_of(data: bytes, line: int) -> list[str]:
+    """Fields of the record that starts at a line."""
+    rest = data.split(b"\n", line - 1)
+    return next(csv.reader(lines_of(rest[-1]), skipinitialspace=True), []) if len(rest) == line else []
+
+
+def checked(columns: dict[str, Array], rows: Rows) -> dict[str, Array]:
+    """The columns, with theta, r, x, y worked out where they can be. Raises TableError."""
+    _check_present(columns, rows.file)
+    _check_numbers(columns, rows)
+    _check_time(columns, rows)
+    _check_units(columns, rows)
+    if {"x", "y"} <= set(columns):
+        columns.setdefault("theta", np.arctan2(columns["y"], columns["x"]))
+        columns.setdefault("r", np.hypot(columns["x"], columns["y"]))
+    elif {"theta", "r"} <= set(columns):
+        columns["x"], columns["y"] = columns["r"] * np.cos(columns["theta"]), columns["r"] * np.sin(columns["theta"])
+    if not np.isfinite(columns["theta"]).any():
+        raise TableError("got no row with theta, or x and y: the ball is never seen", file=rows.file)
+    return columns
+
+
+def _check_present(columns: dict[str, Array], file: Path) -> None:
+    names = list(columns)
+    there = ", ".join(names[:30]) + (f" and {len(names) - 30} more" if len(names) > 30 else "")
+    missing = [name for name in ("t", "beta", "gamma") if name not in columns]
+    if "theta" not in columns and not {"x", "y"} <= set(columns):
+        missing.append("theta (or x and y)")
+    if missing:
+        upper = any(name.lower() in KNOWN for name in names if name not in KNOWN)
+        hint = "; names of columns are in lower case" if upper else ""
+        raise TableError(f"missing columns: {', '.join(missing)}; there are {there or 'none'}{hint}", file=file)
+    if len(columns["t"]) < 2:
+        raise TableError(f"got {len(columns['t'])} rows, expected at least 2: record for longer", file=file)
+
+
+def _usual_step(t: Array, segment: Array) -> float:
+    steps = np.diff(t)[np.diff(segment) == 0.0]
+    return float(np.median(steps)) if steps.size else float("nan")
+
+
+def _first(bad: np.ndarray) -> int:
+    """Index of the first True, -1 when there is none."""
+    return int(np.argmax(bad)) if bad.any() else -1
+
+
+def _check_numbers(columns: dict[str, Array], rows: Rows) -> None:
+    for name in EVERYWHERE:
+        if name in columns and (row := _first(~np.isfinite(columns[name]))) >= 0:
+            rows.refuse(name, row, "a finite number")
+    for name in (*BALL, *RATES):
+        if name in columns and (row := _first(np.isinf(columns[name]))) >= 0:
+            rows.refuse(name, row, "a finite number, or an empty cell")
+    for name in ("segment", "ring"):
+        if name in columns and (row := _first(columns[name] != np.round(columns[name]))) >= 0:
+            rows.refuse(name, row, "a whole number", f"{columns[name][row]:g}")
+    if "r" in columns and (row := _first(columns["r"] < 0.0)) >= 0:
+        rows.refuse("r", row, "at least 0 m", f"{columns['r'][row]:g}")
+
+
+def _check_time(columns: dict[str, Array], rows: Rows) -> None:
+    t, segment = columns["t"], columns.get("segment", np.zeros(len(columns["t"])))
+    row = 1 + _first((np.diff(t) <= 0.0) & (np.diff(segment) == 0.0))
+    if row > 0:
+        rows.refuse("t", row, "it to grow", f"{float(t[row])!r} after {float(t[row - 1])!r}")
+    step = _usual_step(t, segment)
+    if step > MILLISECONDS:
+        unit = "milliseconds" if step < 1000.0 * MILLISECONDS else "microseconds or nanoseconds"
+        rows.refuse("t", 1, f"seconds; are these {unit}?", f"steps of {step:g} (median)")
+    if step > SLOWEST:
+        numbers = "; are these the numbers of the samples?" if np.all(np.diff(t) == 1.0) else ""
+        rows.refuse("t", 1, f"at most {SLOWEST:g} s from sample to sample{numbers}", f"steps of {step:g} s (median)")
+
+
+def _check_units(columns: dict[str, Array], rows: Rows) -> None:
+    tilt = f"radians (at most {DEGREES:g}); are these degrees?"
+    place = f"metres (at most {MILLIMETRES:g}); are these millimetres or centimetres?"
+    limits = [(name, DEGREES, tilt) for name in ("beta", "gamma", "u_beta", "u_gamma")]
+    for name, most, expected in limits + [(name, MILLIMETRES, place) for name in ("x", "y", "r")]:
+        if name in columns:
+            size = np.nan_to_num(np.abs(columns[name]))
+            row = int(np.argmax(size))
+            if size[row] > most:
+                rows.refuse(name, row, expected, f"{columns[name][row]:g}")
+    if "theta" in columns and _in_degrees(columns):
+        row = int(np.argmax(np.nan_to_num(np.abs(columns["theta"]))))
+        rows.refuse("theta", row, "radians; these are degrees", f"{columns['theta'][row]:g}")
+
+
+def _in_degrees(columns: dict[str, Array]) -> bool:
+    """Whether theta is an angle in degrees for sure; an unwrapped angle in radians may be as large.
+
+    Sure: it agrees with x, y in degrees only; or it leaves +-2 pi and goes by whole numbers, or jumps by about 360, or
+    changes faster than a ball can roll in half of all rows.
+    """
+    theta, t = columns["theta"], columns["t"]
+    if {"x", "y"} <= set(columns):
+        seen = np.arctan2(columns["y"], columns["x"])
+        turns = [(theta * unit - seen) / (2.0 * np.pi) for unit in (1.0, np.pi / 180.0)]
+        off = [2.0 * np.pi * np.abs(turn - np.round(turn)) for turn in turns]
+        both = np.isfinite(off[0])
+        if both.any() and np.median(off[0][both]) > 0.5 and np.median(off[1][both]) < 0.1:  # rad
+            return True
+    known = theta[np.isfinite(theta)]
+    if not known.size or np.max(np.abs(known)) < 2.0 * np.pi + 0.1:
+        return False
+    if np.all(known == np.round(known)) and len(np.unique(known)) > 3:
+        return True
+    segment = columns.get("segment", np.zeros(len(t)))
+    step = np.diff(theta)[np.diff(segment) == 0.0]
+    if np.max(np.abs(known)) <= 360.0 and np.any((np.abs(step) > 300.0) & (np.abs(step) < 360.0 + 1e-9)):
+        return True
+    lag = max(1, round(LAG_S / _usual_step(t, segment)))
+    if lag >= len(t):
+        return False
+    speed = np.abs(theta[lag:] - theta[:-lag]) / (t[lag:] - t[:-lag])
+    speed = speed[np.isfinite(speed) & (segment[lag:] == segment[:-lag])]
+    return bool(speed.size) and float(np.median(speed)) > SPINNING
