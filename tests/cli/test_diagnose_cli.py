@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from functools import partial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +15,12 @@ from plant import play
 from ring_record import write_csv
 from standalone_page import alone
 
-from mazeplan.apps.cli.diagnosis_request import result_lines
+from mazeplan.apps.cli.diagnosis_request import lines_of_test, result_lines
 from mazeplan.apps.report.words import measured
 from mazeplan.core.logs.table import Table
 from mazeplan.diagnosis.rig.record import why_not_whole
+from mazeplan.diagnosis.rig.result import words_on_test
+from mazeplan.diagnosis.rig.scores import HeldOut
 from mazeplan.learning.modelfile import load_model
 
 KNOWN = ("--radius", "0.0925", "--declare", "rolling_inertia.factor=0.7142857", "--declare",
@@ -43,6 +47,17 @@ def test_the_errors_on_a_test_record_are_told(diagnose, log, tmp_path):
     (line,) = (line for line in out.splitlines() if line.startswith("on the record of --test: "))
     before, after = map(float, re.findall(r"0\.\d+", line))
     assert after < 0.2 * before
+
+
+def test_the_errors_of_a_whole_rig_on_a_test_record_are_told_in_degrees():
+    errors = (np.full((40, 5), np.pi / size) for size in (18.0, 36.0))
+    test = HeldOut(np.arange(5), *errors, np.zeros(5), np.zeros((40, 5)))
+    done: Any = SimpleNamespace(test=test, body=SimpleNamespace(pictures=SimpleNamespace(dt=1.0 / 30.0)))
+    words = "1.3 s ahead, the error of the predicted angle goes from 10.0 to 5.0 degrees"
+    assert words_on_test(done) == words
+    assert lines_of_test(words) == [f"on the record of --test: {words}"]
+    done.test = None
+    assert lines_of_test(words_on_test(done)) == []
 
 
 def test_the_document_is_that_of_the_contract_and_the_report_stands_alone(diagnose, log, tmp_path):

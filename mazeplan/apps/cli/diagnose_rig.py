@@ -20,7 +20,7 @@ from mazeplan.diagnosis.rig.evidence import rig_evidence
 from mazeplan.diagnosis.rig.record import rig_record
 from mazeplan.diagnosis.rig.reference import reference_of
 from mazeplan.diagnosis.rig.reference_file import known_reference, save_reference
-from mazeplan.diagnosis.rig.result import RigVerdict, advice
+from mazeplan.diagnosis.rig.result import RigVerdict, advice, words_on_test
 from mazeplan.diagnosis.rig.update import changes_model, moved_model, reference_after
 from mazeplan.diagnosis.rig.verdict import verdict_on
 from mazeplan.learning.modelfile import RigModel, load_model, save_model
@@ -84,7 +84,7 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
     if request.as_json:
         print_json(document)
         return
-    on_test = lines_of_test("" if done.test is None else done.test.both())
+    on_test = lines_of_test(words_on_test(done))
     lines = [document["sentence"], *on_test, *document["advice"], *(f"note: {note}" for note in done.notes)]
     lines += [f"{key}: {document[key]}" for key in ("report", "model") if document[key] is not None]
     print("\n".join(lines))

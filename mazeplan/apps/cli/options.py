@@ -369,14 +369,10 @@ System = Annotated[
 DiagnosisFolder = Annotated[
     Path | None,
     Option(
-        "-o",
-        "--output",
-        parser=folder,
-        callback=new_folder,
-        metavar="FOLDER",
+        "-o", "--output", parser=folder, callback=new_folder, metavar="FOLDER",
         help="Folder for the report and the model.",
     ),
-]
+]  # fmt: skip
 Body = Annotated[bool, Option("--body", help="Fit one body to all rings: friction, walls, camera, table.")]
 Rounds = Annotated[
     int, Option("--rounds", min=1, metavar="N", help="Rounds of collect, diagnose, update and navigate.")

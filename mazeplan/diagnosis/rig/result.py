@@ -143,12 +143,22 @@ def sentence(done: RigVerdict) -> str:
     doubt = "".join(f" But this record cannot tell {' from '.join(map(_plain, group))}." for group in done.alike)
     error = ""
     if after != before:
-        ahead = 40 * done.body.pictures.dt
-        error = (
-            f" {ahead:.1f} s ahead, the error of the predicted angle goes from {DEG * before:.1f} to "
-            f"{DEG * after:.1f} degrees on held-out parts."
-        )
+        error = f" {_errors(done, before, after)} on held-out parts."
     return f"The rig differs from {done.was.source}: {'; '.join(parts)}.{_surely(done)}{error}{doubt} {left}."
+
+
+def _errors(done: RigVerdict, before: float, after: float) -> str:
+    """Errors of roll-outs, rad, in words."""
+    ahead = f"{AHEAD * done.body.pictures.dt:.1f} s ahead"
+    return f"{ahead}, the error of the predicted angle goes from {DEG * before:.1f} to {DEG * after:.1f} degrees"
+
+
+def words_on_test(done: RigVerdict) -> str:
+    """The errors on the test record in words; empty without one."""
+    if done.test is None:
+        return ""
+    before, after = (done.test.errors(which)[f"rollout{AHEAD}"] for which in ("before", "after"))
+    return _errors(done, before, after)
 
 
 def _surely(done: RigVerdict) -> str:

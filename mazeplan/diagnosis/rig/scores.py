@@ -66,11 +66,6 @@ class HeldOut:
         errors = getattr(self, which)
         return {f"rollout{ahead}": _mean(errors[ahead - 1]) for ahead in (AHEAD // 2, AHEAD)}
 
-    def both(self) -> str:
-        """The errors before and after, in words."""
-        before, after = (_mean(errors[AHEAD - 1]) for errors in (self.before, self.after))
-        return f"{AHEAD}-step error {before:.4f} -> {after:.4f} rad"
-
 
 def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Searched, maze: Maze) -> HeldOut:
     """Predictions of a record without and with what was found. old: the filter with the plate moved by the old model's
