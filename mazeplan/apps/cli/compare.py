@@ -77,8 +77,9 @@ def compare(
         bar.show("reading")
         tables, held_out = ([read_table(log) for log in group] for group in (logs, test or []))
         shown: dict[str, Any] = {"progress": bar.show, "advance": bar.advance, "left_out": say}
-        for table in (*tables, *held_out) if radius is not None else ():
-            check_radius(table, radius, ring)
+        if radius is not None:
+            for table in (*tables, *held_out):
+                check_radius(table, radius, ring)
         scores = comparison.compare(tables, held_out, found.maze, options, openings_known=found.known, **shown)
     document = {f"ring{score.ring}": score.document() for score in scores}
     if curve is not None:

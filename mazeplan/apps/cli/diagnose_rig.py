@@ -74,9 +74,9 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
         table = tables[0] if len(tables) == 1 else join(tables)
         done = verdict_on(table, maze, was, bar.show, test, list(added.effects))
     document: dict[str, Any] = done.document() | {"model": None, "report": None}
+    names = [path.name for path in request.logs]
+    title = " and ".join(names[:2]) + (" and others" if len(names) > 2 else "")
     if request.output is not None:
-        names = [path.name for path in request.logs]
-        title = " and ".join(names[:2]) + (" and others" if len(names) > 2 else "")
         _write_model(done, document, known, request.output)
     document["advice"] = advice(done, document["model"], known is not None, shlex.join(map(str, request.logs)))
     if request.output is not None:
