@@ -21,6 +21,7 @@ MOST = {
     "s": 1e3, "ms": 1e3, "mm": 500.0, "m": 1.0, "deg": 90.0, "rad": 2.0 * math.pi, "m/s": 10.0, "g": 1e3,
     "deg/s": 1e4, "rad/s": 1e3, "": 1e6,
 }  # fmt: skip
+TINY = {"mm": 0.05, "ms": 0.05}  # a smaller number that is not 0 is in another unit
 WHOLE = 1000  # largest count
 NEAR = 0.1  # share of a bound
 _SUFFIX = re.compile(r"(?<!_per)_(rad_s|deg_s|m_s|mm|ms|deg|rad|m|g|s)$")
@@ -61,6 +62,8 @@ def check_numbers(
         if not least <= value < math.inf:
             raise SettingsError(f"got {value:g}, expected a number >= {least:g}", key=field.name)
         unit = unit_of(field.name)
+        if 0.0 < value < TINY.get(unit, 0.0) and (hint := unit_hint(value, unit, TINY[unit], math.inf)):
+            raise SettingsError(f"got {value:g}, expected 0, or at least {TINY[unit]:g}{hint}", key=field.name)
         high = (most or {}).get(field.name, MOST[unit] if field.type == "float" else WHOLE)
         if value > high:
             hint = unit_hint(value, unit, least, high)

@@ -47,6 +47,7 @@ POOLED_SIGMA = np.array([0.3, 2.0, 0.5])  # of the pooled fit around 5/9, 0, 0
 MOVING = 8e-3  # m/s; slower windows are left out: their friction has no sign
 TEST_SHARE = 0.3  # the last part of the record, for scores only
 MIN_WINDOWS = 20
+LONG_S = 55.0  # s; of a record that is long enough, so that something else is wrong
 
 
 @dataclass(frozen=True)
@@ -275,7 +276,8 @@ def fit_rig(
         most = max((len(_part(w, table, True).start) for w in found), default=0)
         raise ValueError(
             f"the ball is hardly ever seen moving freely in a ring: got {most} windows of {WINDOW} samples in "
-            f"{len(table) * dt:.3g} s, expected at least {MIN_WINDOWS} in one ring; record for a minute"
+            f"{len(table) * dt:.3g} s, expected at least {MIN_WINDOWS} in one ring; "
+            f"{'record for a minute' if len(table) * dt < LONG_S else 'tilt the plate more, until the ball rolls'}"
         )
     progress("how late the camera is")
     delay, delay_sigma = _best_delay(table, train, maze, dt)

@@ -53,6 +53,7 @@ from mazeplan.physics.rig.sensors import Camera, TiltSensor
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 Part = TypeVar("Part")
+RATES = (1.0, 1000.0)  # Hz, samples of a rig
 FORMAT = 1
 PROCESSES, NETWORKS = ("np", "sp"), ("nn", "spnn")
 KINDS = ("p", "pi", *PROCESSES, *NETWORKS)
@@ -182,8 +183,11 @@ class _Reader:
         if kind not in KINDS:
             raise self.fail(f"got {shown(kind)}, expected {one_of(KINDS, kind)}", "kind")
         rate = self.number(root.get("rate_hz", 30.0), "rate_hz")[0]
-        if rate <= 0.0:
-            raise self.fail(f"got {rate:g}, expected a number > 0", "rate_hz")
+        low, high = RATES
+        if not low <= rate <= high:
+            period = rate > 0.0 and low <= 1.0 / rate <= high
+            hint = f"; is it the time between samples? {1.0 / rate:.3g} Hz" if period else ""
+            raise self.fail(f"got {rate:g}, expected {low:g} to {high:g} Hz{hint}", "rate_hz")
         data = [] if root.get("data") is None else root["data"]
         if not isinstance(data, list):
             raise self.fail(f"got {shown(data)}, expected a list", "data")

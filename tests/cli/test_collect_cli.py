@@ -50,7 +50,8 @@ def test_rings_drives_and_place_places(call, tmp_path):
     [
         (["--seconds", "0.1"], "--seconds: got 0.1, expected at least 1 s"),
         (["--seconds", "-1"], "--seconds: got '-1', expected a finite number > 0"),
-        (["--tilt", "90"], "--tilt: got 90, expected at most"),
+        (["--tilt", "90"], "--tilt: got 90, expected 0.2 to 5 degrees"),
+        (["--tilt", "0.087"], "the unit is deg: did you mean 4.985?"),
         (["--ring", "ring7"], "ring1 to ring5"),
         (["--place"], "--place: needs --rings"),
         (["--model", "toy"], "--model: needs --rings"),

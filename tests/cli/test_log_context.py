@@ -8,6 +8,7 @@ import pytest
 
 from mazeplan.apps.cli.diagnose_ring import separating_commands
 from mazeplan.apps.cli.log_context import collect_options, logged_map
+from mazeplan.core.errors import InputError
 from mazeplan.core.logs.run_log import RunLogWriter, read_log
 from mazeplan.diagnosis.ring.ambiguity import experiment_for
 from mazeplan.maze.mapfile import dump_map, load_map, packaged_maps
@@ -32,6 +33,15 @@ def test_the_map_is_the_given_one_else_that_of_the_log_else_cme(tmp_path, name, 
     found = logged_map(name, tmp_path / "table.csv", log(tmp_path, **header))
     assert (found.maze, found.known) == (load_map(expected), known)
     assert found.text == (SEVEN if expected == "seven" else Path(str(load_map(expected).source)).read_text())
+
+
+def test_logs_of_two_maps_are_no_record_of_one_rig(tmp_path):
+    both = [log(tmp_path, map=SEVEN).rename(tmp_path / "a.mcap"), log(tmp_path, map=CME)]
+    with pytest.raises(
+        InputError, match=r"log\.mcap: recorded on the map .*, but .*a\.mcap on .*; expected logs of one"
+    ):
+        logged_map(None, *both)
+    assert logged_map(None, both[0], both[0]).maze == load_map("seven")
 
 
 @pytest.mark.parametrize(

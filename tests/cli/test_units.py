@@ -63,6 +63,18 @@ def test_a_rig(refused, tmp_path, line, said):
 
 
 @pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("gate: {window_mm: 0.0134}", "got 0.0134, expected 0, or at least 0.05; the unit is mm: did you mean 13.4?"),
+        ("travel: {deadline_ms: 0.015}", "the unit is ms: did you mean 15?"),
+    ],
+)  # fmt: skip
+def test_settings(refused, tmp_path, line, said):
+    (tmp_path / "own.yaml").write_text(line + "\n")
+    assert said in refused("navigate", "--settings", tmp_path / "own.yaml")
+
+
+@pytest.mark.parametrize(
     ("old", "new", "said"),
     [
         (r"beta: \{value: 0.000268882", "beta: {value: 0.7", "did you mean 0.01222?"),

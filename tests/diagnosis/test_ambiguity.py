@@ -39,4 +39,4 @@ def test_the_proposed_command_runs(monkeypatch, capsys, tmp_path):
 def test_a_tilt_beyond_the_limit_is_refused(monkeypatch, capsys, tmp_path):
     code, _, err = call(monkeypatch, capsys, "collect", "-o", tmp_path / "x.mcap", "--tilt", "9", "--seconds", "1")
     assert code == 2
-    assert "--tilt: got 9, expected at most 5 degrees" in err
+    assert "--tilt: got 9, expected 0.2 to 5 degrees" in err

@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.output import say
 from mazeplan.core.errors import InputError
+from mazeplan.core.field_checks import unit_hint
 
 if TYPE_CHECKING:
     from mazeplan.run.collect import Collected
+
+LEAST_TILT = 0.2  # degrees; less hardly moves a ball
 
 
 def collect(
@@ -46,8 +49,10 @@ def collect(
     maze = load_map(map_)
     first = ring_number(ring, maze)
     others = [r.number for r in maze.rings if r.number != first] if rings else []
-    if tilt is not None and math.radians(tilt) > maze.tilt_limit:
-        raise InputError(f"--tilt: got {tilt:g}, expected at most {math.degrees(maze.tilt_limit):g} degrees")
+    limit = math.degrees(maze.tilt_limit)
+    if tilt is not None and not (tilt >= LEAST_TILT and math.radians(tilt) <= maze.tilt_limit):
+        hint = unit_hint(tilt, "deg", LEAST_TILT, limit)
+        raise InputError(f"--tilt: got {tilt:g}, expected {LEAST_TILT:g} to {limit:g} degrees{hint}")
     most = None if tilt is None else math.radians(tilt)
     plan = Collection(seconds, (first, *others), seed, most, highest_hz, rig, map_)
     setup, tour = None, None

@@ -35,13 +35,15 @@ class LoggedMap:
 
 
 def logged_map(name: str | None, *logs: Path) -> LoggedMap:
-    """The named map, else that of the first run log that holds one, else cme. Raises MapError.
+    """The named map, else that of the run logs that hold one, else cme. Raises MapError, InputError for logs of several
+    maps.
 
-    Warns (ShortWarning) of a log that was recorded on a map of another name."""
+    Warns (ShortWarning) of a log that was recorded on another map than the named one."""
     from mazeplan.core.logs.run_log_reader import read_header
     from mazeplan.maze.mapfile import check_text, load_map
 
     given = None if name is None else LoggedMap(load_map(name), f"map {name}")
+    found: dict[Path, LoggedMap] = {}
     for log in logs:
         if log.suffix == ".mcap" and log.is_file():
             text = read_header(log).get("map")
@@ -49,11 +51,18 @@ def logged_map(name: str | None, *logs: Path) -> LoggedMap:
             if given is not None and maze is not None and maze.name != given.maze.name:
                 told = f"{log}: recorded on the map {maze.name}, used with --map {name}"
                 warnings.warn(told, ShortWarning, stacklevel=2)
-            if given is None and maze is not None:
-                return LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
+            if maze is not None:
+                found[log] = LoggedMap(maze, f"the log's map {maze.name}", logged_text=text)
     if given is not None:
         return given
-    return LoggedMap(load_map("cme"), "the packaged map cme", known=False)
+    if not found:
+        return LoggedMap(load_map("cme"), "the packaged map cme", known=False)
+    (first, logged), *others = found.items()
+    for log, other in others:
+        if other.maze.name != logged.maze.name:
+            both = f"recorded on the map {other.maze.name}, but {first} on {logged.maze.name}"
+            raise InputError(f"{both}; expected logs of one map", file=log)
+    return logged
 
 
 def parse_opening(text: str, maze: Maze) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,4 +62,7 @@ def navigate_once(job: dict[str, Any], **more: Any) -> NavigationResult:
                 progress.finished(problem.result)
             raise
         progress.finished(result)
+    if result.reason == "failed" and not result.failures:
+        tree = shlex.quote(str(job["behavior"]))
+        say(f"the tree ended by itself, and nothing went wrong with the ball: mazeplan behavior check {tree}")
     return result
