@@ -151,7 +151,7 @@ def test_a_wall_without_passages_is_taken_from_the_given_map(learn, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"scale": 1000.0}, r"run.csv:[0-9]+: x: got .* are these millimetres\?"),
+        ({"scale": 1000.0}, r"run.csv:[0-9]+: x: got .* are these millimetres or centimetres\?"),
         ({"columns": ("t", "theta", "y", "beta", "gamma")}, "run.csv: needs x and y, or theta and r"),
         ({"columns": ("t", "x", "y", "beta")}, "run.csv: missing columns: gamma"),
     ],
