@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from mazeplan.core.errors import InputError, ShortWarning
-from mazeplan.core.logs.table import Table
 from mazeplan.core.name_hints import one_of
 from mazeplan.maze.geometry import Maze
+
+if TYPE_CHECKING:
+    from mazeplan.core.logs.table import Table
 
 RIG, MAP = "YOUR_RIG", "YOUR_MAP"
 NEAR, MOSTLY = 0.2, 0.9  # share of a radius within which a ball is near it; share of a record that has to be so
@@ -76,6 +77,8 @@ def parse_opening(text: str, maze: Maze) -> str:
 def check_radius(table: Table, radius: float, ring: int | None = None) -> None:
     """Raises InputError for a radius (m) at which the ball of a table is hardly ever seen; a table without r may have
     any. ring: whose rows are looked at, where the table has a column `ring`."""
+    import numpy as np
+
     r = table["r"] if "r" in table else np.zeros(0)
     if ring is not None and "ring" in table:
         r = r[table["ring"] == ring] if r.size else r
