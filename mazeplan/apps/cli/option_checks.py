@@ -30,6 +30,7 @@ APART = (
     ("-o", "--into"),
     ("-o", "--minari"),
     ("--markdown", "--json"),
+    ("--grid", "--readings"),
 )  # options of which the second would hide the first
 
 
