@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,9 @@ APART = (
     ("--markdown", "--json"),
     ("--grid", "--readings"),
 )  # options of which the second would hide the first
+
+
+OF_FILES = (".html", ".json", ".csv", ".mcap", ".yaml", ".yml", ".xml", ".png", ".svg", ".pdf", ".mp4", ".zip", ".npz")
 
 
 def check_effect(ctx: Context) -> None:
@@ -116,6 +120,8 @@ def folder_problem(folder: Path) -> str:
 def folder(text: str) -> Path:
     """Parser of a folder to write into."""
     problem = folder_problem(Path(text)) if str(text) else "got '', expected a folder"
+    if Path(text).suffix.lower() in OF_FILES and not Path(text).is_dir():
+        problem = f"got {str(text)!r}, the name of a file, expected a folder"
     if problem:
         raise BadParameter(problem)
     return Path(text)
@@ -176,6 +182,21 @@ def renewed(ctx: Context, param: CallbackParam, value: Any) -> Any:
     """Check of a file or folder that a command reads and renews: it needs no --force."""
     note_written(ctx, param, RENEWED)
     return value
+
+
+def listed(values: Iterable[str] | None) -> tuple[str, ...]:
+    """The names of a repeatable option, each of which may have several with commas between them."""
+    return tuple(name.strip() for text in values or () for name in text.split(","))
+
+
+def listed_rings(values: Iterable[str] | None, option: str) -> tuple[str, ...]:
+    """`listed` of rings. Raises InputError for rings without commas between them."""
+    rings = listed(values)
+    for name in rings:
+        found = re.findall(r"ring ?[0-9]+|centre|center", name.lower())
+        if len(found) > 1:
+            raise InputError(f"got {name!r}, expected {','.join(found)}: separate rings by commas", key=option)
+    return rings
 
 
 def ring(text: str) -> int:

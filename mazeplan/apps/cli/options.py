@@ -106,8 +106,8 @@ Close = Annotated[
     Option(
         "--close",
         autocompletion=names.OPENINGS,
-        metavar="OPENING",
-        help="Opening that the route must avoid; repeatable.",
+        metavar="OPENINGS",
+        help="Openings that the route must avoid, such as 1-2@45,1-2@135; repeatable.",
     ),
 ]
 Seed = Annotated[int, Option("--seed", min=0, metavar="N", help="Seed of every random draw.")]
