@@ -40,7 +40,7 @@ def _range(most: float) -> Callable[[Any], Any]:
         pair = value if isinstance(value, list | tuple) else (value, value)
         numbers = [v for v in pair if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= most]
         if len(numbers) != 2 or len(pair) != 2:
-            raise PydanticCustomError("range", f"{expected}, or [least, most] of such")
+            raise PydanticCustomError("range", "{expected}, or [least, most] of such", {"expected": expected})
         if numbers[0] > numbers[1]:
             got = ", ".join(map(shown, numbers))
             raise ValueError(f"got [{got}], expected [least, most], the smaller number first")
