@@ -35,9 +35,6 @@ APART = (
 )  # options of which the second would hide the first
 
 
-OF_FILES = (".html", ".json", ".csv", ".mcap", ".yaml", ".yml", ".xml", ".png", ".svg", ".pdf", ".mp4", ".zip", ".npz")
-
-
 def check_effect(ctx: Context) -> None:
     """Raises InputError for an option of a command line that would have no effect."""
     params, given = _options(ctx), given_options(ctx)
@@ -120,11 +117,16 @@ def folder_problem(folder: Path) -> str:
 def folder(text: str) -> Path:
     """Parser of a folder to write into."""
     problem = folder_problem(Path(text)) if str(text) else "got '', expected a folder"
-    if Path(text).suffix.lower() in OF_FILES and not Path(text).is_dir():
-        problem = f"got {str(text)!r}, the name of a file, expected a folder"
     if problem:
         raise BadParameter(problem)
     return Path(text)
+
+
+def folder_of_report(text: str) -> Path:
+    """Parser of a folder in which a report gets a name of its own."""
+    if Path(text).suffix.lower() == ".html" and not Path(text).is_dir():
+        raise BadParameter(f"got {str(text)!r}, the name of a file, expected a folder")
+    return folder(text)
 
 
 def file(*endings: str, chosen: bool = False) -> Callable[[str], Path]:
