@@ -110,6 +110,7 @@ def nodes_named(source: str | Path) -> set[str]:
 
 
 WRITTEN = (("EntityRef", "&", "&amp;"), ("Unescaped '<'", "<", "&lt;"))  # by words of the parser's messages
+CURLY = re.compile("=\\s*([“”„«»‘’‚])")  # as a word processor writes quotes
 EXPECTED = 'a behaviour tree (XML, <root BTCPP_format="4">)'
 
 
@@ -147,6 +148,9 @@ def _parse(path: Path, data: bytes) -> Part:
             raise TreeError(f"got {kind}, expected {EXPECTED}", file=path, line=line) from None
         if "Excessive depth" in str(problem.msg):  # of the parser, which gives up far deeper
             raise TreeError(f"more than {MAX_DEPTH} levels of nesting", file=path, line=problem.lineno) from None
+        row = data.splitlines()[problem.lineno - 1 : problem.lineno] if problem.lineno else []
+        if "AttValue" in str(problem.msg) and row and (curly := CURLY.search(row[0].decode("utf-8", "replace"))):
+            raise TreeError(f"got {curly[1]}, expected a straight quote", file=path, line=problem.lineno) from None
         message = re.sub(r", line \d+, column \d+.*", "", str(problem.msg))
         hint = next((f"; in XML {sign} is written {word}" for start, sign, word in WRITTEN if start in message), "")
         raise TreeError(f"not XML: {one_line(message)}{hint}", file=path, line=problem.lineno) from None

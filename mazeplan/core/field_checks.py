@@ -12,7 +12,7 @@ from mazeplan.core.errors import SettingsError
 
 # unit: what makes a number in it of one in a unit that is taken for it
 CONVERSIONS = {
-    "mm": (1e3, 10.0), "m": (1e-3, 1e-2), "m/s": (1e-3,), "g": (1e3, 1e-3), "s": (1e-3,), "ms": (1e3,),
+    "mm": (1e3, 10.0), "m": (1e-3, 1e-2), "m/s": (1e-3,), "g": (1e3, 1e-3), "s": (1e-3,), "ms": (1e3,), "us": (1e3,),
     "deg": (180.0 / math.pi,), "rad": (math.pi / 180.0,), "deg/s": (180.0 / math.pi,),
     "rad/s": (2.0 * math.pi, math.pi / 180.0),
 }  # fmt: skip

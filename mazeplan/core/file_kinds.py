@@ -18,6 +18,7 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import Any
 
 HEAD = 4096  # bytes looked at
 LOG = "a log (MCAP)"
@@ -58,6 +59,18 @@ def refused(path: str | Path, expected: str) -> str:
     """The message for a wrong file: what was got, what is expected."""
     what = got(path)
     return f"{what}, expected {expected}" if what == "no such file" else f"got {what}, expected {expected}"
+
+
+def by_keys(data: Any) -> str:
+    """Which YAML file of this program has such content: a map, a model ... Empty if it is none that is known."""
+    keys = set(data) if isinstance(data, dict) else set[str]()
+    if {"rings", "stage"} <= keys:
+        return "a model (model.yaml)"
+    if {"rings", "openings"} <= keys or {"rings", "ball"} <= keys:
+        return "a map"
+    if "class" in keys or {"camera_noise_mm", "tilt_noise_deg", "surprise"} & keys:
+        return "the file of a rig"
+    return "a schedule of faults" if keys - {"format"} == {"faults"} else ""
 
 
 def _by_content(head: bytes) -> str:

@@ -16,6 +16,7 @@ from mazeplan.physics.rig.sensors import Camera
 
 FROZEN = 15  # equal measurements in a row that no ball and no camera give
 FEWEST = 300  # samples of the ball
+LONGER = "mazeplan collect --rings --seconds 300 -o LOG"
 STILL = 3e-3  # rad; a plate that tilts by less tells nothing
 
 
@@ -77,8 +78,11 @@ def centred(table: Table, camera: Camera) -> Table:
     return Table({**table.columns, "x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}, table.source)
 
 
-def record_of(table: Table, rows: np.ndarray | None = None, notes: Sequence[str] = ()) -> RingRecord:
-    """The record of the rows (N,) in which the ball is in the ring, None for all. notes: what is odd already.
+def record_of(
+    table: Table, rows: np.ndarray | None = None, notes: Sequence[str] = (), ring: int | None = None
+) -> RingRecord:
+    """The record of the rows (N,) in which the ball is in the ring, None for all. notes: what is odd already; ring:
+    its number, for messages.
 
     Raises TableError for a ball that is seldom in the ring, or a plate that does not move."""
     dt, notes = table.dt, list(notes)
@@ -98,9 +102,9 @@ def record_of(table: Table, rows: np.ndarray | None = None, notes: Sequence[str]
     starts[1:] |= rows[1:] != rows[:-1]  # the ball comes back into the ring, or leaves it
     seen = int(np.isfinite(theta).sum())
     if seen < FEWEST:
-        where = "" if rows.all() else " in this ring"
-        problem = f"got {seen} samples of the ball{where}, expected at least {FEWEST}"
-        raise TableError(problem, file=table.place)
+        where = f" in ring {ring}" if ring is not None else "" if rows.all() else " in this ring"
+        problem = f"got {seen} samples of the ball{where}, expected at least {FEWEST} ({FEWEST * dt:.0f} s)"
+        raise TableError(f"{problem}: record for longer: {LONGER}", file=table.place)
     if max(np.ptp(table["beta"][rows]), np.ptp(table["gamma"][rows])) < STILL:
         problem = "the plate hardly moves, so that nothing can be learned about the ball"
         raise TableError(problem, file=table.place)

@@ -24,6 +24,7 @@ import numpy as np
 
 from mazeplan.core.constants import FREE_ROLLING, WALL_ROLLING
 from mazeplan.core.logs.table import Table
+from mazeplan.core.name_hints import guess
 from mazeplan.core.progress import Words, no_words
 from mazeplan.core.records import Array, IntArray
 from mazeplan.learning.ball_models import effect_ball
@@ -262,7 +263,9 @@ def fit_rig(
     sources: of the table, for the model file; progress: receives each step in words."""
     for name in ("u_beta", "u_gamma", "r"):
         if name not in table:
-            raise ValueError(f"column {name} is needed to fit a whole rig")
+            known = ", ".join(table.columns)
+            said = f"column {name} is needed to fit a whole rig: got {known}{guess(name, table.columns)}"
+            raise ValueError(said)
     rings_of(table, maze)
     dt = table.dt
     progress("stage")

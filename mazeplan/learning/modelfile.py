@@ -106,6 +106,13 @@ def model_stamp(source: str | Path) -> tuple[tuple[str, int, int], ...]:
     return tuple((path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files)
 
 
+def _nothing_learned(kind: str) -> str:
+    """The problem of a file of a learned kind without what was learned."""
+    what = "neural networks" if kind in NETWORKS else "Gaussian processes"
+    make = f"make them with `mazeplan learn --kind {kind}`"
+    return f"got {kind}, but there are no {what} (section processes) in this file; expected pi, or {make}"
+
+
 class _Reader:
     """Turns the tree of a model.yaml into a RigModel. Its methods raise ModelError with line and key."""
 
@@ -170,6 +177,8 @@ class _Reader:
         """The whole file."""
         known = ("format", "kind", "rate_hz", "camera_delay_s", "stage", "camera", "tilt_sensor", "rings", "body",
                  "processes", "data", "scores")  # fmt: skip
+        if (other := file_kinds.by_keys(self._tree.data)) in ("a map", "the file of a rig", "a schedule of faults"):
+            raise ModelError(f"got {other}, expected a model (model.yaml)", file=self._path, line=1)
         check_format(self._tree, FORMAT, file=self._path, error=ModelError)
         root = self.section(self._tree.data, (), known, ("format", "stage", "rings"))
         delay, delay_stderr = self.number(root.get("camera_delay_s", 0.0), "camera_delay_s", unit="s")
@@ -214,7 +223,7 @@ class _Reader:
         learned, empty = kind in PROCESSES + NETWORKS, node is None or node == {}
         if empty or not learned:
             if empty == learned:
-                problem = f"kind {kind} {'needs' if learned else 'has no'} processes"
+                problem = _nothing_learned(kind) if empty else f"kind {kind} has no processes"
                 raise self.fail(problem, "kind" if empty else "processes")
             return {}
         out = {}
@@ -331,7 +340,7 @@ def save_model(model: RigModel, folder: str | Path) -> Path:
     """Write the folder (created if missing); the path of its model.yaml. Raises ModelError."""
     path = Path(folder) / "model.yaml"
     if model.kind in PROCESSES + NETWORKS and not model.processes:
-        raise ModelError(f"kind {model.kind} needs processes", file=path, key="kind")
+        raise ModelError(f"got {model.kind}, but the model has no processes", file=path, key="kind")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         beside = {ring: _write_part(path.parent, ring, part) for ring, part in sorted(model.processes.items())}

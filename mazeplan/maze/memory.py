@@ -16,6 +16,7 @@ from typing import Any
 
 import yaml
 
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError
 from mazeplan.core.name_hints import one_of
 from mazeplan.core.whole_file import whole_file
@@ -76,6 +77,8 @@ def load_memory(path: Path, openings: Iterable[str], map_name: str = "") -> Open
     if not path.exists():
         return memory
     tree = read_yaml(path, error=InputError, what="a file of `navigate --memory` (YAML)")
+    if other := file_kinds.by_keys(tree.data):
+        raise InputError(f"got {other}, expected a file of `navigate --memory`", file=path, line=1)
     names = tuple(openings)
     check_format(tree, FORMAT, file=path)
     root = _mapping(tree, path, (), tree.data, ("format", "map", "openings"))

@@ -31,6 +31,7 @@ _INTEGER = re.compile(r"[-+]?[0-9]{1,15}")
 _DIGITS = re.compile(r"[0-9]{1,15}")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
+_GLUED = re.compile(r"(- )?[\w-]+:[^\s/]")  # a key without a blank behind its colon; no address
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
@@ -110,7 +111,28 @@ def parse_yaml(text: str, *, file: str | Path, error: type[InputError] = InputEr
         mark = getattr(problem, "problem_mark", None)
         said = getattr(problem, "problem", None) or getattr(problem, "reason", None) or "cannot be parsed"
         line = None if mark is None else mark.line + 1
+        if glued := _glued(text.split("\n"), problem):
+            raise error(f"{glued[1]}: a blank is missing after the colon", file=file, line=glued[0]) from None
         raise error(f"not valid {language}: {' '.join(str(said).split())}", file=file, line=line) from None
+
+
+def _glued(rows: list[str], problem: Any) -> tuple[int, str] | None:
+    """The place at which a key without a blank behind its colon misled the parser: its line and text, if it is one."""
+    begin = getattr(problem, "context_mark", None)  # of a key that turned out to be none
+    said, found = str(getattr(problem, "problem", "")), None
+    if begin is not None and "expected ':'" in said:
+        places = [begin.line]
+    elif said.startswith(("mapping values are not", "did not find expected key", "did not find expected <document")):
+        places = range(problem.problem_mark.line, -1, -1)  # all such rows before are one text for the parser
+    else:
+        return None
+    for place in places:
+        row = rows[place].split(" #", 1)[0].strip() if place < len(rows) else ""
+        if _GLUED.match(row):
+            found = place + 1, row.removeprefix("- ")[:MAX_TEXT]
+        elif place < places[0]:
+            break
+    return found
 
 
 def check_format(tree: Tree, reads: int, *, file: str | Path, error: type[InputError] = InputError) -> None:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from mazeplan.core import file_kinds
 from mazeplan.core.errors import SettingsError
 from mazeplan.core.field_checks import unit_hint, unit_of
 from mazeplan.core.name_hints import one_of
@@ -48,6 +49,9 @@ def read_rig_file(path: Path) -> tuple[str | None, FileSettings]:
     if kind is not None and not isinstance(kind, str):
         raise placed(SettingsError(f"got {shown(kind)}, expected module:Class", key="class"), data)
     if kind is None or kind.startswith(OURS):  # another class may have a setting of this name
+        other = file_kinds.by_keys(tree.data)
+        if other in ("a map", "a model (model.yaml)"):  # a schedule of faults may be the file of an ideal rig
+            raise SettingsError(f"got {other}, expected the file of a rig", file=path, line=1)
         check_format(tree, FORMAT, file=path, error=SettingsError)
         data.pop("format", None)
     return kind, data

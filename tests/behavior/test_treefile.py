@@ -157,6 +157,8 @@ def test_two_trees_in_one_process_do_not_see_each_other(tmp_path):
         ("<BehaviorTree ID='Main' colour='red'><Say word='a'/></BehaviorTree>", 2, "unknown attribute 'colour'"),
         ("", 1, "no <BehaviorTree"),
         (main("<Sequence>\n<Say word='a'/>\n"), None, "not XML"),
+        (main("<Say word=“a”/>"), 3, "got “, expected a straight quote"),
+        (main("<Say word=a/>"), 3, "not XML: AttValue"),
     ],
 )
 def test_errors_name_file_line_and_what_is_allowed(tmp_path, body, line, said):

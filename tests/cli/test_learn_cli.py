@@ -126,7 +126,8 @@ def test_several_logs_are_learned_from_together(learn, log, tmp_path):
         (["short.csv"], "short.csv: got 20 samples, expected at least 60: record for longer"),
         (["none.mcap"], "none.mcap: no such file"),
         (["none.mcap", "--kind", "p"], "none.mcap: no such file"),
-        (["bare.csv", "--kind", "np"], "bare.csv: column u_beta is needed to fit a whole rig"),
+        (["bare.csv", "--kind", "np"], "bare.csv: column u_beta is needed to fit a whole rig: got t, x, y"),
+        (["named.csv"], "beta, gamma, ubeta, ugamma, theta, r, segment; did you mean ubeta?"),
         ([], "Missing argument 'LOG'"),
     ],
 )
@@ -135,7 +136,9 @@ def test_bad_input(refused, monkeypatch, log, arguments, said):
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.chdir(log.parent)
-    (log.parent / "bare.csv").write_text("t,x,y,beta,gamma\n0,.07,0,0,0\n.033,.07,0,0,0\n.067,.07,0,0,0\n")
+    bare = "t,x,y,beta,gamma\n0,.07,0,0,0\n.033,.07,0,0,0\n.067,.07,0,0,0\n"
+    (log.parent / "bare.csv").write_text(bare)
+    (log.parent / "named.csv").write_text(bare.replace("gamma", "gamma,ubeta,ugamma").replace(",0\n", ",0,0,0\n"))
     given = read_table(log)
     swapped = {"x": given["y"], "y": given["x"], **{name: given[name] for name in ("t", "beta", "gamma", *COMMANDS)}}
     write_csv(Table(swapped), log.parent / "swapped.csv")

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+
+from mazeplan.maze.mapfile import dump_map, load_map
+from mazeplan.rigs.registry import rig_names, warn_of_idle_keys
 
 
 @pytest.mark.parametrize(
@@ -21,3 +26,28 @@ def test_a_mistake_in_a_rig_file_has_its_line(refused, tmp_path, line, message):
     assert message in refused("rig", "show", tmp_path / "own.yaml")
     assert message in refused("navigate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1")
     assert message in refused("evaluate", "--rig", tmp_path / "own.yaml", "--time-limit", "0.1", "--runs", "1")
+
+
+@pytest.mark.parametrize("words", [("rig", "show"), ("collect", "--seconds", "1", "-o", "log.mcap", "--rig")])
+def test_a_key_without_effect_is_told_with_its_line(call, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    Path("own.yaml").write_text("sticky_deg: [0, 20]\nwarp_mm: 0.0\nwarp_deg: 20.0\n")
+    code, _, err = call(*words, "own.yaml")
+    assert code == 0, err
+    assert err.count("has no effect") == 1
+    assert "mazeplan: own.yaml:1: sticky_deg: has no effect without sticky_m_s2\n" in err
+
+
+@pytest.mark.parametrize("name", rig_names())
+def test_packaged_rigs_have_no_key_without_effect(name):
+    warn_of_idle_keys(name)
+
+
+def test_a_map_is_named_as_one(refused, tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text(dump_map(load_map("cme")))
+    for words in (("rig", "check"), ("rig", "show"), ("navigate", "--rig")):
+        assert f"{path}:1: got a map, expected the file of a rig" in refused(*words, path)
+    said = f"{path}:1: got a map, expected a file of `navigate --memory`"
+    assert said in refused("navigate", "--rig", "ideal", "--memory", path)
+    assert f"{path}:1: got a map, expected a model (model.yaml)" in refused("navigate", "--model", path)

@@ -14,6 +14,7 @@ import pytest
         ("navigate -o model", "-o: needs --learn"),
         ("evaluate -o model", "-o: needs --learn"),
         ("behavior palette -o new.xml --into navigate", "-o: got --into as well, expected one of the two"),
+        ("calibrate tilt --readings r.csv --grid 5", "--grid: got --readings as well, expected one of the two"),
         ("effect list --markdown --json", "--markdown: got --json as well, expected one of the two"),
         ("view run.mcap --rig toy", "--rig: has no effect beside a log: leave it out"),
         ("view --edit --seed 3", "--seed: has no effect with --edit: leave it out"),

@@ -143,8 +143,9 @@ def test_a_plate_that_does_not_move_teaches_nothing():
     columns["beta"][:] = columns["gamma"][:] = 0.0
     with pytest.raises(TableError, match="nothing can be learned"):
         record_of(Table(columns))
-    with pytest.raises(TableError, match="got 100 samples of the ball in this ring, expected at least 300"):
-        record_of(Table(play(seed=1, seconds=20.0)), np.arange(600) < 100)
+    said = r"got 100 samples of the ball in ring 1, expected at least 300 \(10 s\): record for longer: mazeplan collect"
+    with pytest.raises(TableError, match=said):
+        record_of(Table(play(seed=1, seconds=20.0)), np.arange(600) < 100, ring=1)
 
 
 def test_a_further_record_is_scored_and_not_looked_at():

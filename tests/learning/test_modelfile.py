@@ -94,6 +94,12 @@ rings:
         ("factor:", "mass:", "8: rings.1.rolling_inertia", "expected one of factor"),
         ("factor: 0.6", "factor: .nan", "8: rings.1.rolling_inertia.factor: ", "expected a finite number"),
         ("factor: 0.6", "factor: 60", "8: rings.1.rolling_inertia: ", "factor: got 60.0, expected 0.05 to 1.5"),
+        (
+            "rolling_inertia: {factor: 0.6}",
+            "tilt_offset: {beta: 0.166}",
+            "8: rings.1.tilt_offset: ",
+            "beta: got 0.166, expected -0.15 to 0.15 rad; the unit is rad: did you mean 0.002897?",
+        ),
         ("{factor: 0.6}", "0.6", "8: rings.1.rolling_inertia: ", "got 0.6, expected a mapping"),
         ("value: 0.3", "value: [0.3]", "9: rings.1.dry_friction.coefficient: ", "got a list, expected a finite number"),
         ("stderr: 0.1", "stderr: -1", "9: rings.1.dry_friction.coefficient.stderr: ", "got -1, expected a number >= 0"),

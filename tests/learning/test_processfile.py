@@ -135,9 +135,10 @@ def test_hyperparameters_changed_by_hand_are_refused(folder, old, new, key):
 def test_kinds_that_need_processes(tmp_path, kind):
     save_model(replace(MODEL, kind="pi", processes={}), tmp_path)
     edit(tmp_path, "kind: pi", f"kind: {kind}")
-    assert_refused(tmp_path, "kind", f"kind {kind} needs processes")
+    said = f"got {kind}, but there are no Gaussian processes (section processes) in this file; expected pi, or make"
+    assert_refused(tmp_path, "kind", said)
     edit(tmp_path, "data:", "processes: {}\ndata:")
-    assert_refused(tmp_path, "kind", f"kind {kind} needs processes")
+    assert_refused(tmp_path, "kind", said)
 
 
 @pytest.mark.parametrize("kind", ["p", "pi"])

@@ -113,6 +113,11 @@ def test_no_route_is_exit_status_1():
     assert run("show", "--route", "--close", "4-5@180").exit_code == 1
 
 
+def test_several_openings_are_closed_with_commas():
+    one = run("route", "--json", "--close", "1-2@45, 1-2@135")
+    assert one.stdout == run("route", "--json", "--close", "1-2@45", "--close", "1-2@135").stdout
+
+
 def test_show(tmp_path):
     plain, routed = tmp_path / "plain.png", tmp_path / "routed.png"
     assert run("show", "lopsided", "-o", str(plain)).exit_code == 0

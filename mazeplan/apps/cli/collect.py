@@ -38,7 +38,7 @@ def collect(
     from mazeplan.apps.cli.progress import campaign_progress
     from mazeplan.apps.cli.runs import note_missing_model
     from mazeplan.maze.mapfile import load_map
-    from mazeplan.rigs.registry import make_rig, rig_label
+    from mazeplan.rigs.registry import make_rig, rig_label, warn_of_idle_keys
     from mazeplan.rigs.watchdog import watched
     from mazeplan.run.collect import Collection, run_collection, run_tour
     from mazeplan.run.resolve import resolve_model, ring_number
@@ -60,6 +60,7 @@ def collect(
         note_missing_model(rig, model, maze)
         setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
     machine = watched(make_rig(rig, maze), own_process=True)
+    warn_of_idle_keys(rig)
     if highest_hz > 0.5 * machine.rate_hz:
         why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
         raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")

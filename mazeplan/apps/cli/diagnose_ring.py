@@ -97,13 +97,13 @@ def _diagnose(
     if request.test is not None:
         other, _ = turned_round(read_table(request.test), data.radius)
         in_ring = np.ones(len(other), dtype=bool) if data.openings is None else rings_of(other, maze) == data.ring
-        test = record_of(other, in_ring)
+        test = record_of(other, in_ring, ring=data.ring)
     with ProgressBar("diagnosing") as bar:
         done = ring_diagnosis.diagnose(
-            record_of(table, data.rows, odd), data.radius, known, ring=data.ring, gates=data.openings,
+            record_of(table, data.rows, odd, data.ring), data.radius, known, ring=data.ring, gates=data.openings,
             more=list(added.effects), test=test, progress=bar.show,
             known=None if model is None else Known.of_model(model), camera=picture,
-            as_model=record_of(centred(raw, camera), data.rows) if picture else None,
+            as_model=record_of(centred(raw, camera), data.rows, ring=data.ring) if picture else None,
         )  # fmt: skip
     document = done.document()
     document["notes"] += [f"also tried {name} of package {owner.source}" for name, owner in added.owners.items()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -13,6 +14,7 @@ from mazeplan.apps.cli import names
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.log_context import parse_opening
 from mazeplan.apps.cli.map_learn import learn
+from mazeplan.apps.cli.option_checks import listed
 from mazeplan.apps.cli.output import headline, plural, print_json, say
 from mazeplan.core.maths.angles import place_deg
 
@@ -129,7 +131,7 @@ def show(
         goal = goal or (f"ring{read.header['goal_ring']}" if read.header.get("goal_ring") else None)
     if with_route:
         ring, angle = _beginning(trail, maze)
-        found = _find(maze, start or ring, goal, start_angle, angle, close or [])
+        found = _find(maze, start or ring, goal, start_angle, angle, listed(close))
         best = found.require_route(maze)
         title += "" if read is not None else (
             f"\nroute from ring {found.first} at {place_deg(math.radians(found.angle), 1):.4g}° to ring {found.last}, "
@@ -153,7 +155,7 @@ def route(
     from mazeplan.maze.mapfile import load_map
 
     maze = load_map(map_)
-    found = _find(maze, start, goal, start_angle, 0.0, close or [])
+    found = _find(maze, start, goal, start_angle, 0.0, listed(close))
     if json:
         print_json(_document(maze, found))
         if found.route is None:
@@ -210,7 +212,7 @@ class _Found(NamedTuple):
 
 
 def _find(
-    maze: Maze, start: str, goal: str | None, start_angle: float | None, usual: float, close: list[str]
+    maze: Maze, start: str, goal: str | None, start_angle: float | None, usual: float, close: Iterable[str]
 ) -> _Found:
     """The route; usual: start angle without `start_angle`, degrees, moved to the nearest free angle."""
     from mazeplan.maze.graph import RouteGraph

@@ -11,6 +11,7 @@ from typing import Any
 
 from mazeplan.apps.cli import options as opt
 from mazeplan.apps.cli.learning import navigate_learning
+from mazeplan.apps.cli.option_checks import listed, listed_rings
 from mazeplan.apps.cli.output import print_json, say
 from mazeplan.apps.cli.runs import navigate_once, navigation_job
 from mazeplan.core.errors import InputError, RigError
@@ -51,8 +52,8 @@ def navigate(
     job = navigation_job(
         start, goal, map_, rig, model, balls, sense=sense, log=log, effects=effects, policy=policy, behavior=behavior,
         behavior_modules=tuple(behavior_module or ()), settings=settings, start_angle_deg=start_angle,
-        closed=close or (), seed=seed, time_limit=time_limit, memory=memory,
-        via=tuple(ring.strip() for rings in via or () for ring in rings.split(",")),
+        closed=listed(close), seed=seed, time_limit=time_limit, memory=memory,
+        via=listed_rings(via, "--via"),
     )  # fmt: skip
     if video is not None:
         from mazeplan.apps.view.film import check_film

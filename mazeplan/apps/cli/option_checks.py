@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ APART = (
     ("-o", "--into"),
     ("-o", "--minari"),
     ("--markdown", "--json"),
+    ("--grid", "--readings"),
 )  # options of which the second would hide the first
 
 
@@ -120,6 +122,13 @@ def folder(text: str) -> Path:
     return Path(text)
 
 
+def folder_of_report(text: str) -> Path:
+    """Parser of a folder in which a report gets a name of its own."""
+    if Path(text).suffix.lower() == ".html" and not Path(text).is_dir():
+        raise BadParameter(f"got {str(text)!r}, the name of a file, expected a folder")
+    return folder(text)
+
+
 def file(*endings: str, chosen: bool = False) -> Callable[[str], Path]:
     """Parser of a file to write, with one of the endings. chosen: the ending chooses what is written; otherwise names
     in /dev need none."""
@@ -175,6 +184,21 @@ def renewed(ctx: Context, param: CallbackParam, value: Any) -> Any:
     """Check of a file or folder that a command reads and renews: it needs no --force."""
     note_written(ctx, param, RENEWED)
     return value
+
+
+def listed(values: Iterable[str] | None) -> tuple[str, ...]:
+    """The names of a repeatable option, each of which may have several with commas between them."""
+    return tuple(name.strip() for text in values or () for name in text.split(","))
+
+
+def listed_rings(values: Iterable[str] | None, option: str) -> tuple[str, ...]:
+    """`listed` of rings. Raises InputError for rings without commas between them."""
+    rings = listed(values)
+    for name in rings:
+        found = re.findall(r"ring ?[0-9]+|centre|center", name.lower())
+        if len(found) > 1:
+            raise InputError(f"got {name!r}, expected {','.join(found)}: separate rings by commas", key=option)
+    return rings
 
 
 def ring(text: str) -> int:

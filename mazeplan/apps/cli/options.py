@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from mazeplan.apps.cli import names
-from mazeplan.apps.cli.option_checks import file, folder, new_file, new_folder, number, renewed, ring
+from mazeplan.apps.cli.option_checks import file, folder, folder_of_report, new_file, new_folder, number, renewed, ring
 
 PICTURES, FILMS = (".png", ".svg", ".pdf"), (".mp4", ".gif")
 YAML, RUN_LOG, TREE = (".yaml", ".yml"), ".mcap", ".xml"
@@ -107,7 +107,7 @@ Close = Annotated[
         "--close",
         autocompletion=names.OPENINGS,
         metavar="OPENING",
-        help="Opening that the route must avoid; repeatable.",
+        help="Openings that the route must avoid, such as 1-2@45,1-2@135; repeatable.",
     ),
 ]
 Seed = Annotated[int, Option("--seed", min=0, metavar="N", help="Seed of every random draw.")]
@@ -369,7 +369,7 @@ System = Annotated[
 DiagnosisFolder = Annotated[
     Path | None,
     Option(
-        "-o", "--output", parser=folder, callback=new_folder, metavar="FOLDER",
+        "-o", "--output", parser=folder_of_report, callback=new_folder, metavar="FOLDER",
         help="Folder for the report and the model.",
     ),
 ]  # fmt: skip

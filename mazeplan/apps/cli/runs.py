@@ -32,9 +32,10 @@ def note_missing_model(rig: str, model: str | None, maze: Maze, sense: str | Non
 
     Raises InputError or RigError for a rig that cannot be made, and for a model that is not there."""
     from mazeplan.learning.modelfile import model_names, model_path
-    from mazeplan.rigs.registry import make_rig, rig_model_hint
+    from mazeplan.rigs.registry import make_rig, rig_model_hint, warn_of_idle_keys
 
     make_rig(rig, maze, sense)
+    warn_of_idle_keys(rig)
     if model is not None:
         model_path(model)
     if model is None and rig not in model_names() and rig_model_hint(rig) is None:

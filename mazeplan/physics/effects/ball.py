@@ -65,7 +65,7 @@ def _angles(count: int) -> list[float]:
     return [-math.pi + TURN * (i + 0.5) / count for i in range(count)]
 
 
-_TILT = Parameter("rad", 0.0, -0.2, 0.2, smallest=0.0004, step=1e-5)
+_TILT = Parameter("rad", 0.0, -0.15, 0.15, smallest=0.0004, step=1e-5)
 _FORCE = Parameter("m/s^2", 0.0, -1.0, 1.0, smallest=0.004, step=1e-4)
 _AMPLITUDE = Parameter("rad", 0.0, -0.1, 0.1, smallest=0.001, step=1e-5)
 

@@ -22,6 +22,9 @@ AT_S: Range = (0.3, 1.5)  # s; the ball is on its way then
 FOR_GOOD: Range = (math.inf, math.inf)
 ONCE: Range = (0.0, 0.0)
 SHARE: Range = (0.0, 1.0)
+AGE_S: Range = (0.0, 10.0)  # s
+JUMP_S: Range = (0.0, 60.0)  # s
+ANGLE_DEG: Range = (0.0, 90.0)
 GAVE_UP = tuple(str(kind) for kind in FailureKind)
 SPIKES = 0.3  # share of samples
 
@@ -166,7 +169,7 @@ _ALL = (
         change=lambda p: p.with_ball_of(p.fault.at_s),
     ),
     FaultKind(
-        "frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s",
+        "frames_late", "camera", "pictures are older than usual", (0.5, 1.5), (0.1, 0.3), "s", AGE_S,
         change=lambda p: p.with_ball_of(p.sample.t - p.fault.size),
     ),
     FaultKind(
@@ -189,11 +192,12 @@ _ALL = (
         "position_nan", "camera", "x and y are NaN", (0.2, 1.0), change=lambda p: p.with_ball(math.nan, math.nan)
     ),
     FaultKind(
-        "tilt_drift", "tilt", "the sensor drifts evenly, then is right again", (1.0, 2.0), (1.0, 3.0), "deg",
+        "tilt_drift", "tilt", "the sensor drifts evenly, then is right again", (1.0, 2.0), (1.0, 3.0), "deg", ANGLE_DEG,
         change=_drift,
     ),
     FaultKind(
-        "tilt_spikes", "tilt", "three samples in ten are far off", (0.5, 1.5), (3.0, 30.0), "deg", change=_spikes
+        "tilt_spikes", "tilt", "three samples in ten are far off", (0.5, 1.5), (3.0, 30.0), "deg", ANGLE_DEG,
+        change=_spikes,
     ),
     FaultKind("tilt_frozen", "tilt", "the sensor repeats one value", (0.3, 1.0), change=_tilt_frozen),
     FaultKind("tilt_nan", "tilt", "the sensor gives NaN for a few samples", (0.05, 0.2), change=_tilt_nan),
@@ -202,11 +206,11 @@ _ALL = (
         change=lambda p: replace(p.sample, t=p.sample.t + 1e-3 * p.fault.size * float(p.rng.standard_normal())),
     ),
     FaultKind(
-        "clock_jump", "clock", "the clock jumps forward", FOR_GOOD, (0.2, 1.0), "s",
+        "clock_jump", "clock", "the clock jumps forward", FOR_GOOD, (0.2, 1.0), "s", JUMP_S,
         change=lambda p: replace(p.sample, t=p.sample.t + p.fault.size),
     ),
     FaultKind("commands_lost", "commands", "no command arrives", (0.2, 0.8)),
-    FaultKind("commands_late", "commands", "commands arrive later", (0.5, 1.5), (0.05, 0.2), "s"),
+    FaultKind("commands_late", "commands", "commands arrive later", (0.5, 1.5), (0.05, 0.2), "s", AGE_S),
     FaultKind("ball_elsewhere", "machine", "the ball is put into another ring", ONCE, machine="teleport"),
     FaultKind("ball_taken_out", "machine", "the ball is taken out and put back", (0.5, 2.0), machine="removed"),
     FaultKind("ball_stuck", "machine", "the ball sticks to the floor", (0.4, 1.2), machine="stuck"),
@@ -247,7 +251,7 @@ _ALL = (
         because="the rig itself says that it failed", ends=("rig_failed",),
     ),
     FaultKind(
-        "observe_hangs", "rig", "observe() does not return", ONCE, (5.0, 5.0), "s",
+        "observe_hangs", "rig", "observe() does not return", ONCE, (5.0, 5.0), "s", JUMP_S,
         because="the rig measures nothing while the plate is tilted", ends=("rig_failed",),
     ),
     FaultKind(

@@ -11,8 +11,9 @@ Each entry is a trial; entries with one `name` act together in one run.
 
 from __future__ import annotations
 
+import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,24 +23,34 @@ from pydantic import BeforeValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from mazeplan.core.errors import SettingsError
+from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.name_hints import one_of
 from mazeplan.maze.yamltree import check_format, read_yaml, shown
 from mazeplan.rigs.faults.kinds import AT_S, KINDS, Drawn, FaultKind, Range
 from mazeplan.rigs.files import FileSettings, RigSection, validated
 
 FORMAT = 1  # of a file without `format`, too
-MOST = 1e3  # of any number in a schedule
+MOST = 1e3  # s; of any time in a schedule
 
 
-def _range(value: Any) -> Any:
-    pair = value if isinstance(value, list | tuple) else (value, value)
-    numbers = [v for v in pair if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= MOST]
-    if len(numbers) != 2 or len(pair) != 2 or numbers[0] > numbers[1]:
-        raise PydanticCustomError("range", "a number of 0 to 1000, or [least, most] of such")
-    return float(numbers[0]), float(numbers[1])
+def _range(most: float) -> Callable[[Any], Any]:
+    expected = "a number >= 0" if math.isinf(most) else f"a number of 0 to {most:g}"
+
+    def checked(value: Any) -> Any:
+        pair = value if isinstance(value, list | tuple) else (value, value)
+        numbers = [v for v in pair if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= most]
+        if len(numbers) != 2 or len(pair) != 2:
+            raise PydanticCustomError("range", "{expected}, or [least, most] of such", {"expected": expected})
+        if numbers[0] > numbers[1]:
+            got = ", ".join(map(shown, numbers))
+            raise ValueError(f"got [{got}], expected [least, most], the smaller number first")
+        return float(numbers[0]), float(numbers[1])
+
+    return checked
 
 
-Numbers = Annotated[Range, BeforeValidator(_range)]
+Numbers = Annotated[Range, BeforeValidator(_range(MOST))]
+Sizes = Annotated[Range, BeforeValidator(_range(math.inf))]  # of each kind see `FaultKind.allowed`
 
 
 class Entry(RigSection):
@@ -49,7 +60,7 @@ class Entry(RigSection):
     name: str | None = Field(default=None, min_length=1, max_length=60)
     at_s: Numbers = AT_S
     duration_s: Numbers | None = None
-    size: Numbers | None = None
+    size: Sizes | None = None
     axis: Literal["beta", "gamma", "both"] | None = None
 
     @field_validator("kind")
@@ -70,7 +81,8 @@ class Entry(RigSection):
         least, most = kind.allowed
         for value in size:
             if not least <= value <= most:
-                raise ValueError(f"got {value:g}, expected {least:g} to {most:g} {kind.unit}")
+                hint = unit_hint(value, kind.unit, least, most)
+                raise ValueError(f"got {value:g}, expected {least:g} to {most:g} {kind.unit}{hint}")
         return size
 
 

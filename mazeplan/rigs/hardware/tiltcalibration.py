@@ -19,10 +19,12 @@ import numpy as np
 
 from mazeplan.core import file_kinds
 from mazeplan.core.errors import InputError, TableError
+from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.records import Array
 from mazeplan.core.whole_file import whole_file
 from mazeplan.maze.yamltree import shown
 from mazeplan.rigs.hardware.tiltsensor import DiodeSensor, design
+from mazeplan.rigs.link.messages import HARD_US
 
 SETS: tuple[tuple[str, ...], ...] = (
     ("one", "a", "b"),
@@ -140,12 +142,21 @@ def _reading(header: list[str], row: list[str], path: Path, line: int) -> Readin
             raise TableError(f"got {cells.get(name, '')!r}, expected a number", file=path, line=line, key=name)
         return value
 
+    def checked(name: str, value: float, allowed: tuple[float, float, str]) -> None:
+        low, high, unit = allowed
+        if not low <= value <= high:
+            hint = unit_hint(value, unit, low, high)
+            problem = f"got {value:g}, expected {low:g} to {high:g} {unit}{hint}"
+            raise TableError(problem, file=path, line=line, key=name)
+
     v0, v1, beta, gamma = (number(name) for name in COLUMNS)
     for name, value in zip(COLUMNS, (v0, v1, beta, gamma), strict=True):
-        low, high, unit = VOLTS if name in COLUMNS[:2] else DEGREES
-        if not low <= value <= high:
-            raise TableError(f"got {value:g}, expected {low:g} to {high:g} {unit}", file=path, line=line, key=name)
-    pulses = (number(PULSES[0]), number(PULSES[1])) if all(cells.get(name, "").strip() for name in PULSES) else None
+        checked(name, value, VOLTS if name in COLUMNS[:2] else DEGREES)
+    pulses = None
+    if all(cells.get(name, "").strip() for name in PULSES):
+        pulses = number(PULSES[0]), number(PULSES[1])
+        for name, value in zip(PULSES, pulses, strict=True):
+            checked(name, value, (*HARD_US, "us"))
     return Reading((v0, v1), beta, gamma, line, pulses)
 
 

@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from mazeplan.rigs.files import RigSection, validated
+from mazeplan.core.errors import SettingsError
+from mazeplan.rigs.files import FileSettings, RigSection, placed, validated
 
 SurpriseName = Literal[
     "drawn", "table", "friction", "hollow", "magnet", "camera", "backlash", "warp",
@@ -18,6 +19,14 @@ SurpriseName = Literal[
     "gain", "slow_servo", "coupling", "late_command", "deadband",
     "tilt_scale", "turned_camera", "shifted_camera", "scaled_camera", "lens",
 ]  # fmt: skip
+NEEDS = {  # keys that have no effect without another one
+    "ball_lost_frames": "ball_lost_probability", "outlier_mm": "outlier_probability", "lens_mm": "lens_per_m2",
+    "rocking_hz": "rocking_deg", "rocking_phase_deg": "rocking_deg", "backlash_axis": "backlash_deg",
+    "imbalance_phase_deg": "imbalance_m_s2", "magnet_mm": "magnet_m_s2", "magnet_depth_mm": "magnet_m_s2",
+    "warp_deg": "warp_mm", "ripple_waves": "ripple_m_s2", "ripple_deg": "ripple_m_s2",
+    "sticky_ring": "sticky_m_s2", "sticky_deg": "sticky_m_s2", "kerb_ring": "kerb_loss", "kerb_deg": "kerb_loss",
+    "surprise_seed": "surprise",
+}  # fmt: skip
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Scale = Annotated[float, Field(ge=0.3, le=3.0)]
 Share = Annotated[float, Field(ge=-0.5, le=0.5)]
@@ -213,3 +222,9 @@ class SimulatedSettings(
 def settings_from(data: Mapping[str, Any]) -> SimulatedSettings:
     """Validated settings. Raises SettingsError with the key, and with the place if the data are from a file."""
     return validated(SimulatedSettings, data)
+
+
+def without_effect(data: FileSettings) -> list[str]:
+    """Messages about the keys of a file that have no effect, as a key that they need is not in it."""
+    alone = ((key, needed) for key, needed in NEEDS.items() if key in data and needed not in data)
+    return [str(placed(SettingsError(f"has no effect without {needed}", key=key), data)) for key, needed in alone]

@@ -136,6 +136,10 @@ def test_a_table_there_and_back(tmp_path):
             "v0,v1,beta_deg\n1,2,3\n",
             "r.csv:1: got the header 'v0,v1,beta_deg', expected a table (CSV) with v0, v1, beta_deg, gamma_deg",
         ),
+        (
+            "v0,v1,beta_deg,gamma_deg,pulse_beta_us,pulse_gamma_us\n1,2,3,4,1500,1.5\n",
+            "r.csv:2: pulse_gamma_us: got 1.5, expected 800 to 2200 us; the unit is us: did you mean 1500?",
+        ),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n\n1,2,3,4,5\n", "r.csv:4: got 5 columns, the header has 4"),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3,4\n1,2,x,4\n", "r.csv:3: beta_deg: got 'x', expected a number"),
         ("v0,v1,beta_deg,gamma_deg\n1,2,3\n", "r.csv:2: gamma_deg: got '', expected a number"),
