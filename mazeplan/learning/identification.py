@@ -263,9 +263,9 @@ def fit_rig(
     sources: of the table, for the model file; progress: receives each step in words."""
     for name in ("u_beta", "u_gamma", "r"):
         if name not in table:
-            known = ", ".join(table.columns)
-            said = f"column {name} is needed to fit a whole rig: got {known}{guess(name, table.columns)}"
-            raise ValueError(said)
+            known = [there for there in table.columns if there != "segment"]  # which the program adds
+            needed = "columns x and y, or theta and r, are" if name == "r" else f"column {name} is"
+            raise ValueError(f"{needed} needed to fit a whole rig: got {', '.join(known)}{guess(name, known)}")
     rings_of(table, maze)
     dt = table.dt
     progress("stage")

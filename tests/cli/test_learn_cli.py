@@ -127,7 +127,7 @@ def test_several_logs_are_learned_from_together(learn, log, tmp_path):
         (["none.mcap"], "none.mcap: no such file"),
         (["none.mcap", "--kind", "p"], "none.mcap: no such file"),
         (["bare.csv", "--kind", "np"], "bare.csv: column u_beta is needed to fit a whole rig: got t, x, y"),
-        (["named.csv"], "beta, gamma, ubeta, ugamma, theta, r, segment; did you mean ubeta?"),
+        (["named.csv"], "beta, gamma, ubeta, ugamma, theta, r; did you mean ubeta?"),
         ([], "Missing argument 'LOG'"),
     ],
 )

@@ -78,7 +78,9 @@ def diagnose_rig(tables: Sequence[Table], request: DiagnosisRequest) -> None:
     title = " and ".join(names[:2]) + (" and others" if len(names) > 2 else "")
     if request.output is not None:
         _write_model(done, document, known, request.output)
-    document["advice"] = advice(done, document["model"], known is not None, shlex.join(map(str, request.logs)))
+    needed = {"--model MODEL (the folder of `mazeplan learn`)": known, "-o FOLDER": request.output}
+    add = " and ".join(option for option, value in needed.items() if value is None)
+    document["advice"] = advice(done, document["model"], add, shlex.join(map(str, request.logs)))
     if request.output is not None:
         write_reports(document, rig_evidence(done, maze, found.text, title), request.output)
     if request.as_json:

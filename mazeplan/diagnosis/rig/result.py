@@ -241,18 +241,20 @@ def _repair(effect: Entry) -> str:
     return REPAIRS[effect["name"]]
 
 
-def advice(done: RigVerdict, written: str | None = None, given: bool = False, logs: str = "LOG") -> list[str]:
-    """What to do next, with commands behind a colon. written: the folder of the new model, if there is one; given:
-    whether a model to change was; logs: of the record, as words of a command."""
+def advice(
+    done: RigVerdict, written: str | None = None, add: str = "--model MODEL -o FOLDER", logs: str = "LOG"
+) -> list[str]:
+    """What to do next, with commands behind a colon. written: the folder of the new model, if there is one; add: the
+    options that would write one; logs: of the record, as words of a command."""
     repairs = [(e, f"{_repair(e)}{_place(e)}.") for e in done.effects if e["name"] in REPAIRS]
     out = list(dict.fromkeys(repair for e, repair in repairs if e.get("planned", True)))
     if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())
            for e in done.effects):  # fmt: skip
         out.insert(0, "First check the columns: are x and y, or beta and gamma, swapped, or is a sign wrong?")
     out += [f"{line} No plan can allow for it: {e['why_not']}." for e, line in repairs if not e.get("planned", True)]
-    if any(e.get("planned", True) for e in done.effects):
+    if (written or add) and any(e.get("planned", True) for e in done.effects):
         way = (f"plan with the new model: mazeplan navigate --rig RIG --model {written}" if written
-               else f"write a new model: add {'' if given else '--model MODEL '}-o FOLDER to this command")  # fmt: skip
+               else f"write a new model: add {add} to this command")  # fmt: skip
         out.append(f"Or leave the rig as it is, and {way}.")
     if any(e["name"] == "tilt_offset" for e in done.effects):
         out.append("A steady draught looks the same. Turn the maze by 90 degrees and record again to tell them apart.")

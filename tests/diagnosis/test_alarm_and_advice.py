@@ -1,4 +1,4 @@
-"""A ball that is predicted worse than before: an alarm only where the record shows it clearly."""
+"""A ball that is predicted worse than before: an alarm only where the record shows it clearly; and what to do next."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mazeplan.diagnosis.rig import verdict
+from mazeplan.diagnosis.rig.result import advice
 from mazeplan.diagnosis.rig.scores import RingError, _ring_error
 
 
@@ -37,3 +38,18 @@ def test_the_error_of_a_mean_is_by_blocks():
     apart = rng.standard_normal(4000) + 5.0
     assert _ring_error(apart, block).stderr == pytest.approx(1.0 / np.sqrt(4000), rel=0.15)
     assert _ring_error(apart[:10], block[:10]).stderr == np.inf
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"add": "-o FOLDER"}, "write a new model: add -o FOLDER to this command."),
+        ({"written": "dg/model", "add": ""}, "plan with the new model: mazeplan navigate --rig RIG --model dg/model."),
+        ({"add": ""}, ""),
+    ],
+)
+def test_the_advice_asks_for_the_options_that_are_missing(how, words):
+    effect = {"name": "servo_gain", "planned": True, "parameters": {}}
+    done = SimpleNamespace(effects=[effect], alike=(), unknown=None, verdict="effect_found", remaining=1.0)
+    said = [line for line in advice(done, **how) if line.startswith("Or leave")]
+    assert said == ([f"Or leave the rig as it is, and {words}"] if words else [])
