@@ -25,7 +25,7 @@ from mazeplan.core.errors import TreeError
 from mazeplan.core.name_hints import nearest
 from mazeplan.maze.geometry import Maze
 
-MOST_NAMES = 200  # among which a similar one is looked for, which takes its time
+MOST_NAMES = 200  # that a message lists
 OPERATORS = {word: f"the sign for {word} is {sign}" for word, sign in (("and", "&&"), ("or", "||"), ("not", "!"))}
 SET_BY_THE_RUN = ("goal", "waypoints")  # on the outermost scope, before the first tick
 
@@ -153,7 +153,7 @@ def _unknown(uses: Iterable[Use], known: set[Home], calls: Mapping[int, SubTree]
         told.add(mistake)
         there = names.get(scope, ())
         enums = [*use.node.board.enums] if use.attribute in dict(scripts_of(use.node)) else []
-        near = nearest(key, [*there, *enums]) if len(there) + len(enums) <= MOST_NAMES else None
+        near = nearest(key, [*there, *enums])
         hint = (
             f"did you mean {near if near in enums else Key(near)}?"
             if near

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable
 
 LEAST = 0.6  # similarity of a name that may have been meant: difflib's ratio, 1 for the same name
-MOST = 1000  # names among which a guess is made: beyond that it takes too long
+MOST = 200  # names among which a guess is made: beyond that it takes too long
 
 
 def nearest(got: object, names: Iterable[str], least: float = LEAST) -> str | None:

@@ -64,7 +64,7 @@ def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
             for name in (axis, f"{axis}_dot", f"{axis}_ddot", f"u_{axis}"):
                 if name in columns:
                     columns[name] = -columns[name]
-    return Table(columns, table.source), tuple(notes)
+    return replace(table, columns=columns), tuple(notes)
 
 
 def centred(table: Table, camera: Camera) -> Table:
@@ -75,7 +75,8 @@ def centred(table: Table, camera: Camera) -> Table:
         return table
     place: Any = known.true(table["x"], table["y"])  # pyright: ignore[reportArgumentType]
     x, y = place
-    return Table({**table.columns, "x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}, table.source)
+    seen = {"x": x, "y": y, "theta": np.arctan2(y, x), "r": np.hypot(x, y)}
+    return replace(table, columns={**table.columns, **seen})
 
 
 def record_of(

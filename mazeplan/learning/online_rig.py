@@ -308,4 +308,4 @@ def _true_values(table: Table, model: RigModel) -> Table:
         x, y = place
         columns.update(x=x, y=y, theta=np.arctan2(y, x), r=np.hypot(x, y))
     columns.update(beta=columns["beta"] / sensor.gain_beta, gamma=columns["gamma"] / sensor.gain_gamma)
-    return Table(columns, table.source)
+    return replace(table, columns=columns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import pytest
@@ -40,7 +41,10 @@ def test_a_key_without_effect_is_told_with_its_line(call, tmp_path, monkeypatch,
 
 @pytest.mark.parametrize("name", rig_names())
 def test_packaged_rigs_have_no_key_without_effect(name):
-    warn_of_idle_keys(name)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        warn_of_idle_keys(name)
+    assert [str(warning.message) for warning in told] == []
 
 
 def test_a_map_is_named_as_one(refused, tmp_path):

@@ -48,10 +48,8 @@ def verdict(document: dict[str, Any], given: Mapping[str, str] | None = None) ->
         more = f"{runs} runs cannot tell 90 % from 100 %: mazeplan evaluate --runs {MANY}{same}"
         return {"verdict": "good" if runs >= FEW else "unknown", "because": because, "advice": [more]}
     word = "fair" if arrived >= 0.5 * runs else "poor"
-    same, model = (
-        given.get("--rig", "") + given.get("--map", ""),
-        given.get("--model", " --model MODEL").removeprefix(" --model"),
-    )
+    same = given.get("--rig", "") + given.get("--map", "")
+    model = given.get("--model", " --model MODEL").removeprefix(" --model")
     log = f"mazeplan collect --rings{same} -o NEW.mcap, then mazeplan score{model} NEW.mcap"
     return {"verdict": word, "because": because, "advice": [*advice, f"see whether its model is to blame: {log}"]}
 

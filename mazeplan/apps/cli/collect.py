@@ -59,8 +59,9 @@ def collect(
     if rings and not place:
         note_missing_model(rig, model, maze)
         setup = Setup(maze, resolve_model(model, rig, maze), rig_name=rig_label(rig), model_name=model or "")
+    else:
+        warn_of_idle_keys(rig)
     machine = watched(make_rig(rig, maze), own_process=True)
-    warn_of_idle_keys(rig)
     if highest_hz > 0.5 * machine.rate_hz:
         why = f"expected at most {0.5 * machine.rate_hz:g} Hz: half the samples a second of the rig"
         raise InputError(f"--highest-hz: got {highest_hz:g}, {why}")

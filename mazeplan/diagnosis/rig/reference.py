@@ -85,7 +85,7 @@ def shortened(table: Table) -> Table:
     kept = numbers[: max(int(np.searchsorted(np.cumsum(counts), MOST, side="right")), 1)]
     # a segment is long if the ball is never placed again, as in a drive through all rings
     rows = np.isin(table.segment, kept) if len(numbers) > 1 else np.arange(len(table)) < MOST
-    return Table({name: column[rows] for name, column in table.columns.items()}, table.source)
+    return replace(table, columns={name: column[rows] for name, column in table.columns.items()})
 
 
 def reference_by_model(model: RigModel, maze: Maze) -> RigReference:
