@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import tempfile
@@ -25,6 +26,11 @@ def deadly(times: int, notes: str, x: int) -> int:
 def leave_something() -> str:
     """A temporary folder that nobody clears away."""
     return tempfile.mkdtemp()
+
+
+def end_slowly() -> None:
+    """The process needs a while to end."""
+    atexit.register(time.sleep, 1.0)
 
 
 def refuse(x: int) -> int:

@@ -30,6 +30,7 @@ from mazeplan.run.campaign.tasks import MOST_DEATHS, Arguments, Executor, Lost, 
 WAKE_S = 1.0  # s after which waiting looks up, for systems whose waits no signal ends
 GRACE_S = 3.0  # s that a worker has to level its plate when it must stop
 INTERRUPT = {signal.SIGINT}
+_at_work = threading.Event()  # in a worker: a task is in progress
 _found: list[tuple[int, ThreadpoolController]] = []  # number of modules, and the controller of their libraries
 
 
@@ -118,10 +119,10 @@ class _Worker:
             with interrupts_held():
                 if self._pool is not None:
                     with suppress(BrokenProcessPool):  # it died between two tasks
-                        return self._pool.submit(work, *task)
+                        return self._pool.submit(_do, work, *task)
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(1, context, _begin, (self._folder,))
-                return self._pool.submit(work, *task)
+                return self._pool.submit(_do, work, *task)
 
     def _discard(self) -> None:
         with self._lock:
@@ -210,12 +211,23 @@ def _begin(folder: str) -> None:
     threading.Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
 
 
+def _do(work: Callable[..., Result], *task: Any) -> Result:
+    """work(*task), in a worker."""
+    _at_work.set()
+    try:
+        return work(*task)
+    finally:
+        _at_work.clear()
+
+
 class _Ended(SystemExit):
     """Ended by a signal, not by the leaf that happened to run."""
 
 
 def _end(number: int, frame: Any) -> None:
-    """Raise an exception, so that a run in progress ends in order."""
+    """Raise an exception in a run, so that it ends in order. A process without a run ends at once."""
+    if not _at_work.is_set():
+        os._exit(128 + number)
     raise _Ended(128 + number)
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import time
+from multiprocessing import connection
 from pathlib import Path
 
 import numpy as np
 import pytest
-from campaign_work import deadly, leave_something, refuse, square, wait_long
+from campaign_work import deadly, end_slowly, leave_something, refuse, square, wait_long
 from soon import soon
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -128,3 +129,14 @@ def test_what_workers_left_in_their_folder_goes_with_them():
     (folder,) = folders
     assert Path(folder).name.startswith("mazeplan-")
     assert not Path(folder).exists()
+
+
+def test_a_worker_that_ends_already_is_ended_without_a_word(capfd):
+    with open_executor(workers=2) as executor:
+        assert [result for _, result in executor.each(end_slowly, [()])] == [None]
+        (process,) = executor._workers[0]._pool._processes.values()
+        executor._workers[0]._pool.shutdown(wait=False)
+        time.sleep(0.3)
+        process.terminate()
+        assert connection.wait([process.sentinel], 5.0)
+    assert capfd.readouterr().err == ""
