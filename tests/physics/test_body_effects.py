@@ -38,6 +38,18 @@ def own(acts, formula, **parameters):
     return Effect("mine", dict.fromkeys(parameters, PLAIN), acts, formula)(**parameters)
 
 
+def test_what_depends_on_time_alone_is_renewed_at_every_step():
+    """A lean in time, as a term and as a plate that moves so."""
+    swing = own(GRAVITY, lambda s, p: {"beta": p.a * sin(2.0 * s.t), "gamma": p.b * cos(3.0 * s.t)}, a=0.02, b=0.03)
+    state, n = [0.03, 0.04, 0.1, -0.05, 0.02], 40
+    found = after(state, [swing], steps=n)
+    t = START + H * (np.arange(n) + 0.5)
+    lean = [0.02 * np.sin(2.0 * t), 0.03 * np.cos(3.0 * t)]
+    push = 5.0 / 7.0 * G * np.stack([np.sin(lean[0]), -np.sin(lean[1]) * np.cos(lean[0])])
+    wanted = after(state, steps=n)[2:4] + H * push.sum(axis=1)
+    np.testing.assert_allclose(found[2:4], wanted, rtol=1e-9)
+
+
 @pytest.mark.parametrize("rate", [3.0, -2.0])
 @pytest.mark.parametrize("theta", [0.4, 2.5, -1.9])
 def test_a_users_force_pushes_along_the_ring_and_knows_place_speed_and_time(theta, rate):

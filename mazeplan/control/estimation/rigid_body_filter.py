@@ -16,6 +16,7 @@ Several of them in a row start the filter again.
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -25,8 +26,8 @@ from numba import njit
 from mazeplan.core.maths.compiled import pointer_to
 from mazeplan.core.records import Array, IntArray
 from mazeplan.physics.dynamics.plate import ROW, TIME_AT, PlateMotion, Tilting, plate_rows
-from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, body_core, step
-from mazeplan.physics.dynamics.rigid_body_effects import effects_of
+from mazeplan.physics.dynamics.rigid_body import STATE, Ball, advance, begin_step, body_core, step
+from mazeplan.physics.dynamics.rigid_body_effects import effects_of, idle
 from mazeplan.physics.dynamics.walls import Walls
 from mazeplan.physics.effect import Term
 
@@ -40,6 +41,8 @@ TWICE = 3  # pictures in a row that are not believed: the filter starts again
 START_SPEED, START_SPIN = 0.15, 0.10  # m/s, one sigma, when the filter starts
 STRAIGHTENED = 4  # rounds of the fixed point that takes off the lens
 LEAST = 1e-18  # of a variance, so that a Cholesky factor exists
+REMEMBERED = 1.2e8  # bytes of innovations that a filter keeps
+ALIKE = 12  # significant digits in which the numbers of two models agree, if they are the same model
 
 
 class CameraView(NamedTuple):
@@ -112,6 +115,14 @@ class Filtered:
         return np.column_stack([first, (b - xy / xx * a) / np.sqrt(yy - xy * xy / xx)])
 
 
+class Innovations(NamedTuple):
+    """nu (N, 2), S (N, 3), minus2: as in `Filtered`."""
+
+    nu: Array
+    S: Array
+    minus2: float
+
+
 class Lens(NamedTuple):
     """`CameraView` and `Wander` for compiled code."""
 
@@ -156,9 +167,11 @@ def predict_body(core, rows, first, count, h, mean, P, L, points):
         for i in range(STATE):
             points[n, i] = mean[i] + sign * L[i, column]
     for j in range(first, first + count):  # points one after the other: the processor works on several of them at once
+        row = pointer_to(rows, j * width)
+        begin_step(core, row)
         for n in range(POINTS):
             x, y, vx, vy, w, hit = step(
-                core, pointer_to(rows, j * width), h, points[n, 0], points[n, 1], points[n, 2], points[n, 3],
+                core, row, h, points[n, 0], points[n, 1], points[n, 2], points[n, 3],
                 points[n, 4],
             )  # fmt: skip
             points[n, 0], points[n, 1], points[n, 2], points[n, 3], points[n, 4] = x, y, vx, vy, w
@@ -294,6 +307,8 @@ class BodyFilter:
         self._rows, self._key = np.empty((n * substeps, ROW)), None
         self._y, self._first = np.ascontiguousarray(pictures.y), np.ascontiguousarray(pictures.first)
         self._t = np.ascontiguousarray(pictures.t)
+        self._known: OrderedDict[tuple[object, ...], Innovations] = OrderedDict()
+        self._most = max(int(REMEMBERED / (8.0 * 5 * max(n, 1))), 1)
 
     def part(self, rows: np.ndarray) -> BodyFilter:
         """The filter of some pictures (N,) alone; where one before is left out, a stretch begins."""
@@ -328,6 +343,19 @@ class BodyFilter:
         )  # fmt: skip
         return Filtered(nu, S, state, cov, *found)
 
+    def innovations(self, model: BodyModel) -> Innovations:
+        """The innovations of all pictures. Those of recent models are remembered: a search comes back to a point again
+        and again. Raises ValueError as `run` does."""
+        key = _key(model)
+        if key in self._known:
+            self._known.move_to_end(key)
+        else:
+            filtered = self.run(model)
+            self._known[key] = Innovations(filtered.nu, filtered.S, filtered.minus2)
+            if len(self._known) > self._most:
+                self._known.popitem(last=False)
+        return self._known[key]
+
     def rolled_out(self, model: BodyModel, states: Array, starts: IntArray, steps: int) -> Array:
         """Where the camera would see the ball, (W, steps + 1, 2) in m: from the states (N, 5) of some pictures
         `starts` (W,) on, by the model alone, along the plate's motion."""
@@ -342,3 +370,12 @@ class BodyFilter:
         seen = view.scale * places @ turn.T
         bent = 1.0 + view.bend * np.sum(seen * seen, axis=-1, keepdims=True)
         return seen * bent + np.array([view.offset_x, view.offset_y])
+
+
+def _key(model: BodyModel) -> tuple[object, ...]:
+    """The same for models that filter alike: a search that takes a logarithm and its inverse changes the last digits of
+    a number."""
+    numbers = (*model.ball, *model.tilting, *model.view, *model.wander)
+    terms = [term for term in model.terms if not idle(term)]
+    sizes = (number for term in terms for number in term.numbers)
+    return *(f"{float(number):.{ALIKE}g}" for number in (*numbers, *sizes)), *(id(term.effect) for term in terms)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered
+from mazeplan.control.estimation.rigid_body_filter import BodyFilter, BodyModel, Filtered, Innovations
 from mazeplan.control.estimation.rigid_body_parameters import number_of, value_of, with_values
 from mazeplan.core.records import Array
 
@@ -100,11 +100,11 @@ class _Search:
         values = (math.exp(v) if k.log else float(v) for v, k in zip(x, self.kinds, strict=True))
         return with_values(self.model, dict(zip(self.free, values, strict=True)))
 
-    def run(self, x: Array) -> Filtered:
+    def run(self, x: Array) -> Innovations:
         self.passes += 1
-        return self.body.run(self.model_at(x))
+        return self.body.innovations(self.model_at(x))
 
-    def scores(self, x: Array, here: Filtered) -> Gradient:
+    def scores(self, x: Array, here: Innovations) -> Gradient:
         """Scores at x, where the filter gives `here`."""
         keep, moved = np.isfinite(here.nu[:, 0]), []
         for j, step in enumerate(self.step):
@@ -176,7 +176,7 @@ def fit_body(
     sigma = np.sqrt(np.diag(cov))
     scale = [value_of(found, name) if kind.log else 1.0 for name, kind in zip(free, search.kinds, strict=True)]
     stderr = {name: float(s * k) for name, s, k in zip(free, sigma, scale, strict=True)}
-    return BodyFit(found, stderr, tuple(free), cov, best.minus2, best, search.passes)
+    return BodyFit(found, stderr, tuple(free), cov, best.minus2, body.run(found), search.passes)
 
 
 def _stepped(search: _Search, x: Array, scores: Gradient, damping: float) -> Array:

@@ -118,7 +118,7 @@ def search_rig(
         found = [c.candidate for c in chosen]
         free = _free(known, found)
         base = _with_starts(body, best.model, maze, own)
-        new, model = _best(part, base, was, free, _left(candidates, found, refused), places, least)
+        new, model = _best(part, base, best.minus2, was, free, _left(candidates, found, refused), places, least)
         if new is None:
             break
         tell(f"{len(chosen) + 1} found, its size")
@@ -198,24 +198,24 @@ def alternate(body: BodyFilter) -> BodyFilter:
 def _best(
     part: BodyFilter,
     base: BodyModel,
+    minus2: float,
     was: Reference,
     free: Sequence[str],
     left: Sequence[Candidate],
     places: Mapping[str, Mapping[str, float]],
     least: float,
 ) -> tuple[_Chosen | None, BodyModel]:
-    """The candidate that explains a part of the record best, None if none gains `least`; and the model with it."""
-    plain = fit_body(part, base._replace(terms=tuple(t for t in base.terms if not idle(t))), free, STEPS, ENOUGH)
-    base = plain.model._replace(terms=base.terms)
+    """The candidate that explains a part of the record best, None if none gains `least`; and the model with it. base:
+    the likeliest model with what was found before, which gives minus2."""
     begins = {c: _begun(part, base, c, places) for c in left}
     scores = _scores(part, base, free, left)
-    scores = {c: max(scores[c], plain.minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
+    scores = {c: max(scores[c], minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
     ranked = sorted((c for c in left if scores[c] > LEAST_SCORE), key=lambda c: -scores[c])
     tried = [c for c in ranked[:MOST_FITTED] if scores[c] > WORTH * scores[ranked[0]]]
     simpler = {name for c in tried for name in c.simpler}
     tried += [c for c in left if c.effect in simpler and c not in tried]
     fits = {c: _fitted(part, begins[c][1], free, c) for c in tried}
-    gained = {c: plain.minus2 - fit.minus2 for c, fit in fits.items()}
+    gained = {c: minus2 - fit.minus2 for c, fit in fits.items()}
     sure = [c for c in tried if gained[c] >= least and moved(fits[c].model, fits[c].stderr, was, c.free)]
     if not sure:
         return None, base
@@ -255,9 +255,9 @@ def _begun(
         number, at = number_of(base, c.free[0]), value_of(base, c.free[0])
         tried += [{c.free[0]: min(max(at + step, number.low), number.high)} for step in c.far]
     models = [with_values(base, values) for values in tried]
-    scored = [(body.run(model).minus2, i) for i, model in enumerate(models)]
+    scored = [(body.innovations(model).minus2, i) for i, model in enumerate(models)]
     least, i = min(scored, default=(math.inf, 0))
-    return (least, models[i]) if models and least < body.run(base).minus2 else (math.inf, base)
+    return (least, models[i]) if models and least < body.innovations(base).minus2 else (math.inf, base)
 
 
 def _noisy(model: BodyModel) -> BodyModel:
@@ -297,7 +297,7 @@ def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence
     numbers = [name for name in free if name not in NOISE and "." not in name]
     for _ in range(LEAPS if numbers else 0):
         there = [_leapt(fit.model, was.model, numbers, factor) for factor in FURTHER]
-        minus2 = [body.run(m).minus2 for m in there]
+        minus2 = [body.innovations(m).minus2 for m in there]
         least = int(np.argmin(minus2))
         if minus2[least] > fit.minus2 - ENOUGH:
             break

@@ -20,8 +20,9 @@ from numba import njit
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import Array
 
-# columns of a row, and its length; first the inputs of formulas in their order (`symbols.PLATE`)
-RADIUS_AT, BALL_AT, FELT_AT, TIME_AT, ROW = 6, 7, 8, 17, 18
+# columns of a row, and its length; first the inputs of formulas in their order (`symbols.PLATE`);
+# last gravity on a level table, along x and y
+RADIUS_AT, BALL_AT, FELT_AT, TIME_AT, STATED_AT, ROW = 6, 7, 8, 17, 18, 20
 SOONEST = 1e-9  # s between two times that differ
 
 
@@ -100,6 +101,7 @@ def _fill(tilting, raw, t, row):
         row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
         row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
     row[RADIUS_AT], row[BALL_AT], row[TIME_AT] = 0.0, 0.0, t
+    row[STATED_AT], row[STATED_AT + 1] = GRAVITY * math.sin(row[0]), -GRAVITY * math.sin(row[3]) * math.cos(row[0])
     _felt(row, row[0] + tilting.tilt_beta, row[3] + tilting.tilt_gamma)
 
 

@@ -34,7 +34,7 @@ from numba import njit
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.maths.compiled import pointer_to, shifted
 from mazeplan.core.records import Array
-from mazeplan.physics.dynamics.plate import BALL_AT, FELT_AT, RADIUS_AT, TIME_AT
+from mazeplan.physics.dynamics.plate import BALL_AT, FELT_AT, RADIUS_AT, STATED_AT, TIME_AT
 from mazeplan.physics.dynamics.walls import (
     WallCore,
     gap_of,
@@ -45,7 +45,7 @@ from mazeplan.physics.dynamics.walls import (
     outside_rim,
     wall_core,
 )
-from mazeplan.physics.formulas.compiled import call_plane
+from mazeplan.physics.formulas.compiled import call_moment, call_plane_at
 
 STATE = 5
 PER_GRAVITY = 1.0 / GRAVITY
@@ -74,11 +74,15 @@ class Ball(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """Further effects on the ball, see `rigid_body_effects`. address: of `plane` of the effects, 0: none; p: their
-    packed parameters, and FELT_ROOM numbers for its outputs. The caller keeps both alive."""
+    """Further effects on the ball, see `rigid_body_effects`. address: of `plane_at` of the effects, 0: none; moment: of
+    `moment`, 0: it has nothing to do; held: how many numbers it gives; p: packed parameters, room for these numbers,
+    and FELT_ROOM for the outputs; angled: whether they look at the ball's angle. The caller keeps p alive."""
 
     address: int
+    moment: int
+    held: int
     p: Array
+    angled: bool
 
 
 FELT_ROOM = 7  # pull along x and y, force, drag, dry friction, friction at a wall, factor of gravity
@@ -86,7 +90,7 @@ FELT_ROOM = 7  # pull along x and y, force, drag, dry friction, friction at a wa
 
 def no_effects() -> Effects:
     """No further effects."""
-    return Effects(0, np.zeros(FELT_ROOM + 1))
+    return Effects(0, 0, 0, np.zeros(FELT_ROOM + 1), False)
 
 
 class BodyCore(NamedTuple):
@@ -105,7 +109,10 @@ class BodyCore(NamedTuple):
     wall_turn: float
     height: float
     address: int
+    moment: int
+    angled: bool
     p: Any
+    held: Any
     felt: Any
     walls: WallCore
 
@@ -117,7 +124,8 @@ def body_core(ball, walls, effects):
     return BodyCore(
         ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
         ball.restitution, ball.hold, ball.spin, ball.spin / ball.inertia,
-        ball.wall_rolling * (1.0 + ball.inertia) / ball.inertia, height, effects.address, pointer_to(effects.p, 0),
+        ball.wall_rolling * (1.0 + ball.inertia) / ball.inertia, height, effects.address, effects.moment,
+        effects.angled, pointer_to(effects.p, 0), pointer_to(effects.p, len(effects.p) - FELT_ROOM - effects.held),
         pointer_to(effects.p, len(effects.p) - FELT_ROOM), wall_core(walls),
     )  # fmt: skip
 
@@ -185,10 +193,10 @@ def _besides(core, row, x, y, vx, vy):
     rate, speed = (x * vy - y * vx) / (r * r), math.sqrt(vx * vx + vy * vy) / r
     way = 1.0 if rate > 0.0 else (-1.0 if rate < 0.0 else 0.0)
     out, level = core.felt, shifted(row, FELT_AT)
-    call_plane(core.address, (math.atan2(y, x), rate, speed, way, row[TIME_AT], row, core.p, out))
+    angle = math.atan2(y, x) if core.angled else 0.0
+    call_plane_at(core.address, (angle, rate, speed, way, row[TIME_AT], row, core.p, core.held, out))
     gx, gy = level[0], level[1]  # on the table as the tilting says that it stands
-    mx = gx + out[0] - GRAVITY * math.sin(row[0])
-    my = gy + out[1] + GRAVITY * math.sin(row[3]) * math.cos(row[0])
+    mx, my = gx + out[0] - row[STATED_AT], gy + out[1] - row[STATED_AT + 1]
     ax, ay = core.factor * (out[6] * mx - gx), core.factor * (out[6] * my - gy)
     return ax - y * out[2], ay + x * out[2], r * (speed * out[3] + max(out[4], 0.0))
 
@@ -209,9 +217,16 @@ def accelerated(core, row, x, y, vx, vy, w):
 
 
 @njit(cache=True, error_model="numpy")
+def begin_step(core, row):
+    """What steps of all points with this row share."""
+    if core.moment != 0:
+        call_moment(core.moment, (row[TIME_AT], row, core.p, core.held))
+
+
+@njit(cache=True, error_model="numpy")
 def step(core, row, h, x, y, vx, vy, w):
     """The state h s later, and how much walls changed the speed, as `meet_walls`; row: pointer to the row of `plate` in
-    the middle of this step."""
+    the middle of this step, after `begin_step` of it."""
     ax, ay, aw, n = accelerated(core, row, x, y, vx, vy, w)
     more = 0.0
     if core.address != 0:
@@ -236,5 +251,7 @@ def advance(ball, walls, effects, rows, h, state, out):
     core = body_core(ball, walls, effects)
     x, y, vx, vy, w = state[0], state[1], state[2], state[3], state[4]
     for i in range(len(rows)):
-        x, y, vx, vy, w, _ = step(core, pointer_to(rows, i * rows.shape[1]), h, x, y, vx, vy, w)
+        row = pointer_to(rows, i * rows.shape[1])
+        begin_step(core, row)
+        x, y, vx, vy, w, _ = step(core, row, h, x, y, vx, vy, w)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = x, y, vx, vy, w

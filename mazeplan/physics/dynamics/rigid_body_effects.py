@@ -1,6 +1,6 @@
 """Effects of the registry, also a user's own, on the rigid-body ball.
 
-They use the same compiled function `plane` as planner and filter, so each formula stands once. The rigid body itself
+They use the same formulas as planner and filter, so each stands once. The rigid body itself
 rolls (`Ball.inertia`) and meets walls and openings (`Ball.wall`, `Ball.restitution`), so such effects are refused here.
 """
 
@@ -28,8 +28,12 @@ def effects_of(terms: Sequence[Term]) -> Effects:
     terms = [term for term in terms if not idle(term)]
     if not terms:
         return no_effects()
-    numbers = [*packed(terms), *[0.0] * FELT_ROOM]
-    return Effects(_address(tuple(term.effect for term in terms)), np.array(numbers, dtype=np.float64))
+    made = _functions(tuple(term.effect for term in terms))
+    held, numbers = made.counts["held"], packed(terms)
+    room = np.array([*numbers, *[0.0] * (held + FELT_ROOM)], dtype=np.float64)
+    return Effects(
+        made.address["plane_at"], made.address["moment"] if held else 0, held, room, bool(made.counts["angled"])
+    )
 
 
 def idle(term: Term) -> bool:
@@ -41,12 +45,12 @@ def idle(term: Term) -> bool:
 _made: dict[tuple[int, ...], tuple[tuple[Effect, ...], CompiledFunctions]] = {}  # by identity; keeps both alive
 
 
-def _address(effects: tuple[Effect, ...]) -> int:
-    """Address of `plane`, cached for filters."""
+def _functions(effects: tuple[Effect, ...]) -> CompiledFunctions:
+    """`plane_at` and `moment`, cached for filters."""
     key = tuple(map(id, effects))
     if key not in _made:
         _made[key] = effects, plane_functions(effects)
-    return _made[key][1].address["plane"]
+    return _made[key][1]
 
 
 _checked: dict[int, Effect] = {}  # by identity, as looking at a formula takes time

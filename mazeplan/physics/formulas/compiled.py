@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -35,12 +34,16 @@ SIGNATURES = {
     "plane": VOID(
         REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER
     ),  # angle, rate, speed, direction, t, w, p, out
+    "moment": VOID(REAL, POINTER, POINTER, POINTER),  # t, w, p, c
+    "plane_at": VOID(
+        REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER, POINTER
+    ),  # the same as of plane, with c before out
     "term": REAL(REAL, REAL, REAL, POINTER, POINTER),  # theta, theta_dot, t, w, p
 }
 SIGNATURES["plate_partials"] = SIGNATURES["plate"]
 SIGNATURES["loss"] = SIGNATURES["angle"] = SIGNATURES["hold"] = SIGNATURES["base"] = SIGNATURES["term"]
-call_plate, call_value, call_partials, call_plane, call_term = (
-    caller(SIGNATURES[name]) for name in ("plate", "value", "partials", "plane", "term")
+call_plate, call_value, call_partials, call_plane, call_moment, call_plane_at, call_term = (
+    caller(SIGNATURES[name]) for name in ("plate", "value", "partials", "plane", "moment", "plane_at", "term")
 )
 HEAD = '''"""Generated from formulas by mazeplan.physics; not to be edited."""
 
@@ -80,7 +83,7 @@ def ring_functions(effects: Sequence[Effect]) -> CompiledFunctions:
 
 
 def plane_functions(effects: Sequence[Effect]) -> CompiledFunctions:
-    """plane alone; its generation takes a fifth of the time."""
+    """moment and plane_at: plane in two parts, of which the first is the same for all points at one moment."""
     return _functions("plane", tuple(effects))
 
 
@@ -104,10 +107,9 @@ def routines_of(
     if kind == "ring":
         routines, counts = generate.ring_routines(effects)
         plane = generate.plane_routine(effects)
-        looks = any(re.search(r"theta|direction", text) for text in (*plane.lines, *plane.outputs))
-        return [*routines, plane], {**counts, "angled": int(looks)}
+        return [*routines, plane], {**counts, "angled": int(plane.asks_for(r"theta|direction"))}
     if kind == "plane":
-        return [generate.plane_routine(effects)], {}
+        return generate.moment_routines(effects)
     if kind == "base":
         return generate.base_routines(effects)
     (effect,) = effects

@@ -21,6 +21,7 @@ from mazeplan.physics.formulas import equation
 from mazeplan.physics.formulas.symbols import BALL, INPUTS, size, state
 
 BY = ("theta", "theta_dot", "beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot")  # derivatives, in this order
+MOVING = ("theta", "theta_dot", "speed", "direction")  # of the ball in the plane
 
 
 @dataclass
@@ -49,6 +50,10 @@ class Routine:
         )
         return "\n".join([f"def {self.name}({', '.join(arguments)}):", *(f"    {x}" for x in [*self.lines, value])])
 
+    def asks_for(self, pattern: str) -> bool:
+        """Whether a name in the source matches."""
+        return any(re.search(pattern, text) for text in (*self.lines, *self.outputs))
+
 
 def ring_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
     """plate, value, plate_partials and partials of a set of effects, and how many coefficients each kind has."""
@@ -70,12 +75,58 @@ def ring_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, i
 def plane_routine(effects: Sequence[Effect]) -> Routine:
     """Outputs in the plane: gravity along x and y (m/s^2, without the factor), the force along the ring (rad/s^2), drag
     (1/s), dry friction anywhere and at a wall (rad/s^2), and the factor of gravity."""
+    return _routine(
+        "plane", (*MOVING, "t", "w", "p", "out"), _in_plane(effects), equation.names_of(effects), into="out"
+    )
+
+
+def moment_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
+    """moment: sines and other functions of one moment, the same for a ball anywhere, into c; and plane_at: as plane
+    above, from them."""
+    expressions, names = _in_plane(effects), equation.names_of(effects)
+    every = _symbols()
+    moving = {every[name] for name in (*MOVING, "radius", "ball_radius")}
+    calls = _outermost(expressions, moving)
+    held = {call: _coefficient(i) for i, call in enumerate(calls)}
+    plane = _routine(
+        "plane_at", (*MOVING, "t", "w", "p", "c", "out"), [e.xreplace(held) for e in expressions], names, into="out"
+    )
+    moment = _routine("moment", ("t", "w", "p", "c"), calls, names, into="c")
+    return [moment, plane], {"held": len(calls), "angled": int(plane.asks_for(r"\btheta\b"))}
+
+
+def _in_plane(effects: Sequence[Effect]) -> list[Any]:
+    import sympy
+
     x, y, factor = equation.pull(effects)
     sums = [equation.summed(effects, kind) for kind in (FORCE, DRAG, DRY, WALL)]
     s, speed = state(), _symbols()["speed"]
     sums = [part.subs(size(s.theta_dot), speed) for part in sums]
-    arguments = ("theta", "theta_dot", "speed", "direction", "t", "w", "p", "out")
-    return _routine("plane", arguments, [x, y, *sums, factor], equation.names_of(effects), into="out")
+    return [sympy.sympify(e) for e in (x, y, *sums, factor)]
+
+
+def _outermost(expressions: Sequence[Any], moving: set[Any]) -> list[Any]:
+    """Calls of functions without moving symbols, none of them inside another."""
+    import sympy
+
+    found: dict[Any, None] = {}
+
+    def look(part: Any) -> None:
+        if isinstance(part, sympy.Function) and not part.free_symbols & moving:
+            found[part] = None
+        else:
+            for argument in part.args:
+                look(argument)
+
+    for expression in expressions:
+        look(expression)
+    return list(found)
+
+
+def _coefficient(i: int) -> Any:
+    import sympy
+
+    return sympy.Symbol(f"c[{i}]", real=True)
 
 
 def base_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
@@ -153,12 +204,10 @@ class _Hoist:
 
     def _named(self, coefficient: Any) -> Any:
         """The symbol of a coefficient; a number or a parameter stays."""
-        import sympy
-
         key = coefficient if not coefficient.could_extract_minus_sign() else -coefficient
         if not key.free_symbols or (key.is_Symbol and "__" in key.name):
             return coefficient
-        symbol = self.found.setdefault(key, sympy.Symbol(f"c[{len(self.found)}]", real=True))
+        symbol = self.found.setdefault(key, _coefficient(len(self.found)))
         return symbol if key == coefficient else -symbol
 
 
