@@ -213,6 +213,7 @@ def test_the_error_shown_is_the_error_got(desk):
     assert shown.group(0).strip("`") in done.stderr + done.stdout
 
 
+@pytest.mark.slow
 def test_json_is_one_document_with_the_names_of_the_contract(desk):
     done = run(shlex.split("mazeplan navigate --from ring4 --to ring5 --rig ideal --json"), desk)
     document = json.loads(done.stdout)

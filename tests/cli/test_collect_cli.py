@@ -14,6 +14,7 @@ from mazeplan.maze.mapfile import load_map
 from mazeplan.run.collect import EXCITE
 
 
+@pytest.mark.slow
 def test_a_model_learned_from_a_collected_log_navigates(call, tmp_path):
     log, model = tmp_path / "log.mcap", tmp_path / "model"
     code, _, err = call("collect", "--rig", "ideal", "--seconds", "60", "--seed", "4", "-o", log)

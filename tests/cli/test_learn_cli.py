@@ -103,6 +103,7 @@ def test_sp_is_the_default_and_json_is_the_model(learn, log, tmp_path):
     assert np.ptp(load_model(tmp_path / "model").processes[2].mean(inputs(STATES))) > 0.01
 
 
+@pytest.mark.slow
 def test_several_logs_are_learned_from_together(learn, log, tmp_path):
     other = tmp_path / "other.mcap"
     run_collection(PlanarRig(MAZE), MAZE, Collection(30.0, (3,), seed=5), other)

@@ -31,6 +31,7 @@ def module(*words, cwd):
     return subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False, env=env)
 
 
+@pytest.mark.slow
 def test_the_written_rig_passes_its_test_and_arrives(new, call, tmp_path, monkeypatch):
     code, out, _ = new("my_table")
     assert (code, out) == (0, "cd my_table && python -m pytest && mazeplan navigate --rig my_table.yaml\n")

@@ -17,6 +17,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "made"
 
 
+@pytest.mark.slow
 def test_a_policy_is_trained_shown_and_followed(call, folder):
     options = ("--rig", "ideal", "--rounds", "2", "--runs", "2", "--epochs", "1", "--seed", "3")
     code, out, _ = call("policy", "train", *options, "-o", "mine")

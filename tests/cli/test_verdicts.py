@@ -71,6 +71,7 @@ def test_score_prints_the_errors_and_the_verdict(call, log, fitted, tmp_path):
     assert f"verdict       {document['verdict']}: " in because
     assert document["error"] < 0.5 * document["persistence"]
     assert f"{document['error']:.3f} rad" in because
+    assert document["because"].endswith("; the log says nothing of ring 1, 3, 4")
 
 
 def errors(error, persistence=1.0, noise=0.01, windows=10):
@@ -178,6 +179,7 @@ def test_offsets_that_differ_are_told_for_each_ring(fit, fitted):
     assert not any(line.startswith("table") for line in lines)
 
 
+@pytest.mark.slow
 def test_learn_judges_its_model(call, log, tmp_path):
     code, out, _ = call("learn", "--kind", "pi", log, "-o", tmp_path / "model", "--json")
     document = json.loads(out)

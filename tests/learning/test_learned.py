@@ -175,6 +175,7 @@ def test_sp_finds_the_physics_and_its_process_only_the_rest():
     )
 
 
+@pytest.mark.slow
 def test_only_the_rows_given_are_learned_from():
     part, rows = samples(120), np.arange(0, 120, 2)
     spoilt = part.theta_ddot.copy()

@@ -57,6 +57,7 @@ def test_what_changed_is_found_goes_into_the_model_and_is_no_news_then(name):
     assert again.verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_a_table_that_leans_leans_in_all_rings_of_the_new_model():
     done, (was, model) = seen("tilt_offset"), known()
     new = moved_model(model, done.effects, done.searched.fit)

@@ -84,6 +84,7 @@ def resident_mb():
 
 
 @pytest.mark.skipif(not STATUS.exists(), reason="reads /proc")
+@pytest.mark.slow
 def test_memory_is_flat_over_sixty_runs():
     rings = len(MAZE.rings)
     grown = []
@@ -94,6 +95,7 @@ def test_memory_is_flat_over_sixty_runs():
 
 
 @pytest.mark.skipif(not STATUS.exists(), reason="reads /proc")
+@pytest.mark.slow
 def test_memory_of_a_campaign_is_flat_after_the_tenth_run():
     grown = []
     evaluate(Campaign(runs=25, time_limit=0.8), progress=lambda finished: grown.append(resident_mb()))

@@ -89,6 +89,7 @@ def test_a_model_in_a_log_that_cannot_be_one_is_one_line(tmp_path, data, said):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_run_that_learns_decides_again_after_the_model_has_learned_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for k in range(3):

@@ -45,6 +45,7 @@ def test_each_fault_is_one_valid_change_and_texts_and_messages_are_left_alone(mo
     assert drawn(5, 1, ["mazeplan/core"]) == drawn(5, 1, ["mazeplan/core"]) != drawn(5, 2, ["mazeplan/core"])
 
 
+@pytest.mark.slow
 def test_a_fault_that_no_test_notices_is_told_and_a_second_call_goes_on(module, monkeypatch, capsys):
     tests = module.parents[2] / "tests" / "core"
     tests.mkdir(parents=True)
@@ -87,6 +88,7 @@ def test_files_of_tests_are_sorted_by_the_imports_between_them_and_the_module(mo
     ]
 
 
+@pytest.mark.slow
 def test_a_test_that_fails_without_a_fault_too_hides_none(module, monkeypatch, capsys):
     tests = module.parents[2] / "tests" / "core"
     tests.mkdir(parents=True)

@@ -48,6 +48,7 @@ def test_a_gif_is_as_long_as_the_run_and_moves(messages, tmp_path):
     assert (tmp_path / "run.gif").stat().st_size < 2_000_000
 
 
+@pytest.mark.slow
 def test_an_mp4_has_thirty_pictures_a_second(messages, tmp_path):
     cv2 = pytest.importorskip("cv2")
     write_film(messages, tmp_path / "run.mp4")
@@ -145,6 +146,7 @@ def test_what_cannot_be_filmed_is_refused_in_one_line(messages, tmp_path, monkey
     check_film(tmp_path / "run.gif")
 
 
+@pytest.mark.slow
 def test_navigate_and_report_write_films(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     way = ("--from", "4", "--to", "5", "--rig", "ideal")

@@ -95,7 +95,7 @@ def _verdict(model: RigModel, tables: list[Table], maze: Maze, folder: Path) -> 
         rings = ring_errors(model, tables, maze)
     except InputError:  # too short for any ring
         rings = {}
-    document = score_document(rings, str(folder), "LOG")
+    document = score_document(rings, str(folder), "LOG", [r.number for r in maze.rings[:-1]])
     document["because"] += "; on the logs that it was learned from"
     document["advice"].append(f"judge it on a log that it has not seen: mazeplan score {folder} NEW.mcap")
     return document

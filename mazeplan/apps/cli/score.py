@@ -23,7 +23,9 @@ def score(model: ModelArgument, logs: opt.Logs, map_: opt.MapOfLog = None, as_js
         bar.show("reading")
         tables = [read_table(log) for log in logs]
         bar.show("rolling out")
-        document = score_document(ring_errors(found, tables, maze), model, str(logs[0]))
+        document = score_document(
+            ring_errors(found, tables, maze), model, str(logs[0]), [r.number for r in maze.rings[:-1]]
+        )
     document["learned_from"] = learned_from(found, logs)
     if document["learned_from"]:
         say(f"the model was learned from {', '.join(document['learned_from'])}: on new logs it may be worse")

@@ -7,7 +7,7 @@ both), and that of the camera's noise alone. The limits of the verdict are round
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -77,8 +77,9 @@ def whole(rings: dict[int, RingError]) -> RingError:
     return RingError(count, *(mean(name) for name in ("seconds", "error", "persistence", "noise")))
 
 
-def score_document(rings: dict[int, RingError], model: str, log: str) -> dict[str, Any]:
-    """The verdict as `score --json` prints it; model, log: for the commands that are advised."""
+def score_document(rings: dict[int, RingError], model: str, log: str, asked: Iterable[int] = ()) -> dict[str, Any]:
+    """The verdict as `score --json` prints it; model, log: for the commands that are advised; asked: rings, of
+    which those that the log does not show are named."""
     every = whole(rings)
     word = every.verdict
     because = (
@@ -87,6 +88,9 @@ def score_document(rings: dict[int, RingError], model: str, log: str) -> dict[st
         if word != "unknown"
         else f"the log has {every.windows} stretches that are long enough, expected at least {FEWEST_WINDOWS}"
     )
+    unseen = [str(ring) for ring in asked if ring not in rings]
+    if unseen and rings:
+        because += f"; the log says nothing of ring {', '.join(unseen)}"
     advice = {
         "good": f"drive with it: mazeplan evaluate --model {model}",
         "fair": f"learn from a longer log, or see what the model lacks: mazeplan diagnose {log} --model {model}",

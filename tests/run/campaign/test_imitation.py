@@ -65,6 +65,7 @@ def test_a_lesson_is_the_same_whenever_it_is_given_and_begins_in_every_ring():
     assert not np.array_equal(one.inputs, lesson(CAMPAIGN, 2, None).inputs[: len(one.inputs)])
 
 
+@pytest.mark.slow
 def test_a_training_is_the_same_for_any_number_of_workers_and_its_seeds_are_no_evaluations(tmp_path):
     rounds = []
     options = (Options(2, 2, 7, workers, epochs=1, hidden=(8,)) for workers in (1, 2))
