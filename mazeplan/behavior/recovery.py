@@ -115,7 +115,7 @@ class BackOff(MazeLeaf):
     }
 
     def start(self) -> None:
-        """Away from where it stands, through the opening's front if it stands to one side."""
+        """Roll towards the opening's angle and past it; the other way if a radial wall leaves no room."""
         run = self.context
         self._began = run.now
         self._turn = 1.0 if run.opening is None or run.turn_to(run.opening) >= 0.0 else -1.0

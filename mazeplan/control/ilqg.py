@@ -7,9 +7,10 @@ linearises along the trajectory, solves a box-limited quadratic problem in each 
 policy with shorter and shorter steps alpha until the cost falls enough. The cost never rises. `Plan.reason` says why
 the search stopped:
 
-    1. CONVERGED     with regularisation at most mu_min, the largest correction of a control is below
-                     control_tolerance, or the reduction expected or got is below tolerance * (1 + |cost|), or that
-                     of the last PATIENCE iterations together
+    1. CONVERGED     regularisation is at most mu_min, and one of these is small enough:
+                     - the largest correction of a control: below control_tolerance
+                     - the expected or the actual reduction of the cost: below tolerance * (1 + |cost|)
+                     - the reduction by the last PATIENCE iterations together: below the same
     2. MAX_ITERATIONS
     3. DEADLINE      the next iteration would probably end after the deadline (the longest so far is the estimate)
     4. NO_DESCENT    regularisation above mu_max and still no step that lowers the cost
@@ -43,12 +44,20 @@ MUCH = 0.01  # of the cost: least gain for which a warm search goes on
 
 @dataclass(frozen=True)
 class IlqgOptions:
-    """horizon: steps; max_iterations; tolerance: of the cost, relative, and warm_tolerance: the same for a former plan
-    that is followed on, and will be improved again a tick later, for which warm_iterations are enough
-    (`Planner.solve`); control_tolerance: rad; min_ratio: of reduction got to reduction expected; mu: regularisation to
-    start with, added to the control Hessian, between mu_min and mu_max and changed by mu_factor (which itself grows
-    while it is raised or lowered again and again); shorter: factor from one step length to the next that is tried;
-    tries: how many are; deadline_ms: of one solve. Raises SettingsError.
+    """Settings of the search. Raises SettingsError.
+
+    horizon            steps
+    max_iterations     of a search from the beginning
+    tolerance          relative, of the cost, at which it stops
+    warm_tolerance     the same for a search from the last tick's plan, which the next tick improves again
+    warm_iterations    after so many, that search may stop early (`enough` of `Planner.solve`)
+    control_tolerance  largest correction of a control at which a search stops, rad
+    min_ratio          least actual reduction of the cost over the expected one
+    mu                 first regularisation, added to the control Hessian
+    mu_min, mu_max     its bounds
+    mu_factor          changes it; grows while the regularisation goes the same way again and again
+    shorter, tries     factor from one step length to the next that is tried, and how many are
+    deadline_ms        of one search
     """
 
     horizon: int = 40
@@ -163,8 +172,9 @@ class Planner:
 
         warm: a former plan, shifted to t0 and followed with its gains as the first guess; or controls (T, 2); or
         None for zeros. t0: rig time of s0, s. The deadline counts from the call; one iteration is always made.
-        tolerance: of the cost, relative, in place of that of the options; enough: iterations after which the search
-        ends as soon as one gets less than MUCH of the cost, if the former plan is still NEARLY as good as it was.
+        tolerance: of the cost, relative, in place of that of the options; enough: after so many
+        iterations the search stops once one lowers the cost by less than MUCH of it, unless the former plan has become
+        worse than NEARLY times its cost.
         trace(iteration, cost) gets every cost, the first included.
         """
         self._watch.begin(self.options.deadline_ms if deadline_ms is None else deadline_ms)

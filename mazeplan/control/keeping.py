@@ -5,10 +5,10 @@ goes through this filter. It predicts each kept ball with the planar model:
 
     the command for hold_s, then the rescue for rescue_s: the plate tilts away from the opening, as far as it may
 
-If the ball's centre stays within its reach at the wall plus margin_mm, from all starts around its estimate, the command
+If the ball's centre stays within margin_mm of where the wall stops it, from all starts around its estimate, the command
 goes out as it is: one can still rescue the ball afterwards. Else the filter takes the nearest command of a set that
-keeps the ball. Along the ring of the other ball commands differ by their share; across it, where a wall holds that
-ball, they may differ much. (Predictive safety filter; Wabersich, Zeilinger, Automatica 129, 2021.)
+keeps the ball. Commands of the set have a share of the wanted tilt along the ring of the other ball. Across that ring
+they differ freely, as a wall holds that ball. (Predictive safety filter; Wabersich, Zeilinger, Automatica 129, 2021.)
 """
 
 from __future__ import annotations

@@ -39,9 +39,9 @@ class RolloutOptions:
     """Settings of the roll-outs. Raises SettingsError.
 
     grid: commands per axis, between the limits; margin_s: a command must beat the law by this; doubt_mm, doubt_m_s:
-    offsets of the other starts across the opening; horizon_s: of one roll-out; late_s: with a larger delay, s, of the
-    measurements no roll-outs are made, as the ball's position is too uncertain; late_body_s: the same where a rigid
-    ball is predicted over the delay, which is surer."""
+    offsets of the other starts across the opening; horizon_s: of one roll-out; late_s: largest delay of the
+    measurements, s, with which roll-outs are made: beyond it the ball's position is too uncertain; late_body_s: the
+    same where a rigid ball is predicted over the delay, which is surer."""
 
     grid: int = 5
     margin_s: float = 0.02

@@ -7,9 +7,9 @@ Heavy tails: Student's t noise in place of normal noise.
     s_i^2 = s^2 (nu + z_i^2) / (nu + 1)
 
 A ball at the edge of an opening is thrown back or not; no input of a model decides it. The mean of both is best for
-squared errors. A roll-out, scored by absolute errors, needs the typical acceleration: a few impacts must not bend the
-mean of all states around. s_i^2 is one step of expectation maximisation (Lange, Little, Taylor, "Robust Statistical
-Modeling Using the t Distribution", JASA 84, 1989); on measured data a second step changed nothing.
+squared errors. Roll-outs are scored by absolute errors and need the typical acceleration: a few impacts must not change
+the prediction for all states nearby. s_i^2 is one step of expectation maximisation (Lange, Little, Taylor, "Robust
+Statistical Modeling Using the t Distribution", JASA 84, 1989); on measured data a second step changed nothing.
 """
 
 from __future__ import annotations
@@ -167,10 +167,10 @@ def fit_process(
 
 
 def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyperparameters:
-    """The hyperparameters with a noise that counts the correlation of neighbouring residuals.
+    """The hyperparameters with a larger noise, as neighbouring residuals are correlated.
 
-    Smoothing spreads noise and impacts over neighbouring rows. Independent noise would count each of them once a row.
-    The residuals are those of a process on at most FEW of the rows."""
+    Smoothing spreads noise and impacts over neighbouring rows. As independent, each would count several
+    times. The residuals are those of a process on at most FEW of the rows."""
     own = uniform_downsample(len(target), min(FEW, len(target) // 3))
     process = GaussianProcess.condition(training.hyper, x[own], phi[own], target[own])
     left = target - process.mean(x, phi)
@@ -179,7 +179,7 @@ def honest_noise(training: Training, x: Array, phi: Array, target: Array) -> Hyp
 
 
 def repetition(left: Array) -> float:
-    """How many residuals (..., N) repeat one independent residual, by their autocorrelation; at least 1.
+    """How many of the residuals (..., N) count as one independent residual, by their autocorrelation; at least 1.
 
     NaN: unknown."""
     power, repeats = float(np.nanmean(left**2)) if left.size else 0.0, 1.0

@@ -153,7 +153,8 @@ class RouteGraph:
         return 2.0 * math.sqrt(length / self._acceleration) + self.options.servo_lag_s if length > 0.0 else 0.0
 
     def passage_s(self, name: str) -> float:
-        """Expected time to pass an opening in front of which the ball is, with what was learned and the map says."""
+        """Expected time, s, to pass an opening that the ball is already in front of, with the expected further
+        attempts and the extra cost of the map."""
         options = self.options
         retries = self.expected_attempts(name) - 1.0
         return options.passage_s + retries * options.retry_s + self.maze.opening(name).extra_cost

@@ -104,7 +104,8 @@ def filmed(path: Path | None) -> Iterator[dict[str, Any]]:
 
 @contextmanager
 def monitored(port: int | None, host: str) -> Iterator[dict[str, Any]]:
-    """Arguments of a run that Groot2 can watch at a port: a simulated rig keeps pace with the clock. None: no more."""
+    """Arguments of a run that Groot2 can watch at a port. Simulated rigs keep pace with the clock then. port None: no
+    arguments."""
     if port is None:
         yield {}
         return

@@ -4,9 +4,10 @@ One candidate after the other is added. A score test says which candidates are w
 
     g' F^-1 g,  g = gradient of -log L by the candidate's numbers, F = their information, both given the numbers found
 
-The best fit has to gain `NEEDED` of -2 log L. That likelihood is rough (`rigid_body_fit`): the best candidate gains up
-to about 50 on healthy records. Its numbers have to move further than `SURE` standard errors of both records, and by
-more than their smallest size. The unexplained noise is free in every fit, so that no effect can stand in for noise.
+The best fit has to gain `NEEDED` of -2 log L. The likelihood is rough (`rigid_body_fit`): even with nothing wrong, the
+best candidate gains up to about 50. The candidate's numbers have to move by more than `SURE` standard errors of both
+records, and by more than their smallest size. The unexplained noise is free in every fit, so that no effect can stand
+in for noise.
 """
 
 from __future__ import annotations
@@ -31,15 +32,19 @@ from mazeplan.physics.effects.local_forces import table_swing
 NOISE = ("noise", "plane")  # `strike` is held: it would hide walls that are elsewhere
 NEEDED = 150.0  # of -2 log L
 PRICE = 15.0  # of -2 log L, of each number: more than the roughness of the likelihood
-LIKE = 0.85  # share of the best one's gain from which another candidate explains the record as well
-SURE = 3.5  # standard errors of both records, each taken ROUGH times
-ROUGH = 2.0  # how much further values scatter from record to record than standard errors say
-WORTH, MOST_FITTED = 0.12, 3  # share of the best score from which a candidate is fitted, and how many at most
-STEPS, POLISH, ENOUGH, MOST_FOUND = 8, 20, 4.0, 4
+LIKE = 0.85  # a candidate with this share of the best gain explains the record as well: a rival
+SURE = 3.5  # least change, in standard errors of both records, each multiplied by ROUGH
+ROUGH = 2.0  # values scatter so many times further from record to record than their standard errors say
+WORTH = 0.12  # a candidate with less than this share of the best score is not fitted
+MOST_FITTED = 3  # candidates that are fitted in a round
+STEPS = 8  # most steps of a fit that compares candidates
+POLISH = 20  # most steps of a fit whose numbers are kept
+ENOUGH = 4.0  # of -2 log L; a fit ends when a step gains less
+MOST_FOUND = 4  # effects
 PLANE = 3e-4  # m^2/s^3, with which a search begins
-LEAST_SCORE = 12.0
+LEAST_SCORE = 12.0  # of -2 log L; a candidate that promises less is not fitted
 PART_S, SHORT, HALF = 15.0, 6000, 0.45  # s; pictures; share of what a whole record gains
-CLEARLY = 3.0  # times what is needed, from which the whole record is not asked again
+CLEARLY = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 FURTHER, LEAPS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5), 3
 
 
@@ -106,17 +111,17 @@ def search_rig(
 ) -> Searched:  # fmt: skip
     """What differs from the reference. tell: reports progress; own: effects of a user to look for."""
     candidates = (*CANDIDATES, *(of_effect(effect) for effect in own))
-    known = (*NOISE, *was.open)
+    always = (*NOISE, *was.open)
     places = camera_starts(body, (was.start or was.model).view, maze)
-    first = fit_body(body, _noisy(was.start or was.model), known, POLISH, ENOUGH)
+    first = fit_body(body, _noisy(was.start or was.model), always, POLISH, ENOUGH)
     part, refused, chosen = alternate(body), set[Candidate](), list[_Chosen]()
     best, least = (
-        (first, NEEDED) if part is body else (fit_body(part, first.model, known, STEPS, ENOUGH), HALF * NEEDED)
+        (first, NEEDED) if part is body else (fit_body(part, first.model, always, STEPS, ENOUGH), HALF * NEEDED)
     )
     while len(chosen) < MOST_FOUND:
         tell(f"{len(chosen)} found, next")
         found = [c.candidate for c in chosen]
-        free = _free(known, found)
+        free = _free(always, found)
         base = _with_starts(body, best.model, maze, own)
         new, model = _best(part, base, best.minus2, was, free, _left(candidates, found, refused), places, least)
         if new is None:
@@ -128,8 +133,8 @@ def search_rig(
             refused.add(new.candidate)
             continue
         best, chosen = with_it, [*chosen, new]
-        best, chosen = _pruned(part, best, was, known, chosen, chosen[:-1], least)
-    return _on_the_whole(body, part, best, was, known, chosen, first)
+        best, chosen = _pruned(part, best, was, always, chosen, chosen[:-1], least)
+    return _on_the_whole(body, part, best, was, always, chosen, first)
 
 
 @dataclass(frozen=True)
@@ -150,19 +155,19 @@ def _left(candidates: Sequence[Candidate], found: Sequence[Candidate], refused: 
 
 
 def _on_the_whole(
-    body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, known: Sequence[str], chosen: list[_Chosen],
+    body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
     first: BodyFit,
 ) -> Searched:  # fmt: skip
-    """What a part of the record showed, with sizes by the whole record, as far as the whole confirms it."""
+    """Fit what a part of the record showed to the whole record, and drop what the whole does not confirm."""
     if not chosen:
         return Searched((), (), (), first, first)
     if part is not body:
-        best = fit_body(body, best.model, _free(known, [c.candidate for c in chosen]), POLISH, ENOUGH)
+        best = fit_body(body, best.model, _free(always, [c.candidate for c in chosen]), POLISH, ENOUGH)
         chosen = [replace(c, gain=c.gain * len(body.pictures) / len(part.pictures)) for c in chosen]
         if len(chosen) == 1:
             chosen = [replace(chosen[0], gain=first.minus2 - best.minus2)]
         weak = [c for c in chosen if c.gain < CLEARLY * NEEDED or not _still(best, was, c)]
-        best, chosen = _pruned(body, best, was, known, chosen, weak, NEEDED)
+        best, chosen = _pruned(body, best, was, always, chosen, weak, NEEDED)
     if not chosen:
         return Searched((), (), (), first, first)
     found, gains, rivals = zip(*((c.candidate, c.gain, c.like) for c in chosen), strict=True)
@@ -174,13 +179,13 @@ def _still(fit: BodyFit, was: Reference, c: _Chosen) -> bool:
 
 
 def _pruned(
-    body: BodyFilter, best: BodyFit, was: Reference, known: Sequence[str], chosen: list[_Chosen],
+    body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
     doubted: Sequence[_Chosen], least: float,
 ) -> tuple[BodyFit, list[_Chosen]]:  # fmt: skip
     """The fit without doubted findings that gain less than `least` beside the others, and the findings left."""
     for c in doubted:
         rest = [other for other in chosen if other is not c]
-        free = _free(known, [other.candidate for other in rest])
+        free = _free(always, [other.candidate for other in rest])
         without = fit_body(body, _without(best.model, was, c.candidate), free, STEPS, ENOUGH)
         if _still(best, was, c) and without.minus2 - best.minus2 >= least:
             continue
@@ -226,8 +231,8 @@ def _best(
     return _Chosen(chosen, gained[chosen], like), fits[chosen].model
 
 
-def _free(known: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys((*known, *(name for c in found for name in c.fitted))))
+def _free(always: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*always, *(name for c in found for name in c.fitted))))
 
 
 def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
@@ -280,18 +285,18 @@ def _scores(
     names = [*free, *(name for c in left for name in (c.first or c.free))]
     scores = score_search(body, model, names)
     g, F = scores.each.sum(axis=0), scores.information
-    known = np.arange(len(free))
+    given = np.arange(len(free))
     out = {}
     for c in left:
         own = np.array([names.index(name) for name in (c.first or c.free)])
-        B = F[np.ix_(own, known)] @ np.linalg.pinv(F[np.ix_(known, known)])
-        slope, curve = g[own] - B @ g[known], F[np.ix_(own, own)] - B @ F[np.ix_(known, own)]
+        B = F[np.ix_(own, given)] @ np.linalg.pinv(F[np.ix_(given, given)])
+        slope, curve = g[own] - B @ g[given], F[np.ix_(own, own)] - B @ F[np.ix_(given, own)]
         out[c] = float(slope @ np.linalg.pinv(curve, rcond=1e-9) @ slope)
     return out
 
 
 def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
-    """The likeliest numbers. Small steps may see no way on, so numbers further from the reference, or nearer to it, are
+    """The likeliest numbers. Small steps can get stuck, so numbers further from the reference, or nearer to it, are
     tried as well."""
     fit = fit_body(body, model, free, POLISH, ENOUGH)
     numbers = [name for name in free if name not in NOISE and "." not in name]

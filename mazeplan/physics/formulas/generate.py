@@ -1,7 +1,7 @@
 """Generates source code of values and derivatives from formulas, with common subexpressions, for any backend.
 
-One step evaluates the acceleration several times for one motion of the plate. Therefore terms of the plate and the
-parameters alone are computed once, into coefficients c; the rest is a function of the ball:
+Terms that depend on the plate's motion and the parameters alone are computed once a step, into coefficients c, and not
+at each evaluation of the acceleration. The rest is a function of the ball:
 
     theta_dd = sum_i c_i(t, w, p) rest_i(theta, theta_dot)
 
@@ -81,8 +81,8 @@ def plane_routine(effects: Sequence[Effect]) -> Routine:
 
 
 def moment_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
-    """moment: sines and other functions of one moment, the same for a ball anywhere, into c; and plane_at: as plane
-    above, from them."""
+    """moment: writes function calls that do not depend on the ball, such as sines of the time, into c; plane_at: the
+    outputs of `plane_routine`, computed from c."""
     expressions, names = _in_plane(effects), equation.names_of(effects)
     every = _symbols()
     moving = {every[name] for name in (*MOVING, "radius", "ball_radius")}
@@ -130,8 +130,8 @@ def _coefficient(i: int) -> Any:
 
 
 def base_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
-    """plate of effects of gravity, and base: their sum for a ball at theta in a camera turned by p[0]. The inputs w of
-    base end with the plate's coefficients."""
+    """plate: the coefficients of effects of gravity; base: their sum for a ball at theta, seen by a camera turned by
+    p[0]. The inputs w of base end with the plate's coefficients."""
     coefficients, (value,) = _hoisted([equation.turning() + equation.gravity(effects)])
     plate = _routine("plate", ("t", "w", "p", "c"), coefficients, equation.names_of(effects), into="c")
     base = _routine("base", ("theta", "theta_dot", "sin_theta", "cos_theta", "c", "p"), [value], [])
@@ -148,7 +148,7 @@ def base_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, i
 
 
 def signed(expression: Any) -> Any:
-    """The expression with the sign of the ball's speed for its direction."""
+    """The expression with sign(theta_dot) in place of `direction`."""
     from mazeplan.physics.formulas.symbols import sign
 
     s = state()

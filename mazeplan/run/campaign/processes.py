@@ -27,7 +27,7 @@ from threadpoolctl import ThreadpoolController
 
 from mazeplan.run.campaign.tasks import MOST_DEATHS, Arguments, Executor, Lost, Result, Value
 
-WAKE_S = 1.0  # s after which waiting looks up, for systems whose waits no signal ends
+WAKE_S = 1.0  # s between two looks while waiting: on some systems signals do not interrupt a wait
 GRACE_S = 3.0  # s that a worker has to level its plate when it must stop
 INTERRUPT = {signal.SIGINT}
 _at_work = threading.Event()  # in a worker: a task is in progress
@@ -47,7 +47,7 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Processes and threads that begin here never see Ctrl-C, which a terminal sends to all. This process sees it
+    """Block Ctrl-C, which a terminal sends to all, in processes and threads that begin here. This process gets it
     afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -119,10 +119,10 @@ class _Worker:
             with interrupts_held():
                 if self._pool is not None:
                     with suppress(BrokenProcessPool):  # it died between two tasks
-                        return self._pool.submit(_do, work, *task)
+                        return self._pool.submit(_work_in_worker, work, *task)
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(1, context, _begin, (self._folder,))
-                return self._pool.submit(_do, work, *task)
+                return self._pool.submit(_work_in_worker, work, *task)
 
     def _discard(self) -> None:
         with self._lock:
@@ -211,7 +211,7 @@ def _begin(folder: str) -> None:
     threading.Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
 
 
-def _do(work: Callable[..., Result], *task: Any) -> Result:
+def _work_in_worker(work: Callable[..., Result], *task: Any) -> Result:
     """work(*task), in a worker."""
     _at_work.set()
     try:
@@ -221,7 +221,7 @@ def _do(work: Callable[..., Result], *task: Any) -> Result:
 
 
 class _Ended(SystemExit):
-    """Ended by a signal, not by the leaf that happened to run."""
+    """A signal ended the task; it is no error of the task."""
 
 
 def _end(number: int, frame: Any) -> None:
