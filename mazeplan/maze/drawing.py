@@ -322,7 +322,7 @@ def _draw_opening_names(ax: Axes, maze: Maze, numbers: list[Array], path: Array 
     for name in found:
         _text(ax, name.place[0] * _MM, name.place[1] * _MM, name.text, size=name.size)
     if missing := len(maze.openings) - len(found):
-        note = f"no room for the name{'s' * (missing > 1)} of {missing} opening{'s' * (missing > 1)}"
+        note = f"no room for the name{'s' * (missing > 1)}\nof {missing} opening{'s' * (missing > 1)}"
         _text(ax, 0.94 * reach, 0.94 * reach, note, size=_FONT - 1, ha="right")
 
 
