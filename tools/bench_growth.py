@@ -20,8 +20,10 @@ from typing import Any
 
 import numpy as np
 import yaml
+from bench_growth_campaign import measured
 from bench_solver import cases, parameters_of
 
+import mazeplan as package
 from mazeplan.apps.view.replay.recorded import open_recording
 from mazeplan.control.ilqg import IlqgOptions
 from mazeplan.control.ring_planner import RingPlanner
@@ -38,13 +40,21 @@ CHANNEL_MM, WALL_MM, WIDTH_MM, APART_MM = 15.4, 4.0, 14.0, 6.0  # of the mazes t
 
 @dataclass(frozen=True)
 class Growth:
-    """What is measured: `cost(size)` in ms at each size; why: the reason where it grows faster than linearly."""
+    """What is measured: `cost(size)` in ms (memory: MB) at each size; why: the reason where it grows faster than
+    linearly."""
 
     what: str
     unit: str
     sizes: tuple[int, ...]
     cost: Callable[[int], float]
     why: str = ""
+    memory: bool = False
+
+    def text(self, cost: float) -> str:
+        """A cost with its unit."""
+        if self.memory:
+            return f"{cost:.0f} MB"
+        return f"{cost:.3g} ms" if cost < 1e3 else f"{1e-3 * cost:.3g} s"
 
 
 def best_ms(act: Callable[[], Any], times: int = 3) -> float:
@@ -57,17 +67,29 @@ def best_ms(act: Callable[[], Any], times: int = 3) -> float:
     return 1e3 * min(took)
 
 
-def plan_ms(rows: int = 2000, horizon: int = 40) -> float:
-    """Median time of a cold plan on a process of so many rows, ms. The rows are those of the toy's, moved a little."""
-    maze, model = load_map("cme"), load_model("toy")
-    known, rng = model.processes[RING], np.random.default_rng(SEED)
+def with_rows(known: Any, rows: int) -> GaussianProcess:
+    """A process with so many rows: those of the toy's, moved a little."""
+    rng = np.random.default_rng(SEED)
     assert isinstance(known, GaussianProcess)
     which = rng.integers(len(known), size=rows)
     moved = known.inputs[which] + 0.02 * known.inputs.std(axis=0) * rng.standard_normal((rows, known.inputs.shape[1]))
-    process = GaussianProcess.mean_only(known.hyper, moved, known.alpha[which] * len(known) / rows)
+    return GaussianProcess.mean_only(known.hyper, moved, known.alpha[which] * len(known) / rows)
+
+
+def tick_ms(rows: int) -> float:
+    """Median tick of a run on the toy with processes of so many rows, ms."""
+    model = load_model("toy")
+    grown = replace(model, processes={ring: with_rows(process, rows) for ring, process in model.processes.items()})
+    return package.navigate("ring1", "ring5", rig="toy", model=grown, seed=SEED).tick_ms["p50"]
+
+
+def plan_ms(rows: int = 2000, horizon: int = 40) -> float:
+    """Median time of a cold plan on a process of so many rows, ms."""
+    maze, model = load_map("cme"), load_model("toy")
     planner = RingPlanner(
-        parameters_of(maze, model, RING), maze.tilt_limit, IlqgOptions(horizon=horizon), process=process
-    )
+        parameters_of(maze, model, RING), maze.tilt_limit, IlqgOptions(horizon=horizon),
+        process=with_rows(model.processes[RING], rows),
+    )  # fmt: skip
     planner.warm_up()
     return float(np.median([best_ms(partial(planner.plan, *case), 2) for case in cases(8, SEED)]))
 
@@ -134,6 +156,10 @@ def growths(folder: Path, quick: bool) -> list[Growth]:
         words = ("--most", str(rows), "--force", "-o", str(folder / "model"))
         return mazeplan("learn", str(logs.of(2 if quick else 15)), *words)
 
+    def compared(rows: int) -> float:
+        words = ("--most", str(rows), "--kinds", "sp", "--bands", "0", "--ring", str(RING))
+        return mazeplan("compare", str(logs.of(2 if quick else 15)), *words)
+
     def read(minutes: int) -> float:
         log = logs.of(minutes)  # made here, so that this takes no part
         return best_ms(lambda: read_log(log))
@@ -144,6 +170,7 @@ def growths(folder: Path, quick: bool) -> list[Growth]:
 
     every = [
         Growth("plan", "rows of the process", (500, 1000, 2000, 4000, 8000, 16000), lambda n: plan_ms(rows=n)),
+        Growth("tick", "rows of the process", (500, 1000, 2000, 4000, 8000, 16000), tick_ms),
         Growth("plan", "steps of the horizon", (10, 20, 40, 80, 160), lambda n: plan_ms(horizon=n)),
         Growth("map check", "openings, 30 rings", (100, 200, 500, 1000, 2000), lambda n: check_ms(30, n)),
         Growth("map check", "rings, 3 openings each", (5, 10, 20, 50), lambda n: check_ms(n, 3 * n)),
@@ -155,6 +182,13 @@ def growths(folder: Path, quick: bool) -> list[Growth]:
         Growth("read a log", "minutes", (1, 5, 15, 60), read),
         Growth("open in the page", "minutes", (1, 5, 15, 60), opened),
         Growth("learn", "rows of the process", (500, 1000, 2000, 4000), learned),
+        Growth("compare", "rows of the process", (500, 1000, 2000, 4000), compared),
+        Growth(
+            "end of a campaign", "runs", (100, 1000, 10_000, 100_000), lambda n: measured(n)[0],
+        ),
+        Growth(
+            "memory of it", "runs", (100, 1000, 10_000, 100_000), lambda n: measured(n)[1], memory=True,
+        ),
         Growth(
             "diagnose", "minutes", (1, 2, 5, 15, 60),
             lambda n: mazeplan("diagnose", str(logs.of(n)), "--model", "toy", "--json"),
@@ -176,7 +210,7 @@ def growth_section(quick: bool) -> list[str]:
         draw(found, ROOT / "docs" / "growth.png")
     rows = [
         f"| {growth.what} | {growth.unit} | "
-        f"{', '.join(f'{size}: {_time(ms)}' for size, ms in zip(growth.sizes, cost, strict=True))} | "
+        f"{', '.join(f'{size}: {growth.text(ms)}' for size, ms in zip(growth.sizes, cost, strict=True))} | "
         f"{exponent(growth.sizes, cost):.2f} | {growth.why or '-'} |"
         for growth, cost in found
     ]
@@ -192,16 +226,12 @@ def growth_section(quick: bool) -> list[str]:
     ]
 
 
-def _time(ms: float) -> str:
-    return f"{ms:.2g} ms" if ms < 1e3 else f"{1e-3 * ms:.3g} s"
-
-
 def draw(found: Sequence[tuple[Growth, list[float]]], path: Path) -> None:
     """A picture: time over size, both relative to the smallest size, on logarithmic axes."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(9.0, 5.0), layout="constrained")
-    for (growth, ms), mark in zip(found, "osv^D<>Px*", strict=False):
+    for (growth, ms), mark in zip(found, "osv^D<>Px*hpd1", strict=False):
         sizes = np.array(growth.sizes) / growth.sizes[0]
         axes.loglog(sizes, np.array(ms) / ms[0], marker=mark, label=f"{growth.what}, by {growth.unit}")
     most = max(growth.sizes[-1] / growth.sizes[0] for growth, _ in found)

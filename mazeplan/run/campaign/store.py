@@ -65,7 +65,7 @@ class Store:
         self._columns = columns()
         self.folder, self.parcel = folder, parcel
         self._setup, self._text, self.name = setup, text_of(setup), digest_of(setup)
-        self._rows: list[Any] = []  # tables of those that are there
+        self._rows: list[Any] = []  # tables of those that are there, without the columns that are the same for all
         self._single: list[Path] = []
         model = model_source(campaign.model, campaign.rig)
         self._same = {
@@ -94,9 +94,7 @@ class Store:
         for path in [self.whole, *sorted(self.folder.glob(f"campaign-{self.name}.run-*.parquet"))]:
             if not path.exists():
                 continue
-            table = _table(path)
-            if table.schema != self._columns:
-                raise InputError("got other columns than this program writes, expected another folder", file=path)
+            table = _table(path, [name for name in self._columns.names if name not in self._same], self._columns)
             fresh = [number not in self.documents for number in table["index"].to_pylist()]
             table = table.filter(pa.array(fresh, pa.bool_()))  # twice where the last command was killed at its very end
             for number, text in zip(table["index"].to_pylist(), table["result"].to_pylist(), strict=True):
@@ -109,8 +107,9 @@ class Store:
         import pyarrow as pa
 
         document = ran.result.to_json() if document is None else document
-        row = {**self._same, **row_of(index, ran), "result": json.dumps(document)}
-        table = pa.Table.from_pylist([row], schema=self._columns)
+        row = {**row_of(index, ran), "result": json.dumps(document)}
+        own = pa.schema([field for field in self._columns if field.name not in self._same])
+        table = pa.Table.from_pylist([row], schema=own)
         path = self.folder / f"campaign-{self.name}.run-{index:08d}.parquet"
         self._write(table, path)
         self._rows.append(table)
@@ -132,18 +131,34 @@ class Store:
         self._rows, self._single = [table], []
 
     def _write(self, table: Any, path: Path) -> None:
+        """Write rows with all columns, some at a time: those that are the same for all would fill the memory."""
         import pyarrow.parquet as pq
 
         beside = path.with_name(f".{path.name}.{os.getpid()}")  # readers of the folder leave out what begins with a dot
+        told = {KEY: str(FORMAT), b"mazeplan_version": version("mazeplan")}
+        schema = self._columns.with_metadata(told)
         try:
             with beside.open("wb") as file:
-                told = {KEY: str(FORMAT), b"mazeplan_version": version("mazeplan")}
-                pq.write_table(table.replace_schema_metadata(told), file, compression="zstd", write_statistics=False)
+                with pq.ParquetWriter(file, schema, compression="zstd", write_statistics=False) as writer:
+                    for start in range(0, len(table), TOGETHER):
+                        writer.write_table(self._with_all(table.slice(start, TOGETHER)).cast(schema))
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(path)
         finally:
             beside.unlink(missing_ok=True)
+
+    def _with_all(self, table: Any) -> Any:
+        """The rows with all columns."""
+        import pyarrow as pa
+
+        columns = [
+            pa.array([self._same[field.name]] * len(table), field.type)
+            if field.name in self._same
+            else table[field.name]
+            for field in self._columns
+        ]
+        return pa.table(columns, schema=self._columns)
 
     def others(self, known: Iterable[str] = ()) -> list[str]:
         """A line for each other campaign in the folder but those of known names, and in what it differs."""
@@ -180,8 +195,8 @@ def row_of(index: int, ran: Ran) -> dict[str, Any]:
     }
 
 
-def _table(path: Path, only: list[str] | None = None) -> Any:
-    """The rows of a file. Raises InputError for any other file."""
+def _table(path: Path, only: list[str], expected: Any = None) -> Any:
+    """Some columns of a file, which has to have the expected ones. Raises InputError for any other file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -190,6 +205,8 @@ def _table(path: Path, only: list[str] | None = None) -> Any:
             told = file.schema_arrow.metadata or {}
             if refused := _refused(told):
                 raise InputError(refused, file=path, key="mazeplan_format")
+            if expected is not None and file.schema_arrow.remove_metadata() != expected:
+                raise InputError("got other columns than this program writes, expected another folder", file=path)
             return file.read(only).replace_schema_metadata()
     except (pa.ArrowException, OSError) as problem:
         raise _damaged(path, problem) from None

@@ -1,0 +1,59 @@
+"""Cost of a campaign's end by its runs, for the section `growth`: read the store, sum up, write the report.
+
+Short runs fill the first thousand rows of a store. The others are copies of them with other numbers and seeds, as
+100,000 runs would take hours. The command that is measured finds all of its runs in the store.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+FIRST = 1000  # runs that are truly made
+WORDS = ("evaluate", "--from", "ring5", "--to", "ring5", "--rig", "ideal", "--time-limit", "1", "--no-deadline")
+MEASURE = """
+import resource, subprocess, sys
+done = subprocess.run(sys.argv[1:], capture_output=True)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+sys.exit(done.returncode)
+"""
+
+
+@cache
+def measured(runs: int) -> tuple[float, float]:
+    """(ms, MB): wall time and most memory of `evaluate --store --report` whose runs are all in the store."""
+    folder = Path(mkdtemp(prefix="mazeplan-growth-"))
+    store, report = folder / "store", folder / "report.html"
+    made = min(runs, FIRST)
+    evaluate = (sys.executable, "-m", "mazeplan", *WORDS, "--store", str(store))
+    subprocess.run([*evaluate, "--runs", str(made)], check=True, capture_output=True)
+    (path,) = store.glob("*.parquet")
+    if runs > made:
+        _grow(path, runs)
+    command = [*evaluate, "--runs", str(runs), "--report", str(report)]
+    began = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", MEASURE, *command], check=True, capture_output=True, text=True)
+    ms = 1e3 * (time.perf_counter() - began)
+    assert report.exists()
+    return ms, float(done.stdout) * (1.0 if sys.platform == "darwin" else 1024.0) / 1e6
+
+
+def _grow(path: Path, runs: int) -> None:
+    """Copy the rows of a store until there are so many."""
+    table = pq.read_table(path)
+    table = pa.concat_tables([table] * -(-runs // len(table))).slice(0, runs)
+    results = []
+    for number, text in enumerate(table["result"].to_pylist()):
+        results.append(json.dumps({**json.loads(text), "seed": number}))
+    for name, values in (("index", range(runs)), ("seed", range(runs)), ("result", results)):
+        at = table.schema.get_field_index(name)
+        table = table.set_column(at, table.schema.field(at), pa.array(values, table.schema.field(at).type))
+    pq.write_table(table, path)
