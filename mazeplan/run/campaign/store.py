@@ -195,8 +195,8 @@ def row_of(index: int, ran: Ran) -> dict[str, Any]:
     }
 
 
-def _table(path: Path, only: list[str], expected: Any = None) -> Any:
-    """Some columns of a file, which has to have the expected ones. Raises InputError for any other file."""
+def _table(path: Path, only: list[str] | None = None, expected: Any = None) -> Any:
+    """All or some columns of a file, which has to have the expected ones. Raises InputError for any other file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
