@@ -12,7 +12,7 @@ import sys
 import time
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -30,7 +30,11 @@ sys.exit(done.returncode)
 @cache
 def measured(runs: int) -> tuple[float, float]:
     """(ms, MB): wall time and most memory of `evaluate --store --report` whose runs are all in the store."""
-    folder = Path(mkdtemp(prefix="mazeplan-growth-"))
+    with TemporaryDirectory(prefix="mazeplan-growth-") as folder:
+        return _measured(runs, Path(folder))
+
+
+def _measured(runs: int, folder: Path) -> tuple[float, float]:
     store, report = folder / "store", folder / "report.html"
     made = min(runs, FIRST)
     evaluate = (sys.executable, "-m", "mazeplan", *WORDS, "--store", str(store))
