@@ -35,6 +35,9 @@ LOOKS = 1.25  # evaluations of the likelihood in an iteration, at most (of torch
 LOG_SCALE, LOG_WIDTH = 0.7, 1.5  # mean and deviation of the prior on log length scales, in deviations of the input
 
 
+DEVICES = ("cpu", "cuda")
+
+
 @dataclass(frozen=True)
 class TrainingOptions:
     """Settings of the training. Raises SettingsError.
@@ -57,7 +60,7 @@ class TrainingOptions:
         for name in ("first", "rows", "starts", "iterations", "refinement"):
             if not (isinstance(getattr(self, name), int) and getattr(self, name) >= 1):
                 raise SettingsError(f"got {getattr(self, name)!r}, expected a whole number >= 1", key=name)
-        for name, allowed in (("device", ("cpu", "cuda")), ("family", (*FAMILIES, "auto"))):
+        for name, allowed in (("device", DEVICES), ("family", (*FAMILIES, "auto"))):
             if getattr(self, name) not in allowed:
                 raise SettingsError(f"got {getattr(self, name)!r}, expected one of {', '.join(allowed)}", key=name)
 
@@ -102,6 +105,16 @@ def exactly() -> Iterator[None]:
         yield
 
 
+def require_device(device: str) -> None:
+    """Raise InputError for what is no device, and for cuda if torch sees none."""
+    import torch
+
+    if device not in DEVICES:
+        raise InputError(f"--device: got {device!r}, expected one of {', '.join(DEVICES)}")
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device: got cuda, but torch sees no such device; expected cpu")
+
+
 def train(
     inputs: Array,
     features: Array,
@@ -116,14 +129,12 @@ def train(
     progress: receives each step in words; advance: the share done. Raises InputError if torch or the device is
     missing, or if a sample is not finite."""
     require_torch()
-    import torch
 
     options = options or TrainingOptions()
     bad = ~np.isfinite(np.column_stack([inputs, features, y])).all(axis=1)
     if bad.any():
         raise InputError(f"sample {int(np.argmax(bad))}: got a value that is not a finite number")
-    if options.device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device: got cuda, but torch sees no such device; expected cpu")
+    require_device(options.device)
     scale = _Scale.of(inputs, features, y, options)
     rng = np.random.default_rng(options.seed)
     few, many = (uniform_downsample(len(y), n) for n in (options.first, options.rows))

@@ -1,4 +1,4 @@
-"""Fits the network of a policy to the commands of the planner, with PyTorch on one core.
+"""Fits the network of a policy to the commands of the planner, with PyTorch on one core or a graphics card.
 
 The loss is that of commands inside the limits: where the planner tilts as far as it may, more is not wrong. A small
 share of what lies beyond stays in it, so that the network finds its way back. Errors count by their size, not by their
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mazeplan.core.progress import Advance, no_advance
 from mazeplan.core.records import Array
+from mazeplan.learning.gp_training import require_device
 
 BEYOND = 0.05  # share of a command beyond the limits that counts
 WIDTH = 0.1  # of the limit; smaller errors count by their square
@@ -36,24 +37,30 @@ class Fit:
 
 def fit_network(
     inputs: Array, commands: Array, turned: Array, limit: float, offset: Array, *,
-    hidden: tuple[int, ...] = (64, 64), epochs: int = 30, seed: int = 0, advance: Advance = no_advance,
+    hidden: tuple[int, ...] = (64, 64), epochs: int = 30, seed: int = 0, device: str = "cpu",
+    advance: Advance = no_advance,
 ) -> Fit:  # fmt: skip
     """Fit to commands (N, 2), rad. inputs (N, M); turned (N, 2): cosine and sine of the ball's angle; limit: of a
-    command, rad; offset (2,): tilt of the table, rad."""
+    command, rad; offset (2,): tilt of the table, rad; device: cpu or cuda. The seed draws the same first weights and
+    batches on either device. Raises InputError if the device is missing."""
     import torch
+
+    require_device(device)
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     generator = torch.Generator().manual_seed(seed)
     mean, scale = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), FLOOR)
     mean, scale = mean.astype(np.float32), scale.astype(np.float32)
-    x = torch.tensor((inputs - mean) / scale, dtype=torch.float32)
-    u, cs = (torch.tensor(a, dtype=torch.float32) for a in (commands / limit, turned))
-    shift = torch.tensor(np.asarray(offset) / limit, dtype=torch.float32)
+    x, u, cs, shift = (
+        torch.tensor(np.asarray(a), dtype=torch.float32, device=device)
+        for a in ((inputs - mean) / scale, commands / limit, turned, np.asarray(offset) / limit)
+    )
     sizes = (inputs.shape[1], *hidden, 2)
     parameters = []
     for i, o in pairwise(sizes):
-        parameters += [torch.randn(o, i, generator=generator) / i**0.5, torch.zeros(o)]
+        first = torch.randn(o, i, generator=generator) / i**0.5
+        parameters += [first.to(device), torch.zeros(o, device=device)]
     for p in parameters:
         p.requires_grad_(True)
 
@@ -73,7 +80,7 @@ def fit_network(
     steps = max(len(train) // BATCH, 1)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, epochs * steps)
     for epoch in range(epochs):
-        for batch in train[torch.randperm(len(train), generator=generator)].chunk(steps):
+        for batch in train[torch.randperm(len(train), generator=generator)].to(device).chunk(steps):
             optimiser.zero_grad()
             torch.nn.functional.smooth_l1_loss(predicted(batch), u[batch], beta=WIDTH).backward()
             optimiser.step()
@@ -82,5 +89,5 @@ def fit_network(
     with torch.no_grad():
         error = float((predicted(held).clamp(-1.0, 1.0) - u[held]).abs().mean()) * limit
     torch.set_num_threads(threads)
-    arrays = [p.detach().numpy() for p in parameters]
+    arrays = [p.detach().cpu().numpy() for p in parameters]
     return Fit(tuple(zip(arrays[::2], arrays[1::2], strict=True)), mean, scale, error)

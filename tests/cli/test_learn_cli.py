@@ -121,6 +121,11 @@ def test_several_logs_are_learned_from_together(learn, log, tmp_path):
         (["log.mcap", "--smoothing", "none"], "--smoothing: got 'none', expected one of rts, savgol"),
         (["log.mcap", "--device", "tpu"], "got 'tpu', expected one of cpu, cuda"),
         (["log.mcap", "--device", "cuda", "--kind", "np"], "got cuda, but torch sees no such device; expected cpu"),
+        (["log.mcap", "--device", "cuda", "--kind", "pi"], "got cuda with --kind pi, which trains on the processor"),
+        (
+            ["log.mcap", "--device", "cuda", "--kind", "spnn"],
+            "which trains on the processor; expected cpu, or --kind sp",
+        ),
         (["log.mcap", "--most", "10"], "--most"),
         (["log.mcap", "--map", "none.yaml"], "none.yaml"),
         (["swapped.csv"], "swapped.csv: ring 2: the ball does not follow the tilt: its acceleration is -"),

@@ -17,6 +17,22 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "made"
 
 
+@pytest.mark.parametrize(
+    ("device", "said"),
+    [
+        ("cuda", "got cuda, but torch sees no such device; expected cpu"),
+        ("tpu", "got 'tpu', expected one of cpu, cuda"),
+    ],
+)
+def test_a_device_that_is_not_there_is_refused_before_a_run(refused, folder, monkeypatch, device, said):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    error = refused("policy", "train", "--rig", "ideal", "--device", device, "-o", "mine")
+    assert error == f"mazeplan: --device: {said}\n"
+    assert not (folder.parent / "mine").exists()
+
+
 @pytest.mark.slow
 def test_a_policy_is_trained_shown_and_followed(call, folder):
     options = ("--rig", "ideal", "--rounds", "2", "--runs", "2", "--epochs", "1", "--seed", "3")

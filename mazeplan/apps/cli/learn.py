@@ -48,6 +48,10 @@ def learn(
     from mazeplan.learning.smoothing import Smoothing
 
     learns = kind not in ("p", "pi")
+    if device == "cuda" and (not learns or kind in NETWORKS):
+        raise InputError(
+            f"--device: got cuda with --kind {kind}, which trains on the processor; expected cpu, or --kind sp or np"
+        )
     if learns:
         require_torch()
     chosen = Smoothing("rts", model="snap") if smoothing == "rts" else Smoothing()

@@ -42,6 +42,7 @@ def train(
     epochs: Epochs = 20,
     seed: opt.Seed = 0,
     workers: opt.Processes = 1,
+    device: opt.Device = "cpu",
     force: opt.Force = False,
     as_json: opt.AsJson = False,
 ) -> None:
@@ -52,12 +53,13 @@ def train(
     note_missing_model(rig, model, load_map(map_))  # names a rig that is not there before torch loads
     from mazeplan.apps.cli.progress import ProgressBar
     from mazeplan.control.policy_file import policy_document, save_policy
-    from mazeplan.learning.gp_training import require_torch
+    from mazeplan.learning.gp_training import require_device, require_torch
     from mazeplan.run.campaign.imitation import Options
     from mazeplan.run.campaign.imitation import train as train_policy
     from mazeplan.run.campaign.one_run import Campaign
 
     require_torch()
+    require_device(device)
     campaign = Campaign(runs=runs, rig=rig, map=map_, model=model, settings=settings)
     lines: list[str] = []
     with ProgressBar("learning") as bar:
@@ -66,7 +68,7 @@ def train(
             lines.append(round_line(done))
             bar.show(lines[-1])
 
-        options = Options(rounds, runs, seed, workers, epochs)
+        options = Options(rounds, runs, seed, workers, epochs, device=device)
         policy = train_policy(campaign, options, show=bar.show, advance=bar.advance, tell=tell)
     path = save_policy(policy, output)
     if as_json:

@@ -41,7 +41,7 @@ KNOWS = 0.999  # share of the training inputs at a distance of at most 1
 @dataclass(frozen=True)
 class Options:
     """rounds: of driving and fitting, the first with the planner; runs: of each; workers: processes; epochs: of a fit,
-    the last one has twice as many."""
+    the last one has twice as many; device: of the fits, cpu or cuda."""
 
     rounds: int = 6
     runs: int = 60
@@ -49,6 +49,7 @@ class Options:
     workers: int = 1
     epochs: int = 20
     hidden: tuple[int, ...] = (64, 64)
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def _fitted(
     fit = fit_network(
         inputs, commands, inputs[:, [COS, SIN]], plate.limit, np.array([plate.offset_beta, plate.offset_gamma]),
         hidden=options.hidden, epochs=options.epochs * (1 + (done.number + 1 == options.rounds)),
-        seed=options.seed + done.number, advance=advance,
+        seed=options.seed + done.number, device=options.device, advance=advance,
     )  # fmt: skip
     z = ((inputs - fit.mean) / fit.scale)[:, :KNOWN]
     centres, reach = _cover(z.astype(np.float32))

@@ -1,0 +1,33 @@
+"""Training on a graphics card finds what training on the processor finds. Needs a card that torch sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_policy_training import LIMIT, predicted, samples
+
+from mazeplan.learning.gp_training import TrainingOptions, train
+from mazeplan.learning.policy_training import fit_network
+
+torch = pytest.importorskip("torch")
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device")
+
+
+def test_the_same_seed_trains_the_same_policy_on_both_devices():
+    made = samples(gain=2.0)
+    one, other = (fit_network(*made, LIMIT, np.zeros(2), epochs=5, seed=1, device=d) for d in ("cpu", "cuda"))
+    difference = predicted(one, made[0], made[2]) - predicted(other, made[0], made[2])
+    assert np.abs(difference).max() < 0.02 * LIMIT  # single precision, summed in another order
+    assert other.error == pytest.approx(one.error, rel=0.05)
+
+
+def test_a_process_gets_the_same_hyperparameters_on_both_devices():
+    rng = np.random.default_rng(0)
+    inputs, features = rng.normal(size=(400, 9)), rng.normal(size=(400, 2))
+    y = np.sin(inputs[:, 0]) + features @ [0.5, -0.2] + 0.05 * rng.normal(size=400)
+    options = TrainingOptions(first=150, rows=300, starts=1, iterations=15, refinement=8)
+    one, other = (train(inputs, features, y, replace(options, device=d)) for d in ("cpu", "cuda"))
+    assert other.refined == pytest.approx(one.refined, abs=1e-4)
+    assert other.hyperparameters.noise == pytest.approx(one.hyperparameters.noise, rel=1e-2)
