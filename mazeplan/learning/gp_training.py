@@ -255,7 +255,8 @@ def _scatter(model: Any, rng: np.random.Generator, start: int) -> None:
     wide = start > 0
     for part in model.parts:
         n = part.base_kernel.lengthscale.shape[-1]
-        part.base_kernel.lengthscale = torch.tensor(np.exp(0.7 + 0.8 * wide * rng.standard_normal(n)))
+        drawn = np.exp(0.7 + 0.8 * wide * rng.standard_normal(n))
+        part.base_kernel.lengthscale = torch.tensor(drawn, device=model.train_targets.device)
         part.outputscale = float(0.3 * np.exp(0.7 * wide * rng.standard_normal()))
     model.likelihood.noise = float(0.1 * np.exp(0.7 * wide * rng.standard_normal()))
     if model.linear is not None:
