@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from mazeplan.behavior.context import BallView
 from mazeplan.control.estimation.delay_bank import estimator_for
+from mazeplan.control.estimation.encounter import update_balls
 from mazeplan.control.estimation.rim_watch import Out, RimWatch
 from mazeplan.core.errors import InputError, RigError
 from mazeplan.core.records import Command, Observation, State
@@ -50,6 +51,7 @@ class Balls:
 
     def __init__(self, setup: Setup, rate_hz: float) -> None:
         maze, options = setup.maze, setup.settings.estimator
+        self._radius = maze.ball.radius
         self._camera = setup.driving_model.camera
         self._all = [estimator_for(maze, setup.driving_model, options, rate_hz) for _ in range(maze.balls)]
         self._rims = [] if setup.out_s is None else [RimWatch(maze, options.camera_sigma) for _ in range(maze.balls)]
@@ -79,11 +81,8 @@ class Balls:
         each = (observation, *observation.others)
         if len(each) != len(self._all):
             raise RigError(f"observe() of the rig: got {len(each)} balls, expected {len(self._all)}")
-        views = []
-        for estimator, sample in zip(self._all, each, strict=True):
-            state = estimator.update(sample)
-            views.append(BallView(state, estimator.filtered or state))
-        return tuple(views)
+        states = update_balls(self._all, each, self._radius)
+        return tuple(BallView(s, e.filtered or s) for s, e in zip(states, self._all, strict=True))
 
     def out(self, observation: Observation) -> Out | None:
         """Where the first ball is that has left the maze, None: none has."""

@@ -35,6 +35,7 @@ APART = math.radians(1.5)  # rad; larger differences from the tilt by the comman
 APART_SAMPLES = 5  # ... in so many samples in a row mean that the plate does not follow
 Piece = tuple[float, float, tuple[float, float]]  # from, to, and the command (rad) that acts then
 SPIN, SIZE = 8, 9  # of a state z: that of `planar`, and behind it the spin of a ball that has one, m/s
+HIT = 0.5  # standard error of a change of velocity in an impact, as a share of it
 HISTORY_S = 1.0  # s of tilt and commands kept; more than any controllable delay
 
 
@@ -116,15 +117,62 @@ class Estimator:
 
     def update(self, observation: Observation) -> State:
         """Take in one sample; the state at the moment when a command sent now will act."""
-        t = observation.t
+        self.begin(observation)
+        self.correct(observation)
+        return self.finish(observation, self.predicted(observation.t))
+
+    # The four steps of `update`. `encounter` predicts two balls together between them.
+
+    def begin(self, observation: Observation) -> None:
+        """Filter the plate's axes to the time of the sample."""
         self.doubts = set()
         self._filter_plate(observation)
-        moment = t - self._model.camera_delay
+
+    def correct(self, observation: Observation) -> None:
+        """Predict the ball to the moment of the picture, and correct it with its place there."""
+        moment = self.moment(observation)
         if observation.x is not None and observation.y is not None:
-            self._take_sample(moment, np.array(self._model.camera.true(observation.x, observation.y)), t)
+            place = np.array(self._model.camera.true(observation.x, observation.y))
+            self._take_sample(moment, place, observation.t)
         elif self._z is not None:
             self._carry_to(moment)
-        return self._state(t, observation.seen)
+
+    def predicted(self, t: float) -> Array:
+        """State (9,) when a command sent at t will act, predicted from the last measured moment; zeros before it."""
+        z = self.ball()
+        if self._z is not None:
+            self.advance(z, self._measured_at, t)
+        self.lay(z)
+        self.foresee(z, t, t + self.dead_time)
+        return z
+
+    def finish(self, observation: Observation, z: Array) -> State:
+        """The state for z (9,), which is kept for `ahead`."""
+        t, measured = observation.t, self.ball()
+        self._acting_z, self._acts_at = z, t + self.dead_time
+        lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
+        self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
+        self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
+        believed = observation.seen and self._last_seen == t  # an outlier is no measurement of where the ball is
+        self.filtered = _as_state(self._measured_at, measured, self._measured_ring, believed, lost)
+        return _as_state(self._acts_at, z, self._ring, observation.seen, lost)
+
+    def moment(self, observation: Observation) -> float:
+        """When the picture of a sample was taken, s."""
+        return observation.t - self._model.camera_delay
+
+    def ball(self) -> Array:
+        """A copy of the state (9,) of the ball at the last measured moment; zeros before the first sample."""
+        return np.zeros(SIZE) if self._z is None else self._z.copy()
+
+    @property
+    def measured_at(self) -> float | None:
+        """The last measured moment, s; None before the first sample."""
+        return None if self._z is None else self._measured_at
+
+    def lay(self, z: Array) -> None:
+        """Write the filtered tilt of now into z (9,)."""
+        z[4:6], z[6:8] = self._axes[0].mean, self._axes[1].mean
 
     def ahead(self, seconds: float, beside: tuple[float, float] = (0.0, 0.0)) -> State:
         """The state returned by `update`, predicted `seconds` on with the last command held.
@@ -180,13 +228,16 @@ class Estimator:
         history = np.array(self._tilts)
         return np.ascontiguousarray(history[:, 0]), np.ascontiguousarray(history[:, 1:])
 
-    def _advance(self, z: Array, start: float, end: float) -> None:
+    def advance(self, z: Array, start: float, end: float) -> None:
+        """Advance the ball in z from start to end, which is past, under the filtered tilt."""
         times, tilts = self._tilt_history()
         p = self._planar
         predict_given_tilt(z, start, end, times, tilts, p.scalars, p.rings, p.walls, p.gaps)
 
-    def _foresee(self, z: Array, start: float, end: float) -> None:
+    def foresee(self, z: Array, start: float, end: float) -> None:
         """Advance ball and plate in z from start to end, which is to come, under the commands given so far."""
+        if end <= start:
+            return
         queue = np.array([c for c in self._commands if math.isfinite(c[0])] or [(start, 0.0, 0.0)])
         times, commands = np.ascontiguousarray(queue[:, 0]), np.ascontiguousarray(queue[:, 1:])
         predict(z, start, end, times, commands, *self._planar.arrays())
@@ -196,12 +247,19 @@ class Estimator:
         dt = moment - self._measured_at
         if dt <= 0.0:
             return
-        self._advance(self._z, self._measured_at, moment)
+        self.advance(self._z, self._measured_at, moment)
         transition = np.array([[1.0, dt], [0.0, 1.0]])
         q = self._options.acceleration_sigma**2
         spread = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * q
         self._covariance = transition @ self._covariance @ transition.T + spread
         self._measured_at = moment
+
+    def strike(self, moment: float, change: Array) -> None:
+        """Predict the ball to a moment, and change its velocity there by (2,) m/s, with an uncertainty of HIT of it."""
+        assert self._z is not None
+        self._carry_to(moment)
+        self._z[2:4] += change
+        self._covariance[1, 1] += HIT**2 * float(change @ change)
 
     def _start_at(self, moment: float, position: Array) -> None:
         sigma = self._options.camera_sigma
@@ -248,24 +306,6 @@ class Estimator:
         contact(z, p.scalars[0], p.rings, p.walls, p.gaps, 0.0)
 
     # -- result ---------------------------------------------------------------------------------------------------
-
-    def _state(self, t: float, seen: bool) -> State:
-        beta, gamma = self._axes
-        acts = t + self.dead_time
-        z = np.zeros(SIZE) if self._z is None else self._z.copy()
-        measured = z.copy()
-        if self._z is not None:
-            self._advance(z, self._measured_at, t)
-        z[4:6], z[6:8] = beta.mean, gamma.mean
-        if acts > t:
-            self._foresee(z, t, acts)
-        self._acting_z, self._acts_at = z, acts
-        lost = self._z is None or t - self._last_seen > self._options.lost_after + 1e-6
-        self._measured_ring = self._hysteresis(self._measured_ring, math.hypot(measured[0], measured[1]))
-        self._ring = self._hysteresis(self._ring, math.hypot(z[0], z[1]))
-        believed = seen and self._last_seen == t  # an outlier is no measurement of where the ball is
-        self.filtered = _as_state(self._measured_at, measured, self._measured_ring, believed, lost)
-        return _as_state(acts, z, self._ring, seen, lost)
 
     def _hysteresis(self, current: int | None, r: float) -> int:
         rings = self._planar.rings

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from mazeplan.control.estimation.estimator import HISTORY_S, SPIN, Estimator, EstimatorOptions, Piece
+from mazeplan.control.estimation.estimator import HISTORY_S, HIT, SPIN, Estimator, EstimatorOptions, Piece
 from mazeplan.control.estimation.plate import servo_step
 from mazeplan.control.estimation.rigid_body_filter import (
     BodyModel,
@@ -117,10 +117,12 @@ class BodyEstimator(Estimator):
         history_rows(times, np.ascontiguousarray(history[:, 1:]), self._body.tilting, start, h, rows)
         return rows, h
 
-    def _advance(self, z: Array, start: float, end: float) -> None:
+    def advance(self, z: Array, start: float, end: float) -> None:
+        """See `Estimator.advance`."""
         self._roll(z, self._motions, start, end)
 
-    def _foresee(self, z: Array, start: float, end: float) -> None:
+    def foresee(self, z: Array, start: float, end: float) -> None:
+        """See `Estimator.foresee`."""
         if end <= start + 1e-9:
             return
         plate = [z[4:6], z[6:8]]
@@ -145,6 +147,14 @@ class BodyEstimator(Estimator):
         rows, h = self._rows(self._motions, self._measured_at, min(moment, self._measured_at + LONGEST))
         _carry(self._ball, self._walls, self._effects, self._lens, rows, h, self._mean, self._P, self._room)
         self._measured_at = moment
+        self._z[BALL] = self._mean
+
+    def strike(self, moment: float, change: Array) -> None:
+        """See `Estimator.strike`."""
+        assert self._z is not None
+        self._carry_to(moment)
+        self._mean[2:4] += change
+        self._P[2:4, 2:4] += HIT**2 * np.outer(change, change)
         self._z[BALL] = self._mean
 
     def _start_at(self, moment: float, position: Array) -> None:
