@@ -18,7 +18,7 @@ class Axis:
 
     @staticmethod
     def motion(s: Any, p: Any) -> Any:
-        """What a mass does."""
+        """Acceleration of the mass under the force, m/s^2."""
         return s.force / p.mass
 
 
