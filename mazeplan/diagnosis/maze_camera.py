@@ -1,7 +1,7 @@
 """The camera and the whole maze: offset, scale and lens distortion from the places where the ball can be.
 
 The centre of the ball never leaves the channels. In a channel, the ball lies against the inner wall, against the outer
-wall, or between them. So its true radius has the density
+wall, or between them. So its true distance r from the centre of the maze has the density
 
     p(r) = sum over rings of a_in N(r; r_in, s^2) + a_out N(r; r_out, s^2) + a_between U(r; r_in, r_out) * N(s^2)
 
@@ -64,7 +64,7 @@ class CameraFit:
 
 
 class _Channels:
-    """Densities of the ball's radius in the channels of a maze, and their shares."""
+    """Densities of the ball's distance r from the centre, in the channels of a maze, and their shares."""
 
     def __init__(self, maze: Maze) -> None:
         ball = maze.ball.radius
@@ -75,7 +75,7 @@ class _Channels:
         self.noise = NOISE
 
     def densities(self, r: Array) -> Array:
-        """(3, R, N): against the inner wall, between, against the outer wall, of each ring; 1/m."""
+        """Densities (3, R, N) at r (N,) in R rings, 1/m: at the inner wall, between the walls, at the outer wall."""
         s, d = self.noise, r[None, :]
         inner = np.exp(-0.5 * ((d - self.low[:, None]) / s) ** 2) / (s * math.sqrt(2.0 * math.pi))
         outer = np.exp(-0.5 * ((d - self.high[:, None]) / s) ** 2) / (s * math.sqrt(2.0 * math.pi))
@@ -92,7 +92,7 @@ class _Channels:
         return int(np.sum(enough & (share[0] > LEAST) & (share[2] > LEAST))) >= 2
 
     def log_density(self, r: Array) -> Array:
-        """Log density (N,) of the radii r (N,)."""
+        """Log density (N,) at r (N,), all channels together."""
         return np.log(np.einsum("kr,krn->n", self.shares, self.densities(r)) + ELSEWHERE / self.farthest)
 
     def learn(self, r: Array) -> None:

@@ -24,7 +24,7 @@ STILL = 3e-3  # rad; a plate with a smaller range of tilts shows nothing about t
 class RingRecord:
     """The ball in one ring, N samples.
 
-    t: time from the number of samples, s
+    t: number of the sample times dt, s
     theta: rad, unwrapped in each stretch, NaN if not seen
     r: m, None if not measured
     first: True where a stretch begins

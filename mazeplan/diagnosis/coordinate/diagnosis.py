@@ -15,7 +15,7 @@ from mazeplan.diagnosis.effect_entry import Entry, why_not_planned
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import EFFECTS
 
-LISTED = 6  # amplitudes that a sentence lists one by one
+LISTED = 6  # maximum number of amplitudes that a sentence lists one by one
 KEYS = (  # of the document, in this order
     "verdict", "sentence", "effects", "fitted", "ambiguous_with", "separate_by", "unknown", "before", "after",
     "noise_floor", "held_out", "held_out_rows", "remainder", "tilt", "notes", "test",
@@ -74,7 +74,7 @@ class Diagnosis(ABC):
     before, after: scores on the held-out rows, without and with what was found
     share: held-out share of the record
     evidence: residuals before and after
-    notes: what is odd about the record and the fits
+    notes: anything odd about the record and the fits
     test: scores before and after on a further record"""
 
     verdict: str

@@ -21,8 +21,8 @@ from mazeplan.diagnosis.coordinate.screening import ACCEPT, CandidateTrial, pric
 from mazeplan.diagnosis.coordinate.system import Values
 from mazeplan.physics.effect import Effect
 
-KEEP = 10.0  # of -2 log L
-ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within this cannot be told apart
+KEEP = 10.0  # minimum gain of -2 log L by an effect beside the others, after its price
+ALIKE = 15.0  # of -2 log L: two candidates whose gains differ by less cannot be told apart
 NEAR = 0.1  # share of the best gain; candidates this near to the best are compared with the stage fitted as well
 AHEAD = 1.15  # minimum gain of a term without a name, over that of the best named candidate, to look at the term
 MOST = 5  # maximum number of effects

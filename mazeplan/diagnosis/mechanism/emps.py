@@ -10,7 +10,7 @@ from mazeplan.physics.effect import Parameter
 
 
 class Axis:
-    """Force in, position out."""
+    """The axis: a force is its input, the position is its output."""
 
     position, unit, inputs = "qm", "m", ("force",)
     name, force, inertia = "moving_mass", "force", "mass"

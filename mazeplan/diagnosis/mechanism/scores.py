@@ -5,13 +5,13 @@ Relative error of the acceleration, ||e|| / ||a||: a is the measured acceleratio
 1. The position goes through a Butterworth filter of order 4, forwards and backwards. Central differences give a. So
    neither step shifts the record in time.
 2. The filter's band is CUTOFF. For a noisy record, the band is lower: white noise of the position may cause at most
-   NOISE of the acceleration. Noise sigma at a rate f causes sigma (2 pi)^2 sqrt(2 band^5 / (5 f)). With a lower band,
-   the model's acceleration goes through the filter, too.
+   NOISE of the acceleration. Noise sigma of the position at a rate f causes sigma (2 pi)^2 sqrt(2 band^5 / (5 f)) of
+   the acceleration. With a lower band, the model's acceleration goes through the filter, too.
 3. If effects are forces, e is a force, and the error is ||e|| / ||y|| with the measured force y. This is the error of
    inverse dynamic identification by least squares (IDIM-LS; Gautier, "Dynamic identification of robots with power
    model", ICRA 1997; Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 22(1), 2014).
-4. Both signals are decimated to PARALLEL with a zero-phase low-pass filter. EDGE seconds at both ends and around unseen
-   samples are left out, because the filters ring there.
+4. e and a (or y) are decimated to PARALLEL with a zero-phase low-pass filter. EDGE seconds at both ends and around
+   unseen samples are left out, because the filters ring there.
 
 Free run: the model starts at one filtered state. The measured inputs drive it, and it sees no further position. The
 error is the root mean square of the position error. Without a spring, errors of a force add up. So this is the harder

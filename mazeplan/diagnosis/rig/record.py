@@ -30,7 +30,7 @@ from mazeplan.physics.dynamics.walls import pack_walls
 from mazeplan.physics.effect import Term
 from mazeplan.physics.rig.stage import StageModel
 
-FEWEST = 900  # pictures
+FEWEST = 900  # minimum number of pictures of the ball
 NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
 PART, LEAST_PARTS, LEAST_PLAY = 15, 10, 0.8e-3  # pictures of a stretch; minimum number of stretches; minimum play, m
 GUESSED = (  # right in a model of beads, whose inertia and other friction also stand in for walls
@@ -100,7 +100,7 @@ def why_not_whole(tables: Sequence[Table]) -> str:
 
 
 def _play(table: Table) -> float:
-    """Variation of the ball's radius beyond noise, m, over stretches of PART pictures.
+    """Variation of the ball's distance from the centre beyond noise, m, over stretches of PART pictures.
 
     Harmonics of the angle are removed first: an offset of the camera, a lens or a turned picture causes them."""
     n = len(table) // PART * PART

@@ -17,9 +17,9 @@ from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.physics.registry import EFFECTS
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
-REMAINS, TWICE = 1.5, 2.0  # residual over noise: above this it is compared with the earlier one; this is too much
+REMAINS, TWICE = 1.5, 2.0  # residual over noise: above 1.5, compare it with the earlier one; above 2, it is too large
 LEAST_GAIN = 0.5  # of a tilt sensor; below this, or above its inverse, swapped columns are more likely
-CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors
+CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors: minimum for "certain", for "sure", for any word
 DEG = 180.0 / math.pi
 SHOWN = {"rad": (DEG, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
 SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}

@@ -198,7 +198,7 @@ def _pruned(
         if _still(best, was, c) and without.minus2 - best.minus2 >= least:
             continue
         best = fit_body(body, without.model, free, POLISH, ENOUGH)
-        chosen = [*rest[:-1], replace(rest[-1], like=())] if rest else []  # its rivals belong to the dropped finding
+        chosen = [*rest[:-1], replace(rest[-1], like=())] if rest else []  # its rivals stood beside the dropped finding
     return best, chosen
 
 

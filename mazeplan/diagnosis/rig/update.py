@@ -1,6 +1,6 @@
 """The model of a rig as it is now, from its old model and what differs from the reference.
 
-The numbers in a model of beads differ from those of a rigid ball: its inertia is that of a ball that leans on walls.
+The numbers in a model of beads differ from those of a rigid ball: a bead has the inertia of a ball that leans on walls.
 So the numbers of the beads change by as much as those of the rigid ball changed.
 """
 

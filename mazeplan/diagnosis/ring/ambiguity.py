@@ -54,7 +54,7 @@ def twins(values: Values, stderr: Values) -> list[tuple[str, ...]]:
     """Groups of effects that look nearly the same at the sizes that were found.
 
     A sensor with the same large scale on both axes looks like a ball that accelerates less because it rolls. Only the
-    plate's own rotation tells them apart, and its effect on a rolling ball is hardly known."""
+    rotation of the plate tells them apart, and the effect of this rotation on a rolling ball is hardly known."""
     if "tilt_gain" not in values or "rolling_inertia" in values:
         return []
     (beta, gamma), errors = values["tilt_gain"].values(), stderr["tilt_gain"].values()

@@ -110,7 +110,7 @@ def diagnose(
     test: a further record, for scores only
     fold: which rows to hold out (`holdout`); None: the default
     known: the model's stage; None: the declared one
-    camera: effects of the camera that all rings together show (`maze_camera`); None: this ring alone shows them
+    camera: effects of the camera that all rings together show (`maze_camera`); None: look for an offset in this ring
     as_model: the record with the model's camera, for the scores before; None: `record`
     progress: reports progress"""
     tell = progress or (lambda text: None)

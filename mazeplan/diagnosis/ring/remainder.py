@@ -7,13 +7,14 @@ The Gaussian process gives no cause a name. Its inputs are the state as an openi
     tilts, averaged in the same way as the target, and earlier tilts
     angle of the ball
     rate of theta before the first sample of the target's window
-    prediction of the named effects, if it lowers the error on blocks of the seen rows: a blow that they expect may
-    come or not
 
-No input is computed from the target. If a finer model replaced some effects, a second Gaussian process learns the
-residual of the plainer fit. The two predictions are averaged, because their chance errors differ. If the camera has an
-offset, angle and residual refer to the true centre. Kernel and training are those of the ball models (`gp_training`).
-The kernel is a rough one, because the residual comes from edges.
+The prediction of the named effects becomes an input, too, if it lowers the error on blocks of the seen rows. The reason
+is that a blow may come or not where the effects expect it. No input is computed from the target.
+
+If models with more parameters replaced some effects, a second Gaussian process learns the residual of the plainer fit.
+The two predictions are averaged, because their chance errors differ. If the camera has an offset, angle and residual
+refer to the true centre. Kernel and training are those of the ball models (`gp_training`). The kernel is a rough one,
+because the residual comes from edges.
 """
 
 from __future__ import annotations
