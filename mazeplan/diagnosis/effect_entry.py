@@ -1,4 +1,4 @@
-"""An effect that a diagnosis found, as its JSON document has it. All diagnoses build their entries here."""
+"""Entries of the JSON document for effects that a diagnosis found. All diagnoses build their entries here."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def effect_entry(
 ) -> Entry:
     """The entry of an effect with these values and standard errors.
 
-    known_before: the values in the model, left out if None; more: further keys of the document."""
+    known_before: the values in the model; None leaves them out
+    more: further keys of the entry"""
     units = {name: p.unit for name, p in effect.parameters.items()}
     parameters = {name: {"value": value, "stderr": stderr[name], "unit": units[name]} for name, value in values.items()}
     before = {} if known_before is None else {"known_before": dict(known_before)}

@@ -1,8 +1,8 @@
-"""When an error is more than noise, and the words for it. It imports nothing, since reports need it, too."""
+"""Decides when an error is more than noise, and has the words for it. It imports nothing: reports need it, too."""
 
 from __future__ import annotations
 
-FAR_BEYOND = 2.0  # times what noise alone would cause: the rest has causes that were not found
+FAR_BEYOND = 2.0  # error over the noise floor; a larger error has further causes that were not found
 TOO_SELDOM = "what causes the rest comes too seldom or too irregularly to be named: a longer record would tell more"
 
 

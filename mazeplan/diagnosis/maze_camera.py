@@ -1,13 +1,13 @@
-"""The camera's picture of the whole maze: offset, scale and lens from where the ball can be.
+"""The camera and the whole maze: offset, scale and lens distortion from the places where the ball can be.
 
-The centre of the ball never leaves its channels. In each it lies against the inner wall, against the outer wall, or
-somewhere between, so that its true radius has the density
+The centre of the ball never leaves the channels. In a channel, the ball lies against the inner wall, against the outer
+wall, or between them. So its true distance r from the centre of the maze has the density
 
     p(r) = sum over rings of a_in N(r; r_in, s^2) + a_out N(r; r_out, s^2) + a_between U(r; r_in, r_out) * N(s^2)
 
-with r_in and r_out the limits of the channel less the ball's radius. A camera that is off shifts, stretches and bends
-that picture; the most likely one is found for all rings at once, before any sample is given to a ring. Shares a and
-noise s come from expectation maximisation.
+with r_in and r_out the limits of the ball's centre: each wall is one ball radius away. A camera that is off shifts,
+stretches and bends this picture. The fit finds the most likely camera for all rings at once, before any sample is
+assigned to a ring. Expectation maximisation gives the shares a and the noise s.
 """
 
 from __future__ import annotations
@@ -31,24 +31,29 @@ from mazeplan.physics.effects import rig
 from mazeplan.physics.rig.sensors import Camera
 
 FEWEST = 2000  # samples of the ball
-EVERY = 2  # samples from one that counts to the next: neighbours say nearly the same
-NOISE = 5e-4  # m, where the search begins
-ROUNDS = 3  # of shares and noise, and camera, in turn
+EVERY = 2  # samples from one used sample to the next: neighbours say nearly the same
+NOISE = 5e-4  # m, start value of the noise
+ROUNDS = 3  # rounds of two fits in turn: shares and noise, then the camera
 ELSEWHERE = 0.02  # share of samples that are in no channel: in an opening, or not the ball at all
 UNIT = {"offset_x": 1e-3, "offset_y": 1e-3, "scale": 1e-2, "distortion": 1.0}  # steps of the search
-GRID, SPARSE = (-5.0, -3.0, -1.5, 0.0, 1.5, 3.0, 5.0), 4  # steps at which the search may begin; of samples for that
-TRIED = 3  # of the grid, from which a search begins
-LEAST = 0.05  # share of samples in a ring, and of those at either of its walls, that count
-FAR = 0.05  # of log likelihood a sample, that a camera with more, or far from the known one, must explain beyond
-BLOCK_S, SURE = 2.0, 5.0  # s, within which samples count as one; standard errors
+GRID, SPARSE = (-5.0, -3.0, -1.5, 0.0, 1.5, 3.0, 5.0), 4  # start values, in steps; every fourth sample judges them
+TRIED = 3  # points of the grid at which a search starts
+LEAST = 0.05  # minimum share of samples in a ring, and at each of its walls
+FAR = 0.05  # minimum gain of log likelihood a sample, for a camera with more numbers or far from the known one
+BLOCK_S, SURE = 2.0, 5.0  # s, block of correlated samples; minimum change, in standard errors
 SHIFT = ("offset_x", "offset_y")
 EFFECTS = (rig.camera_offset, rig.camera_scale, rig.lens_distortion)
 
 
 @dataclass(frozen=True)
 class CameraFit:
-    """The camera as fitted; stderr: by the names of its fields; noise: m; samples used;
-    log_likelihood: of them all; touched: whether the ball was at both walls of two rings at least."""
+    """The fitted camera.
+
+    stderr: standard errors by the names of the camera's fields
+    noise: m
+    samples: number of samples used
+    log_likelihood: of all these samples
+    touched: whether the ball was at both walls of at least two rings"""
 
     camera: Camera
     stderr: dict[str, float]
@@ -59,7 +64,7 @@ class CameraFit:
 
 
 class _Channels:
-    """Densities of the ball's radius in the channels of a maze, and their shares."""
+    """Densities of the ball's distance r from the centre, in the channels of a maze, and their shares."""
 
     def __init__(self, maze: Maze) -> None:
         ball = maze.ball.radius
@@ -70,7 +75,7 @@ class _Channels:
         self.noise = NOISE
 
     def densities(self, r: Array) -> Array:
-        """(3, R, N): against the inner wall, between, against the outer wall, of each ring; 1/m."""
+        """Densities (3, R, N) at r (N,) in R rings, 1/m: at the inner wall, between the walls, at the outer wall."""
         s, d = self.noise, r[None, :]
         inner = np.exp(-0.5 * ((d - self.low[:, None]) / s) ** 2) / (s * math.sqrt(2.0 * math.pi))
         outer = np.exp(-0.5 * ((d - self.high[:, None]) / s) ** 2) / (s * math.sqrt(2.0 * math.pi))
@@ -87,7 +92,7 @@ class _Channels:
         return int(np.sum(enough & (share[0] > LEAST) & (share[2] > LEAST))) >= 2
 
     def log_density(self, r: Array) -> Array:
-        """(N,)."""
+        """Log density (N,) at r (N,), all channels together."""
         return np.log(np.einsum("kr,krn->n", self.shares, self.densities(r)) + ELSEWHERE / self.farthest)
 
     def learn(self, r: Array) -> None:
@@ -102,8 +107,12 @@ class _Channels:
 
 
 def fit_picture(table: Table, maze: Maze, start: Camera, free: Sequence[str] = tuple(UNIT)) -> CameraFit | None:
-    """The camera by all positions of a record, from where the model has it; free: which of its numbers. None for a
-    record with few positions, or with radii that were written down, not measured."""
+    """The camera that fits all positions of a record.
+
+    start: camera of the model, at which the search starts
+    free: names of the numbers to fit
+
+    None for a record with few positions, or with nominal radii that were not measured."""
     if "x" not in table:
         return None
     x, y = table["x"][::EVERY], table["y"][::EVERY]
@@ -140,8 +149,9 @@ def _searched(maze: Maze, radii: Any, v: Array) -> tuple[float, Array, _Channels
 
 
 def _starts(maze: Maze, free: Sequence[str], radii: Any) -> list[Array]:
-    """Where searches begin: at what is known, and at the best of a grid over scale and lens, since there are maxima
-    beside the right one."""
+    """Start points of searches: the known camera, and the best points of a grid over scale and lens.
+
+    The grid is needed because the likelihood has further maxima."""
     axes = [GRID if name in ("scale", "distortion") else (0.0,) for name in free]
     tried = []
     for point in product(*axes):
@@ -159,7 +169,7 @@ def _moved(start: Camera, free: Sequence[str], v: Array) -> Camera:
 
 
 def _at(camera: Camera, name: str, steps: float) -> float:
-    """A number of the camera, so many steps from where it is, within what is possible."""
+    """A number of the camera, moved by some steps, within its bounds."""
     low, high = {"offset_x": (-0.05, 0.05), "offset_y": (-0.05, 0.05), "scale": (0.5, 2.0)}.get(name, (-30.0, 30.0))
     return min(max(getattr(camera, name) + steps * UNIT[name], low), high)
 
@@ -171,7 +181,7 @@ def _true(camera: Camera, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _errors(channels: _Channels, radii: Any, v: Array, free: Sequence[str], block: IntArray) -> dict[str, float]:
-    """Standard errors that hold where neighbouring samples are alike: scores summed over blocks."""
+    """Standard errors that hold for correlated neighbours: they sum the scores over blocks."""
     step = 0.02
     up, down = ([channels.log_density(radii(v + sign * step * e)) for e in np.eye(len(v))] for sign in (1.0, -1.0))
     scores = (np.array(up) - np.array(down)).T / (2.0 * step)
@@ -183,9 +193,11 @@ def _errors(channels: _Channels, radii: Any, v: Array, free: Sequence[str], bloc
 
 
 def camera_effects(table: Table, maze: Maze, camera: Camera) -> tuple[list[Entry] | None, Camera]:
-    """Effects of a camera that differs from the model's, None if the record does not show it; and the true camera.
+    """Effects of a camera that differs from the model's, and the true camera. No effects (None) if the record cannot
+    show the camera.
 
-    Scale and lens are named only if they are sure; if only one is needed, the one that explains more."""
+    Scale and lens are named only if they differ significantly. If one of them is enough, the one that explains more is
+    named."""
     both = fit_picture(table, maze, camera)
     if both is None:
         return None, camera
@@ -209,7 +221,7 @@ def camera_effects(table: Table, maze: Maze, camera: Camera) -> tuple[list[Entry
 
 
 def _sure(picture: CameraFit, camera: Camera, effect: Effect) -> bool:
-    """Whether a number of the effect surely differs, and by more than its smallest size."""
+    """Whether a number of the effect differs significantly, and by more than its smallest size."""
     for name, p in effect.parameters.items():
         key = effect.entry[name].removeprefix("camera.")
         change = abs(getattr(picture.camera, key) - getattr(camera, key))

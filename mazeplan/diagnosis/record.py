@@ -1,4 +1,4 @@
-"""Records for a diagnosis: the rows of a table in which the ball is in one ring, with notes of what is odd."""
+"""Records for a diagnosis: the rows of a table in which the ball is in one ring, with notes on anything odd."""
 
 from __future__ import annotations
 
@@ -14,19 +14,25 @@ from mazeplan.core.records import Array
 from mazeplan.learning.samples import SampleOptions, orientation, ring_samples
 from mazeplan.physics.rig.sensors import Camera
 
-FROZEN = 15  # equal measurements in a row that no ball and no camera give
-FEWEST = 300  # samples of the ball
+FROZEN = 15  # equal measurements in a row: no ball and no camera give so many
+FEWEST = 300  # minimum number of samples of the ball
 LONGER = "mazeplan collect --rings --seconds 300 -o LOG"
-STILL = 3e-3  # rad; a plate that tilts by less tells nothing
+STILL = 3e-3  # rad; a plate with a smaller range of tilts shows nothing about the ball
 
 
 @dataclass(frozen=True)
 class RingRecord:
     """The ball in one ring, N samples.
 
-    t: s, by counting samples; theta: rad, unwrapped in each stretch, NaN if not seen; r: m, None if not measured;
-    first: True where a stretch begins; beta, gamma: measured tilt, rad; u (N, 2): commands, rad, None if unknown;
-    segment: number of the stretch; notes: what is odd; theta_ddot: the record's own accelerations, rad/s^2."""
+    t: number of the sample times dt, s
+    theta: rad, unwrapped in each stretch, NaN if not seen
+    r: m, None if not measured
+    first: True where a stretch begins
+    beta, gamma: measured tilt, rad
+    u: commands (N, 2), rad, None if unknown
+    segment: number of the stretch
+    notes: anything odd
+    theta_ddot: accelerations in the record's own column, rad/s^2"""
 
     t: Array
     dt: float
@@ -44,16 +50,17 @@ class RingRecord:
         return len(self.t)
 
     def part(self, rows: np.ndarray) -> RingRecord:
-        """The record of some rows (N,) alone, at their times."""
+        """The record of some rows (N,) alone. They keep their times."""
         columns = ("t", "theta", "r", "first", "beta", "gamma", "u", "segment", "theta_ddot")
         known = {name: column for name in columns if (column := getattr(self, name)) is not None}
         return replace(self, **{name: column[rows] for name, column in known.items()})
 
 
 def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
-    """The table with the signs of beta and gamma of the ball's equation, in which gravity pulls downhill; and notes on
-    each axis that was turned round. radius: of the track, m."""
-    one = Table({name: column for name, column in table.columns.items() if name != "ring"})  # as if of one ring
+    """The table with the signs of beta and gamma that the ball's equation uses, and notes on each reversed axis.
+
+    In the ball's equation, gravity pulls downhill. radius: of the track, m"""
+    one = Table({name: column for name, column in table.columns.items() if name != "ring"})  # as if from one ring
     samples = ring_samples(one, None, None, SampleOptions(ring=1, radius=radius))
     columns, notes = dict(table.columns), []
     for axis, sign in zip(("beta", "gamma"), orientation(samples), strict=True):
@@ -68,8 +75,9 @@ def turned_round(table: Table, radius: float) -> tuple[Table, tuple[str, ...]]:
 
 
 def centred(table: Table, camera: Camera) -> Table:
-    """The table with positions corrected by the camera's known offset, scale and lens. The camera's angle is an effect
-    of its own."""
+    """The table with positions corrected by the camera's known offset, scale and lens.
+
+    The camera's angle stays in the positions: it is a separate effect."""
     known = replace(camera, angle=0.0)
     if "x" not in table or known == Camera():
         return table
@@ -82,8 +90,11 @@ def centred(table: Table, camera: Camera) -> Table:
 def record_of(
     table: Table, rows: np.ndarray | None = None, notes: Sequence[str] = (), ring: int | None = None
 ) -> RingRecord:
-    """The record of the rows (N,) in which the ball is in the ring, None for all. notes: what is odd already; ring:
-    its number, for messages.
+    """The record of the rows in which the ball is in the ring.
+
+    rows: True (N,) for these rows; None: all rows
+    notes: notes that exist already
+    ring: number of the ring, for messages
 
     Raises TableError for a ball that is seldom in the ring, or a plate that does not move."""
     dt, notes = table.dt, list(notes)
@@ -146,6 +157,6 @@ def _without_frozen(theta: Array, starts: np.ndarray) -> tuple[Array, int]:
 
 
 def runs(mask: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First row of each run of True, and the row behind it."""
+    """First row of each run of True, and the row behind the run."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     return zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

@@ -3,13 +3,13 @@
 | effect | entry |
 |---|---|
 | of stage, tilt sensor, camera | where its definition says (`Effect.entry`) |
-| of the ball, the same everywhere (`common`) | of every ring |
-| of the ball, others | of the rings where they were found |
-| friction_drift | viscous friction, as it was when the record ended |
+| of the ball, the same everywhere (`common`) | in every ring |
+| of the ball, others | in the rings where the effect was found |
+| friction_drift | viscous friction at the end of the record |
 
-An effect found in several rings gets the mean, weighted by the standard errors. A value outside the model's bounds
-becomes the nearest bound. Gaussian processes stay: they were learned on top of the old effects, at edges and joints of
-the maze, which have not moved.
+An effect with one value for all rings gets the mean over the rings where it was found, weighted by the standard errors.
+A value outside the model's bounds becomes the nearest bound. Gaussian processes stay: they learned the edges and joints
+of the maze on top of the old effects, and these edges and joints have not moved.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ DRIFT, FRICTION, UNTIL = "friction_drift", "viscous_friction", "until_s"
 
 
 def base_model(ring: int | None, declared: Mapping[str, Mapping[str, float]], stage: StageModel | None) -> RigModel:
-    """The model of declarations, for one ring (None: 1). stage: as fitted to the record, None for textbook values."""
+    """The model with the declared effects, for one ring (None: ring 1).
+
+    stage: the fitted stage; None: textbook values"""
     effects = tuple(make_term(name, values) for name, values in declared.items() if EFFECTS[name].acts in BALL)
     model = RigModel(stage or StageModel(), {ring or 1: BallModel(effects)}, kind="pi")
     for name, values in declared.items():
@@ -57,7 +59,7 @@ def merged(found: Found, name: str) -> Parameters:
 
 
 def updated(model: RigModel, found: Found) -> RigModel:
-    """The model with what was found."""
+    """The model with the found effects."""
     for name in dict.fromkeys(str(e["name"]) for effects in found.values() for e in effects):
         effect = EFFECTS.get(name)
         if effect is None:
@@ -73,7 +75,7 @@ def updated(model: RigModel, found: Found) -> RigModel:
 
 
 def _at_the_end(model: RigModel, found: Found) -> Found:
-    """Viscous friction as a drift left it when the record ended."""
+    """Viscous friction at the end of the record, after its drift."""
     out: dict[int, list[dict[str, Any]]] = {}
     for ring, effects in found.items():
         for e in effects:
@@ -96,7 +98,7 @@ def _stderr(p: Parameters) -> dict[str, float]:
 
 
 def _balls(model: RigModel, name: str, found: Found) -> RigModel:
-    """The model, and in its rings an effect on the ball as found."""
+    """The model with a found effect on the ball in its rings."""
     if EFFECTS[name].common:
         p = merged(found, name)
         balls = {ring: with_effect(ball, name, _values(p), _stderr(p)) for ring, ball in model.balls.items()}
@@ -111,7 +113,7 @@ def _balls(model: RigModel, name: str, found: Found) -> RigModel:
 
 
 def with_effect(ball: BallModel, name: str, values: Mapping[str, float], stderr: Mapping[str, float]) -> BallModel:
-    """The ball with an effect at these values, each within what a model may have."""
+    """The ball with an effect at these values, each limited to the bounds of its parameter."""
     allowed = EFFECTS[name].parameters
     inside = {key: min(max(v, allowed[key].low), allowed[key].high) for key, v in values.items() if key in allowed}
     new, errors = make_term(name, inside), {**ball.stderr, name: dict(stderr)}

@@ -15,7 +15,7 @@ from mazeplan.diagnosis.effect_entry import Entry, why_not_planned
 from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import EFFECTS
 
-LISTED = 6  # amplitudes that a sentence lists one by one
+LISTED = 6  # maximum number of amplitudes that a sentence lists one by one
 KEYS = (  # of the document, in this order
     "verdict", "sentence", "effects", "fitted", "ambiguous_with", "separate_by", "unknown", "before", "after",
     "noise_floor", "held_out", "held_out_rows", "remainder", "tilt", "notes", "test",
@@ -23,11 +23,14 @@ KEYS = (  # of the document, in this order
 
 
 class Score(ABC):
-    """Errors of a model on some rows. drawn: the error that a report draws; digits: of the document."""
+    """Errors of a model on some rows.
+
+    drawn: name of the error that a report draws
+    digits: decimal places in the document"""
 
     drawn: ClassVar[str]
     digits: ClassVar[int]
-    floor: float  # what noise alone would cause of the error that is drawn, NaN if unknown
+    floor: float  # noise floor of the drawn error, NaN if unknown
 
     @property
     @abstractmethod
@@ -48,7 +51,7 @@ class Score(ABC):
         """These errors and those after the effects were found, in words."""
 
     def change(self, after: Any) -> str:
-        """The same, and what follows from it."""
+        """As `both`, and what follows from these errors."""
         return self.both(after)
 
     def document(self) -> dict[str, float | None]:
@@ -67,11 +70,11 @@ class Diagnosis(ABC):
 
     verdict: nothing_missing, effect_found, ambiguous or unknown_effect
     effects: entries of the document
-    description: of a term without a name, empty if none was found
+    description: words for a term without a name, empty if none was found
     before, after: scores on the held-out rows, without and with what was found
-    share: of the record that was held out
+    share: held-out share of the record
     evidence: residuals before and after
-    notes: what is odd about the record and the fits
+    notes: anything odd about the record and the fits
     test: scores before and after on a further record"""
 
     verdict: str
@@ -112,7 +115,7 @@ class Diagnosis(ABC):
         """Further keys of the document."""
 
     def evidence_document(self, title: str, notes: Sequence[str] = ()) -> dict[str, Any]:
-        """What a report draws beside the document (`evidence.json`). notes: beside those of the diagnosis."""
+        """What a report draws beside the document (`evidence.json`). notes: in addition to those of the diagnosis"""
         scores, trials = self.after, [t for t in self.finding.ranked if math.isfinite(t.gain)]
         return {
             "title": title, "notes": [*self.remarks, *notes], "labels": dict(scores.labels), "drawn": scores.drawn,
@@ -140,7 +143,7 @@ class Diagnosis(ABC):
 
 
 def effect_words(effect: Entry) -> str:
-    """An effect with its sizes; many amplitudes by their root mean square."""
+    """An effect with its sizes, in words. Many amplitudes appear as their root mean square."""
     parameters = effect["parameters"]
     waves = [p for name, p in parameters.items() if name.startswith(("cos", "sin"))]
     if len(waves) > LISTED:
@@ -160,7 +163,10 @@ def _size(parameter: dict[str, Any]) -> str:
 
 
 def describe_unknown(finding: Finding, unit: str = "rad/s^2", times: float = 1.0) -> str:
-    """What a term without a name looks like. unit: of a force; times: force over acceleration."""
+    """What a term without a name looks like, in words.
+
+    unit: of a force
+    times: force over acceleration"""
     trial = finding.unknown
     if trial is None:
         return ""
@@ -174,8 +180,8 @@ def describe_unknown(finding: Finding, unit: str = "rad/s^2", times: float = 1.0
 def verdict_of(finding: Finding, effects: Sequence[Entry], library: Sequence[Effect]) -> str:
     """The verdict in one word.
 
-    The search prefers the effect with fewer parameters. If none of two that explain as well has fewer, the record
-    cannot tell them apart."""
+    The search prefers the effect with fewer parameters. The verdict is ambiguous if another effect explains the record
+    as well without more parameters."""
     if finding.unknown is not None:
         return "unknown_effect"
     counts = {c.name: len(c.parameters) for c in (*EFFECTS.values(), *library)}

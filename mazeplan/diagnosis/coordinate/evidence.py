@@ -12,14 +12,17 @@ from mazeplan.core.records import Array
 from mazeplan.diagnosis.coordinate.fit import Fit, Likelihood
 
 BINS = 24
-FEWEST = 12  # samples of a bin that is shown
+FEWEST = 12  # minimum number of samples in a bin that is shown
 LAGS = 30  # samples
-BANDS = 150  # of the spectrum
+BANDS = 150  # maximum number of bands of the spectrum
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Residual of one model, (N,): whitened innovations, NaN if there are none; position, speed, time (N,)."""
+    """Residual of one model.
+
+    residual: whitened innovations (N,), NaN where there is none
+    position, speed, time: of the same samples (N,)"""
 
     residual: Array
     position: Array
@@ -45,7 +48,7 @@ class Evidence:
         return np.array([float(np.nanmean(e[lag:] * e[:-lag])) / max(power, 1e-300) for lag in range(1, LAGS + 1)])
 
     def _against(self, variable: Array, residual: Array) -> dict[str, list[float | None]]:
-        """Mean of the residual, in standard deviations, in bins of a variable with equally many samples."""
+        """Mean of the residual, in standard deviations, in bins of a variable. All bins have equally many samples."""
         good = np.isfinite(residual) & np.isfinite(variable)
         e, x = residual[good], variable[good]
         edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1))) if len(x) else np.zeros(1)

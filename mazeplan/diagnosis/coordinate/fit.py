@@ -1,4 +1,4 @@
-"""Maximum likelihood of effects on the innovations of the filter, by Gauss-Newton and process noise in turn."""
+"""Maximum-likelihood fit of effects by the innovations of the filter: Gauss-Newton and process noise in turn."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from mazeplan.physics.effect import Effect, Parameter
 
 Q_LOW, Q_HIGH = 1e-3, 1e8  # 1/s^3, intensity of the process noise over the variance of one measurement
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-WIDTH = 0.7  # of log q, of the parabola through which its best value is sought
-STEPS, ENOUGH = 10, 0.02  # Gauss-Newton steps; of -2 log L, that a further step must bring
+WIDTH = 0.7  # half width, in log q, of the parabola that finds the best q
+STEPS, ENOUGH = 10, 0.02  # maximum number of Gauss-Newton steps; minimum gain of -2 log L for a further step
 DAMPING = (1e-6, 1e8)
-PASSES = 12  # of the filter that are kept: a fit asks for some of them again
-ROUNDS, STEADY = 14, 1.0  # of values and process noise in turn; of -2 log L, that a further round must bring
+PASSES = 12  # cached passes of the filter: a fit asks for some of them again
+ROUNDS, STEADY = 14, 1.0  # maximum rounds of values and process noise; minimum gain of -2 log L for a further round
 
 
 NONE = Moves(
@@ -33,8 +33,10 @@ NOTHING = np.empty((0, 0))
 class Fit:
     """Effects with values and standard errors.
 
-    minus2: -2 log L of the rows of the fit; noise: of one measurement, rad; q: process noise, 1/s^3; count: free
-    parameters."""
+    minus2: -2 log L of the rows of the fit
+    noise: standard deviation of one measurement, rad
+    q: process noise, 1/s^3
+    count: number of free parameters"""
 
     candidates: tuple[Effect, ...]
     values: Values
@@ -48,12 +50,13 @@ class Fit:
 class Likelihood:
     """-2 log L of a system on some of its rows.
 
-    noisy: whether it depends on the process noise; repeats: residuals that count as one independent residual."""
+    noisy: whether it depends on the process noise
+    repeats: number of residuals that count as one independent residual"""
 
     noisy, repeats = True, 1.0
 
     def __init__(self, system: System, library: Sequence[Effect], rows: np.ndarray) -> None:
-        """rows (N,): True for those that count."""
+        """rows: True (N,) for rows that count"""
         self.system, self.library, self.rows = system, list(library), rows
         n = len(system)
         self._stop = int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0
@@ -62,18 +65,18 @@ class Likelihood:
         self._passes: dict[tuple[str, float], tuple[Array, float, np.ndarray]] = {}
 
     def add(self, candidate: Effect) -> None:
-        """One more candidate, in the place of one of the same name."""
+        """Add a candidate. It replaces a candidate of the same name."""
         self._passes.clear()
         self.library = [c for c in self.library if c.name != candidate.name] + [candidate]
 
     def knowing(self, more: Sequence[Effect]) -> Likelihood:
-        """The same with further candidates."""
+        """This likelihood with further candidates."""
         wide = copy(self)
         wide.library, wide._passes = [*self.library, *more], {}
         return wide
 
     def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
-        """Innovations over the square roots of their variances in R, the sum of log variances, and their number."""
+        """Whitened innovations (n,), sum of log S, and n. Each innovation is divided by the square root of its S."""
         key = repr(values), q
         if key not in self._passes:
             while len(self._passes) >= PASSES:
@@ -87,7 +90,7 @@ class Likelihood:
         return e, logs, len(e)
 
     def jacobian(self, values: Values, q: float, steps: Sequence[tuple[str, str, float]]) -> tuple[Array, Array]:
-        """Whitened innovations e (n,) and their derivatives (n, J) by parameters (effect, name, step to move by)."""
+        """Whitened innovations e (n,) and their derivatives (n, J) by parameters (effect, name, step)."""
         problem, p = self.system.build(self.library, values)
         moves = self.system.moves(self.library, values, steps)
         J = np.zeros((len(self.system), len(steps)))
@@ -96,13 +99,13 @@ class Likelihood:
         root = np.sqrt(self._S[keep])
         e, J = self._nu[keep] / root, J[keep] / root[:, None]
         for j, (effect, name, step) in enumerate(steps):
-            if effect == "camera_offset":  # it moves what was measured, which no pass of the filter does
+            if effect == "camera_offset":  # it moves the measured positions; the filter has no derivatives by these
                 moved = {**values, effect: {**values[effect], name: values[effect][name] + step}}
                 J[:, j] = (self.whitened(moved, q)[0] - e) / step
         return e, J
 
     def everywhere(self, values: Values, q: float) -> tuple[Array, Array]:
-        """Whitened innovations (N,) of all rows, NaN if there are none, and filtered states (N, 5)."""
+        """Whitened innovations (N,) of all rows, NaN where there is none, and filtered states (N, 5)."""
         problem, p = self.system.build(self.library, values)
         n = len(self.system)
         nu, S, states = np.empty(n), np.empty(n), np.empty((n, 5))
@@ -123,7 +126,7 @@ class Likelihood:
         return out + self.prior(values) + self.system.volume(values, self._counted)
 
     def prior(self, values: Values) -> float:
-        """What values off the prior cost, of -2 log L."""
+        """Penalty in -2 log L for values that differ from their defaults, by the priors."""
         known = {c.name: c.parameters for c in self.library}
         return sum(
             ((value - known[effect][name].default) / known[effect][name].prior) ** 2
@@ -133,7 +136,7 @@ class Likelihood:
 
 
 def best_q(likelihood: Likelihood, values: Values, guess: float | None = None) -> float:
-    """Process noise of the largest likelihood, by golden section over decades, or around a guess."""
+    """The likeliest process noise, 1/s^3: by golden section over all decades, or by a parabola around a guess."""
     if not likelihood.noisy:
         return guess or math.sqrt(Q_LOW * Q_HIGH)
     low, high = math.log(Q_LOW), math.log(Q_HIGH)
@@ -174,7 +177,7 @@ def _parabola(at: Callable[[float], float], x: float, low: float, high: float) -
 def fit(
     likelihood: Likelihood, free: Sequence[Effect], start: Values, q: float | None = None, rounds: int = ROUNDS
 ) -> Fit:
-    """Best values of the free effects from a start; values and process noise in turn until neither changes."""
+    """The likeliest values of the free effects. Values and process noise are fitted in turn until neither changes."""
     names = [(c.name, name, spec) for c in free for name, spec in c.parameters.items()]
     x = np.array([start[c][name] for c, name, _ in names])
 
@@ -213,14 +216,14 @@ def fit_without(likelihood: Likelihood, found: Fit, effect: Effect) -> Fit:
 
 
 def start_of(effect: Effect) -> dict[str, float]:
-    """The first start of a fit of an effect."""
+    """The first of an effect's start values for a fit."""
     return dict(zip(effect.parameters, effect.first()[0], strict=True))
 
 
 def forecast(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, float]) -> float:
-    """By how much -2 log L would fall by one linear step of a candidate from its start.
+    """The fall of -2 log L in one linear step of a candidate from its start.
 
-    current: the fit of the effects that were accepted, and its process noise."""
+    current: the fit of the accepted effects, with its process noise"""
     values = {**current.values, c.name: start}
     steps = [(k.name, name, spec.step) for k in (*current.candidates, c) for name, spec in k.parameters.items()]
     e, J = likelihood.jacobian(values, current.q, steps)
@@ -232,12 +235,12 @@ def forecast(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, f
 
 
 def _sigma(J: Array, variance: float, prior: Array) -> Array:
-    """Standard errors from the Jacobian of the whitened innovations, and from what was known before."""
+    """Standard errors from the Jacobian of the whitened innovations and from the priors."""
     J = np.vstack([J, np.diag(math.sqrt(variance) / prior)])
     scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
     root = turn.T / np.maximum(sizes, 1e-12 * sizes[0])
-    with np.errstate(over="ignore"):  # of a parameter that changes nothing it is infinite
+    with np.errstate(over="ignore"):  # infinite for a parameter that changes nothing
         return np.sqrt(variance) * np.linalg.norm(root, axis=1) / scale
 
 
@@ -248,7 +251,9 @@ def _gauss_newton(
     q: float,
     names: Sequence[tuple[str, str, Parameter]],
 ) -> tuple[Array, Array, float]:
-    """Levenberg-Marquardt on the whitened innovations, inside the bounds; values, last Jacobian, -2 log L."""
+    """Levenberg-Marquardt steps on the whitened innovations, inside the bounds.
+
+    Returns values, last Jacobian and -2 log L."""
     low, high, step, default, prior = (
         np.array([getattr(spec, field) for *_, spec in names]) for field in ("low", "high", "step", "default", "prior")
     )

@@ -1,19 +1,19 @@
-"""Extended Kalman filter over position and speed of one moving thing, compiled: its innovations are the residual.
+"""Extended Kalman filter for position and speed along one coordinate, compiled. Its innovations are the residual.
 
     x_dd = sum of terms(x, v, t, w; p) - dry friction,    y_k = x(t_k) + noise,    white noise in x_dd
 
-w are the inputs at the nodes of the integration. Terms are called through their addresses, so that a term that a user
-adds needs no new compilation of the filter. Runge-Kutta 4 in SUBSTEPS steps a sample; dry friction by time stepping
-(Moreau): the impulse of a step is taken off the speed, and holds it at nought where it is large enough to. An opening
-takes a share of the speed when its angle is passed.
+w are the inputs at the nodes of the integration. The filter calls terms through their addresses. So a term of a user
+needs no new compilation of the filter. Each sample is integrated by Runge-Kutta 4 in SUBSTEPS steps. Dry friction uses
+time stepping (Moreau): the speed loses the impulse of friction in each step, and becomes zero if the impulse is large
+enough. A body that passes the angle of an opening loses a share of its speed.
 
-Covariances are in units of the variance R of one measurement, q (1/s^3) is the intensity of the process noise in them.
-With R eliminated, R^ = mean(n_k^2 / S_k),
+Covariances are in units of the variance R of one measurement. q (1/s^3) is the intensity of the process noise in these
+units. With R eliminated, R^ = mean(n_k^2 / S_k),
 
     -2 log L = N log R^ + sum log S_k
 
-Derivatives of the innovations by parameters run along in the same pass: the filter's gains are held, and a parameter
-moves the state by what it changes of the acceleration in the middle of each sample.
+The same pass computes the derivatives of the innovations by parameters. It holds the gains of the filter fixed. A
+parameter moves the state through its change of the acceleration in the middle of each sample.
 """
 
 from __future__ import annotations
@@ -32,15 +32,19 @@ SUBSTEPS = 2
 NODES = 2 * SUBSTEPS + 1
 DIFFUSE = 1e7  # variance of the speed at the beginning of a stretch, in R / s^2
 SETTLING = 8  # innovations at the beginning of a stretch that do not count
-STEP = 1e-6  # of the difference by which terms are differentiated
+STEP = 1e-6  # of the numeric derivatives of terms
 
 addresses = types.int64[::1]
 
 
 class Moves(NamedTuple):
-    """What J parameters change when each is moved by its step: p (J, P): the parameters; w (1 + M, N, 2, W): inputs
-    averaged over each sample as they act on speed and on position, the first of them unmoved; which (J,): row of w,
-    -1: inputs stay as they are; step (J,); span (J, 2): the first of the terms that change, and one behind the last."""
+    """What changes when each of J parameters moves by its step.
+
+    p: parameters (J, P); in row j, parameter j is moved
+    w: inputs (1 + M, N, 2, W), averaged over each sample as they act on speed and on position; the first are unmoved
+    which: row (J,) of w for each parameter; -1: the inputs do not change
+    step: steps (J,)
+    span: first of the terms that change, and one behind the last (J, 2)"""
 
     p: Array
     w: Array
@@ -50,11 +54,20 @@ class Moves(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What is filtered. y (N,): measured position; seen, first (N,): whether measured, whether a stretch begins; t (N,)
-    and dt: s; w (N, NODES, W): inputs from each sample to the next; terms (T,): addresses; place (T,): where in p
-    the parameters of a term begin; turn: after how much a position repeats, 0: never; holds (H, 2): address and place
-    of each dry friction; openings (G, 3): addresses of the angle and the loss of each opening, and its place; beside
-    (G,): what is added to its angle, rad."""
+    """The record and the model that the filter uses.
+
+    y: measured positions (N,)
+    seen: True (N,) where the position was measured
+    first: True (N,) where a stretch begins
+    t: times (N,), s
+    dt: time between samples, s
+    w: inputs (N, NODES, W) from each sample to the next
+    terms: addresses (T,) of the terms
+    place: index (T,) in p at which the parameters of each term begin
+    turn: distance after which the position repeats; 0: never
+    holds: address and place (H, 2) of each dry friction
+    openings: address of the angle, address of the loss, and place (G, 3) of each opening
+    beside: angle (G,) that is added to that of each opening, rad"""
 
     y: Array
     seen: np.ndarray
@@ -71,7 +84,7 @@ class Problem(NamedTuple):
 
 
 class _Core(NamedTuple):
-    """Pointers into a Problem; row, node: how far it is from sample to sample and from node to node in w."""
+    """Pointers into a Problem. row, node: distance in w from sample to sample, and from node to node."""
 
     w: Any
     t: Any
@@ -90,7 +103,7 @@ class _Core(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _core(problem):
-    """The core of a problem."""
+    """Pointers into a problem."""
     return _Core(
         pointer_to(problem.w, 0), pointer_to(problem.t, 0), pointer_to(problem.terms, 0), pointer_to(problem.place, 0),
         pointer_to(problem.holds, 0), pointer_to(problem.openings, 0), pointer_to(problem.beside, 0),
@@ -107,7 +120,7 @@ def _at(core, k, i):
 
 @njit(cache=True, error_model="numpy")
 def _some(core, p, first, end, x, v, t, w):
-    """Sum of the terms from one up to another."""
+    """Sum of the terms from index `first` up to, but not including, `end`."""
     total = 0.0
     for i in range(first, end):
         total += _term(core.terms[i], (x, v, t, w, shifted(p, core.place[i])))
@@ -116,7 +129,7 @@ def _some(core, p, first, end, x, v, t, w):
 
 @njit(cache=True, error_model="numpy")
 def _smooth(core, p, x, v, t, w):
-    """Sum of the terms."""
+    """Sum of all terms."""
     return _some(core, p, 0, core.n_terms, x, v, t, w)
 
 
@@ -129,7 +142,7 @@ def _passed(a, before, after):
 
 @njit(cache=True, error_model="numpy")
 def _resistance(core, p, x, v, t, w):
-    """Dry friction against a motion in the direction of v, rad/s^2."""
+    """Deceleration by dry friction of a motion in the direction of v, rad/s^2."""
     most = 0.0
     for i in range(core.n_holds):
         most += _term(core.holds[2 * i], (x, v, t, w, shifted(p, core.holds[2 * i + 1])))
@@ -151,7 +164,7 @@ def _opening_angle(core, p, j, x, v, w):
 
 @njit(cache=True, error_model="numpy")
 def _advance(core, p, k, x, v):
-    """(position, speed, whether it is held at rest) one sample after sample k."""
+    """(position, speed, whether dry friction holds the body at rest) one sample after sample k."""
     h, held = core.dt / SUBSTEPS, False
     for i in range(SUBSTEPS):
         t = core.t[k] + i * h
@@ -170,7 +183,7 @@ def _advance(core, p, k, x, v):
             x += 0.5 * h * (v - free)
         for j in range(core.n_openings):
             angle = _opening_angle(core, p, j, before, v, w1)
-            if _passed(angle, before, x):  # what is left of the step goes slower, too
+            if _passed(angle, before, x):  # the rest of the step is slower, too
                 at = angle + _whole_turns(angle, max(before, x))
                 kept = 1.0 - _opening(core, p, j, 1, before, v, w1)
                 x, v = at + kept * (x - at), v * kept
@@ -179,14 +192,14 @@ def _advance(core, p, k, x, v):
 
 @njit(cache=True, error_model="numpy")
 def _whole_turns(a, x):
-    """The whole turns (rad) from the angle a to the last place where it lies below x."""
+    """Whole turns (rad) to add to the angle a, so that it is the last such angle below x."""
     turn = 2.0 * math.pi
     return turn * math.floor((x - a) / turn)
 
 
 @njit(cache=True, error_model="numpy")
 def _tangent(core, p, k, x, v, held):
-    """Derivatives of `_advance` by position and speed, to second order in the step."""
+    """Derivatives of `_advance` to second order in dt: x by x, x by v, v by x, v by v."""
     dt, t, w = core.dt, core.t[k] + 0.5 * core.dt, _at(core, k, SUBSTEPS)
     here = _smooth(core, p, x, v, t, w)
     by_x = (_smooth(core, p, x + STEP, v, t, w) - here) / STEP
@@ -205,8 +218,9 @@ def _mean(w, m, k, i):
 
 @njit(cache=True, error_model="numpy")
 def _move(core, p, k, before, after, held, moves, d):
-    """By how much the state after sample k moves with the parameters themselves, added to d (J, 2); before, after:
-    position, speed."""
+    """Add the direct derivatives by the parameters, over the step after sample k, to those of the state, d (J, 2).
+
+    before, after: (position, speed) at both ends of the step"""
     dt, w = core.dt, _at(core, k, SUBSTEPS)
     t, (x0, v0), (x1, v1) = core.t[k] + 0.5 * core.dt, before, after
     x, v = 0.5 * (x0 + x1), 0.5 * (v0 + v1)
@@ -247,9 +261,12 @@ def _move(core, p, k, before, after, held, moves, d):
 
 @njit(cache=True, error_model="numpy")
 def innovations(problem, p, q, stop, nu, S, states, moves, J):
-    """Filter the first `stop` samples; innovations into nu (N,) and their variances over R into S (N,), NaN and 1 where
-    nothing was measured or a stretch has just begun; filtered position, speed and three covariances into states
-    (N, 5); derivatives of nu by the parameters in `moves` into J (N, J)."""
+    """Filter the first `stop` samples. The results go into these arrays:
+
+    nu: innovations (N,), NaN where nothing was measured or a stretch has just begun
+    S: variances (N,) of the innovations over R, 1 where nu is NaN
+    states: filtered position, speed and three covariances (N, 5)
+    J: derivatives (N, J) of nu by the parameters in `moves`"""
     x = v = p00 = p01 = p11 = 0.0
     dt, age, count = problem.dt, 0, len(moves.step)
     q00, q01, q11 = q * dt * dt * dt / 3.0, q * dt * dt / 2.0, q * dt
@@ -291,8 +308,10 @@ def innovations(problem, p, q, stop, nu, S, states, moves, J):
 
 @njit(cache=True, error_model="numpy")
 def roll_out(problem, p, states, starts, steps, out):
-    """Positions (W, steps + 1) from the filtered states of some rows on, without looking at measurements, into out; the
-    variance of the last one over R, without process noise, into out's last column + 1: out (W, steps + 2)."""
+    """Roll-outs from the filtered states of the rows `starts` (W,), without measurements, into out (W, steps + 2).
+
+    The first steps + 1 columns of out get the positions. The last column gets the variance of the last position over
+    R, without process noise."""
     core, at = _core(problem), pointer_to(p, 0)
     for j, start in enumerate(starts):
         x, v = states[start, 0], states[start, 1]
@@ -310,7 +329,7 @@ def roll_out(problem, p, states, starts, steps, out):
 
 @njit(cache=True, error_model="numpy")
 def accelerations(problem, p, x, v, out):
-    """Acceleration (N,) in the states (x, v) at the samples."""
+    """Accelerations (N,) in the states (x, v) at the samples, into out."""
     core, at = _core(problem), pointer_to(p, 0)
     for k in range(len(x)):
         out[k] = _smooth(core, at, x[k], v[k], problem.t[k], _at(core, k, 0))
@@ -342,7 +361,9 @@ def _coast(core, p, k, x, v):
 
 @njit(cache=True, error_model="numpy")
 def coasts(problem, p, starts, out):
-    """Positions (W, steps + 1) from measured samples on into out; the speed at first by the last difference."""
+    """Roll-outs from measured samples `starts` (W,), as positions into out (W, steps + 1).
+
+    The start speed is the last difference of measured positions, corrected by half a sample of acceleration."""
     core, at = _core(problem), pointer_to(p, 0)
     for j in range(len(starts)):
         k = starts[j]

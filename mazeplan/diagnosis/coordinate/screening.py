@@ -1,4 +1,4 @@
-"""Candidates of one round of the search: which are worth a full fit, and what it gives."""
+"""Candidates of one round of the search: which ones get a full fit, and what each fit gains."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from mazeplan.diagnosis.coordinate.system import Values
 from mazeplan.physics.effect import OPENING, Effect, Parameter
 from mazeplan.physics.effects.nameless import oscillation
 
-ACCEPT = 15.0  # of -2 log L
-SURE = 3.0  # standard errors
+ACCEPT = 15.0  # minimum gain of -2 log L, after the price
+SURE = 3.0  # minimum change, in standard errors
 NAMED, NAMELESS = 6, 2  # candidates that get a full fit in each round
-MORE = 7  # named ones of a record from a real rig, in which many effects are at work at once
-ANGLES = 90  # at which a gate is looked for
-SWING = 1.25  # amplitude of a force that swings with time, in the system's `weakest`
-PEAK = 18.0  # of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
+MORE = 7  # named candidates that get a full fit in a record of a real rig, where many effects act at once
+ANGLES = 90  # tried angles of an opening
+SWING = 1.25  # smallest amplitude of a force that swings with time, in the system's `weakest`
+PEAK = 18.0  # minimum peak of the periodogram over its mean: 1e-8 by chance in a frequency, 1e-4 in a record
 
 
 @dataclass(frozen=True)
 class CandidateTrial:
-    """A candidate beside the accepted ones: its fit, and the fall of -2 log L, raw and less its price.
+    """A candidate, tried together with the accepted effects.
 
-    strength: root mean square over the system's `weakest`, for a term without a smallest size."""
+    fit: of the candidate and the accepted effects
+    gain: fall of -2 log L minus the price of the candidate's parameters
+    raw: fall of -2 log L
+    strength: root mean square acceleration over the system's `weakest`, for a term without a smallest size"""
 
     candidate: Effect
     fit: Fit
@@ -36,7 +39,7 @@ class CandidateTrial:
     strength: float = math.inf
 
     def sure(self, declared: Values) -> bool:
-        """Whether it is believed."""
+        """Whether the candidate is accepted: by its gain, its standard errors and its size."""
         if not self.gain > ACCEPT:
             return False
         c, values, stderr = self.candidate, self.fit.values[self.candidate.name], self.fit.stderr[self.candidate.name]
@@ -50,14 +53,16 @@ class CandidateTrial:
 
 
 def promising(likelihood: Likelihood, current: Fit, library: Sequence[Effect]) -> list[tuple[Effect, dict[str, float]]]:
-    """The candidates to fit in full, with their starts: the best by one linear step, with and without a name."""
+    """The candidates to fit in full, with their start values. The gain of one linear step decides.
+
+    These are the best candidates with a name, the best without a name, and the best placebo."""
     found: list[tuple[float, Effect, dict[str, float]]] = []
     for c in library:
         names, declared = list(c.parameters), likelihood.system.declared.get(c.name)
         starts = [tuple(declared[n] for n in names)] if declared and not c.starts else c.first()
         if is_opening(c) and len(starts) > 1:
             starts = [_gate_start(likelihood, current, c, starts[0][-1])]
-        if len(starts) > 1:  # held fixed first, with either sign of the last parameter
+        if len(starts) > 1:  # compare the start values without a fit, with both signs of the last parameter
             low = list(c.parameters.values())[-1].low
             starts = [(*v[:-1], sign * v[-1]) for v in starts for sign in (1.0, -1.0) if sign * v[-1] >= low]
             scores = [
@@ -76,25 +81,27 @@ def promising(likelihood: Likelihood, current: Fit, library: Sequence[Effect]) -
 
 
 def _gate_start(likelihood: Likelihood, current: Fit, c: Effect, loss: float) -> tuple[float, float]:
-    """The angle of an opening that explains most by one linear step, all around at once; and a loss to start from."""
+    """(angle, loss) at which the fit of an opening starts.
+
+    One linear step for openings all around the ring finds the angle that explains most."""
     angles = np.linspace(-math.pi, math.pi, ANGLES, endpoint=False)
     gates = [replace(c, name=f"{c.name} {i}") for i in range(ANGLES)]
     closed = {g.name: {"angle": float(a), "loss": 0.0} for g, a in zip(gates, angles, strict=True)}
     wide = likelihood.knowing(gates)
     steps = [(g.name, "loss", c.parameters["loss"].step) for g in gates]
     e, J = wide.jacobian({**current.values, **closed}, current.q, steps)
-    slopes = J.T @ e  # the fit falls where a loss takes the residual along
+    slopes = J.T @ e  # negative where a loss lowers the squared residuals
     worth = np.where(slopes < 0.0, slopes**2 / np.maximum(np.sum(J * J, axis=0), 1e-300), 0.0)
     return float(angles[int(np.argmax(worth))]), loss
 
 
 def price(likelihood: Likelihood, c: Effect) -> float:
-    """What its parameters cost: k log N."""
+    """Price of a candidate's k parameters, in -2 log L: k log N."""
     return len(c.parameters) * math.log(max(float(likelihood.rows.sum()) / likelihood.repeats, 2.0))
 
 
 def try_one(likelihood: Likelihood, current: Fit, c: Effect, start: dict[str, float]) -> CandidateTrial:
-    """The candidate together with what was accepted, all free."""
+    """Fit the candidate together with the accepted effects, all of them free."""
     found = fit(likelihood, [*current.candidates, c], {**current.values, c.name: start}, current.q)
     raw = current.minus2 - found.minus2
     return CandidateTrial(
@@ -114,7 +121,7 @@ def _strength(likelihood: Likelihood, current: Fit, found: Fit) -> float:
 
 
 def swinging(likelihood: Likelihood, current: Fit) -> CandidateTrial:
-    """A force that swings with time, at the highest peak of the whitened residual."""
+    """A force that swings with time, at the highest peak in the spectrum of the whitened residual."""
     e, *_ = likelihood.whitened(current.values, current.q)
     power = np.abs(np.fft.rfft(e - e.mean())) ** 2 / max(len(e) * float(np.var(e)), 1e-300)
     frequency = np.fft.rfftfreq(len(e), likelihood.system.dt)
@@ -128,5 +135,5 @@ def swinging(likelihood: Likelihood, current: Fit) -> CandidateTrial:
 
 
 def is_opening(effect: Effect) -> bool:
-    """Whether it takes speed at an angle that is looked for."""
+    """Whether the effect takes speed at an unknown angle."""
     return effect.acts == OPENING and "angle" in effect.parameters

@@ -1,9 +1,13 @@
 """The search for missing effects: forward selection with full refits, then a test of each effect without it.
 
-A candidate counts if it lowers -2 log L by more than ACCEPT beyond k log N, if it is larger than its smallest size, and
-if it is larger than SURE standard errors. Significance alone finds artefacts of milliseconds. An effect that is worth
-less than KEEP beside the later ones is dropped. Terms without a name take part: one that explains far more than the
-best named effect is reported as unknown. Placebos take part, too, and must lose.
+A candidate with k parameters is accepted if
+
+    it lowers -2 log L by more than ACCEPT + k log N,
+    it is larger than its smallest size: significance alone finds artefacts of milliseconds,
+    it is larger than SURE standard errors.
+
+An effect that gains less than KEEP beside the later ones is dropped. Terms without a name take part. Such a term is
+reported as unknown if it explains far more than the best named effect. Placebos take part, too, and must lose.
 """
 
 from __future__ import annotations
@@ -17,13 +21,13 @@ from mazeplan.diagnosis.coordinate.screening import ACCEPT, CandidateTrial, pric
 from mazeplan.diagnosis.coordinate.system import Values
 from mazeplan.physics.effect import Effect
 
-KEEP = 10.0  # of -2 log L
-ALIKE = 15.0  # of -2 log L: two candidates that explain equally well to within this cannot be told apart
-NEAR = 0.1  # share of the best one's gain; candidates that come so near are compared with the stage fitted along
-AHEAD = 1.15  # times the gain of the best named candidate, from which a term without a name is looked at
-MOST = 5  # effects
+KEEP = 10.0  # minimum gain of -2 log L by an effect beside the others, after its price
+ALIKE = 15.0  # of -2 log L: two candidates whose gains differ by less cannot be told apart
+NEAR = 0.1  # share of the best gain; candidates this near to the best are compared with the stage fitted as well
+AHEAD = 1.15  # minimum gain of a term without a name, over that of the best named candidate, to look at the term
+MOST = 5  # maximum number of effects
 SEEN = 0.7  # share of the record that search and fits see
-SHARE = 0.05  # share of the gain of named effects that a term without a name must bring: they are not exact either
+SHARE = 0.05  # minimum gain of a term without a name, over that of the named effects: these are not exact either
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,7 @@ class Finding:
     ranked: trials of the first round, the best first
     alike: groups of names that the record cannot tell apart
     unknown: the accepted term without a name
-    worth: what each effect gains of -2 log L, by name
+    worth: gain of -2 log L by each effect, minus its price
     plainer: the fit before some effects got more parameters (`windows.refined`)"""
 
     base: Fit
@@ -50,16 +54,21 @@ def search(
     likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None], *, free: Sequence[Effect] = (),
     along: Sequence[Effect] = (), most: int = MOST, start: Values | None = None,
 ) -> Finding:  # fmt: skip
-    """What the declared model lacks.
+    """Find what the declared model lacks.
 
-    tell: reports progress; free: effects that exist and are fitted in every fit; along: what the tilt sensor leaves
-    open of the stage, fitted for decisions; most: number of effects to add; start: values of `free`, if known."""
+    tell: reports progress
+    free: effects that exist and are part of every fit
+    along: errors of the stage, which are fitted as well before a decision
+    most: maximum number of effects to add
+    start: start values of `free`, if known"""
     return _Search(likelihood, library, tell, free, along).run(most, start or {})
 
 
 class _Search:
-    """One search. Rounds hold the stage, which saves most of the time. The stage is fitted along before a candidate is
-    accepted, since the ball feels errors of the stage that the tilt sensor does not see."""
+    """One search.
+
+    Rounds hold the stage fixed, which saves most of the time. Before a candidate is accepted, the stage is fitted as
+    well, because the ball feels errors of the stage that the tilt sensor does not see."""
 
     def __init__(
         self, likelihood: Likelihood, library: Sequence[Effect], tell: Callable[[str], None],
@@ -68,10 +77,10 @@ class _Search:
         self._likelihood, self._library, self._tell = likelihood, list(library), tell
         self._free, self._along = list(free), list(along)
         self._declared = likelihood.system.declared
-        self._loose: dict[int, tuple[Fit, Fit]] = {}  # by the id of a fit: the fit itself, and with the stage along
+        self._loose: dict[int, tuple[Fit, Fit]] = {}  # id of a fit -> the fit itself, and the fit with the stage
 
     def run(self, most: int, known: Values) -> Finding:
-        """Add effects until none is believed, `most` at most."""
+        """Add effects until no further one is accepted. most: maximum number of effects"""
         start = {c.name: start_of(c) for c in self._free} | known
         current = base = fit(self._likelihood, self._free, start)
         ranked: tuple[CandidateTrial, ...] = ()
@@ -111,14 +120,14 @@ class _Search:
         for number, (c, start) in enumerate(ready, start=1):
             self._tell(f"trying {c.name}, {number} of {len(ready)}")
             trials.append(try_one(self._likelihood, current, c, start))
-        if self._likelihood.noisy:  # otherwise neighbours are alike, and so they have a spectrum of their own
+        if self._likelihood.noisy:  # otherwise neighbouring residuals share samples, which shapes their spectrum
             trials.append(swinging(self._likelihood, current))
         return sorted(trials, key=lambda t: -t.gain)
 
     def _choice(
         self, current: Fit, trials: Sequence[CandidateTrial], explained: float
     ) -> tuple[CandidateTrial | None, CandidateTrial | None, tuple[str, ...]]:
-        """The named candidate to accept, the one without a name, and the names that explain as well as the first."""
+        """The candidate to accept: with a name, or without one; and names that explain the record as well."""
         chance = max((t.gain for t in trials if t.candidate.placebo), default=-math.inf)
         sure = [t for t in trials if t.sure(self._declared) and t.gain > chance + ACCEPT and not t.candidate.placebo]
         best = max((t.raw for t in sure if t.candidate.named), default=0.0)
@@ -127,7 +136,7 @@ class _Search:
         named.sort(key=lambda t: -t.gain)
         first = named[0] if named else None
         nameless = next((t for t in sure if not t.candidate.named), None)
-        patient = not self._likelihood.noisy and first is not None  # many effects are at work: first all with a name
+        patient = not self._likelihood.noisy and first is not None  # many effects act: those with a name come first
         if nameless is not None and not patient and (first is None or self._ahead(nameless, first)):
             loose = self._confirmed(current, nameless)
             if loose.sure(self._declared) and loose.gain > SHARE * explained:
@@ -138,8 +147,9 @@ class _Search:
         return first, None, tuple(name for name in alike if name not in first.candidate.rivals)
 
     def _ahead(self, nameless: CandidateTrial, first: CandidateTrial) -> bool:
-        """Whether a term without a name explains more than the best named candidate together with any second one: if
-        two effects are missing, such a term may take a share of both."""
+        """Whether a term without a name explains more than the best named candidate together with any second one.
+
+        If two effects are missing, a term without a name may take a share of both."""
         if nameless.gain <= AHEAD * first.gain + ACCEPT:
             return False
         others = [c for c in self._library if c.named and c is not first.candidate]
@@ -148,7 +158,7 @@ class _Search:
         return nameless.gain > first.gain + second - ACCEPT
 
     def _confirmed(self, current: Fit, trial: CandidateTrial) -> CandidateTrial:
-        """The trial with gain and standard errors of fits with the stage; its values stay."""
+        """The trial, with gain and standard errors from fits that include the stage. Its values stay."""
         if not self._along:
             return trial
         loose = self._with_stage(trial.fit)
@@ -157,7 +167,7 @@ class _Search:
         return replace(trial, fit=held, raw=raw, gain=raw - (trial.raw - trial.gain))
 
     def _with_stage(self, found: Fit) -> Fit:
-        """The fit with the stage fitted along."""
+        """The fit, repeated with the stage fitted as well."""
         if not self._along:
             return found
         if id(found) not in self._loose:
@@ -166,7 +176,7 @@ class _Search:
         return self._loose[id(found)][1]
 
     def _exchange(self, current: Fit) -> Fit:
-        """Exchange effects: the first one also took a share of later ones, so another may now explain more."""
+        """Exchange effects: the first effect also took a share of later ones, so another one may now explain more."""
         mine = [c for c in current.candidates if c not in self._free and c.named]
         for c in mine if len(mine) > 1 else []:
             without = fit_without(self._likelihood, current, c)
@@ -179,7 +189,8 @@ class _Search:
         return current
 
     def _drop(self, current: Fit) -> tuple[Fit, dict[str, float]]:
-        """The fit without effects that are worth too little beside the others, and what each of those is worth."""
+        """Drop effects that gain too little beside the others. Returns the fit and the gains of the remaining effects,
+        minus their prices."""
         while True:
             fits = {
                 c.name: fit_without(self._likelihood, current, c) for c in current.candidates if c not in self._free

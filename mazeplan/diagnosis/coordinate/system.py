@@ -17,8 +17,11 @@ Values = dict[str, dict[str, float]]  # effect -> parameter -> value
 class System(Protocol):
     """A record, and how effects enter its equation of motion.
 
-    dt: s between samples; theta (N,): measured position; first (N,): an uninterrupted stretch begins; declared: known
-    effects; weakest: root mean square acceleration from which a term without a name is reported."""
+    dt: time between samples, s
+    theta: measured positions (N,)
+    first: True (N,) where an uninterrupted stretch begins
+    declared: known effects
+    weakest: minimum root mean square acceleration of a term without a name, to report it"""
 
     dt: float
     theta: Array
@@ -27,11 +30,11 @@ class System(Protocol):
     weakest: float
 
     def __len__(self) -> int:
-        """Samples."""
+        """Number of samples."""
         ...
 
     def build(self, candidates: Sequence[Effect], values: Values) -> tuple[Problem, Array]:
-        """The problem with these effects at these values, others as declared; and its parameters."""
+        """The problem and its parameters, with these effects at these values; other effects stay as declared."""
         ...
 
     def volume(self, values: Values, rows: np.ndarray) -> float:
@@ -39,5 +42,5 @@ class System(Protocol):
         ...
 
     def moves(self, candidates: Sequence[Effect], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
-        """The change by a step of each parameter (effect, name, step)."""
+        """Changes when each parameter (effect, name, step) moves by its step."""
         ...

@@ -1,1 +1,1 @@
-"""The diagnosis of anything else with one degree of freedom."""
+"""The diagnosis of other systems with one degree of freedom."""

@@ -1,6 +1,6 @@
 """Diagnose a record of a mechanism: which effects its motion lacks.
 
-The search and every fit see the first 70 % of the samples only. The scores before and after are of the rest.
+The search and all fits see the first 70 % of the samples. The scores before and after use the held-out rest.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from mazeplan.diagnosis.mechanism.scores import MechanismScore, course_of, relat
 from mazeplan.diagnosis.mechanism.system import thinned
 from mazeplan.physics.effect import Effect
 
-MEMORY = 0.1  # s, over which the rest of the residual may be coloured
+MEMORY = 0.1  # s, maximum lag at which the residual is correlated
 CERTAIN = 3.0  # standard errors
 
 
 @dataclass(frozen=True, kw_only=True)
 class MechanismDiagnosis(Diagnosis):
-    """What was found. fitted: entries of effects that are known to exist and were fitted along."""
+    """What was found. fitted: entries of effects that are known to exist and were part of every fit"""
 
     before: MechanismScore
     after: MechanismScore
@@ -54,8 +54,10 @@ def diagnose_mechanism(
 ) -> MechanismDiagnosis:
     """Find what a mechanism lacks.
 
-    declared: known effects with values, of the motion perhaps some; along: effects that exist and are fitted, as is
-    everything of the motion that is not declared; test: a further record, for scores only."""
+    declared: known effects with values; for the motion, some parameters may be missing
+    along: effects that exist and are fitted; undeclared parameters of the motion are fitted, too
+    test: a further record, for scores only
+    progress: reports progress"""
     tell = progress or (lambda text: None)
     declared = {mechanism.motion.name: {}, **declared}
     course = course_of(mechanism, log, declared)
@@ -76,7 +78,7 @@ def diagnose_mechanism(
     before, after = (score(course, likelihood, found, border) for found in (base, final))
 
     def lost(c: Effect) -> Entry:
-        """An effect of the document, with the relative error on the held-out rows without it and with it."""
+        """The effect as an entry of the document, with the relative errors on held-out rows without it and with it."""
         fits = (fit_without(likelihood, final, c), final)
         errors = dict(
             zip(("before", "after"), (relative_error(course, likelihood, f, border) for f in fits), strict=True)

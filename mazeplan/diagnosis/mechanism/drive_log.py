@@ -1,11 +1,11 @@
-"""Records of what moves with one degree of freedom: a table (CSV) of its position and its inputs; of a motor-driven
-axis the MATLAB file of the public benchmark EMPS (electro-mechanical positioning system).
+"""Records of a motion with one degree of freedom. There are two kinds of files: a table (CSV) of position and inputs,
+and the MATLAB file of the public benchmark EMPS (electro-mechanical positioning system), a motor-driven axis:
 
     qm    measured position, m         vir   control voltage, V
     gtau  drive gain, N/V              t     time, s
 
 A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Workshop on Nonlinear System Identification
-Benchmarks, 2019. Other variables of the file are not looked at. The file is parsed, nothing in it is run.
+Benchmarks, 2019. Other variables of the file are ignored. The program parses the file and runs nothing in it.
 """
 
 from __future__ import annotations
@@ -26,12 +26,17 @@ from mazeplan.core.records import Array
 COLUMNS, GAIN = ("t", "qm", "vir"), "gtau"
 FEWEST = 1000  # samples
 FEWEST_ROWS = 100  # of a table
-UNEVEN = 0.1  # of a step, by which one step may differ from the others
+UNEVEN = 0.1  # share of the mean time step by which one step may differ
 
 
 @dataclass(frozen=True)
 class MotionLog:
-    """dt: s; position (N,): NaN where it was not seen, angles without jumps; inputs (N, W); gain: of a drive, N/V."""
+    """The record of a motion.
+
+    dt: time between samples, s
+    position: measured positions (N,), NaN where not seen; angles have no jumps
+    inputs: measured inputs (N, W)
+    gain: of a drive, N/V"""
 
     dt: float
     position: Array
@@ -43,7 +48,7 @@ class MotionLog:
 
 
 def read_motion(path: Path, position: str, inputs: Sequence[str], unit: str) -> MotionLog:
-    """The columns t, position and inputs of a table (CSV); a cell of the position may be empty. Raises TableError."""
+    """The columns t, position and inputs of a table (CSV). Cells of the position may be empty. Raises TableError."""
     expected = f"a table (CSV) with {', '.join(('t', position, *inputs))} in its first row"
     if not path.is_file() or file_kinds.got(path) in OTHERS:
         raise TableError(file_kinds.refused(path, expected), file=path)
@@ -66,9 +71,10 @@ def read_motion(path: Path, position: str, inputs: Sequence[str], unit: str) -> 
 
 
 def read_drive(path: Path, gain: float | None = None) -> MotionLog:
-    """The record in a .mat file (MATLAB 4 to 7.2), its input the force (N) that the gain makes of the voltage; gain:
-    that of the drive (N/V), where the file has none. Raises TableError: file, variable, what was got, what is
-    allowed."""
+    """The record in a .mat file (MATLAB 4 to 7.2). Its input is the force (N): gain of the drive times voltage.
+
+    gain: of the drive, N/V, for a file without a gain
+    Raises TableError: file, variable, what was got, what is allowed."""
     found = _variables(path)
     if gain is not None:
         found.setdefault(GAIN, np.array([gain]))
@@ -102,7 +108,7 @@ def _step(path: Path, t: Array, fewest: int) -> float:
 
 
 def _moves(path: Path, position: Array, volts: Array) -> None:
-    """Raise where nothing can be learned."""
+    """Raise TableError if position or voltage is constant: nothing can be learned then."""
     for name, column, unit in (("qm", position, "m"), ("vir", volts, "V")):
         if np.ptp(column) == 0.0:
             problem = f"got {column[0]:g} {unit} throughout, expected an axis that moves under changing forces"
@@ -117,9 +123,9 @@ def _variables(path: Path) -> dict[str, Any]:
         raise TableError(file_kinds.refused(path, expected), file=path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of variables that are not ours
+            warnings.simplefilter("ignore")  # warnings about other variables
             found = loadmat(path, variable_names=[*COLUMNS, GAIN])
-    except Exception as error:  # a damaged file raises whatever its reader stumbles over
+    except Exception as error:  # for a damaged file, the reader may raise anything
         kind = file_kinds.got(path)
         reason = f" ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
         raise TableError(f"got {kind}{reason if 'MATLAB' in kind else ''}, expected {expected}", file=path) from None

@@ -10,7 +10,7 @@ from mazeplan.physics.effect import Parameter
 
 
 class Axis:
-    """Force in, position out."""
+    """The axis: a force is its input, the position is its output."""
 
     position, unit, inputs = "qm", "m", ("force",)
     name, force, inertia = "moving_mass", "force", "mass"
@@ -18,7 +18,7 @@ class Axis:
 
     @staticmethod
     def motion(s: Any, p: Any) -> Any:
-        """What a mass does."""
+        """Acceleration of the mass under the force, m/s^2."""
         return s.force / p.mass
 
 

@@ -2,15 +2,15 @@
 
 | attribute       | what                                                                                               |
 |-----------------|----------------------------------------------------------------------------------------------------|
-| position, unit  | column of the measured position, and its unit: rad, m                                              |
-| motion(s, p)    | the acceleration that is known, of the symbols s.position (s.theta), s.velocity (s.theta_dot), s.t |
-|                 | and the inputs, and of its own parameters                                                          |
-| parameters      | of the motion, by name                                                                             |
-| inputs          | columns that formulas may use; between two samples they go along a straight line                   |
-| held            | those of them that keep the value of a sample until the next                                       |
-| effects         | what may be missing: names of the library, or Effects of one's own; default: `coordinate.FAMILY`   |
-| force, inertia  | an input, and a parameter of the motion: where both are given, effects are forces over the inertia |
-| name            | of the motion among the effects; default: motion                                                   |
+| position, unit  | column of the measured position, and its unit: rad or m                                            |
+| motion(s, p)    | the known acceleration, by the symbols s.position (s.theta), s.velocity (s.theta_dot), s.t and the |
+|                 | inputs, and by the parameters p of the motion                                                      |
+| parameters      | parameters of the motion, by name                                                                  |
+| inputs          | columns that formulas may use; they change linearly between samples                                |
+| held            | inputs that keep the value of a sample until the next sample                                       |
+| effects         | effects that may be missing: names of the library, or your own; default: `coordinate.FAMILY`       |
+| force, inertia  | an input, and a parameter of the motion: if both are given, effects are forces over the inertia    |
+| name            | name of the motion among the effects; default: motion                                              |
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ ACTS = (FORCE, DRAG, DRY)
 UNITS = ("rad", "m")
 NEEDED = ("position", "unit", "motion")
 TAKEN = ("theta", "theta_dot", "position", "velocity", "t", "speed", "direction")
-# units of what makes an acceleration, and the same of what makes a force {0} on a position in {1}
+# unit of a parameter of an acceleration, and its unit for a force in {0} and a position in {1}
 STRENGTHS = {"1/s": "{0} s/{1}", "rad/s^2": "{0}", "1/rad": "{0} s^2/{1}^2", "1/s^2": "{0}/{1}"}
 
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Attributes as above; motion: an effect, too; effects: those that may be missing."""
+    """The attributes of the table above. The motion is an effect, too. effects: those that may be missing"""
 
     position: str
     unit: str
@@ -51,27 +51,29 @@ class Mechanism:
 
     @property
     def library(self) -> list[Effect]:
-        """Everything that can be named, the motion first."""
+        """All effects that the diagnosis can name, the motion first."""
         return [self.motion, *self.effects]
 
     @property
     def scored(self) -> str:
-        """What models are compared in."""
+        """The quantity in which models are compared: force or acceleration."""
         return "force" if self.inertia else "acceleration"
 
     @property
     def strength(self) -> str:
-        """The unit of that."""
+        """The unit of the compared quantity."""
         return {"m": "N"}.get(self.unit, "N m") if self.inertia else f"{self.unit}/s^2"
 
     @property
     def shown(self) -> tuple[float, str]:
-        """By what differences of positions are multiplied to be read, and their unit then."""
+        """Factor and unit with which messages show differences of positions."""
         return (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
 
 
 def mechanism_of(described: Any, more: Sequence[Effect] = ()) -> Mechanism:
-    """The mechanism of a class. more: further effects. Raises InputError with what is wrong and what is allowed."""
+    """The mechanism that a class describes. Raises InputError with what is wrong and what is allowed.
+
+    more: further effects that may be missing"""
     for key in NEEDED:
         if not hasattr(described, key):
             raise InputError(f"got no {key}, expected {', '.join(NEEDED[:-1])} and {NEEDED[-1]}(s, p)")
@@ -109,7 +111,7 @@ def mechanism_of(described: Any, more: Sequence[Effect] = ()) -> Mechanism:
 
 
 def _names(described: Any, key: str) -> tuple[str, ...]:
-    """Names of inputs; one alone may stand without brackets."""
+    """Names of inputs. A single name may stand without brackets."""
     found = getattr(described, key, ())
     found = (found,) if isinstance(found, str) else found
     for name in found if isinstance(found, Sequence) else [found]:
@@ -131,7 +133,9 @@ def _effects(found: Any, mechanism: Mechanism) -> list[Effect]:
 
 
 def in_units(effect: Effect, mechanism: Mechanism) -> Effect:
-    """An effect of the library in the units of a mechanism: without bounds and sizes, which are a ball's."""
+    """An effect of the library in the units of a mechanism.
+
+    It loses its smallest sizes and its bounds, except a lower bound of 0, because they belong to a ball."""
     length = mechanism.unit
 
     def one(p: Parameter) -> Parameter:
@@ -160,6 +164,6 @@ def _check(effect: Effect, inputs: tuple[str, ...], names: set[str]) -> None:
             raise InputError(f"{effect.name}.{key}: got value {p.default:g}, expected {p.low:g} to {p.high:g}")
     try:
         term_functions(effect, inputs)
-    except Exception as problem:  # whatever anybody's formula does
+    except Exception as problem:  # a user's formula may raise anything
         why = str(problem) if isinstance(problem, ValueError) else reason(problem)
         raise InputError(f"the formula of {effect.name} cannot be used: {why}") from None

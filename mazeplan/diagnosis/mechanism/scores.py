@@ -1,19 +1,22 @@
-"""The course of a record, differentiated; what is worth a word in it; and how well a model does on what took no part.
+"""Errors of a mechanism's model on held-out rows, and the smallest sizes of effects that matter in a record.
 
-Error of the acceleration, ||e|| / ||a||: the position goes through a Butterworth filter of order 4 forwards and
-backwards and is differentiated by central differences, so that neither shifts it in time; e is what the model needs
-beyond its own acceleration. The filter's band is CUTOFF, or as much lower as it takes for white noise of the position
-to be NOISE of the acceleration, and then the model's goes through it, too: noise sigma at a rate f leaves sigma
-(2 pi)^2 sqrt(2 band^5 / (5 f)). Where effects are forces, e is one, too, and ||y|| is that of the measured force, as
-inverse dynamic identification by least squares has it (IDIM-LS; Gautier, "Dynamic identification of robots with power
-model", ICRA 1997; Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 22(1), 2014). Both are decimated to
-PARALLEL with a zero-phase low-pass filter, and EDGE at either end and around samples that were not seen, where the
-filters ring, is left out.
+Relative error of the acceleration, ||e|| / ||a||: a is the measured acceleration, e = a - the model's acceleration.
 
-Free run: the model is driven by the measured inputs from one filtered state on and sees no position again; root mean
-square error of its position. Without a spring the error of a force adds up: this is the harder test, and a model that
-is better in force may be worse here. A run in closed loop would say less: the controller pulls any model back to the
-reference.
+1. The position goes through a Butterworth filter of order 4, forwards and backwards. Central differences give a. So
+   neither step shifts the record in time.
+2. The filter's band is CUTOFF. For a noisy record, the band is lower: white noise of the position may cause at most
+   NOISE of the acceleration. Noise sigma of the position at a rate f causes sigma (2 pi)^2 sqrt(2 band^5 / (5 f)) of
+   the acceleration. With a lower band, the model's acceleration goes through the filter, too.
+3. If effects are forces, e is a force, and the error is ||e|| / ||y|| with the measured force y. This is the error of
+   inverse dynamic identification by least squares (IDIM-LS; Gautier, "Dynamic identification of robots with power
+   model", ICRA 1997; Janot, Vandanjon, Gautier, IEEE Trans. Control Systems Technology 22(1), 2014).
+4. e and a (or y) are decimated to PARALLEL with a zero-phase low-pass filter. EDGE seconds at both ends and around
+   unseen samples are left out, because the filters ring there.
+
+Free run: the model starts at one filtered state. The measured inputs drive it, and it sees no further position. The
+error is the root mean square of the position error. Without a spring, errors of a force add up. So this is the harder
+test: a model with a smaller error of the force may have a larger error here. A run in closed loop would say less,
+because the controller pulls every model back to the reference.
 """
 
 from __future__ import annotations
@@ -37,25 +40,30 @@ from mazeplan.diagnosis.mechanism.system import MechanismSystem, filled, low_pas
 from mazeplan.physics.effect import DRY, Effect
 from mazeplan.physics.effects.coordinate import NAMELESS
 
-CUTOFF = 100.0  # Hz, of the position before it is differentiated
-HIGHEST = 0.4  # of the rate of the record: so much of it at most
-NOISE = 0.05  # of the acceleration, root mean square
-NARROWER = 0.9  # from one band that is tried to the next
+CUTOFF = 100.0  # Hz, band of the low-pass filter before differentiation
+HIGHEST = 0.4  # maximum band, as a share of the record's rate
+NOISE = 0.05  # maximum noise of the acceleration, as a share of its root mean square
+NARROWER = 0.9  # factor from one tried band to the next
 ORDER = 5  # of the differences that show the noise of the position
-MEDIAN = 0.6745  # of the size of white noise, in standard deviations
-LOWEST = 1e-3  # of the rate; no band is lower
-PARALLEL = 100.0  # Hz, at which forces are compared
+MEDIAN = 0.6745  # median of the absolute value of white noise, in standard deviations
+LOWEST = 1e-3  # minimum band, as a share of the record's rate
+PARALLEL = 100.0  # Hz, rate at which model and measurement are compared
 EDGE = 0.1  # s
 BEGUN = 0.1  # s, after which the filter knows the state
-WORTH = 0.02  # of the acceleration's, or the force's, root mean square; what is smaller is not worth a word
+WORTH = 0.02  # smallest relevant size, as a share of the root mean square of acceleration or force
 FINE = 0.1  # step of numeric derivatives, in smallest sizes
-SLIDING = 10.0  # smallest sizes, with which fits of dry friction begin
+SLIDING = 10.0  # start value of dry friction in fits, in smallest sizes
 
 
 @dataclass(frozen=True)
 class Course:
-    """A record with speed v and acceleration a (N,) on a path of a band (Hz); system: on that path, without any
-    effect; seen (N,): whether something was, near there."""
+    """A record with low-passed positions, speed and acceleration.
+
+    system: the system on the low-passed positions
+    band: of the low-pass filter, Hz
+    inputs: measured inputs (N, W)
+    seen: False (N,) near positions that were not measured
+    v, a: speed and acceleration (N,)"""
 
     system: MechanismSystem
     band: float
@@ -66,12 +74,12 @@ class Course:
 
     @property
     def seconds(self) -> float:
-        """How long it is."""
+        """Length of the record, s."""
         return self.system.dt * len(self.v)
 
 
 def course_of(mechanism: Mechanism, log: MotionLog, declared: Values) -> Course:
-    """The course of a record."""
+    """The record with low-passed positions, speed and acceleration."""
     raw, rate = filled(log.position), 1.0 / log.dt
     differences = np.abs(np.diff(log.position[np.isfinite(log.position)], ORDER))
     noise = float(np.median(differences)) / (MEDIAN * math.sqrt(math.comb(2 * ORDER, ORDER)))
@@ -96,11 +104,13 @@ def _rms(signal: Array) -> float:
 
 
 def sized(course: Course) -> tuple[list[Effect], list[Effect], float]:
-    """Everything that has a name, and what has none, with sizes worth a word in this record unless they have some; the
-    least acceleration that is. Raises InputError for a formula that gives no number."""
+    """Named effects, terms without a name, and the smallest relevant acceleration in this record.
+
+    Parameters of named effects get a smallest relevant size for this record, if they have none. Raises InputError for
+    a formula that gives no finite number."""
     system, mechanism = course.system, course.system.mechanism
     known, motion = system.declared.get(mechanism.motion.name, {}), mechanism.motion
-    if mechanism.inertia and mechanism.inertia not in known:  # least squares of force on acceleration alone
+    if mechanism.inertia and mechanism.inertia not in known:  # guess it by least squares of force on acceleration
         force = course.inputs[:, mechanism.inputs.index(mechanism.force)]
         guess = abs(float(course.a @ force)) / max(float(course.a @ course.a), 1e-300)
         heavy = motion.parameters[mechanism.inertia]
@@ -133,7 +143,7 @@ def sized(course: Course) -> tuple[list[Effect], list[Effect], float]:
 
 
 def _given(course: Course, effects: list[Effect], values: Values) -> Array:
-    """Acceleration (N,) of some effects. Raises InputError where there is none."""
+    """Acceleration (N,) that some effects cause. Raises InputError if it is not finite."""
     out = course.system.modelled(effects, values, course.v)
     if not np.isfinite(out).all():
         bad, c = int(np.flatnonzero(~np.isfinite(out))[0]), effects[-1]
@@ -149,8 +159,9 @@ def _given(course: Course, effects: list[Effect], values: Values) -> Array:
 class MechanismScore(Score):
     """Errors on some rows.
 
-    nrmse: relative error of force or acceleration; free_run: root mean square error of the position; seconds: of the
-    rows."""
+    nrmse: relative error of force or acceleration
+    free_run: root mean square error of the position in a free run
+    seconds: length of these rows, s"""
 
     mechanism: Mechanism
     nrmse: float
@@ -195,7 +206,7 @@ def score(course: Course, likelihood: Likelihood, fitted: Fit, begin: float) -> 
 
 
 def relative_error(course: Course, likelihood: Likelihood, fitted: Fit, begin: float) -> float:
-    """||e|| / ||a||, or ||e|| / ||y||, from a time on."""
+    """||e|| / ||a||, or ||e|| / ||y|| for forces, from the time `begin` (s) on."""
     system, mechanism = course.system, course.system.mechanism
     model, y = system.modelled(likelihood.library, fitted.values, course.v), course.a
     if mechanism.inertia:
@@ -213,7 +224,7 @@ def relative_error(course: Course, likelihood: Likelihood, fitted: Fit, begin: f
 
 
 def free_run(likelihood: Likelihood, fitted: Fit, begin: float) -> float:
-    """Root mean square error of the position from a time on."""
+    """Root mean square error of the position in a free run from the time `begin` (s) on."""
     system = likelihood.system
     states = likelihood.filtered(fitted.values, fitted.q)
     start = max(int(np.ceil(begin / system.dt)), round(BEGUN / system.dt))

@@ -2,9 +2,8 @@
 
     x_dd = motion + sum of effects        or, of forces,        inertia x_dd = force + sum of effects
 
-A record that is much faster than RATE is sampled anew, inputs and position behind the same zero-phase low-pass filter:
-what a linear equation says of them stays true, and innovations a few milliseconds apart would not be independent of one
-another anyhow.
+A record that is much faster than RATE is resampled. Inputs and position go through the same zero-phase low-pass filter,
+so linear equations between them stay true. Innovations a few milliseconds apart would not be independent anyway.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ from mazeplan.diagnosis.mechanism.mechanism import Mechanism
 from mazeplan.physics.effect import DRY, Effect
 from mazeplan.physics.formulas.compiled import term_functions
 
-RATE = 200.0  # Hz, about which records are sampled anew
-BAND = 0.4  # of that rate: what the low-pass filter leaves
+RATE = 200.0  # Hz; faster records are resampled to about this rate
+BAND = 0.4  # of the new rate: cutoff of the low-pass filter
 
 
 class MechanismSystem:
@@ -32,8 +31,11 @@ class MechanismSystem:
     def __init__(
         self, mechanism: Mechanism, dt: float, position: Array, nodes: Array, declared: Values, weakest: float = 0.0
     ) -> None:
-        """dt: s between samples; position (N,): NaN where it was not seen; nodes (N, NODES, W): inputs at the nodes of
-        the integration from each sample on; weakest: as in `System`."""
+        """dt: time between samples, s
+        position: measured positions (N,), NaN where not seen
+        nodes: inputs (N, NODES, W) at the nodes of the integration, from each sample to the next
+        declared: known effects
+        weakest: as in `System`"""
         self.mechanism, self.dt, self.theta, self.declared = mechanism, dt, position, declared
         self.t = dt * np.arange(len(position), dtype=np.float64)
         self.first = np.arange(len(position)) == 0
@@ -45,8 +47,9 @@ class MechanismSystem:
         return len(self.t)
 
     def build(self, candidates: Sequence[Effect], values: Values) -> tuple[Problem, Array]:
-        """The problem with these effects at these values, others as declared; and its parameters, those in N or N per
-        unit divided by the inertia."""
+        """The problem and its parameters, with these effects at these values; other effects stay as declared.
+
+        Parameters in N, or in N per unit, are divided by the inertia."""
         known, inverse = {c.name: c for c in candidates}, 1.0 / self.inertia(values)
         p: list[float] = []
         terms, holds = [], []  # address and place of each
@@ -67,7 +70,7 @@ class MechanismSystem:
         return problem, np.array(p, dtype=np.float64)
 
     def _merged(self, values: Values) -> Values:
-        """Values beside the declared ones, which may be a part of an effect."""
+        """Declared values and these values together. A declaration may give only some parameters of an effect."""
         names = dict.fromkeys([*self.declared, *values])
         return {name: {**self.declared.get(name, {}), **values.get(name, {})} for name in names}
 
@@ -84,11 +87,11 @@ class MechanismSystem:
         return self._addresses[key]
 
     def volume(self, values: Values, rows: np.ndarray) -> float:
-        """Nothing changes the measured position."""
+        """0, because no effect changes the measured position."""
         return 0.0
 
     def moves(self, candidates: Sequence[Effect], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
-        """The change by a step of each parameter (effect, name, step): of p alone."""
+        """Changes when each parameter (effect, name, step) moves by its step. Only p changes."""
         problem, here = self.build(candidates, values)
         p = np.empty((len(steps), len(here)))
         for row, (effect, name, step) in zip(p, steps, strict=True):
@@ -108,7 +111,7 @@ class MechanismSystem:
 
 
 def low_passed(signal: Array, cutoff: float, rate: float) -> Array:
-    """Signal (N, ...) behind a Butterworth filter of order 4, forwards and backwards; cutoff, rate: Hz."""
+    """Signal (N, ...) after a Butterworth filter of order 4, forwards and backwards. cutoff, rate: Hz"""
     return np.asarray(sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), signal, axis=0), dtype=np.float64)
 
 
@@ -119,14 +122,14 @@ def filled(position: Array) -> Array:
 
 
 def thinned(mechanism: Mechanism, log: MotionLog, declared: Values, weakest: float) -> MechanismSystem:
-    """The system, at about RATE where the record is faster."""
+    """The system of a record. A faster record is resampled to about RATE."""
     every = max(1, round(1.0 / (RATE * log.dt)))
     position, inputs = log.position, log.inputs
     if every > 1:
         cutoff = BAND / (every * log.dt)
         smooth = low_passed(np.column_stack([filled(position), inputs]), cutoff, 1.0 / log.dt)
         position, inputs = np.where(np.isfinite(position), smooth[:, 0], np.nan), smooth[:, 1:]
-    n = (len(position) - 1) // every  # behind each of these there is a whole step
+    n = (len(position) - 1) // every  # a whole step follows each of these
     at = every * (np.arange(n)[:, None] + np.arange(NODES) / (NODES - 1))
     nodes = np.zeros((n, NODES, max(inputs.shape[1], 1)))
     for i, name in enumerate(mechanism.inputs):

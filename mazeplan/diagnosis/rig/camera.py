@@ -1,7 +1,8 @@
-"""The place of the camera by the channels alone: the ball is never inside a wall.
+"""The position of the camera from the channels alone: the ball is never inside a wall.
 
-Before a filter follows the ball, its seen places are laid over the map, for camera positions and scales on a grid.
-A fit begins at the camera with most places in channels. So a camera that is off by several millimetres is found.
+Before a filter follows the ball, its measured positions are laid over the map, for offsets and scales of the camera on
+a grid. A fit starts at the camera that puts most positions into channels. So the fit finds a camera that is off by
+several millimetres.
 """
 
 from __future__ import annotations
@@ -15,25 +16,25 @@ from mazeplan.control.estimation.rigid_body_filter import BodyFilter, CameraView
 from mazeplan.core.errors import TableError
 from mazeplan.maze.geometry import Maze
 
-FURTHEST, STEP = 0.01, 0.0005  # m, of the camera's middle
+FURTHEST, STEP = 0.01, 0.0005  # m, maximum and step of the camera's offset
 SCALES = tuple(0.9 + 0.004 * i for i in range(51))
-BLUR = 0.0012  # m, by which a place may be in a wall
-BETTER = 0.03  # share of the places that a start has to bring into the channels
-MOST = 3000  # places
-FEWEST = 0.6  # share of the places in channels, below which the map is another one; a run passes openings, too
+BLUR = 0.0012  # m, by which a position may lie in a wall
+BETTER = 0.03  # minimum share of positions that a start brings into the channels in addition
+MOST = 3000  # maximum number of positions
+FEWEST = 0.6  # minimum share of positions in channels, for the right map; a run passes openings, too
 TICKS = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
-Seen = tuple[float, float, float]  # middle of the camera's picture x, y (m) and scale
+Seen = tuple[float, float, float]  # offset of the camera x, y (m) and scale
 
 
 class _Places:
-    """Places at which the ball was seen, laid over a map."""
+    """Measured positions of the ball, laid over a map."""
 
     def __init__(self, body: BodyFilter, maze: Maze) -> None:
         y = body.pictures.y[np.isfinite(body.pictures.y[:, 0])]
         self._y, self._maze, self._ball = y[:: max(len(y) // MOST, 1)], maze, body.walls.radius
 
     def share(self, camera: Seen) -> float:
-        """Share of the places in channels for a camera. A ball that passes an opening is in no channel."""
+        """Share of the positions in channels, for a camera. A ball that passes an opening is in no channel."""
         x, z, scale = camera
         r = np.hypot(self._y[:, 0] - x, self._y[:, 1] - z) / scale
         inside = np.zeros(len(r), dtype=bool)
@@ -43,7 +44,7 @@ class _Places:
         return float(inside.mean()) if len(r) else 0.0
 
     def best(self, tried: Iterable[Seen]) -> Seen:
-        """The camera with most places in channels; the middle of several that are as good."""
+        """The camera with most positions in channels. If several cameras are equally good, their mean."""
         scored = [(self.share(camera), camera) for camera in tried]
         most = max(share for share, _ in scored)
         x, z, scale = np.array([camera for share, camera in scored if share > most - 0.002]).mean(axis=0).tolist()
@@ -51,7 +52,7 @@ class _Places:
 
 
 def camera_starts(body: BodyFilter, view: CameraView, maze: Maze) -> dict[str, dict[str, float]]:
-    """Numbers of the camera, by effect, that put more places into channels than `view` does."""
+    """Numbers of the camera, by effect, that put more positions into channels than `view` does."""
     places = _Places(body, maze)
     seen = places.share((view.offset_x, view.offset_y, view.scale))
     x, z, _ = places.best((float(x), float(z), view.scale) for x in TICKS[::4] for z in TICKS[::4])
@@ -67,7 +68,7 @@ def camera_starts(body: BodyFilter, view: CameraView, maze: Maze) -> dict[str, d
 
 
 def check_map(body: BodyFilter, maze: Maze, file: str | None) -> None:
-    """Raises TableError for places that no camera could have seen in the channels of the map."""
+    """Raise TableError if no camera puts enough of the positions into the channels of the map."""
     places = _Places(body, maze)
     ticks = np.arange(-FURTHEST, FURTHEST + STEP, 4.0 * STEP).tolist()
     share = max(places.share((x, z, scale)) for x in ticks for z in ticks for scale in SCALES[::5])

@@ -14,12 +14,17 @@ class Candidate:
     """One thing that may differ.
 
     effect: name in the registry, "" if it has none
-    free: numbers that it changes; first: those to fit before the others; along: numbers that change with it and are no
-        finding of their own (another ball meets walls in another way)
-    words, depends_on, look: description and advice, if it has no name in the registry
-    far: steps of the first number from which fits begin, too: a large change leaves the parabola at the reference
-    simpler: effects to try before it is believed; after: an effect without which it is not looked for
-    instead: effects of which it is the true cause"""
+    free: numbers that it changes
+    first: numbers to fit before the others
+    words: description, if it has no name in the registry
+    depends_on: what it depends on, if it has no name in the registry
+    far: changes of the first number at which fits may start, because a large change leaves the parabola at the
+        reference
+    along: numbers that change with it and are no findings: another ball meets walls in another way
+    simpler: effects that are tried as well before this candidate is accepted
+    after: effect that has to be found first
+    instead: effects that are not reported beside this candidate, because it is their cause
+    look: advice where to look, if it has no name in the registry"""
 
     effect: str
     free: tuple[str, ...]
@@ -39,20 +44,20 @@ class Candidate:
         return (*self.free, *self.along)
 
     def description(self, model: BodyModel) -> str:
-        """Its words, with the frequency if it swings."""
+        """The description, with period and frequency if the candidate swings."""
         names = ("table_swing.frequency",) if self.after == "table_rocking" else self.free
         at = [value_of(model, name) for name in names if name.endswith(".frequency")]
         return f"{self.words}, every {1.0 / at[0]:.2f} s ({at[0]:.3f} Hz)" if at else self.words
 
 
 def of_effect(effect: Effect) -> Candidate:
-    """The candidate of a user's effect: all parameters, its sizes first."""
+    """The candidate of a user's effect: all its parameters. Sizes are fitted before places."""
     every = tuple(f"{effect.name}.{key}" for key, p in effect.parameters.items() if not p.fixed)
     sizes = tuple(name for name in every if name.partition(".")[2] not in effect.places)
     return Candidate(effect.name, every, sizes if sizes != every else ())
 
 
-CONTACT = "contact"  # what such a candidate depends on is no finding beside one with a name
+CONTACT = "contact"  # a candidate that depends on contact is not looked for beside another finding
 LEANS = ("tilt_offset",)
 FRICTIONS = ("dry_friction", "viscous_friction", "quadratic_drag")
 CANDIDATES = (

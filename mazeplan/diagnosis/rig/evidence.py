@@ -1,4 +1,4 @@
-"""Evidence of a rig's verdict as plain data: `evidence.json` beside `report.json`, which a report draws."""
+"""Evidence for a rig's verdict as plain data: `evidence.json` beside `report.json`. A report draws it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mazeplan.diagnosis.rig.verdict import AS_BEFORE, MEMORY
 from mazeplan.maze.geometry import Maze
 
 SECTORS = 24  # of each ring in the map of errors
-FEWEST = 3  # roll-outs in a sector that is drawn
+FEWEST = 3  # minimum number of roll-outs in a sector that is drawn
 MAPPED = 20  # samples ahead of the errors in the map
 LAGS = 10  # pictures
 FASTEST, BANDS = 8.0, 160  # Hz; bands of the spectrum
@@ -24,7 +24,7 @@ PARTS = ("before", "after")
 
 
 def rig_evidence(done: RigVerdict, maze: Maze, map_text: str, title: str) -> dict[str, Any]:
-    """Errors by samples ahead (rad) and by place (m), gain by blocks of time, and correlations of the rest."""
+    """Errors by samples ahead (rad) and by place (m), gain by blocks of time, correlations of the innovations."""
     found, pictures = done.searched, done.body.pictures
     parts = {"before": found.first.filtered, "after": found.fit.filtered}
     counted = max(int(np.isfinite(parts["after"].nu[:, 0]).sum()), 1)
@@ -65,8 +65,9 @@ def _block_times(pictures: BallPictures, count: int) -> list[float]:
 
 
 def _by_place(done: RigVerdict, maze: Maze) -> dict[str, Any]:
-    """Mean error along the track (m), MAPPED samples ahead on held-out pictures, by the sectors of the rings (from -pi
-    on) in which the ball was half way."""
+    """Mean error along the track (m), MAPPED samples ahead on held-out pictures, by sectors of the rings from -pi on.
+
+    An error belongs to the sector in which the ball was after half of these samples."""
     held, rings = done.held, [ring for ring in maze.rings if ring.track_radius]
     x, y = done.searched.first.filtered.state[held.starts + MAPPED // 2, :2].T
     r, sector = np.hypot(x, y), ((np.arctan2(y, x) + math.pi) / (2.0 * math.pi) * SECTORS).astype(int) % SECTORS
@@ -98,7 +99,9 @@ def _marks(effects: tuple[dict[str, Any], ...], model: BodyModel) -> list[dict[s
 
 
 def _spectra(done: RigVerdict, parts: dict[str, Filtered]) -> dict[str, list[float]] | None:
-    """Spectra of the innovations against true time, 1 on average for noise; None if nothing may swing."""
+    """Spectra of the innovations by true time, 1 on average for noise.
+
+    None unless something unknown or a rocking table was found."""
     if done.unknown is None and not any(e["name"] == "table_rocking" for e in done.effects):
         return None
     t = _true_time(done.body.pictures)
@@ -113,7 +116,7 @@ def _spectra(done: RigVerdict, parts: dict[str, Filtered]) -> dict[str, list[flo
 
 
 def _power(hz: Array, t: Array, e: Array) -> Array:
-    """Periodogram (F,) of numbers e (K, 2) of variance 1 at uneven times t (K,), mean of both; 1 for white noise."""
+    """Periodogram (F,), mean of both columns of e (K, 2), at uneven times t (K,); 1 for white noise."""
     power = np.zeros(len(hz))
     for start in range(0, len(hz), 200):
         turn = np.exp(-2j * math.pi * np.outer(hz[start : start + 200], t))

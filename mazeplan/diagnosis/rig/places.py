@@ -1,6 +1,6 @@
-"""Places and frequencies at which the innovations of a record suggest an effect. A search begins there.
+"""Places and frequencies at which the innovations of a record suggest an effect. The search starts there.
 
-They are the middle of a bump, the frequency of a rocking table, the dirty sector of a ring, and the like.
+Examples: the middle of a bump, the frequency of a rocking table, the dirty sector of a ring.
 """
 
 from __future__ import annotations
@@ -32,18 +32,20 @@ from mazeplan.physics.effects.local_forces import (
 
 GRID, FINE, WIDTHS = 0.008, 0.002, (0.01, 0.015, 0.022)  # m; places and widths that are tried for a bump
 MEMORY = 8  # pictures over which an acceleration shows in the innovations
-SLOWEST, FASTEST, BIN = 0.05, 8.0, 1.0 / 120.0  # Hz, of a table that rocks; s
-HARMONICS, STRONG = (3, 2), 0.35  # of a push that repeats; share of the highest power that its own frequency has then
-SECTORS, HALVES = 48, (0.2, 0.35, 0.6)  # middles of dirt that are tried in each ring, and half widths, rad
-BESIDE, WAVES = 0.07, range(4, 10)  # rad on both sides of a kerb; waves around that are tried
+SLOWEST, FASTEST, BIN = 0.05, 8.0, 1.0 / 120.0  # Hz, range for a rocking table; s, resolution of times
+HARMONICS, STRONG = (3, 2), 0.35  # of a repeated push; minimum power at its frequency, over the highest power
+SECTORS, HALVES = 48, (0.2, 0.35, 0.6)  # tried middles of dirt in each ring; tried half widths, rad
+BESIDE, WAVES = 0.07, range(4, 10)  # rad, half width of a kerb; tried numbers of waves around a ring
 SLOW = 0.01  # m/s; a slower ball does not show which way friction acts
 
 
 def started_terms(
     body: BodyFilter, filtered: Filtered, delay: float, maze: Maze, swings: float = 0.0
 ) -> tuple[Term, ...]:
-    """All terms without size, at the places and frequencies that the innovations suggest. swings: the frequency of a
-    rocking table that was found, Hz."""
+    """All terms, without effect, at the places and frequencies that the innovations suggest.
+
+    delay: of the camera, s
+    swings: frequency of a rocking table, Hz, if it was found before"""
     asked, place = _asked(filtered), filtered.state[:, :2]
     x, y, width = _bump_place(place, asked, maze)
     t = (body.pictures.t if body.pictures.clock is None else body.pictures.clock) - delay
@@ -67,13 +69,13 @@ def started_terms(
 
 
 def _kerb(filtered: Filtered, asked: Array, maze: Maze) -> tuple[float, float, float, float]:
-    """Numbers of a kerb without any height, where the ball is slowed most."""
+    """Numbers of a kerb of size zero, where the ball loses most speed."""
     centre, _, inner, outer = _slowing_sector(filtered, asked, maze, (BESIDE,))
     return centre, inner, outer, 0.0
 
 
 def _waves(place: Array, along: Array) -> float:
-    """The number of waves around that explains most of the force along the rings."""
+    """The number of waves around a ring that explains most of the force along the rings."""
     theta = np.arctan2(place[:, 1], place[:, 0])
     powers = [abs(np.sum(along * np.exp(-1j * n * theta))) for n in WAVES]
     return float(WAVES[int(np.argmax(powers))])
@@ -82,7 +84,7 @@ def _waves(place: Array, along: Array) -> float:
 def _slowing_sector(
     filtered: Filtered, asked: Array, maze: Maze, halves: Sequence[float]
 ) -> tuple[float, float, float, float]:
-    """Middle and half width, rad, and radii, m, of the sector in which a deceleration explains most."""
+    """(middle, half width, inner radius, outer radius), rad and m, of the sector where a deceleration explains most."""
     place, v = filtered.state[:, :2], filtered.state[:, 2:4]
     speed, r, theta = np.hypot(*v.T), np.hypot(*place.T), np.arctan2(place[:, 1], place[:, 0])
     slows = np.where(speed > SLOW, -np.sum(asked * v, axis=1) / np.maximum(speed, SLOW), 0.0)
@@ -102,7 +104,7 @@ def _slowing_sector(
 
 
 def _asked(filtered: Filtered) -> Array:
-    """Acceleration (N, 2) at each picture that the next innovations suggest, up to a scale."""
+    """Acceleration (N, 2) at each picture, as the next innovations suggest it, up to a scale."""
     (a, b), (xx, yy, xy) = filtered.nu.T, filtered.S.T
     det = xx * yy - xy * xy
     weighted = np.nan_to_num(np.column_stack([(yy * a - xy * b) / det, (xx * b - xy * a) / det]))
@@ -113,7 +115,7 @@ def _asked(filtered: Filtered) -> Array:
 
 
 def _bump_place(place: Array, asked: Array, maze: Maze) -> tuple[float, float, float]:
-    """Where a pull towards one place explains most, and how wide it is, m."""
+    """(x, y, width), m, of the pull towards one place that explains most."""
     reach = maze.ring(1).outer_radius
     ticks = np.arange(-reach, reach + GRID, GRID)
     coarse = ((float(x), float(y), WIDTH) for x in ticks for y in ticks if math.hypot(x, y) < reach)
@@ -124,7 +126,7 @@ def _bump_place(place: Array, asked: Array, maze: Maze) -> tuple[float, float, f
 
 
 def _pulled(place: Array, asked: Array, at: tuple[float, float, float]) -> float:
-    """The share of the suggested accelerations that a pull towards a place, with a width, explains."""
+    """How much of the suggested accelerations a pull towards a place explains. at: x, y, width, m"""
     x, y, width = at
     near = (np.abs(place[:, 0] - x) < 3.0 * width) & (np.abs(place[:, 1] - y) < 3.0 * width)
     away = (place[near] - (x, y)) / width
@@ -136,7 +138,7 @@ def _pulled(place: Array, asked: Array, at: tuple[float, float, float]) -> float
 def _frequency(t: Array, asked: Array) -> float:
     """The frequency at which the spectrum of the suggested accelerations is highest, Hz. Times are rounded to BIN s.
 
-    A push that repeats without being a sine may be higher at a multiple of its frequency."""
+    The spectrum of a repeated push may be higher at a multiple of the push's frequency."""
     places = np.round((t - t[0]) / BIN).astype(int)
     size = 2 ** math.ceil(math.log2(2.5 * (places[-1] + 1)))
     binned = np.stack([np.bincount(places, weights=column, minlength=size) for column in asked.T])

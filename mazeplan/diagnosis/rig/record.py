@@ -1,9 +1,9 @@
 """The record of a whole rig, filtered with a ball that is a rigid body: all rings at once.
 
-The model of a ring is a bead on a circle. A ball has play in its channel, spins against walls, and loses speed at
-edges. A bead shows those as wrong friction or inertia. The filter follows the ball (`physics.rigid_body`) under the
-plate's motion by the commands, and the fit finds its numbers. If the physics is right, only the camera's noise is left:
-innovations without memory.
+The model of one ring is a bead on a circle. A real ball has play in its channel, spins against walls, and loses speed
+at edges. In a model of beads, these look like wrong friction or inertia. Here, the commands move the plate, the filter
+follows the ball (`physics.rigid_body`), and the fit finds the numbers of the ball. If the physics is right, only the
+camera's noise is left: innovations without autocorrelation.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from mazeplan.physics.dynamics.walls import pack_walls
 from mazeplan.physics.effect import Term
 from mazeplan.physics.rig.stage import StageModel
 
-FEWEST = 900  # pictures
+FEWEST = 900  # minimum number of pictures of the ball
 NEEDED = ("x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns of a record of a whole rig
-PART, LEAST_PARTS, LEAST_PLAY = 15, 10, 0.8e-3  # pictures; m
-GUESSED = (  # right in a bead's model; its inertia and other friction stand in for walls, too
+PART, LEAST_PARTS, LEAST_PLAY = 15, 10, 0.8e-3  # pictures of a stretch; minimum number of stretches; minimum play, m
+GUESSED = (  # right in a model of beads, whose inertia and other friction also stand in for walls
     "rolling", "tilt_beta", "tilt_gamma", "offset_x", "offset_y", "angle", "scale", "bend", "delay",
     "gain_beta", "gain_gamma",
 )  # fmt: skip
@@ -44,9 +44,12 @@ WHITE = 0.06  # autocorrelation of innovations up to which only noise is left
 class RigRecord:
     """A record with the numbers of the ball that fit it.
 
-    fit: numbers with standard errors; body: the filter; stage: as fitted, None without commands; memory (3,):
-    autocorrelations of whitened innovations at lags 1 to 3; pictures: number of those that count; known: the model of
-    beads with which the fit began."""
+    fit: numbers with standard errors
+    body: the filter
+    stage: the fitted stage, None without commands
+    memory: autocorrelations (3,) of whitened innovations at lags 1 to 3
+    pictures: number of pictures that count
+    known: the model of beads at which the fit started"""
 
     fit: BodyFit
     body: BodyFilter
@@ -71,7 +74,7 @@ class RigRecord:
         }  # fmt: skip
 
     def _number(self, name: str) -> dict[str, Any]:
-        """A number of the document, with the least and the most over the rings in the model of beads."""
+        """A number of the document, with its minimum and maximum over the rings in the model of beads."""
         number = number_of(self.fit.model, name)
         known = () if self.known is None or number.part == "terms" else said_by(self.known, self.maze, name)
         return {
@@ -82,10 +85,10 @@ class RigRecord:
 
 
 def why_not_whole(tables: Sequence[Table]) -> str:
-    """Why records do not show a whole rig, in a few words; "" if they do: long enough, with commands, and with a ball
-    that has play in its channel.
+    """Why records do not show a whole rig, in a few words; "" if they do.
 
-    A ball without play is a bead on a circle, which the equation of a ring describes."""
+    Such records are long enough, have commands, and show a ball with play in its channel. A ball without play is a bead
+    on a circle: the equation of one ring describes it."""
     missing = [name for name in NEEDED if not all(name in table for table in tables)]
     if missing:
         return f"the record has no {' and no '.join(missing)}"
@@ -97,8 +100,9 @@ def why_not_whole(tables: Sequence[Table]) -> str:
 
 
 def _play(table: Table) -> float:
-    """Variation of the ball's distance from its circle beyond noise, m, over stretches of PART pictures, without what
-    a camera off the centre, a lens or a turned picture does: harmonics of the angle."""
+    """Variation of the ball's distance from the centre beyond noise, m, over stretches of PART pictures.
+
+    Harmonics of the angle are removed first: an offset of the camera, a lens or a turned picture causes them."""
     n = len(table) // PART * PART
     x, y = (table[name][:n].reshape(-1, PART) for name in ("x", "y"))
     seen = np.isfinite(x + y).all(axis=1)
@@ -109,12 +113,12 @@ def _play(table: Table) -> float:
     waves -= waves.mean(axis=1, keepdims=True)
     parts = parts - parts.mean(axis=1, keepdims=True)
     parts = parts - waves @ np.linalg.lstsq(waves.reshape(-1, 4), parts.ravel(), rcond=None)[0]
-    noise = np.mean(np.diff(parts, 2, axis=1) ** 2) / 6.0  # of white noise, the second difference has six times that
+    noise = np.mean(np.diff(parts, 2, axis=1) ** 2) / 6.0  # a second difference has six times the noise's variance
     return math.sqrt(max(float(np.quantile(parts.var(axis=1, ddof=1), 0.9) - noise), 0.0))
 
 
 def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
-    """The filter for a record with x and y, and the stage that fits it, None without commands. Raises TableError."""
+    """The filter for a record with x and y, and the fitted stage, None without commands. Raises TableError."""
     file = table.place
     if "x" not in table or "y" not in table:
         raise TableError("got a table without x and y, expected where the camera saw the ball", file=file)
@@ -129,7 +133,7 @@ def body_filter(table: Table, maze: Maze) -> tuple[BodyFilter, Stage | None]:
 
 
 def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | None) -> BodyFilter:
-    """The filter of a record. stage: by which the plate moves; None: by the tilt sensor."""
+    """The filter of a record. stage: moves the plate by the commands; None: the measured tilt moves the plate"""
     by_commands = None if stage is None else commanded(record, stage)
     tilt = by_commands or from_sensor(record)
     plate = PlateMotion(float(tilt.t[0]), float(tilt.t[1] - tilt.t[0]), np.ascontiguousarray(tilt.motion))
@@ -144,8 +148,10 @@ def filter_of(table: Table, record: RingRecord, maze: Maze, stage: StageModel | 
 
 
 def left_over(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
-    """What a fit does not explain: the largest autocorrelation of its innovations, and their root mean square in
-    multiples of what it would be without unexplained forces."""
+    """What a fit does not explain: autocorrelation and size of its innovations.
+
+    The first number is the largest autocorrelation. The second number is the root mean square of the innovations over
+    its value without unexplained forces."""
     model, seen = fit.model, fit.filtered
     quiet = body.run(model._replace(wander=model.wander._replace(plane=1e-6, strike=1e-3)))
     keep = np.isfinite(seen.nu[:, 0]) & np.isfinite(quiet.nu[:, 0])
@@ -154,7 +160,7 @@ def left_over(body: BodyFilter, fit: BodyFit) -> tuple[float, float]:
 
 
 def first_guess(model: RigModel | None, maze: Maze) -> BodyModel:
-    """The ball of a model of beads; a usual ball without a model."""
+    """The ball by a model of beads; the default ball without a model."""
     if model is None:
         return BodyModel()
     said = {name: values[0] for name in GUESSED if (values := said_by(model, maze, name))}
@@ -167,10 +173,11 @@ def rig_record(
     table: Table, maze: Maze, model: RigModel | None = None, *,
     free: Sequence[str] = ORDINARY, terms: Sequence[Term] = (),
 ) -> RigRecord:  # fmt: skip
-    """The ball of a record.
+    """Fit the ball to a record. Raises TableError for a record that is too short or has no positions.
 
-    model: where the fit begins; free: names of the numbers to fit (`PARAMETERS`, and EFFECT.PARAMETER of terms); terms:
-    further effects on the ball. Raises TableError for a record that is too short or has no positions."""
+    model: model of beads at which the fit starts
+    free: names of the numbers to fit (`PARAMETERS`, and EFFECT.PARAMETER of terms)
+    terms: further effects on the ball"""
     body, stage = body_filter(table, maze)
     fit = fit_body(body, first_guess(model, maze)._replace(terms=tuple(terms)), free)
     count = int(np.isfinite(fit.filtered.nu[:, 0]).sum())

@@ -1,7 +1,7 @@
 """The reference of a rig: numbers of ball, table, camera and stage when its model was right.
 
 They come from records of that time, or from the file that `learn` writes beside a model. A model alone knows less:
-camera, table, and about how much friction there is. Walls and spin are then fitted to the record, and not compared.
+camera, table, and roughly the friction. The diagnosis then fits walls and spin to the record without comparing them.
 """
 
 from __future__ import annotations
@@ -24,22 +24,25 @@ from mazeplan.maze.geometry import Maze
 from mazeplan.physics.rig.stage import StageModel
 
 GAINS = ("gain_beta", "gain_gamma", "cross_beta", "cross_gamma")
-FITTED = (  # of a reference
+FITTED = (  # numbers that are fitted for a reference
     *ORDINARY, *GAINS, "inertia", "viscous", "angle", "scale",
 )  # fmt: skip
-MOST = 18000  # pictures, ten minutes of them
-UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # to a model of beads
-SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball, and how sure that is
-FRICTION = (0.4, 1.4)  # times what a model of beads says: between these, friction is as it was
+MOST = 18000  # maximum number of pictures: ten minutes
+UNKNOWN = ("wall", "restitution", "hold", "spin", "strike")  # a model of beads does not know these
+SOLID, ROUND = 0.4, 0.02  # inertia over m R^2 of a solid ball; its standard error
+FRICTION = (0.4, 1.4)  # friction over that of a model of beads: between these, friction counts as unchanged
 
 
 @dataclass(frozen=True)
 class RigReference:
     """A rig when its model was right.
 
-    body: the ball; stage: of the model; memory, remaining: of the innovations (`record.left_over`), 0 if unknown;
-    source: in words; friction: lowest and highest rolling friction of a model of beads, m/s^2, None if the record knows
-    better; errors: of roll-outs by ring, rad (`scores.errors_by_ring`)."""
+    body: the ball
+    stage: stage of the model
+    memory, remaining: of the innovations (`record.left_over`), 0 if unknown
+    source: where the reference comes from, in words
+    friction: minimum and maximum of rolling friction by a model of beads, m/s^2; None if `body` knows friction
+    errors: errors of roll-outs by ring, rad (`scores.errors_by_ring`)"""
 
     body: Reference
     stage: Known
@@ -51,7 +54,7 @@ class RigReference:
 
 
 def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) -> RigReference:
-    """The reference by records in which the model was right. Raises TableError."""
+    """The reference from records of a time when the model was right. Raises TableError."""
     body, stage = body_filter(tables[0] if len(tables) == 1 else join(tables), maze)
     fit = _fitted(body, first_guess(model, maze))
     known = Known({}, {})
@@ -64,10 +67,10 @@ def reference_of(tables: Sequence[Table], maze: Maze, model: RigModel | None) ->
 
 
 def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
-    """The likeliest numbers of a reference, with a solid ball unless the record contradicts.
+    """The likeliest numbers of a reference. The ball is solid unless the record contradicts.
 
-    Another inertia, another scale of the tilt and other walls make nearly the same motion: a free inertia drags the
-    others along."""
+    Changes of inertia, of the tilt's scale and of the walls cause nearly the same motion. So a free inertia would
+    change the other numbers, too."""
     rest = tuple(name for name in FITTED if name != "inertia")
     near = fit_body(alternate(body), with_values(guess, {"inertia": SOLID}), rest, enough=ENOUGH)
     solid = fit_body(body, near.model, rest, enough=ENOUGH)
@@ -78,18 +81,18 @@ def _fitted(body: BodyFilter, guess: BodyModel) -> BodyFit:
 
 
 def shortened(table: Table) -> Table:
-    """The first stretches of a record, about MOST pictures: more would only take time."""
+    """The first stretches of a record, about MOST pictures. More pictures would only take time."""
     if len(table) <= MOST:
         return table
     numbers, counts = np.unique(table.segment, return_counts=True)
     kept = numbers[: max(int(np.searchsorted(np.cumsum(counts), MOST, side="right")), 1)]
-    # a segment is long if the ball is never placed again, as in a drive through all rings
+    # a segment is long if nobody places the ball again, as in a drive through all rings
     rows = np.isin(table.segment, kept) if len(numbers) > 1 else np.arange(len(table)) < MOST
     return replace(table, columns={name: column[rows] for name, column in table.columns.items()})
 
 
 def reference_by_model(model: RigModel, maze: Maze) -> RigReference:
-    """The reference by a model without records."""
+    """The reference from a model alone, without records."""
     known, guess = Known.of_model(model), first_guess(model, maze)
     own = body_of(model)
     if own is not None and model.body is not None:
@@ -116,7 +119,10 @@ def textbook() -> RigReference:
 
 
 def _inertia(model: RigModel) -> float:
-    """Inertia over m R^2 by the model's factors: a solid ball, if some contact with floor and walls explains them."""
+    """Inertia over m R^2 by the model's factors.
+
+    It is that of a solid ball if some contact with floor and walls explains the factors, otherwise the nearest
+    possible one."""
     factors = [ball.parameter("rolling_inertia", "factor", 0.0) for ball in model.balls.values()]
     factors = [factor for factor in factors if 0.0 < factor < 1.0]
     if not factors:

@@ -1,7 +1,7 @@
 """`reference.yaml` beside a model: the reference of the rig when that model was learned, for `diagnose` and `improve`.
 
 format: 1
-of: stamp of the model's rings; a model with edited rings has no reference any more
+of: stamp of the model's rings; a model whose rings were edited has no reference any more
 body: {rolling: {value, stderr, unit}, ...}
 terms: {floor_bump: {x: .., y: .., depth: .., width: ..}, ...}
 memory, remaining: of the innovations

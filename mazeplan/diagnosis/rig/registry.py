@@ -17,7 +17,7 @@ from mazeplan.physics.effect import Effect
 from mazeplan.physics.registry import EFFECTS
 
 Values = dict[str, float]
-# errors of the model itself, found on known rigs: a share of the value, and a size in its unit
+# errors of the model itself, found on known rigs: as a share of the value, and in the unit of the value
 MODEL_ERROR = {
     "rolling": (0.012, 0.0), "viscous": (0.03, 0.005), "quadratic": (0.03, 0.0), "wall": (0.03, 0.0),
     "wall_rolling": (0.1, 0.0),
@@ -26,9 +26,9 @@ MODEL_ERROR = {
 
 
 def in_registry(c: Candidate, fit: BodyFit, was: Reference, radii: Mapping[int, float]) -> Entry:
-    """A found candidate as an entry of the document: in the ring that shows it most, and in all `rings`.
+    """A found candidate as an entry of the document: values in the ring that shows it most, and in all rings.
 
-    radii: of the tracks by ring, m, the ring with most pictures first."""
+    radii: track radii by ring, m; the ring with most pictures is first"""
     if c.effect in ("local_friction", "gate_loss"):
         term = c.free[0].partition(".")[0]
         low, high = (known_value(fit.model, f"{term}.{key}") for key in ("inner", "outer"))
@@ -55,7 +55,7 @@ def _effect(c: Candidate, fit: BodyFit) -> Effect:
 
 
 def _spread(c: Candidate, fit: BodyFit, was: Reference, radius: float, at: Values) -> Values:
-    """Standard errors, by differences: ROUGH times those of the fit, and the error of the model itself."""
+    """Standard errors, by finite differences. They combine ROUGH times those of the fit and the error of the model."""
     out = dict.fromkeys(at, 0.0)
     for name in c.free:
         share, least = MODEL_ERROR.get(name, (0.0, 0.0))
@@ -68,7 +68,7 @@ def _spread(c: Candidate, fit: BodyFit, was: Reference, radius: float, at: Value
 
 
 def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> Values:
-    """Parameters of the registry's effect, on a ring of a radius (m)."""
+    """Parameters of the registry's effect, in a ring with a track radius (m)."""
     f = 1.0 / (1.0 + model.ball.inertia)
 
     def of(term: str, *keys: str) -> list[float]:
@@ -102,7 +102,7 @@ def _numbers(c: Candidate, model: BodyModel, was: Reference, radius: float) -> V
         phase = math.atan2(bc, bs) if math.hypot(bs, bc) > math.hypot(gs, gc) else math.atan2(gc, gs)
         s, c_ = math.cos(phase), math.sin(phase)
         return {"frequency": frequency, "beta": bs * s + bc * c_, "gamma": gs * s + gc * c_, "phase": phase}
-    if c.free == ("wall_rolling",):  # what it takes from a ball that rolls on the floor and on the wall
+    if c.free == ("wall_rolling",):  # its effect on a ball that rolls on the floor and on the wall
         return {"coefficient": model.ball.wall_rolling * (1.0 + model.ball.inertia) / (1.0 + 2.0 * model.ball.inertia)}
     return dict(_number(name, model, was, radius, f) for name in c.free)
 

@@ -17,9 +17,9 @@ from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.physics.registry import EFFECTS
 
 HELD_OUT = 0.5  # each half of a record is predicted from the other
-REMAINS, TWICE = 1.5, 2.0  # times the noise, from which what remains is compared, and from which it is too much
-LEAST_GAIN = 0.5  # of a tilt sensor; beyond it or its inverse columns are swapped rather than the sensor off
-CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors
+REMAINS, TWICE = 1.5, 2.0  # residual over noise: above 1.5, compare it with the earlier one; above 2, it is too large
+LEAST_GAIN = 0.5  # of a tilt sensor; below this, or above its inverse, swapped columns are more likely
+CERTAIN, SURE, BARELY = 8.0, 4.0, 0.5  # standard errors: minimum for "certain", for "sure", for any word
 DEG = 180.0 / math.pi
 SHOWN = {"rad": (DEG, "degrees"), "m": (1e3, "mm"), "s": (1e3, "ms")}  # how a person reads a unit
 SQUARES = {"rad/s^2": "rad/s²", "1/s^2": "1/s²", "m/s^2": "m/s²", "1": ""}
@@ -43,7 +43,11 @@ REPAIRS = {
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something without a name: description, what it depends on, and advice where to look."""
+    """Something without a name.
+
+    description: words for it
+    depends_on: what it depends on
+    look: advice where to look"""
 
     description: str
     depends_on: tuple[str, ...] = ()
@@ -59,9 +63,14 @@ class Unknown:
 class RigVerdict:
     """What differs from the reference.
 
-    effects: entries of the document; alike: names that the record cannot tell apart; held: predictions of the held-out
-    halves; memory, remaining: of the innovations (`record.left_over`); searched, body, stage, was: what the verdict
-    follows from; test: predictions of a further record."""
+    effects: entries of the document
+    alike: groups of names that the record cannot tell apart
+    unknown: something without a name, None if there is nothing
+    held: predictions of the held-out halves
+    memory, remaining: of the innovations (`record.left_over`)
+    searched, body, stage, was: what the verdict follows from
+    notes: what could not be compared or was refused
+    test: predictions of a further record"""
 
     effects: tuple[Entry, ...]
     alike: tuple[tuple[str, ...], ...]
@@ -92,7 +101,7 @@ class RigVerdict:
 
     @property
     def after(self) -> dict[str, float]:
-        """The same errors with what was found."""
+        """Errors of roll-outs on held-out halves, with what was found."""
         return self.held.errors("after") if self.effects or self.unknown is not None else self.before
 
     def sentences(self) -> list[str]:
@@ -100,7 +109,7 @@ class RigVerdict:
         return [sentence(self), *advice(self)]
 
     def document(self) -> dict[str, Any]:
-        """As `diagnose --json`. Every effect has the errors of all effects together, 40 samples ahead."""
+        """The document of `diagnose --json`. Every effect has the errors of all effects together, 40 samples ahead."""
         before, after = self.before, self.after
         errors = {"before": before[f"rollout{AHEAD}"], "after": after[f"rollout{AHEAD}"]}
         numbers = sorted({int(ring) for effect in self.effects for ring in effect["rings"]})
@@ -119,7 +128,7 @@ class RigVerdict:
         }  # fmt: skip
 
     def _in_ring(self, ring: str) -> dict[str, Any]:
-        """The verdict of all rings, with the sizes of this one."""
+        """The verdict on all rings, with the sizes of the effects in one ring."""
         here = []
         for effect in self.effects:
             if ring in effect["rings"]:
@@ -244,8 +253,11 @@ def _repair(effect: Entry) -> str:
 def advice(
     done: RigVerdict, written: str | None = None, add: str = "--model MODEL -o FOLDER", logs: str = "LOG"
 ) -> list[str]:
-    """What to do next, with commands behind a colon. written: the folder of the new model, if there is one; add: the
-    options that would write one; logs: of the record, as words of a command."""
+    """What to do next, with commands behind a colon.
+
+    written: folder of the new model, if there is one
+    add: options that would write a new model
+    logs: logs of the record, as words of a command"""
     repairs = [(e, f"{_repair(e)}{_place(e)}.") for e in done.effects if e["name"] in REPAIRS]
     out = list(dict.fromkeys(repair for e, repair in repairs if e.get("planned", True)))
     if any(e["name"] == "tilt_gain" and not all(LEAST_GAIN < v < 1.0 / LEAST_GAIN for v in values_of(e).values())

@@ -1,4 +1,4 @@
-"""Predictions of held-out pictures by a rigid ball: each half of a record by the numbers of the other half."""
+"""Predictions of held-out pictures by a rigid ball: for each half of a record, its numbers come from the other half."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mazeplan.learning.rollout import STEPS as AHEAD
 from mazeplan.maze.geometry import Maze
 
 EVERY = 7  # pictures between the starts of roll-outs
-FEWEST = 40  # roll-outs in a ring, to say how large their errors are
+FEWEST = 40  # minimum number of roll-outs in a ring, for a mean error
 
 
 class RingError(NamedTuple):
@@ -32,9 +32,11 @@ class RingError(NamedTuple):
 class HeldOut:
     """Predictions of held-out pictures.
 
-    starts (W,): pictures from which roll-outs start; before, after (AHEAD, W): errors of the angle, rad, 1 to AHEAD
-    samples ahead, without and with what was found; gain (B,): of -2 log L, by blocks of BLOCK_S; plain (AHEAD, W):
-    errors with the new stage alone; by_ring: of the last errors with what was found."""
+    starts: pictures (W,) from which roll-outs start
+    before, after: errors (AHEAD, W) of the angle 1 to AHEAD samples ahead, rad, without and with what was found
+    gain: gain (B,) of -2 log L in blocks of BLOCK_S s
+    plain: errors (AHEAD, W) with the new stage alone, rad
+    by_ring: mean of the errors AHEAD samples ahead with what was found, by ring"""
 
     starts: IntArray
     before: Array
@@ -45,31 +47,33 @@ class HeldOut:
 
     @property
     def nearer(self) -> bool:
-        """Whether roll-outs are nearer with the effects of ball, table and camera than without."""
+        """Whether roll-outs with the effects of ball, table and camera are at least as accurate as without."""
         return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.plain[-1]))
 
     @property
     def better(self) -> bool:
-        """Whether roll-outs are nearer with all effects, the stage's too, than without."""
+        """Whether roll-outs with all effects, also of the stage, are at least as accurate as without."""
         return float(np.nanmean(self.after[-1])) <= float(np.nanmean(self.before[-1]))
 
     @property
     def likelier(self) -> float:
-        """Standard errors by which blocks are likelier with what was found; inf if nothing was."""
+        """Standard errors by which blocks are likelier with what was found; inf if nothing was found."""
         if not np.any(self.gain):
             return math.inf
         spread = max(float(self.gain.std(ddof=1)) / math.sqrt(len(self.gain)), 1e-12)
         return float(self.gain.mean()) / spread
 
     def errors(self, which: str) -> dict[str, float]:
-        """Mean absolute errors as in the JSON; which: before or after."""
+        """Mean absolute errors of roll-outs for the JSON document, rad. which: before or after"""
         errors = getattr(self, which)
         return {f"rollout{ahead}": _mean(errors[ahead - 1]) for ahead in (AHEAD // 2, AHEAD)}
 
 
 def held_out(body: BodyFilter, old: BodyFilter, was: BodyModel, searched: Searched, maze: Maze) -> HeldOut:
-    """Predictions of a record without and with what was found. old: the filter with the plate moved by the old model's
-    stage; was: the old model."""
+    """Predictions of a record without and with what was found.
+
+    old: the filter with the plate moved by the old model's stage
+    was: the old model"""
     n, plain = len(body.pictures), searched.first.filtered
     starts = starts_of(body, plain, maze)
     before = roll_out_errors(old, was._replace(wander=searched.first.model.wander), starts)
@@ -105,7 +109,7 @@ def on_test(old: BodyFilter, was: BodyModel, new: BodyFilter, found: BodyModel, 
 
 
 def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
-    """Pictures from which roll-outs start: outside the disc, with all of the next ones in the same stretch."""
+    """Pictures from which roll-outs start: outside the central disc, with the next pictures in the same stretch."""
     n, first = len(body.pictures), body.pictures.first
     disc = max((ring.outer_radius for ring in maze.rings if ring.is_disc), default=0.0)
     begun = np.cumsum(first)
@@ -117,7 +121,7 @@ def starts_of(body: BodyFilter, filtered: Filtered, maze: Maze) -> IntArray:
 def errors_by_ring(
     body: BodyFilter, filtered: Filtered, starts: IntArray, errors: Array, maze: Maze
 ) -> dict[int, RingError]:
-    """Of the last errors (AHEAD, W), by the ring of the start, for rings with FEWEST starts or more."""
+    """Mean of the last of the errors (AHEAD, W), by the ring of the start, for rings with FEWEST starts or more."""
     r, last = np.hypot(*filtered.state[starts, :2].T), errors[-1]
     block = starts // round(BLOCK_S / body.pictures.dt)
     here = {ring.number: (r > ring.inner_radius) & (r < ring.outer_radius) & np.isfinite(last) for ring in maze.rings}
@@ -125,7 +129,9 @@ def errors_by_ring(
 
 
 def _ring_error(errors: Array, block: IntArray) -> RingError:
-    """errors (M,), block (M,): its number of each; errors of one block are not independent."""
+    """Mean and standard error of errors (M,). block: number (M,) of their blocks
+
+    Errors of one block are not independent."""
     mean = float(errors.mean())
     sums = np.bincount(block, errors - mean)
     there = len(np.unique(block))
@@ -142,8 +148,9 @@ def surprise(filtered: Filtered) -> Array:
 
 
 def roll_out_errors(body: BodyFilter, model: BodyModel, starts: IntArray) -> Array:
-    """Absolute errors (AHEAD, W) of the angle, rad, 1 to AHEAD samples behind some pictures (W,), along the plate's
-    motion; NaN where the ball was not seen."""
+    """Absolute errors (AHEAD, W) of the angle, rad, 1 to AHEAD samples after the pictures `starts` (W,).
+
+    The plate moves as in the record. NaN where the ball was not seen."""
     states, y = body.run(model).state, body.pictures.y
     places = body.rolled_out(model, states, starts, AHEAD)[:, 1:]
     there = y[starts[:, None] + np.arange(1, AHEAD + 1)]

@@ -1,13 +1,13 @@
 """The search for numbers of the ball that differ from a reference, in all rings of a record at once.
 
-One candidate after the other is added. A score test says which candidates are worth a fit:
+The search adds one candidate after the other. A score test says which candidates are worth a fit:
 
     g' F^-1 g,  g = gradient of -log L by the candidate's numbers, F = their information, both given the numbers found
 
 The best fit has to gain `NEEDED` of -2 log L. The likelihood is rough (`rigid_body_fit`): even with nothing wrong, the
-best candidate gains up to about 50. The candidate's numbers have to move by more than `SURE` standard errors of both
-records, and by more than their smallest size. The unexplained noise is free in every fit, so that no effect can stand
-in for noise.
+best candidate gains up to about 50. The candidate's numbers have to change by more than `SURE` standard errors of both
+records, and by more than their smallest size. Every fit includes the unexplained noise, so that no effect stands in for
+noise.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from mazeplan.physics.dynamics.rigid_body_effects import idle
 from mazeplan.physics.effect import Effect, Term
 from mazeplan.physics.effects.local_forces import table_swing
 
-NOISE = ("noise", "plane")  # `strike` is held: it would hide walls that are elsewhere
-NEEDED = 150.0  # of -2 log L
-PRICE = 15.0  # of -2 log L, of each number: more than the roughness of the likelihood
+NOISE = ("noise", "plane")  # `strike` stays fixed: it would hide walls that are elsewhere
+NEEDED = 150.0  # minimum gain of -2 log L
+PRICE = 15.0  # of -2 log L, for each number: more than the roughness of the likelihood
 LIKE = 0.85  # a candidate with this share of the best gain explains the record as well: a rival
-SURE = 3.5  # least change, in standard errors of both records, each multiplied by ROUGH
-ROUGH = 2.0  # values scatter so many times further from record to record than their standard errors say
+SURE = 3.5  # minimum change, in standard errors of both records, each multiplied by ROUGH
+ROUGH = 2.0  # scatter of values from record to record, in standard errors of a fit
 WORTH = 0.12  # a candidate with less than this share of the best score is not fitted
-MOST_FITTED = 3  # candidates that are fitted in a round
-STEPS = 8  # most steps of a fit that compares candidates
-POLISH = 20  # most steps of a fit whose numbers are kept
+MOST_FITTED = 3  # maximum number of candidates that are fitted in a round, apart from simpler ones
+STEPS = 8  # maximum number of steps of a fit that compares candidates
+POLISH = 20  # maximum number of steps of a fit whose numbers are kept
 ENOUGH = 4.0  # of -2 log L; a fit ends when a step gains less
-MOST_FOUND = 4  # effects
-PLANE = 3e-4  # m^2/s^3, with which a search begins
-LEAST_SCORE = 12.0  # of -2 log L; a candidate that promises less is not fitted
-PART_S, SHORT, HALF = 15.0, 6000, 0.45  # s; pictures; share of what a whole record gains
+MOST_FOUND = 4  # maximum number of effects
+PLANE = 3e-4  # m^2/s^3, minimum unexplained noise at the start of a search
+LEAST_SCORE = 12.0  # of -2 log L; a candidate with a lower score is not fitted
+PART_S, SHORT, HALF = 15.0, 6000, 0.45  # s, of a stretch; pictures, of a short record; gain of half a record
 CLEARLY = 3.0  # a finding that gains so many times NEEDED is not tested again on the whole record
 FURTHER, LEAPS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5), 3
 
@@ -52,8 +52,10 @@ FURTHER, LEAPS = (0.8, 0.9, 0.95, 1.05, 1.12, 1.25, 1.5), 3
 class Reference:
     """The ball as it was when the model was right.
 
-    stderr: of its numbers, if known; open: unknown numbers, which are fitted along; start: where a fit begins, None for
-    the model itself."""
+    model: its numbers
+    stderr: standard errors of its numbers, if known
+    open: unknown numbers, which are part of every fit
+    start: model at which fits start; None: `model`"""
 
     model: BodyModel
     stderr: dict[str, float] = field(default_factory=dict)
@@ -65,8 +67,11 @@ class Reference:
 class Searched:
     """The result of a search.
 
-    found: candidates in their order; gains: of -2 log L; rivals: for each one found, those that gained nearly as much;
-    fit, first: with all of them, and without any."""
+    found: found candidates, in the order of the search
+    gains: gain of -2 log L by each found candidate
+    rivals: for each found candidate, the candidates that gained nearly as much
+    fit: with all found candidates
+    first: fit without any candidate"""
 
     found: tuple[Candidate, ...]
     gains: tuple[float, ...]
@@ -109,7 +114,10 @@ def search_rig(
     body: BodyFilter, was: Reference, maze: Maze, tell: Callable[[str], None] = lambda text: None,
     own: Sequence[Effect] = (),
 ) -> Searched:  # fmt: skip
-    """What differs from the reference. tell: reports progress; own: effects of a user to look for."""
+    """Find what differs from the reference.
+
+    tell: reports progress
+    own: effects of a user, to look for as well"""
     candidates = (*CANDIDATES, *(of_effect(effect) for effect in own))
     always = (*NOISE, *was.open)
     places = camera_starts(body, (was.start or was.model).view, maze)
@@ -158,7 +166,7 @@ def _on_the_whole(
     body: BodyFilter, part: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
     first: BodyFit,
 ) -> Searched:  # fmt: skip
-    """Fit what a part of the record showed to the whole record, and drop what the whole does not confirm."""
+    """Fit the findings in a part of the record to the whole record. Drop findings that the whole does not confirm."""
     if not chosen:
         return Searched((), (), (), first, first)
     if part is not body:
@@ -182,7 +190,7 @@ def _pruned(
     body: BodyFilter, best: BodyFit, was: Reference, always: Sequence[str], chosen: list[_Chosen],
     doubted: Sequence[_Chosen], least: float,
 ) -> tuple[BodyFit, list[_Chosen]]:  # fmt: skip
-    """The fit without doubted findings that gain less than `least` beside the others, and the findings left."""
+    """Drop doubted findings that gain less than `least` beside the others. Returns the fit and the other findings."""
     for c in doubted:
         rest = [other for other in chosen if other is not c]
         free = _free(always, [other.candidate for other in rest])
@@ -190,12 +198,12 @@ def _pruned(
         if _still(best, was, c) and without.minus2 - best.minus2 >= least:
             continue
         best = fit_body(body, without.model, free, POLISH, ENOUGH)
-        chosen = [*rest[:-1], replace(rest[-1], like=())] if rest else []  # rivals beside a finding that is gone
+        chosen = [*rest[:-1], replace(rest[-1], like=())] if rest else []  # its rivals stood beside the dropped finding
     return best, chosen
 
 
 def alternate(body: BodyFilter) -> BodyFilter:
-    """Every other stretch of PART_S of a record, which is enough to choose candidates; all of a short record."""
+    """Every other stretch of PART_S s of a record. This is enough to choose candidates. A short record stays whole."""
     n, rows = len(body.pictures), round(PART_S / body.pictures.dt)
     return body if n < SHORT else body.part(np.arange(n) // rows % 2 == 0)
 
@@ -210,8 +218,10 @@ def _best(
     places: Mapping[str, Mapping[str, float]],
     least: float,
 ) -> tuple[_Chosen | None, BodyModel]:
-    """The candidate that explains a part of the record best, None if none gains `least`; and the model with it. base:
-    the likeliest model with what was found before, which gives minus2."""
+    """The candidate that explains a part of the record best, and the model with it. None if no candidate gains `least`.
+
+    base: the likeliest model with the earlier findings
+    minus2: -2 log L of the base"""
     begins = {c: _begun(part, base, c, places) for c in left}
     scores = _scores(part, base, free, left)
     scores = {c: max(scores[c], minus2 - begins[c][0]) - PRICE * len(c.free) for c in left}
@@ -226,7 +236,7 @@ def _best(
         return None, base
     worth = {c: gained[c] - PRICE * len(c.free) for c in sure}
     close = [c for c in sure if worth[c] > LIKE * max(worth.values())]
-    chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # of those that explain as well, the simplest
+    chosen = min(close, key=lambda c: (len(c.free), -worth[c]))  # the simplest of those that explain as well
     like = tuple(c for c in close if c is not chosen and len(c.free) == len(chosen.free))
     return _Chosen(chosen, gained[chosen], like), fits[chosen].model
 
@@ -236,7 +246,7 @@ def _free(always: Sequence[str], found: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
-    """The model with a candidate's numbers as they were."""
+    """The model with a candidate's numbers as in the reference."""
     before = with_values(model, {name: value_of(was.model, name) for name in c.fitted if "." not in name})
     gone = {name.partition(".")[0] for name in c.free if "." in name}
     return before._replace(terms=tuple(
@@ -246,7 +256,7 @@ def _without(model: BodyModel, was: Reference, c: Candidate) -> BodyModel:
 
 
 def _nought(term: Term) -> tuple[float, ...]:
-    """The numbers of a term at its place, without any size."""
+    """The numbers of a term with its places, and with sizes that have no effect."""
     pairs = zip(term.effect.parameters.items(), term.numbers, strict=True)
     return tuple(value if name in term.effect.places else p.default for (name, p), value in pairs)
 
@@ -254,7 +264,8 @@ def _nought(term: Term) -> tuple[float, ...]:
 def _begun(
     body: BodyFilter, base: BodyModel, c: Candidate, places: Mapping[str, Mapping[str, float]]
 ) -> tuple[float, BodyModel]:
-    """-2 log L and the model from which the fit of a candidate begins: the base, or a likelier one further off."""
+    """-2 log L and the model at which the fit of a candidate starts: a likelier model than the base, which is further
+    off; otherwise inf and the base."""
     tried = [places[c.effect]] if c.effect in places else []
     if c.far:
         number, at = number_of(base, c.free[0]), value_of(base, c.free[0])
@@ -266,12 +277,12 @@ def _begun(
 
 
 def _noisy(model: BodyModel) -> BodyModel:
-    """The model with enough unexplained noise for a search: its likelihood is flat with nearly none."""
+    """The model with enough unexplained noise for a search: with almost no noise, the likelihood is flat."""
     return model._replace(wander=model.wander._replace(plane=max(model.wander.plane, PLANE)))
 
 
 def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[Effect]) -> BodyModel:
-    """The model with its terms, and with all others at their likely places, without size."""
+    """The model with its terms, and with all other terms at their likely places and without effect."""
     have = {term.name: term for term in model.terms if not idle(term)}
     swings = known_value(model, "table_swing.frequency") if table_swing.name in have else 0.0
     started = (*started_terms(body, body.run(model), model.view.delay, maze, swings), *(effect() for effect in own))
@@ -281,7 +292,7 @@ def _with_starts(body: BodyFilter, model: BodyModel, maze: Maze, own: Sequence[E
 def _scores(
     body: BodyFilter, model: BodyModel, free: Sequence[str], left: Sequence[Candidate]
 ) -> dict[Candidate, float]:
-    """The gain of -2 log L by each candidate, if that were a parabola."""
+    """The gain of -2 log L by each candidate, if -2 log L were a parabola."""
     names = [*free, *(name for c in left for name in (c.first or c.free))]
     scores = score_search(body, model, names)
     g, F = scores.each.sum(axis=0), scores.information
@@ -296,8 +307,8 @@ def _scores(
 
 
 def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence[str]) -> BodyFit:
-    """The likeliest numbers. Small steps can get stuck, so numbers further from the reference, or nearer to it, are
-    tried as well."""
+    """The likeliest numbers. Small steps can get stuck. So the fit also tries numbers that are further from the
+    reference, or nearer to it."""
     fit = fit_body(body, model, free, POLISH, ENOUGH)
     numbers = [name for name in free if name not in NOISE and "." not in name]
     for _ in range(LEAPS if numbers else 0):
@@ -311,7 +322,7 @@ def _polished(body: BodyFilter, model: BodyModel, was: Reference, free: Sequence
 
 
 def _leapt(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float) -> BodyModel:
-    """The model with numbers `factor` times as far from the reference, within their bounds."""
+    """The model with its numbers `factor` times as far from the reference, within their bounds."""
     values = {}
     for name in names:
         number, old = number_of(model, name), value_of(was, name)
@@ -320,7 +331,7 @@ def _leapt(model: BodyModel, was: BodyModel, names: Sequence[str], factor: float
 
 
 def _fitted(body: BodyFilter, base: BodyModel, free: Sequence[str], c: Candidate) -> BodyFit:
-    """The likeliest numbers of a candidate together with those found before."""
+    """The likeliest numbers of a candidate, fitted together with the numbers in `free`."""
     used = {name.partition(".")[0] for name in (*free, *c.free) if "." in name}
     model = base._replace(terms=tuple(term for term in base.terms if term.name in used or not idle(term)))
     if c.first:

@@ -1,7 +1,7 @@
 """The model of a rig as it is now, from its old model and what differs from the reference.
 
-The model of beads has its own numbers for what a rigid ball does: its inertia is that of a ball that leans on walls.
-So its numbers change by as much as those of the rigid ball changed.
+The numbers in a model of beads differ from those of a rigid ball: a bead has the inertia of a ball that leans on walls.
+So the numbers of the beads change by as much as those of the rigid ball changed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _in_model(name: str) -> bool:
 
 
 def moved_model(model: RigModel, effects: Sequence[Mapping[str, Any]], fit: BodyFit) -> RigModel:
-    """The model with the effects of a verdict. fit: the ball, for a model that has a rigid one."""
+    """The model with the effects of a verdict. fit: the rigid ball, for a model that contains one"""
     new = model
     for effect in (e for e in effects if _in_model(e["name"])):
         found = {int(ring): [_entry(new, int(ring), effect, both)] for ring, both in effect["rings"].items()}
@@ -52,7 +52,7 @@ def reference_after(done: RigVerdict) -> RigReference:
 
 
 def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[str, Any]) -> Any:
-    """The entry of an effect in a ring, with the model's own numbers changed; None if it is too small there."""
+    """The entry of an effect in a ring, with changed numbers of the model; None if the effect is too small there."""
     name, now, before = effect["name"], both["after"], both["before"]
     kind = EFFECTS[name]
     if name in PLACED or kind.acts == STAGE:
@@ -76,7 +76,7 @@ def _entry(model: RigModel, ring: int, effect: Mapping[str, Any], both: Mapping[
 
 
 def _own(model: RigModel, ring: int, name: str) -> dict[str, float]:
-    """The model's numbers of an effect, in a ring."""
+    """The numbers of an effect in the model, for a ring."""
     effect = EFFECTS[name]
     if effect.acts not in BALL:
         return part_values(model, effect)

@@ -1,10 +1,11 @@
 """The verdict on a record of a rig: what differs from the rig when its model was right.
 
-The stage comes first, by commands and measured tilt alone. Ball, table and camera follow (`search`), with the plate
-moving by the fitted stage. A changed gain of the stage belongs to the servo, unless the ball felt tilts of the old
-size: then the sensor shows them too large. What was found has to predict: blocks of time that took no part in the fit
-must be likelier with it than without. What remains is compared with the camera's noise, and with what remained when
-the model was right.
+1. Commands and measured tilt alone show what differs in the stage.
+2. The fitted stage moves the plate. The search finds what differs in ball, table and camera (`search`).
+3. A changed gain of the stage belongs to the servo. If the ball felt tilts of the old size, it belongs to the tilt
+   sensor, whose scale is wrong.
+4. The findings have to predict: held-out blocks of time must be likelier with the findings than without.
+5. The residual is compared with the camera's noise, and with the residual when the model was right.
 """
 
 from __future__ import annotations
@@ -39,22 +40,24 @@ from mazeplan.physics.registry import PACKAGED
 from mazeplan.physics.rig.stage import StageModel
 
 BETTER = 2.0  # standard errors by which held-out blocks have to be likelier
-MEMORY = 0.1  # autocorrelation of innovations from which something is left
-CLEAR_GAIN = 0.05  # change of a gain that commands which overtax the servos do not make
-WORSE = 1.7  # times the error when the model was right, on average over rings
-HEALTHY, SURE = 1.2, 3.5  # times the error that healthy records have; standard errors by which a record has more
-HARDLY = 3.0  # times the smallest size
-AS_BEFORE = 1.3  # times what was left when the model was right: no more than that is no news
+MEMORY = 0.1  # autocorrelation of innovations above which something is unexplained
+CLEAR_GAIN = 0.05  # minimum change of a gain, so that overtaxed servos cannot be its cause
+WORSE = 1.7  # minimum error over the error when the model was right, mean over rings, to report it
+HEALTHY, SURE = 1.2, 3.5  # the same ratio in healthy records; standard errors by which it has to be higher
+HARDLY = 3.0  # maximum change of a small effect, in smallest sizes
+AS_BEFORE = 1.3  # residual over the residual when the model was right: up to this ratio, it is no news
 
 
 def verdict_on(
     table: Table, maze: Maze, was: RigReference, tell: Callable[[str], None] = lambda text: None,
     test: Table | None = None, own: Sequence[Effect] = (),
 ) -> RigVerdict:  # fmt: skip
-    """What differs from a reference.
+    """What differs from a reference. Raises TableError.
 
-    tell: reports progress; test: a further record, for errors before and after; own: effects of a user to look for.
-    Raises TableError."""
+    was: the reference
+    tell: reports progress
+    test: a further record, for errors before and after
+    own: effects of a user, to look for as well"""
     own, refused = _for_a_rigid_body(own)
     tell("stage")
     body, stage = body_filter(table, maze)
@@ -62,7 +65,7 @@ def verdict_on(
     servo, sensor = _gain(body, record_of(table), stage, was)
     searched = search_rig(body, was.body if sensor is None else _felt(was, sensor), maze, tell, own)
     tell("held-out part")
-    # with another scale of the sensor, the old model would believe the measured tilts
+    # the old model does not know of a changed scale of the sensor: it would believe the measured tilts
     old = body if sensor is not None else _as_it_was(table, maze, was, stage, body)
     held = held_out(body, old, was.body.start or was.body.model, searched, maze)
     found = searched.found if held.likelier > BETTER and held.nearer else ()
@@ -78,7 +81,7 @@ def verdict_on(
     unknown = _unknown(searched, found, memory, remaining, was)
     if unknown is None and not effects and not (stage is not None and stage.hurried):
         unknown = _worse_than_before(held, was)
-    # the ball's prediction starts from measured tilt then, and cannot judge the servos: `_gain` has
+    # if commands overtax the servos, the ball is predicted from measured tilt. Only `_gain` judges the servos then
     by_tilt = ("servo_gain",) if stage is not None and stage.hurried else ()
     judged = [e for e in effects if e["name"] not in by_tilt]
     if judged and not held.better:
@@ -118,7 +121,7 @@ def _small(effect: Entry) -> bool:
 
 
 def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
-    """Effects that act on a ball that is a rigid body, and notes on the others."""
+    """The user's effects that can act on a rigid ball, and notes on the others."""
     good, notes = [], []
     for effect in own:
         try:
@@ -131,7 +134,7 @@ def _for_a_rigid_body(own: Sequence[Effect]) -> tuple[list[Effect], list[str]]:
 
 
 def _as_it_was(table: Table, maze: Maze, was: RigReference, stage: Stage | None, body: BodyFilter) -> BodyFilter:
-    """The filter with the plate moved by the old model's stage; `body` if that is unknown."""
+    """The filter with the plate moved by the old model's stage; `body` if one of the stages cannot be used."""
     known = was.stage.axes()
     if known is None or stage is None or stage.hurried:
         return body
@@ -147,7 +150,7 @@ def _on_test(test: Table, maze: Maze, done: RigVerdict) -> HeldOut:
 
 
 def _notes(stage: Stage | None, was: RigReference) -> list[str]:
-    """What could not be compared."""
+    """Notes on what could not be compared."""
     notes = []
     if stage is None:
         notes.append("no commands u_beta, u_gamma in this record: servos cannot be checked, and the tilt is smoothed")
@@ -167,7 +170,9 @@ def _notes(stage: Stage | None, was: RigReference) -> list[str]:
 def _gain(
     body: BodyFilter, record: RingRecord, stage: Stage | None, was: RigReference
 ) -> tuple[Entry | None, Entry | None]:
-    """A changed gain as an effect of the servo, or of the tilt sensor if the ball felt tilts of the old size."""
+    """A changed gain as an entry of the servo, or of the tilt sensor; the other entry is None.
+
+    It belongs to the tilt sensor if the ball felt tilts of the old size."""
     servo, sensor = changed_gain(stage, was.stage)
     if stage is None or servo is None or sensor is None:
         return None, None
@@ -183,7 +188,7 @@ def _gain(
 
 
 def _felt(was: RigReference, sensor: Entry) -> Reference:
-    """The reference with tilts smaller than measured, by as much as the sensor's scale has grown."""
+    """The reference, with true tilts that are smaller than the measured ones by the growth of the sensor's scale."""
     model = was.body.model
     grown = {axis: value / sensor["known_before"][axis] for axis, value in values_of(sensor).items()}
     gains = {f"gain_{axis}": value_of(model, f"gain_{axis}") / grown[axis] for axis in AXES}
@@ -221,7 +226,9 @@ def _of_the_ball(
 
 
 def _with_asymmetry(effects: list[Entry]) -> list[Entry]:
-    """Friction with a weaker push along the rings as friction with an asymmetry: a moving ball feels the same."""
+    """Replace dry friction and a weaker push along the rings by friction with an asymmetry.
+
+    A moving ball feels the same."""
     by_name = {effect["name"]: effect for effect in effects}
     friction, push = by_name.get("dry_friction"), by_name.get("constant_torque")
     if friction is None or push is None:
@@ -238,8 +245,10 @@ def _with_asymmetry(effects: list[Entry]) -> list[Entry]:
 
 
 def _of_open_numbers(body: BodyFilter, searched: Searched, was: RigReference, radii: dict[int, float]) -> list[Entry]:
-    """Effects of numbers that the reference does not know: all that differ from a textbook ball; with a model of beads
-    the friction, if it is far from the model's."""
+    """Effects of numbers that the reference does not know.
+
+    Against a textbook ball, these are all numbers that differ from it. Against a model of beads, this is friction, if
+    it is far from the model's friction."""
     fit = searched.fit
     if was.body.start is not None:
         some = [c for c in CANDIDATES if c.effect and set(c.free) <= set(was.body.open)]
@@ -269,7 +278,8 @@ def _radii(maze: Maze, filtered: Filtered) -> dict[int, float]:
 def _unknown(
     searched: Searched, found: Sequence[Candidate], memory: float, remaining: float, was: RigReference
 ) -> Unknown | None:
-    """Something without a name: a candidate without one, or innovations that remember more than they did."""
+    """Something without a name: a candidate without a name, or innovations that are larger or more correlated than
+    before. Otherwise None."""
     nameless = [c for c in found if not c.effect]
     if nameless:
         words = "; ".join(c.description(searched.fit.model) for c in nameless)

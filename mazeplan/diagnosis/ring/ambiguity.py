@@ -1,4 +1,4 @@
-"""Experiments that tell apart effects which one record cannot: a command of `collect`, and what to do first."""
+"""Experiments for effects that one record cannot tell apart: a command of `collect`, and what to do first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from mazeplan.diagnosis.coordinate.system import Values
 
 @dataclass(frozen=True)
 class Experiment:
-    """effects: which it tells apart; why; first: what a person does before; options: for `mazeplan collect`."""
+    """An experiment that tells effects apart.
+
+    effects: their names
+    why: why the experiment tells them apart
+    first: what a person does before
+    options: options of `mazeplan collect`"""
 
     effects: frozenset[str]
     why: str
@@ -40,16 +45,16 @@ EXPERIMENTS = tuple(Experiment(frozenset(effects), *rest) for effects, *rest in 
      "", "--tilt 1.5 --highest-hz 0.5"),
     (("viscous_friction", "friction_drift"), "a drift needs time to show", "", "--seconds 900"),
 ))  # fmt: skip
-FAR = 0.2  # by how much the scale of a tilt sensor is off, beyond which one looks for other reasons
-SAME = 0.03  # share by which two scales may differ that are called the same, beside their errors
+FAR = 0.2  # error of a tilt sensor's scale beyond which other causes are likely
+SAME = 0.03  # relative difference up to which two scales count as equal; their standard errors may allow more
 ANY = Experiment(frozenset(), "more of everything: a longer record, with slow and fast tilts", options="--seconds 900")
 
 
 def twins(values: Values, stderr: Values) -> list[tuple[str, ...]]:
-    """Groups of names that mean nearly the same at the sizes that were found.
+    """Groups of effects that look nearly the same at the sizes that were found.
 
     A sensor with the same large scale on both axes looks like a ball that accelerates less because it rolls. Only the
-    plate's own rotation tells them apart, and its effect on a rolling ball is hardly known."""
+    rotation of the plate tells them apart, and the effect of this rotation on a rolling ball is hardly known."""
     if "tilt_gain" not in values or "rolling_inertia" in values:
         return []
     (beta, gamma), errors = values["tilt_gain"].values(), stderr["tilt_gain"].values()
@@ -59,7 +64,9 @@ def twins(values: Values, stderr: Values) -> list[tuple[str, ...]]:
 
 
 def on_machine(ways: Sequence[Mapping[str, str]], options: Sequence[str], note: str = "") -> list[dict[str, str]]:
-    """The commands of `experiment_for` with options of `collect` for a machine. note: what a person has to fill in."""
+    """The experiments of `experiment_for`, with options of `collect` for a machine in their commands.
+
+    note: what a person has to fill in"""
     given = "".join(f" {shlex.quote(option)}" for option in options)
     start = "mazeplan collect"
     return [
@@ -69,7 +76,7 @@ def on_machine(ways: Sequence[Mapping[str, str]], options: Sequence[str], note: 
 
 
 def experiment_for(group: Sequence[str], ring: int | None) -> dict[str, str]:
-    """What to do about a group of effects, the likeliest first: {"why", "first", "command"}."""
+    """The experiment for a group of effects, the likeliest effect first: {"why", "first", "command"}."""
     names = set(group)
     known = [e for e in EXPERIMENTS if e.effects <= names]
     best = next((e for e in known if group and group[0] in e.effects), known[0] if known else ANY)

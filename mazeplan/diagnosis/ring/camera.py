@@ -2,9 +2,9 @@
 
     r = R + x_0 cos(theta) + y_0 sin(theta)     to first order in the offset
 
-for a camera whose centre is (x_0, y_0) off. A shifted circle also bends theta, so it is straightened before the ball is
-looked at. Where r was not measured, a ball that is known to stay at the track radius R tells the offset by how it
-moves: it was seen at the angle theta of (x_0 + R cos(phi), y_0 + R sin(phi)), hence
+for a camera with the offset (x_0, y_0). The offset also distorts theta. Therefore theta is corrected before the
+diagnosis of the ball. If r was not measured, the motion of the ball shows the offset, because the ball stays at the
+track radius R. The camera sees the ball at the angle theta of (x_0 + R cos(phi), y_0 + R sin(phi)). Hence
 
     phi = theta + asin((x_0 sin(theta) - y_0 cos(theta)) / R)
 """
@@ -20,15 +20,20 @@ from mazeplan.diagnosis.effect_entry import Entry, effect_entry
 from mazeplan.physics.effects.rig import camera_offset
 
 FEWEST = 100
-SMALLEST = 1e-4  # m; an offset worth a word
+SMALLEST = 1e-4  # m; smallest offset to report
 SURE = 15.0  # of -2 log L with its penalty
-BLOCK = 30  # samples; as one: the ball stays at one wall of its channel for a while
+BLOCK = 30  # samples that count as one, because the ball stays at one wall of its channel for a while
 
 
 @dataclass(frozen=True)
 class Circle:
-    """A fitted circle: radius, offset (m), their standard errors, evidence for the offset (penalised -2 log L), spread
-    of r before and after (m)."""
+    """A fitted circle.
+
+    radius: m
+    offset: x and y, m
+    stderr: standard errors of radius, x and y, m
+    evidence: gain of -2 log L by the offset, with its penalty
+    before, after: standard deviation of r without and with the offset, m"""
 
     radius: float
     offset: tuple[float, float]
@@ -39,7 +44,7 @@ class Circle:
 
     @property
     def shifted(self) -> bool:
-        """Whether the offset is there and worth a word."""
+        """Whether the offset is significant and large enough to report."""
         return self.evidence > SURE and float(np.hypot(*self.offset)) > max(SMALLEST, 3.0 * max(self.stderr[1:]))
 
     def entry(self) -> Entry:
@@ -52,8 +57,8 @@ class Circle:
 
 
 def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
-    """The circle through measured (theta, r) of some rows; None where there are too few, only an arc of them,
-    or no scatter at all."""
+    """The circle through measured (theta, r) of some rows. None if the rows are few, show only an arc, or have no
+    scatter."""
     keep = rows & np.isfinite(theta) & np.isfinite(r)
     if keep.sum() < FEWEST:
         return None
@@ -64,7 +69,7 @@ def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
     w, *_ = np.linalg.lstsq(X, y, rcond=None)
     left = y - X @ w
     before, after = float(np.std(y)), float(np.std(left))
-    if not after > 0.0:  # radii that were written down, not measured
+    if not after > 0.0:  # these radii are nominal, not measured
         return None
     share = max(1.0, _together(left))
     n = len(y) / share
@@ -81,25 +86,25 @@ def fit_circle(theta: Array, r: Array, rows: np.ndarray) -> Circle | None:
 
 
 def _together(left: Array) -> float:
-    """By how much neighbours repeat each other: variance of block means over that of independent samples."""
+    """Correlation of neighbours: variance of block means over its value for independent samples."""
     blocks = left[: len(left) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
     return float(np.var(blocks) * BLOCK / max(np.var(left), 1e-300)) if len(blocks) > 3 else 1.0
 
 
 def straightened(theta: Array, r: Array, offset: tuple[float, float]) -> Array:
-    """theta about the true centre, on the same turn."""
+    """Angle about the true centre, on the same turn as theta."""
     x, y = r * np.cos(theta) - offset[0], r * np.sin(theta) - offset[1]
     turn = np.arctan2(y, x) - theta
     return theta + (turn + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def unbent(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
-    """Angle about the true centre of a ball on a circle (radius, m) that was seen at theta by a camera that is off."""
+    """Angle about the true centre, for a ball on a circle (radius, m) that a camera with an offset sees at theta."""
     return theta + np.arcsin(_sine(theta, radius, offset))
 
 
 def as_seen(phi: Array, radius: float, offset: tuple[float, float]) -> Array:
-    """The way back: theta from the angle about the true centre, on the same turn."""
+    """Inverse of `unbent`: the seen angle theta from the angle about the true centre, on the same turn."""
     x, y = offset
     c, s = np.cos(phi), np.sin(phi)
     return phi + np.arctan2(y * c - x * s, radius + x * c + y * s)
@@ -113,5 +118,5 @@ def bending(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
 
 
 def _sine(theta: Array, radius: float, offset: tuple[float, float]) -> Array:
-    # an offset near the radius, which only a search on its way may try, has no circle around the camera
+    # only a search on its way tries offsets near the radius; the ball's circle then does not surround the camera
     return np.clip((offset[0] * np.sin(theta) - offset[1] * np.cos(theta)) / radius, -0.9, 0.9)

@@ -1,4 +1,4 @@
-"""What a diagnosis looks for on a ring: effects of the registry, and what the tilt sensor leaves open of the stage."""
+"""Candidates for the diagnosis of one ring: effects of the registry, and errors of the fitted stage."""
 
 from __future__ import annotations
 
@@ -9,26 +9,27 @@ from mazeplan.physics.effect import BALL, FORCE, Effect, Parameter
 from mazeplan.physics.effects.openings import WALLS
 
 STAGE_ERRORS = "stage"  # the pseudo-effect of `stage_errors`
-# of the rig, what the ball shows; stage and tilt sensor are held against the model by themselves (`parts`)
+# effects of the rig that the ball shows; `stage.comparison` compares stage and tilt sensor with the model
 BY_THE_BALL = ("tilt_gain", "axis_misalignment", "camera_offset", "sensor_delay")
-# named by other means: a draught is a table that is not level unless the maze is turned; a rocking table is what swings
-# with time as sin and cos of theta; an unbalanced ball loses its phase with every slip
+# named by other means: a draught looks like a table that is not level, unless somebody turns the maze; a rocking table
+# shows as a force that swings with time, as sin and cos of theta; an unbalanced ball loses its phase with every slip
 NOT_SEARCHED = ("constant_force", "table_rocking", "ball_imbalance", "local_friction", *(e.name for e in WALLS))
 
 
 def ring_library() -> list[Effect]:
-    """Everything of the package that can be named on a ring of which no map is known."""
+    """All packaged effects that a diagnosis can name on a ring without a map."""
     known = registry.PACKAGED.items()
     return [e for name, e in known if name not in NOT_SEARCHED and (e.acts in BALL or name in BY_THE_BALL)]
 
 
 def stage_errors(directions: Iterable[str]) -> Effect:
-    """What the tilt sensor leaves open of the stage, in standard errors along independent directions. Fitted along
-    where values and intervals are reported; never a finding."""
+    """Errors of the fitted stage, in standard errors along independent directions (`plate_motion.Stage`).
+
+    They are fitted together with the effects where values and intervals are reported. They are never a finding."""
     one = Parameter("1", 0.0, -10.0, 10.0, step=0.1, prior=1.0)
     return Effect(STAGE_ERRORS, dict.fromkeys(directions, one), STAGE_ERRORS, named=False)
 
 
 def is_smooth(effect: Effect) -> bool:
-    """Whether it changes the acceleration without jumps."""
+    """Whether the effect changes the acceleration without jumps."""
     return effect.acts in (FORCE, "drag", "gravity") or effect.name in ("tilt_gain", "axis_misalignment")

@@ -1,6 +1,6 @@
 """Diagnose a record of a ball in one ring: stage, camera and ball, one after the other.
 
-The search and every fit see 70 % of the samples only. The scores before and after are of the rest (`holdout`).
+The search and all fits see 70 % of the samples. The scores before and after use the held-out rest (`holdout`).
 """
 
 from __future__ import annotations
@@ -36,16 +36,19 @@ from mazeplan.physics.effects.openings import Openings, closer_library, finer_li
 from mazeplan.physics.registry import EFFECTS
 
 OF_THE_STAGE = tuple(name for name, effect in EFFECTS.items() if effect.acts == STAGE)
-GAP = 30  # samples; the filter starts again if the ball was away for longer
+GAP = 30  # samples; the filter starts again if the ball was not seen for longer
 
 
 @dataclass(frozen=True, kw_only=True)
 class RingDiagnosis(Diagnosis):
     """What was found in one ring.
 
-    circle: the camera's picture of the ring; stage: fits of both axes, None without commands; tilt_source: of the
-    plate's motion, in words; apart: an experiment for each group that cannot be told apart; held: which rows are held
-    out, in words; remainder: what a Gaussian process learns of the rest."""
+    circle: the ring as the camera sees it, None if it was not fitted
+    stage: fits of both axes, None without commands
+    tilt_source: where the plate's motion comes from, in words
+    apart: an experiment for each group of effects that this record cannot tell apart
+    held: which rows are held out, in words
+    remainder: what a Gaussian process learns of the residual"""
 
     before: RingScore
     after: RingScore
@@ -99,14 +102,17 @@ def diagnose(
     """Find what the declared effects lack.
 
     radius: of the track, m
-    ring: its number, for proposals
+    declared: known effects
+    ring: number of the ring, for proposed commands
     gates: openings of the ring in the map, if a map is known
-    more, without: effects beside the library, and names of effects to leave out
+    more: effects to look for beside the library
+    without: names of effects to leave out
     test: a further record, for scores only
-    fold: the rows to hold out (`holdout`), None for the usual ones
-    known: the model's stage, None for what is declared
-    camera: effects of the camera that all rings together show (`maze_camera`), None if they show nothing
-    as_model: the record as the model's camera shows it, for the scores before, if that differs"""
+    fold: which rows to hold out (`holdout`); None: the default
+    known: the model's stage; None: the declared one
+    camera: effects of the camera that all rings together show (`maze_camera`); None: look for an offset in this ring
+    as_model: the record with the model's camera, for the scores before; None: `record`
+    progress: reports progress"""
     tell = progress or (lambda text: None)
     rows, held, which = seen_and_held(record, fold)
     seen = np.isfinite(record.theta)
@@ -156,8 +162,9 @@ def diagnose(
 
 
 def _gain_effect(stage: Stage | None, known: Known, likelihood: Likelihood) -> tuple[Entry | None, tuple[str, ...]]:
-    """The cause of a changed gain, servo or tilt sensor, None if nothing changed; and the names that this record cannot
-    tell apart. The likelier scale of the tilt decides."""
+    """The cause of a changed gain, and the names that this record cannot tell apart.
+
+    The cause is the servo or the tilt sensor, None if nothing changed. The likelier scale of the tilt decides."""
     servo, sensor = changed_gain(stage, known)
     if servo is None or sensor is None:
         return None, ()
@@ -197,9 +204,9 @@ def _as_it_was(
     record: RingRecord, tilt: Tilt, radius: float, declared: Values, library: Sequence[Effect], loose: bool,
     fold: int | None,
 ) -> tuple[Likelihood, Fit, RingScore]:  # fmt: skip
-    """Likelihood, fit of the noise and scores of the declared model on the record as its own camera shows it.
+    """Likelihood, fit of the noise and scores of the declared model, on the record with the model's camera.
 
-    loose: fit what the tilt sensor leaves open of the stage along."""
+    loose: whether to fit the errors of the stage as well (`candidates.stage_errors`)"""
     rows, held, _ = seen_and_held(record, fold)
     record, (rows, held) = _with_ball(record, rows, held)
     plain = _likelihood(record, tilt, radius, declared, library, rows)
@@ -213,7 +220,7 @@ def _libraries(
 ) -> tuple[list[Effect], list[Effect], list[Effect]]:
     """Effects to look for, closer models of openings, and models with more parameters.
 
-    measured: the radii show where the camera is."""
+    measured: whether the record has radii, which show the camera's offset"""
     named = [_from_declared(c, declared) for c in ring_library() if not (measured and c.name == "camera_offset")]
     named = [*named, *wall_library(gates), *more]
     plain, closely, finer = (
@@ -223,8 +230,9 @@ def _libraries(
 
 
 def _from_declared(candidate: Effect, declared: Values) -> Effect:
-    """The candidate with fits that start at the declared sizes: one linear step from far below a friction that is known
-    already says nothing."""
+    """The candidate, with fits that start at its declared sizes.
+
+    One linear step that starts far below a known friction says nothing."""
     had = declared.get(candidate.name)
     if had is None or candidate.places or not any(had.values()):
         return candidate
@@ -232,8 +240,9 @@ def _from_declared(candidate: Effect, declared: Values) -> Effect:
 
 
 def _with_ball(record: RingRecord, *masks: np.ndarray) -> tuple[RingRecord, tuple[np.ndarray, ...]]:
-    """The record without stretches in which the ball is elsewhere, and masks (N,) of what is left. They would only take
-    time. Gaps of a few samples stay."""
+    """The record without the stretches in which the ball is elsewhere, and the masks for the remaining rows.
+
+    Such stretches would only take time. Gaps of up to GAP samples stay. masks: (N,)"""
     keep, first = np.ones(len(record), dtype=bool), record.first.copy()
     for a, b in runs(~np.isfinite(record.theta)):
         if b - a > GAP or first[a : b + 1].any():
@@ -244,8 +253,10 @@ def _with_ball(record: RingRecord, *masks: np.ndarray) -> tuple[RingRecord, tupl
 
 
 def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effect, rows: np.ndarray) -> Entry:
-    """An effect of the document, with the 40-step error (rad) on some rows without it, all others fitted again by
-    `judge`, and with it."""
+    """The effect as an entry of the document, with the 40-step errors (rad) on some rows.
+
+    before: error without this effect; `judge` fits all others again
+    after: error with it"""
     final = finding.final
     before, after = (
         score(likelihood, found, rows).document()["rollout40"] for found in (fit_without(judge, final, c), final)
@@ -259,7 +270,7 @@ def _entry(likelihood: Likelihood, judge: Likelihood, finding: Finding, c: Effec
 
 
 def _chance(finding: Finding) -> tuple[str, ...]:
-    """How the best placebo did."""
+    """A note on how much the best placebo explains."""
     placebos = [t for t in finding.ranked if t.candidate.placebo]
     if not placebos:
         return ()
@@ -289,8 +300,9 @@ def _remainder(
     likelihood: Likelihood, finding: Finding, record: RingRecord, rows: np.ndarray, held: np.ndarray,
     tell: Callable[[str], None],
 ) -> Remainder | None:  # fmt: skip
-    """What a Gaussian process learns of the rest, if there is a rest: a term without a name, or blows that the record's
-    own accelerations show."""
+    """What a Gaussian process learns of the residual.
+
+    None, unless a term without a name was found or the record has accelerations of its own, which show blows."""
     if finding.unknown is None and matched_target(ring_of(likelihood)) is None:
         return None
     fits = [finding.final, *([finding.plainer] if finding.plainer is not None else [])]

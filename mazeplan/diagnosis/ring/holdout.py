@@ -12,17 +12,18 @@ from mazeplan.learning.split import block_split, near_border
 
 BLOCK_S = 10.0  # s
 FOLDS = 4  # ways to hold out blocks of a record in turn
-GUARD = 8  # rows at a border that are neither: the window of a derivative, and the state of the filter, reach across
-INNER_S, INNER, TRIED = 5.0, 4, (0, 2)  # s; of so many such blocks of seen rows one is tried, two of them in turn
-LONGEST = 0.5  # of the record: with a stretch longer than this it counts as one piece
+GUARD = 8  # rows at a border that belong to neither set: windows of derivatives and states of the filter reach across
+INNER_S, INNER, TRIED = 5.0, 4, (0, 2)  # s, of an inner block; blocks in a group; test blocks of a group, in turn
+LONGEST = 0.5  # share of the record; with a longer stretch, the record counts as one piece
 
 
 def seen_and_held(record: RingRecord, fold: int | None = None) -> tuple[np.ndarray, np.ndarray, str]:
-    """Seen rows and held-out rows (N,), and the held-out rows in words. fold: one of FOLDS; together they hold out each
-    row once.
+    """Seen rows and held-out rows (N,), and the held-out rows in words.
 
-    The last part of an uninterrupted record is held out: a model has to predict what comes later. A record in many
-    pieces has no such order, so blocks all over it are held out."""
+    fold: number of a fold, below FOLDS; all folds together hold out each row once. None: the default
+
+    By default, the last part of an uninterrupted record is held out, because a model has to predict what comes later.
+    A record in many pieces has no such order, so blocks all over the record are held out."""
     if fold is not None:
         wanted = np.arange(len(record)) // max(round(BLOCK_S / record.dt), 1) % FOLDS == fold
         kept = ~near_border(wanted, record.segment.astype(np.float64), GUARD)
@@ -40,8 +41,9 @@ def seen_and_held(record: RingRecord, fold: int | None = None) -> tuple[np.ndarr
 def inner_folds(
     record: RingRecord, seen: np.ndarray, tried_blocks: Sequence[int] = TRIED
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Rows (N,) to learn from and rows to try on, both among the seen ones. tried_blocks: which of INNER blocks to try,
-    one after the other."""
+    """Pairs of training rows and test rows (N,), both among the seen rows.
+
+    tried_blocks: which blocks of each group of INNER blocks to test, one after the other"""
     block = np.arange(len(record)) // max(round(INNER_S / record.dt), 1)
     for which in tried_blocks:
         tried = block % INNER == which

@@ -1,15 +1,20 @@
-"""What named effects leave of an acceleration, learned without a name: a Gaussian process on the residual.
+"""A Gaussian process learns the residual of the named effects. It shows how much better a model could become.
 
-    theta_dd - (what the model with all named effects predicts) ~ GP(inputs)
+    theta_dd - (prediction of the model with all named effects) ~ GP(inputs)
 
-Inputs are the state as an opening sees it (`features.local_inputs`): tilts averaged as the target is, what they were a
-while ago, the angle, and the rate of theta before the first sample of the target's window. Where the named effects
-expect a blow it may come or not, so what they predict is an input, too, if blocks of the seen rows are predicted better
-with it. None of them looks at what is predicted. Where effects are named in finer words, a second process learns what
-the plainer ones leave, and the two are averaged: what one takes up by chance the other has not. Where the camera was
-found to be off, angle and residual are those about the true centre. Kernel and training are those of the ball models
-(`gp_training`); a rough kernel, since what is left comes from edges. It says how much better a model could become that
-knows more, and names nothing.
+The Gaussian process gives no cause a name. Its inputs are the state as an opening sees it (`features.local_inputs`):
+
+    tilts, averaged in the same way as the target, and earlier tilts
+    angle of the ball
+    rate of theta before the first sample of the target's window
+
+The prediction of the named effects becomes an input, too, if it lowers the error on blocks of the seen rows. The reason
+is that a blow may come or not where the effects expect it. No input is computed from the target.
+
+If models with more parameters replaced some effects, a second Gaussian process learns the residual of the plainer fit.
+The two predictions are averaged, because their chance errors differ. If the camera has an offset, angle and residual
+refer to the true centre. Kernel and training are those of the ball models (`gp_training`). The kernel is a rough one,
+because the residual comes from edges.
 """
 
 from __future__ import annotations
@@ -34,31 +39,38 @@ from mazeplan.learning.fitting import FitOptions, fit_process
 from mazeplan.learning.gp_training import TrainingOptions
 from mazeplan.learning.samples import RingSamples, SampleOptions, ring_samples
 
-MOST = 5000  # rows of the process
-FEWEST = 200  # rows from which something can be learned
-TRAINING = TrainingOptions(first=900, rows=2000, starts=2, refinement=40, family="exponential")  # as `compare` has it
-QUICK = replace(TRAINING, first=400, rows=1000, starts=1, iterations=15, refinement=25)  # to choose by
+MOST = 5000  # maximum number of training rows
+FEWEST = 200  # minimum number of rows to train or to test on
+TRAINING = TrainingOptions(first=900, rows=2000, starts=2, refinement=40, family="exponential")  # same as `compare`
+QUICK = replace(TRAINING, first=400, rows=1000, starts=1, iterations=15, refinement=25)  # for the choice of inputs
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """nRMSE of theta_dd on rows held out, of the named effects alone and with the process; rows it was trained on."""
+    """Errors on held-out rows.
+
+    before: nRMSE of theta_dd with the named effects alone
+    nrmse: nRMSE of theta_dd with the Gaussian process added
+    rows: number of training rows"""
 
     before: float
     nrmse: float
     rows: int
 
     def document(self) -> dict[str, Any]:
-        """Plain and rounded."""
+        """Entry of the JSON document, rounded."""
         return {"before": rounded(self.before), "nrmse": rounded(self.nrmse), "rows": self.rows}
 
 
 @dataclass(frozen=True)
 class _Left:
-    """The rest of the named effects, about the true centre, in n rows.
+    """The residual of the named effects in n rows, about the true centre.
 
-    samples: states; expected, left (n,): accelerations that the effects predict, and the rest, rad/s^2; slope (n,): of
-    the true angle by the measured one; good (n,): True if both are known."""
+    samples: states
+    expected: accelerations (n,) that the effects predict, rad/s^2
+    left: residual (n,), rad/s^2
+    slope: derivative (n,) of the true angle by the measured angle
+    good: True (n,) where state and residual are known"""
 
     samples: RingSamples
     expected: Array
@@ -67,13 +79,15 @@ class _Left:
     good: np.ndarray
 
     def among(self, rows: np.ndarray) -> IntArray:
-        """Indices of the good ones among rows (N,) of the record."""
+        """Indices of the good samples in these rows (N,) of the record."""
         return np.flatnonzero(self.good & rows[self.samples.row])
 
     def learned(
         self, train: IntArray, test: IntArray, knows: bool, training: TrainingOptions, tell: Callable[[str], None]
     ) -> Array:
-        """The rest in some rows (K,), by a Gaussian process trained on others. knows: what the effects expect, too."""
+        """Prediction (K,) of the residual in the test rows, by a Gaussian process trained on the train rows.
+
+        knows: whether the prediction of the effects is an input"""
         options = FitOptions(most=MOST, inputs="local", training=training)
         odd = self.expected[:, None] if knows else np.empty((len(self.expected), 0))
         process, _ = fit_process(
@@ -91,9 +105,9 @@ def remainder(
     held: np.ndarray,
     tell: Callable[[str], None],
 ) -> Remainder | None:
-    """Learned on rows that were seen (N,), scored on those held out; None where torch is missing or rows are few.
+    """Train on seen rows (N,) and score on held-out rows (N,). None if torch is missing or rows are few.
 
-    fits: of the named effects, the one that is reported first."""
+    fits: fits of the named effects; the first of them is the reported fit"""
     target, reported = acceleration_pairs(likelihood, fits[0])
     what = _left(likelihood, fits[0], record, target, reported)
     train, test = what.among(seen), what.among(held)
@@ -120,7 +134,7 @@ def remainder(
 
 
 def _left(likelihood: Likelihood, fitted: Fit, record: RingRecord, target: Array, predicted: Array) -> _Left:
-    """What is left of a target (N,) by what the named effects predict (N,)."""
+    """The residual: target (N,) minus the accelerations (N,) that the named effects predict."""
     system, values = ring_of(likelihood), fitted.values
     samples = _samples(replace(record, theta=system.position(values)), system.radius)
     slope = system.slope(values)[samples.row]
@@ -130,7 +144,7 @@ def _left(likelihood: Likelihood, fitted: Fit, record: RingRecord, target: Array
 
 
 def _better_informed(what: _Left, folds: Sequence[tuple[np.ndarray, np.ndarray]], tell: Callable[[str], None]) -> bool:
-    """Whether a process that knows what the named effects predict leaves less on blocks of the seen rows."""
+    """Whether the prediction of the named effects, as an input, lowers the error on blocks of the seen rows."""
     pairs = [(what.among(learn), what.among(tried)) for learn, tried in folds]
     if min(len(rows) for pair in pairs for rows in pair) < FEWEST:
         return False
@@ -145,7 +159,7 @@ def _better_informed(what: _Left, folds: Sequence[tuple[np.ndarray, np.ndarray]]
 
 
 def _samples(record: RingRecord, radius: float) -> RingSamples:
-    """The record with rates from before the window of the target."""
+    """Samples of the record, with rates of theta from before the target's window."""
     columns: dict[str, Array] = {
         "t": record.t, "theta": record.theta, "beta": record.beta, "gamma": record.gamma,
         "segment": record.segment.astype(np.float64),

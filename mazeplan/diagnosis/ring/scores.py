@@ -1,19 +1,19 @@
-"""How well a model does on rows that took no part in search or fit.
+"""Scores of a model on held-out rows.
 
-The target of nRMSE is an acceleration, which is not measured: it comes from positions by a smoothing. A model must go
-through the same smoothing. Otherwise a perfect one would seem wrong wherever the acceleration changes in its window.
+nRMSE compares accelerations. The record measures positions, and a smoothing turns them into accelerations. A model must
+go through the same smoothing. Otherwise a perfect model would seem wrong where the acceleration changes in a window.
 
-matched     Where the record brings a column theta_ddot that is the Savitzky-Golay second derivative (window 7, order 2)
-            of its theta, that column is the target. The model predicts the positions of the window: from the state that
-            the filter had at its first sample, knowing measurements up to that one and none later, along the tilt. The
-            same weights are put on them as were put on the measured positions,
+matched     The record has a column theta_ddot, which is the Savitzky-Golay second derivative (window 7, order 2) of its
+            theta. This column is the target. The model predicts the positions of each window along the measured tilt.
+            It starts at the filter's state at the first sample of the window, which knows no later measurement. The
+            predicted positions get the same weights as the measured ones:
 
                 sum_j c_j theta_(k+j),   j = -3 .. 3
 
-            which is the model's acceleration averaged with `smoothing.acceleration_kernel`, exactly so where the
-            acceleration is linear between samples, and also right where the ball meets a gate or comes to rest.
-smoothed    Everywhere else: target is the acceleration by a Rauch-Tung-Striebel smoother whose noise is found from the
-            record, and the model's is taken in the state that the same smoother gives.
+            This is the model's acceleration, averaged with `smoothing.acceleration_kernel`. It is exact if the
+            acceleration is linear between samples. It is also right where the ball meets an opening or comes to rest.
+smoothed    All other records. The target is the acceleration by a Rauch-Tung-Striebel smoother, which finds its noise
+            from the record. The model's acceleration is computed in the state that the same smoother gives.
 """
 
 from __future__ import annotations
@@ -34,20 +34,22 @@ from mazeplan.diagnosis.excess import TOO_SELDOM, more_than_noise
 from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.learning.smoothing import Smoothing, derivatives
 
-AHEAD = (20, 40)  # samples
+AHEAD = (20, 40)  # samples ahead at which roll-outs are scored
 EVERY = 10  # samples from one roll-out's start to the next
 SETTLED = 30  # samples of a stretch before a roll-out may start
 MATCHED = Smoothing(window=7, order=2)
-SAME = 1e-2  # of the target's spread: up to this a column of accelerations is what `MATCHED` makes of theta
-KNOWN = 2  # samples of a stretch from which the filter knows the speed
+SAME = 1e-2  # maximum difference between a matched column and `MATCHED` of theta, in standard deviations of the latter
+KNOWN = 2  # samples of a stretch after which the filter knows the speed
 
 
 @dataclass(frozen=True)
 class RingScore(Score):
     """Errors on some rows.
 
-    nrmse: of theta_dd; rollout20, rollout40: mean absolute error of theta (rad) after so many samples; floor: the error
-    after 40 that noise would cause alone, with what it leaves unknown of the start; windows: number of roll-outs."""
+    nrmse: of theta_dd
+    rollout20, rollout40: mean absolute error of theta after 20 and 40 samples, rad
+    floor: noise floor of rollout40, rad; it includes the uncertainty of the start
+    windows: number of roll-outs"""
 
     nrmse: float
     rollout20: float
@@ -85,7 +87,7 @@ class RingScore(Score):
         return f"40-step error {self.rollout40:.4f} -> {after.rollout40:.4f} rad"
 
     def change(self, after: RingScore) -> str:
-        """The same, and that the found effects do not help where they do not."""
+        """As `both`, with a remark if the found effects do not lower the error."""
         worse = math.isfinite(self.rollout40) and after.rollout40 > self.rollout40
         no_better = " where it was held out, which is no better: a longer record would tell more"
         return self.both(after) + no_better * worse
@@ -116,7 +118,7 @@ def score(likelihood: Likelihood, fitted: Fit, rows: np.ndarray) -> RingScore:
 
 
 def nrmse(target: Array, predicted: Array, rows: np.ndarray) -> float:
-    """Root mean square error over the spread of the target, on those of the rows (N,) where both are known."""
+    """Root mean square error over the standard deviation of the target, on rows (N,) where both are known."""
     good = rows & np.isfinite(target) & np.isfinite(predicted)
     if good.sum() < 10:
         return math.nan
@@ -125,7 +127,7 @@ def nrmse(target: Array, predicted: Array, rows: np.ndarray) -> float:
 
 
 def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Array]:
-    """Target and the model's prediction of theta_dd (N,), rad/s^2, both smoothed alike; NaN where not known."""
+    """Target (N,) and prediction (N,) of theta_dd, rad/s^2, with the same smoothing; NaN where unknown."""
     system = ring_of(likelihood)
     target = matched_target(system)
     if target is not None:
@@ -139,7 +141,7 @@ def acceleration_pairs(likelihood: Likelihood, fitted: Fit) -> tuple[Array, Arra
 
 
 def matched_target(system: RingSystem) -> Array | None:
-    """The record's own accelerations (N,), where they are what `MATCHED` makes of theta; else None."""
+    """Accelerations (N,) by `MATCHED`, if the record's column theta_ddot agrees with them; otherwise None."""
     if system.target is None:
         return None
     own = derivatives(system.theta, system.dt, MATCHED, segment=np.cumsum(system.first)).acceleration
@@ -155,7 +157,7 @@ def begun_at(first: np.ndarray) -> np.ndarray:
 
 
 def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
-    """Predicted positions of each window under the weights of `MATCHED`, (N,)."""
+    """Accelerations (N,) of the model: predicted positions of each window, with the weights of `MATCHED`."""
     system, half = ring_of(likelihood), MATCHED.window // 2
     states = likelihood.filtered(fitted.values, fitted.q)
     problem, p = system.build(likelihood.library, fitted.values)
@@ -172,7 +174,7 @@ def _matched(likelihood: Likelihood, fitted: Fit) -> Array:
 
 
 def score_starts(rows: np.ndarray, first: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Rows from which all of the next samples are in the same stretch, and those compared were seen."""
+    """Start rows of roll-outs: the next samples are in the same stretch, and the compared samples were seen."""
     n, most = len(rows), AHEAD[-1]
     begun = begun_at(first)
     ends = np.append(np.flatnonzero(first)[1:], n)

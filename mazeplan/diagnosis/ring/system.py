@@ -1,8 +1,14 @@
 """A ball in one ring as a system to diagnose: the problem of the filter for a record and any set of effects.
 
-The definition of an effect says where it enters. Gravity enters the plate's coefficients, forces and drag are terms,
-dry friction can hold the ball, openings act at their angles. Scale of the tilt sensor and delay of the camera change
-the plate's motion; place and angle of the camera change what was measured.
+The definition of an effect says where it enters the problem:
+
+    gravity                                       coefficients of the plate
+    force, drag                                   terms
+    dry friction                                  can hold the ball at rest
+    opening                                       acts at its angle
+    scale of the tilt sensor, delay of the camera change the motion of the plate
+    offset of the camera                          changes the measured angles
+    angle of the camera                           enters the term of gravity
 """
 
 from __future__ import annotations
@@ -30,20 +36,26 @@ from mazeplan.physics.formulas.compiled import base_functions, call_plate, term_
 from mazeplan.physics.formulas.symbols import INPUTS, PLATE
 from mazeplan.physics.registry import EFFECTS
 
-KEPT_MOTIONS, KEPT_INPUTS = 4, 4  # motions of the plate, and inputs made of them, that are kept
-LEAN_S = 0.05  # s; time constant of the tilt of late
+KEPT_MOTIONS, KEPT_INPUTS = 4, 4  # cached motions of the plate; cached inputs
+LEAN_S = 0.05  # s; time constant of the low-passed tilt
 AVERAGE = np.array([[1.0, 4.0, 2.0, 4.0, 1.0], [2.0, 6.0, 2.0, 2.0, 0.0]]) / 12.0  # Simpson: of f, of 2 (1 - s) f
-COUNT = len(INPUTS)  # of inputs, behind which the coefficients of the plate stand
+COUNT = len(INPUTS)  # number of inputs; the coefficients of the plate follow them
 assert len(PLATE) == 8, "what is beside the plate begins at 8, see `_fill`"
-MOTION = ("tilt_gain", "sensor_delay", STAGE_ERRORS)  # what changes the plate's motion as the ball feels it
+MOTION = ("tilt_gain", "sensor_delay", STAGE_ERRORS)  # effects that change the plate's motion as the ball feels it
 
 
 @njit(cache=True, error_model="numpy")
 def _fill(motions, errors, beside, gains, p, t, radii, plate, out):
-    """Inputs (N, nodes, W) from motions (1 + S, N, nodes, 6), relative errors (S,) of the stage's parameters, what
-    stands beside them (N, 7): past speeds, inputs of placebos, tilts of late; scales of the tilt sensor (2,);
-    parameters of gravity's effects; times t (N, nodes); radii (2,) of ring and ball; address of what gravity makes of
-    the plate."""
+    """Fill the inputs out (N, nodes, W) of the terms.
+
+    motions: motion (1 + S, N, nodes, 6) of the plate, then its derivatives by the stage's S directions
+    errors: errors (S,) of the stage along these directions, in standard errors
+    beside: past speeds, inputs of placebos and low-passed tilts (N, 7)
+    gains: scales (2,) of the tilt sensor
+    p: parameters of gravity's effects
+    t: times (N, nodes), s
+    radii: radii (2,) of ring and ball, m
+    plate: address of the function that computes the plate's coefficients"""
     for k in range(out.shape[0]):
         for i in range(out.shape[1]):
             w = pointer_to(out, (k * out.shape[1] + i) * out.shape[2])
@@ -68,14 +80,16 @@ def w_end(out, k, i):
 
 
 def _forget(kept: dict, most: int) -> None:
-    """Make room for one more."""
+    """Drop the oldest entries until fewer than `most` are left."""
     while len(kept) >= most:
         del kept[next(iter(kept))]
 
 
 def _span(effect: Effect, names: Sequence[str]) -> tuple[int, int]:
-    """The terms that a parameter of an effect changes: the first, and one behind the last. names: of their effects."""
-    if effect.acts == GRAVITY or effect.name == "axis_misalignment":  # of the inputs it changes, the first term alone
+    """Range of terms that a parameter of an effect changes: (first, one behind the last).
+
+    names: effects of the terms, in order"""
+    if effect.acts == GRAVITY or effect.name == "axis_misalignment":  # these act through the first term alone
         return 0, 1
     if effect.name in MOTION:
         return 0, len(names)
@@ -84,8 +98,15 @@ def _span(effect: Effect, names: Sequence[str]) -> tuple[int, int]:
 
 @dataclass
 class _Assembled:
-    """Terms: addresses, names of their effects, places in p; holds: (address, place); openings: (addresses of angle and
-    loss, place), and what is added to each angle, rad; p: all parameters."""
+    """Effects with their parameters, as the filter needs them. A place is an index in p.
+
+    terms: addresses
+    names: effects of the terms
+    places: places of the terms
+    holds: (address, place) of each dry friction
+    openings: (address of the angle, address of the loss, place) of each opening
+    beside: angle that is added to that of each opening, rad
+    p: all parameters"""
 
     terms: list[int]
     names: list[str]
@@ -102,13 +123,17 @@ class RingSystem:
     weakest = 0.08  # rad/s^2
 
     def __init__(self, t: Array, theta: Array, first: np.ndarray, radius: float, tilt: Tilt, declared: Values) -> None:
-        """t, theta (N,): s, rad, unwrapped in each stretch, NaN if not seen; first (N,): a stretch begins; declared:
-        known effects."""
-        # contiguous: for strided ones all that is compiled would be compiled once more
+        """t: times (N,), s
+        theta: measured angles (N,), rad, unwrapped in each stretch, NaN if not seen
+        first: True (N,) where a stretch begins
+        radius: of the track, m
+        tilt: motion of the plate
+        declared: known effects"""
+        # contiguous, because strided arrays would make Numba compile all functions once more
         self.t, self.theta = np.ascontiguousarray(t), np.ascontiguousarray(theta)
         self.first, self.radius, self.tilt = first, radius, tilt
         self.declared = declared
-        self.target: Array | None = None  # accelerations that the record brings, rad/s^2
+        self.target: Array | None = None  # accelerations in the record's own column, rad/s^2
         self.dt = float(np.median(np.diff(t)))
         self._beside = np.hstack([self._low_passed(), self._backwards(), self._leaning()])
         self._motions: dict[tuple[float, bool], Array] = {}
@@ -122,7 +147,7 @@ class RingSystem:
         return len(self.t)
 
     def _low_passed(self) -> Array:
-        """Speeds of the past (N, 3) as measured, low-passed with the time constants PAST."""
+        """Measured speeds (N, 3), low-passed with the time constants PAST."""
         out = np.zeros((len(self.t), len(PAST)))
         steps = np.diff(self.theta, prepend=self.theta[:1]) / self.dt
         steps = np.where(self.first | ~np.isfinite(steps), 0.0, steps)
@@ -132,11 +157,11 @@ class RingSystem:
         return out
 
     def _backwards(self) -> Array:
-        """Tilts (N, 2) of the record played backwards, which no ball can feel, for placebos."""
+        """Tilts (N, 2) of the record played backwards, for placebos: no ball can feel them."""
         return self.tilt.at(self.t[::-1])[:, [0, 3]]
 
     def _leaning(self) -> Array:
-        """Tilts (N, 2) of late, low-passed from the beginning of each stretch on."""
+        """Tilts (N, 2), low-passed with LEAN_S from the beginning of each stretch on."""
         tilts, keep = self.tilt.at(self.t)[:, [0, 3]], math.exp(-self.dt / LEAN_S)
         out = tilts.copy()
         for a, b in pairwise([*np.flatnonzero(self.first), len(self.t)]):
@@ -144,8 +169,9 @@ class RingSystem:
         return out
 
     def _motion(self, delay: float, stage: bool = True) -> Array:
-        """Motion of the plate (1 + S, N, NODES, 6) from each sample on, `delay` s earlier; behind it, if wanted, its
-        derivatives by the S parameters of the stage."""
+        """Motion of the plate (1 + S, N, NODES, 6) from each sample to the next, `delay` s earlier.
+
+        stage: whether to append the derivatives by the stage's S directions; otherwise S is 0"""
         key = (round(delay, 9), stage)
         if key not in self._motions:
             _forget(self._motions, KEPT_MOTIONS)
@@ -155,8 +181,9 @@ class RingSystem:
         return self._motions[key]
 
     def _parts(self, values: Values) -> tuple[float, Array, Array, Array]:
-        """Delay of the camera, relative errors of the stage's parameters, scales of the tilt sensor, parameters of
-        gravity's effects behind a number that they have no use for."""
+        """Delay of the camera (s), errors of the stage (standard errors), scales of the tilt sensor, parameters.
+
+        The parameters are those of gravity's effects, after one number that these effects do not use."""
         merged = {**self.declared, **values}
         stage, gain = merged.get(STAGE_ERRORS, {}), merged.get("tilt_gain", {})
         p = [0.0, *(number for e in self._gravity for number in e.numbers(merged.get(e.name, {})))]
@@ -165,7 +192,7 @@ class RingSystem:
         return merged.get("sensor_delay", {}).get("delay", 0.0), errors, gains, np.array(p)
 
     def _filled(self, motions: Array, parts: tuple[float, Array, Array, Array], out: Array) -> Array:
-        """Inputs out (N, nodes, W) from motions and what `_parts` gives."""
+        """Fill and return the inputs out (N, nodes, W). parts: the result of `_parts`"""
         delay, errors, gains, p = parts
         nodes = out.shape[1]
         t = self.t[:, None] + self.dt * np.arange(nodes) / max(nodes - 1, 1) - delay
@@ -174,7 +201,7 @@ class RingSystem:
         return out
 
     def inputs(self, values: Values) -> Array:
-        """Inputs of the terms (N, NODES, W): the plate's motion, past speeds, and what gravity makes of them."""
+        """Inputs of the terms (N, NODES, W): motion of the plate, past speeds, coefficients of the plate."""
         parts = self._parts(values)
         key = (parts[0], *(number for part in parts[1:] for number in part))
         if key not in self._inputs:
@@ -192,7 +219,7 @@ class RingSystem:
         return self._averages[key]
 
     def build(self, candidates: Sequence[Effect], values: Values) -> tuple[Problem, Array]:
-        """The problem with these effects at these values, others as declared; and its parameters."""
+        """The problem and its parameters, with these effects at these values; other effects stay as declared."""
         built = self._assembled(candidates, values)
         problem = Problem(
             self.position(values), np.isfinite(self.theta), self.first, self.t, self.dt, self.inputs(values),
@@ -229,7 +256,7 @@ class RingSystem:
         return out
 
     def moves(self, candidates: Sequence[Effect], values: Values, steps: Sequence[tuple[str, str, float]]) -> Moves:
-        """The change by a step of each parameter (effect, name, step)."""
+        """Changes when each parameter (effect, name, step) moves by its step."""
         known = {c.name: c for c in candidates}
         parts = self._parts(values)
         delay, names = parts[0], self._assembled(candidates, values).names
@@ -246,7 +273,7 @@ class RingSystem:
                 continue
             there = self._parts(moved)
             motions = self._averaged(delay)
-            if effect == "sensor_delay":  # what is uncertain of the stage changes little by that
+            if effect == "sensor_delay":  # the derivatives by the stage hardly depend on the delay
                 motions = motions.copy()
                 motions[0] += self._averaged(there[0], False)[0] - self._averaged(delay, False)[0]
             self._filled(motions, there, w[which[-1]])

@@ -1,22 +1,25 @@
-"""Fits to the smoothed accelerations of a record, by predicting the positions in each window of the smoothing.
+"""Fits to the smoothed accelerations of a record: they predict the positions in each window of the smoothing.
 
-A filter that predicts one sample ahead weighs errors by its noise. Blows at the edges of openings pass for white noise
-in the acceleration, so strong that nothing slower than a sample counts any more. The residual here is
+A filter that predicts one sample ahead weighs errors by its noise. Blows at the edges of openings look like strong
+white noise in the acceleration. With this noise, nothing slower than a sample counts any more. The residual here is
 
     e_k = sum_j c_j theta_(k+j) - sum_j c_j theta^_(k+j),    j = -3 .. 3
 
-with the weights c of a Savitzky-Golay second derivative and positions theta^ predicted from the first sample of the
-window on (`scores`, matched). Neighbouring windows share samples: with white noise in the acceleration, which the
-smoothing averages with weights w, n of them are worth n sum(w^2). Unexplained blows make long tails: Student's
-distribution with nu degrees of freedom and scale s, eliminated,
+with the weights c of a Savitzky-Golay second derivative. The positions theta^ are predicted from the first sample of
+the window on (`scores`, matched). Neighbouring windows share samples. The smoothing averages the acceleration with
+weights w. With white noise in the acceleration, n windows count as n sum(w^2) independent ones.
+
+Unexplained blows make long tails. Therefore the residuals have Student's distribution with nu degrees of freedom and
+scale s. With s eliminated,
 
     -2 log L = n sum(w^2) [ 2 log s + (nu + 1) mean log(1 + e^2 / (nu s^2)) ]
 
-which weighs residuals by (nu + 1) / (nu + e^2 / s^2). This finds forces that act all the time. Blows count for little
-then. Effects of blows are found with nu infinite, by least squares.
+This weighs residuals by (nu + 1) / (nu + e^2 / s^2): blows count little, and the fit finds forces that act all the
+time. For the effects of blows, nu is infinite: least squares.
 
-Derivatives by effects that make the path jump (friction at rest, openings, the camera) are differences. Those by a
-smooth force are the force itself, averaged as the smoothing does.
+Some effects make the path jump: friction at rest, openings, the camera. Derivatives by their parameters are
+differences of residuals. The derivative by a smooth force is the force itself, averaged in the same way as the
+smoothing averages.
 """
 
 from __future__ import annotations
@@ -40,13 +43,13 @@ from mazeplan.diagnosis.ring.system import RingSystem
 from mazeplan.learning.smoothing import acceleration_kernel
 from mazeplan.physics.effect import Effect
 
-MANY = 10  # effects looked for: in a record of a real rig many are at work at once
+MANY = 10  # maximum number of effects: in a record of a real rig, many act at once
 TAILS = 4.0  # degrees of freedom nu
 EVERY = 2  # windows from one residual to the next: neighbours share six of seven samples
-ASIDE = (-0.05, 0.0, 0.05)  # rad, by which an opening with blows at one edge may seem turned
-SHARE = 0.1  # of what an effect explains, that a closer model of it must explain beyond
-WORTH_IT = 0.99  # of the remaining squares, the most that a model with more parameters may leave
-KEPT = 100  # residuals kept, so that the same values are not tried twice
+ASIDE = (-0.05, 0.0, 0.05)  # rad, by which openings may seem rotated if blows come at one edge only
+SHARE = 0.1  # minimum further gain of a closer model, as a share of the effect's gain
+WORTH_IT = 0.99  # maximum share of the squared residuals that a model with more parameters may leave
+KEPT = 100  # cached residuals, so that the same values are not computed twice
 
 
 class WindowLikelihood(Likelihood):
@@ -55,9 +58,10 @@ class WindowLikelihood(Likelihood):
     noisy = False
 
     def __init__(self, system: RingSystem, library: Sequence[Effect], rows: np.ndarray, tails: float = TAILS) -> None:
-        """rows (N,): True for those that count; tails: degrees of freedom of Student's distribution.
+        """Raises ValueError for a record without accelerations of its own.
 
-        Raises ValueError for a record without accelerations of its own."""
+        rows: True (N,) for rows that count
+        tails: degrees of freedom of Student's distribution"""
         super().__init__(system, library, rows)
         self.tails = tails
         self.ring, target = system, matched_target(system)
@@ -75,7 +79,7 @@ class WindowLikelihood(Likelihood):
         self._kept: dict[str, Array] = {}
 
     def residuals(self, values: Values) -> Array:
-        """e (n,), rad/s^2."""
+        """Residuals e (n,), rad/s^2."""
         key = repr(values)
         if key not in self._kept:
             if len(self._kept) >= KEPT:
@@ -87,7 +91,9 @@ class WindowLikelihood(Likelihood):
         return self._kept[key]
 
     def whitened(self, values: Values, q: float) -> tuple[Array, float, float]:
-        """Residuals times the square roots of their weights, rad/s^2; 0; the number of independent ones."""
+        """Weighted residuals (n,), rad/s^2; 0; number of independent residuals.
+
+        Each residual is multiplied by the square root of its weight."""
         e = self.residuals(values)
         return e * np.sqrt(weights_of(e, spread_of(e, self.tails), self.tails)), 0.0, len(e) * self.worth
 
@@ -107,8 +113,9 @@ class WindowLikelihood(Likelihood):
         return root * e, root[:, None] * J
 
     def _averaged(self, values: Values) -> Array:
-        """Acceleration along the measured path, averaged over each window as the smoothing does (n,). It ignores a few
-        percent of a change, and so suffices for the direction of a step."""
+        """Acceleration (n,) along the measured path, averaged over each window with the weights of the smoothing.
+
+        It misses a few percent of a change, which is good enough for the direction of a step."""
         system, half = self.ring, MATCHED.window // 2
         problem, p = system.build(self.library, values)
         x = np.nan_to_num(problem.y)
@@ -129,7 +136,7 @@ class WindowLikelihood(Likelihood):
 
 
 def weights_of(e: Array, spread: float, tails: float = TAILS) -> Array:
-    """Weights (n,) of squared residuals, with which they fall as -2 log L does."""
+    """Weights (n,) of squared residuals: the weighted sum of squares falls where -2 log L falls."""
     if not math.isfinite(tails):
         return np.ones(len(e))
     return (tails + 1.0) / (tails + (e / spread) ** 2)
@@ -152,9 +159,9 @@ def spread_of(e: Array, tails: float = TAILS) -> float:
 def _looked_at(
     squares: WindowLikelihood, had: Sequence[Effect], values: Values, closely: Sequence[Effect]
 ) -> tuple[Fit, dict[str, str], dict[str, float]]:
-    """The fit with closer models of effects, if they explain more; the earlier name of each, and its gain of -2 log L.
+    """Replace effects by closer models where these explain more. Fits start at the values of the plain models.
 
-    Fits begin at the values of the plain model."""
+    Returns the fit, the earlier name of each closer model, and its gain of -2 log L."""
     current = fit(squares, had, {c.name: values[c.name] for c in had})
     before, gains = dict[str, str](), dict[str, float]()
     for c in had:
@@ -174,7 +181,7 @@ def _looked_at(
 
 
 def _closer(squares: WindowLikelihood, rest: Sequence[Effect], c: Effect, values: Values) -> Fit:
-    """Fit of a closer model c beside the rest, from the values of the plain one."""
+    """Fit of a closer model c together with the other effects; it starts at the values of the plain model."""
     if c.name in values:
         usual = {name: spec.default for name, spec in c.parameters.items()}
         return fit(squares, [*rest, c], {**values, c.name: {**usual, **values[c.name]}})
@@ -191,9 +198,10 @@ def refined(
     finer: Sequence[Effect],
     folds: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> tuple[Fit, dict[str, float]]:
-    """The fit with models of more parameters that leave less on held-out blocks, and the gain of -2 log L of each.
+    """Use models with more parameters where they lower the error on held-out blocks.
 
-    More parameters always fit the seen rows better, so held-out blocks decide."""
+    Returns the fit and the gain of -2 log L of each such model. More parameters always fit the seen rows better, so
+    held-out blocks decide."""
     current, gains = found, dict[str, float]()
     for c in finer:
         if c.name not in current.values or not folds:
@@ -215,7 +223,7 @@ def _left(
     start: Values,
     folds: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> float:
-    """Sum of squared residuals, (rad/s^2)^2, on the second rows of each fold, by fits to the first."""
+    """Sum of squared residuals, (rad/s^2)^2, on the test rows of all folds, by fits to the training rows."""
     total = 0.0
     for learn, tried in folds:
         fitted = fit(WindowLikelihood(squares.ring, squares.library, learn, squares.tails), candidates, start)
@@ -235,9 +243,12 @@ def by_windows(
 ) -> tuple[Finding, Likelihood]:
     """The finding of a record of smoothed accelerations without commands, and the likelihood of its fit.
 
-    Forces that act all the time come first, then effects of blows. closely: closer models, which only blows show, in
-    place of plain ones; finer: models with more parameters, which folds (rows (N,) to learn from, to try on) must
-    confirm. The filter finds the noises of the final model, for roll-outs."""
+    Forces that act all the time come first, then effects of blows. At the end, the filter finds the noise of the final
+    model, for roll-outs.
+
+    closely: closer models that may replace plain ones; only blows show the difference
+    finer: models with more parameters
+    folds: pairs of training rows and test rows (N,), which must confirm the models in `finer`"""
     system = ring_of(likelihood)
     tell("forces")
     steady = search(WindowLikelihood(system, library, rows), library, tell, most=MANY)
@@ -258,7 +269,7 @@ def by_windows(
     worth |= {name: gain + worth.get(before[name], 0.0) for name, gain in gains.items()}
     worth |= {name: gain + worth.get(name, 0.0) for name, gain in more.items()}
     groups = (
-        (first, *(name for name in others if name not in values))  # later effects could be told apart
+        (first, *(name for name in others if name not in values))  # an effect found later could be told apart
         for first, *others in steady.alike + found.alike
         if first in values
     )

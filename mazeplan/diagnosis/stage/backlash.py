@@ -3,7 +3,8 @@
     play:       passed on_k = clip(passed on_(k-1), u_k - b/2, u_k + b/2)
     dead band:  obeyed_k = u_k where |u_k - obeyed_(k-1)| >= d, else obeyed_(k-1)
 
-The axis is fitted to what is passed on, for a b or a d that makes it fit best; of the two the one that fits better.
+The axis is fitted to the passed-on or obeyed command, with the b or the d that fits best. The better one of these two
+fits is kept.
 """
 
 from __future__ import annotations
@@ -19,19 +20,23 @@ from mazeplan.core.records import Array
 from mazeplan.learning.stage_fit import StageFit, fit_axis
 from mazeplan.physics.rig.stage import StageAxis, obeyed, played, simulate_axis
 
-TRIED = 0.005  # rad, with which the first look is taken
-MOST = 0.08  # rad
-ENOUGH = 2400  # samples to find it by; a clearance of a fraction of a degree shows in every reversal
-SMALLEST = 2e-3  # rad; play worth a word
-SMALLEST_BAND, BANDS = 1e-3, 24  # rad; a dead band worth a word, and how many are tried
+TRIED = 0.005  # rad, play in the first test
+MOST = 0.08  # rad, maximum play or dead band
+ENOUGH = 2400  # samples for the search: play of a fraction of a degree shows in every reversal
+SMALLEST = 2e-3  # rad; smallest play to report
+SMALLEST_BAND, BANDS = 1e-3, 24  # rad, smallest dead band to report; number of coarse dead bands that are tried
 STRIDE = (MOST / SMALLEST_BAND) ** (1.0 / (BANDS - 1))
-LOOKED_AT = 4  # of the coarse bands
+LOOKED_AT = 4  # coarse dead bands that are refined
 SURE = 15.0  # of -2 log L
 
 
 def fit_with_gears(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray) -> StageFit:
-    """The axis with the play or the dead band that its record shows, if any: commands u and angle (N,), rows (N,) to
-    look at. Raises ValueError as `fit_axis`."""
+    """The axis with the play or the dead band that its record shows, if any. Raises ValueError as `fit_axis`.
+
+    u, angle: commands and measured angles (N,), rad
+    dt: time between samples, s
+    first: True (N,) where a stretch begins
+    rows: rows (N,) to fit"""
     plain = fit_axis(u[rows], angle[rows], dt, first[rows].astype(float))
     with_play = _fit_with_play(u, angle, dt, first, rows, plain)
     with_band = _fit_with_band(u, angle, dt, first, rows, plain)
@@ -41,8 +46,9 @@ def fit_with_gears(u: Array, angle: Array, dt: float, first: np.ndarray, rows: n
 def _fit_with_band(
     u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit
 ) -> StageFit | None:
-    """The axis with a dead band; None where the record shows none. What is obeyed changes by jumps with the band, so it
-    is looked for on a grid."""
+    """The axis with a dead band, None if the record shows none.
+
+    The obeyed command jumps when the band changes, so the search uses a grid of bands."""
     breaks = first[rows].astype(float)
 
     def off(axis: StageAxis, band: float) -> float:
@@ -52,19 +58,19 @@ def _fit_with_band(
     level = off(plain.axis, 0.0)
     if 2.0 * plain.samples * math.log(level / min(off(plain.axis, band) for band in bands)) < SURE:
         return None
-    few = rows & (np.cumsum(rows) <= ENOUGH)  # an axis that was fitted without the band has the lag that it makes
+    few = rows & (np.cumsum(rows) <= ENOUGH)  # refit the axis: without the band, its lag stands in for the band
 
     def refitted(band: float) -> StageFit:
         return fit_axis(obeyed(u, band)[few], angle[few], dt, first[few].astype(float), plain.axis)
 
     def refined(coarse: float) -> tuple[StageFit, float, float]:
-        """The axis with the best band about a coarse one, that band, and the width of the grid."""
+        """The axis with the best band near a coarse band, this best band, and the step of the grid."""
         axis = fit_axis(obeyed(u, coarse)[rows], angle[rows], dt, breaks, near[coarse].axis).axis
         fine: list[float] = np.linspace(coarse / STRIDE, coarse * STRIDE, 2 * BANDS).tolist()
         band = min(fine, key=lambda b: off(axis, b))
         return fit_axis(obeyed(u, band)[rows], angle[rows], dt, breaks, axis), band, fine[1] - fine[0]
 
-    # a band a little beside the true one obeys at other moments, so the best coarse one may be far from it
+    # with a band near the true one, the servo obeys at other moments: the best coarse band may be far from the true one
     near = {band: refitted(band) for band in bands if band < 0.5 * float(np.ptp(u))}
     coarse = sorted(near, key=lambda band: near[band].rms)[:LOOKED_AT]
     found, band, width = min((refined(band) for band in coarse), key=lambda one: one[0].rms)
@@ -75,7 +81,7 @@ def _fit_with_band(
 
 
 def _fit_with_play(u: Array, angle: Array, dt: float, first: np.ndarray, rows: np.ndarray, plain: StageFit) -> StageFit:
-    """The axis with play, if its record shows any; plain: the fit without any."""
+    """The axis with play, if its record shows any. plain: the fit without play"""
 
     def fitted(backlash: float, of: np.ndarray, near: StageAxis | None = None) -> StageFit:
         return fit_axis(played(u, backlash)[of], angle[of], dt, first[of].astype(float), near)

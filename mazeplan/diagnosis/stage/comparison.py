@@ -20,8 +20,8 @@ from mazeplan.physics.rig.entries import declared_parts, part_stderr
 from mazeplan.physics.rig.stage import StageAxis, StageModel
 
 SURE = 5.0  # standard errors of the difference: the residual of a stage is not white
-PLAY_ERROR = 1e-4  # rad; error of a known play
-ASIDE = 0.25  # share of the change of play up to which a changed dead band is its shadow, and the other way round
+PLAY_ERROR = 1e-4  # rad; error of play, in addition to that of the fit
+ASIDE = 0.25  # of the changes of play and dead band, the smaller one counts only above this share of the larger one
 DECISIVE = 15.0  # of -2 log L, by which servo or sensor must be the better explanation
 AXES: tuple[str, ...] = ("beta", "gamma")
 COUPLINGS: dict[str, str] = {"beta": "beta_from_gamma", "gamma": "gamma_from_beta"}
@@ -93,7 +93,7 @@ def changed(stage: Stage, effect: Effect, known: Known) -> Entry | None:
 
 
 def stage_effects(stage: Stage | None, known: Known) -> list[Entry]:
-    """Effects of the stage that differ, without its gain."""
+    """Effects of the stage that differ from the known ones, except the gain."""
     if stage is None:
         return []
     like = [effect for effect in LIKE if effect not in GEARS or _looser(stage, known)]
@@ -108,8 +108,9 @@ def _largest_change(effect: Entry) -> float:
 
 
 def _looser(stage: Stage, known: Known) -> bool:
-    """Whether play and dead band together changed by more than their smallest size: a little of one looks like the
-    other."""
+    """Whether play and dead band together changed by more than their smallest size.
+
+    They count together, because a little play looks like a little dead band."""
     for axis, seen in zip(AXES, stage.axes, strict=True):
         was = sum(known.values.get(effect.name, {}).get(axis, 0.0) for effect in GEARS)
         if abs(seen.backlash + seen.deadband - was) > rig.backlash.parameters[axis].smallest:
@@ -118,7 +119,7 @@ def _looser(stage: Stage, known: Known) -> bool:
 
 
 def changed_gain(stage: Stage | None, known: Known) -> tuple[Entry | None, Entry | None]:
-    """A changed gain of the stage as a servo's gain, and as a scale of the tilt sensor; None if nothing changed."""
+    """A changed gain of the stage, once as the servo's gain and once as the tilt sensor's scale; None if unchanged."""
     servo = None if stage is None else changed(stage, rig.servo_gain, known)
     if servo is None:
         return None, None

@@ -1,7 +1,7 @@
-"""Whether a changed gain of the servos predicts the measured tilt of blocks of time that took no part in its fit.
+"""Whether a changed gain of the servos predicts the measured tilt in held-out blocks of time.
 
-Commands that overtax the servos, as in navigation, say nothing about the ball beyond the measured tilt: the ball is
-predicted from the sensor, by the old gain and by the new one alike. The tilt itself can be predicted, from commands.
+If commands overtax the servos, as in navigation, the ball is predicted from the measured tilt. This prediction is the
+same with the old gain and with the new gain. But the commands predict the tilt, so the tilt can judge the gains.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from mazeplan.physics.rig.stage import StageAxis, passed_on, simulate_axis
 
 
 def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> float:
-    """Standard errors by which blocks of measured tilt are nearer with the record's own gains than with the old ones.
+    """Standard errors by which the record's gains predict blocks of measured tilt better than the old gains.
 
-    was: gains of beta and gamma until now. Both kinds move by the lag of the fitted stage, with offsets of their own;
-    each half of the record is predicted by gains and offsets of the other half. Raises ValueError without commands."""
+    was: old gains of beta and gamma
+
+    Both predictions use the lag of the fitted stage, each with its own offsets. Offsets and new gains for one half of
+    the record come from the other half. Raises ValueError without commands."""
     if record.u is None:
         raise ValueError("got a record without commands u_beta, u_gamma")
     blocks = np.arange(len(record)) // max(round(BLOCK_S / record.dt), 1)
@@ -37,12 +39,14 @@ def nearer_tilt(record: RingRecord, stage: Stage, was: tuple[float, float]) -> f
 
 
 def _follows(axis: StageAxis, u: Array, dt: float) -> Array:
-    """How an axis with gain one, without offset, follows commands u (N,)."""
+    """Angles (N,) of the axis under commands u (N,), with gain one and without offset."""
     return simulate_axis(replace(axis, gain=1.0, offset=0.0), passed_on(u, axis), dt)
 
 
 def _error(follows: Array, angle: Array, rows: np.ndarray, gain: float | None) -> Array:
-    """Measured minus predicted angle (K,) in some rows, by offset and gain of the other rows; gain: if known."""
+    """Measured minus predicted angle (K,) in some rows. Offset and gain come from the other rows.
+
+    gain: a known gain; None: fit it"""
     other = ~rows
     if gain is None:
         columns = np.column_stack([follows[other], np.ones(int(other.sum()))])

@@ -1,6 +1,6 @@
 """Motion of the plate in a record: from the commands through the fitted stage, or from the measured tilt alone.
 
-The stage leaves no noise of the sensor. Without commands the measured tilt is smoothed, and a report says so.
+The motion by commands is free of sensor noise. Without commands the measured tilt is smoothed, and a report says so.
 """
 
 from __future__ import annotations
@@ -21,19 +21,21 @@ from mazeplan.physics.rig.stage import StageAxis, StageModel, passed_on, simulat
 
 FINE = 6  # grid points a sample
 KEYS = ("natural_frequency", "damping", "gain", "dead_time", "offset")
-STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives; the first three relative, s, rad
-BLOCK_S, SURE = 1.0, 5.0  # s, within which residuals count as one; standard errors of a coupling
+STEPS = (0.01, 0.01, 0.01, 0.001, 0.001)  # of numeric derivatives: three relative ones, s, rad
+BLOCK_S, SURE = 1.0, 5.0  # s, block of correlated residuals; minimum coupling, in standard errors
 SMALLEST_COUPLING = axis_coupling.parameters["beta_from_gamma"].smallest
-HURRIED = 3.5e-3  # rad, of the residual of a stage that its commands overtax; sensors have a third of it
-FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # that one standard error may be, for the motion to be linear in it
+HURRIED = 3.5e-3  # rad, residual from which commands overtax the stage; the noise of sensors is a third of it
+FURTHEST = (0.1, 0.1, 0.1, 0.005, 0.005)  # maximum of one standard error, so that the motion stays linear in it
 
 
 @dataclass(frozen=True)
 class Tilt:
     """Motion of the plate on a fine grid.
 
-    t (M,): s; motion (M, 6): angle, rate and acceleration of beta, then of gamma; source: in words; by_stage:
-    derivative (M, 6) of the motion by each direction of the stage (`Stage.directions`)."""
+    t: times (M,), s
+    motion: angle, rate and acceleration of beta, then of gamma (M, 6)
+    source: where the motion comes from, in words
+    by_stage: derivative (M, 6) of the motion by each direction of the stage (`Stage.directions`)"""
 
     t: Array
     motion: Array
@@ -41,8 +43,9 @@ class Tilt:
     by_stage: dict[str, Array] = field(default_factory=dict)
 
     def at(self, times: Array, parameter: str | None = None) -> Array:
-        """Motion (K, 6) at any times, or its derivative by a parameter, by cubic Hermite interpolation. It is constant
-        beyond the ends."""
+        """Motion (K, 6) at any times (K,), s, by cubic Hermite interpolation. It is constant beyond the ends.
+
+        parameter: direction of the stage, for the derivative by it; None: the motion itself"""
         out = np.empty((len(times), 6))
         motion = self.motion if parameter is None else self.by_stage[parameter]
         _hermite(motion, float(self.t[0]), float(self.t[1] - self.t[0]), np.ascontiguousarray(times), out)
@@ -51,7 +54,7 @@ class Tilt:
 
 @njit(cache=True, error_model="numpy")
 def _hermite(motion, start, h, times, out):
-    """Motion (M, 6) on a grid from `start` in steps h, at times (K,), into out (K, 6)."""
+    """Interpolate the motion (M, 6), on a grid from `start` in steps h, at times (K,), into out (K, 6)."""
     for k in range(len(times)):
         at = min(max((times[k] - start) / h, 0.0), len(motion) - 1.000001)
         i = int(at)
@@ -67,11 +70,14 @@ def _hermite(motion, start, h, times, out):
 
 @dataclass(frozen=True)
 class Stage:
-    """Both axes as fitted, and what the tilt sensor leaves open of them.
+    """Fits of both axes, and the uncertainty of their parameters.
 
-    directions: by name an axis (0, 1), and a change of its KEYS by one standard error along a principal direction of
-    their covariance. Directions are independent. Parameters are not: a faster axis that starts later moves nearly
-    alike."""
+    beta, gamma: fits
+    directions: by name, the axis (0, 1), and a change of its KEYS by one standard error along a principal direction of
+    their covariance
+
+    The errors along different directions are independent. The errors of the parameters are not: a faster axis that
+    starts later moves nearly alike."""
 
     beta: StageFit
     gamma: StageFit
@@ -79,8 +85,8 @@ class Stage:
 
     @property
     def hurried(self) -> bool:
-        """Whether commands overtax the servos: no linear lag describes them then, and the tilt sensor knows the plate
-        better than the commands."""
+        """Whether commands overtax the servos. Then no linear lag describes the servos, and the tilt sensor knows the
+        motion of the plate better than the commands."""
         return max(self.beta.rms, self.gamma.rms) > HURRIED
 
     @property
@@ -95,7 +101,7 @@ class Stage:
 
 
 def fit_stage(record: RingRecord, rows: np.ndarray) -> Stage | None:
-    """The stage by some rows; None without commands, or with commands that never move."""
+    """The stage, fitted to some rows (N,). None without commands, or if the commands never change."""
     if record.u is None:
         return None
     angles, u = (record.beta, record.gamma), record.u.T
@@ -114,7 +120,9 @@ def fit_stage(record: RingRecord, rows: np.ndarray) -> Stage | None:
 def _with_coupling(
     found: StageFit, own: Array, other: Array, angle: Array, record: RingRecord, rows: np.ndarray
 ) -> StageFit:
-    """The fit with the share of the other axis's command that this axis follows, if there surely is one."""
+    """The fit with the coupling: the share of the other axis's command that this axis follows.
+
+    A significant coupling changes the other numbers of the axis, so these are fitted again."""
     axis = found.axis
     follows = simulate_axis(replace(axis, gain=1.0, offset=0.0), passed_on(other, axis), record.dt)
     left = angle - simulate_axis(axis, passed_on(own, axis), record.dt)
@@ -124,18 +132,18 @@ def _with_coupling(
     inverse = np.linalg.inv(A.T @ A)
     block = np.arange(len(e)) // max(round(BLOCK_S / record.dt), 1)
     scores = np.stack([np.bincount(block, weights=column * e) for column in A.T], axis=1)
-    sigma = float(np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0])) / axis.gain  # neighbours are alike
+    sigma = float(np.sqrt((inverse @ (scores.T @ scores) @ inverse)[0, 0])) / axis.gain  # for correlated neighbours
     share = float(w[0]) / axis.gain
-    if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too little to move the other numbers
+    if abs(share) < max(SMALLEST_COUPLING, SURE * sigma):  # too small to change the other numbers
         return replace(found, axis=replace(axis, coupling=share, stderr={**axis.stderr, "coupling": sigma}))
-    # what the other axis does looks like play
+    # otherwise the motion by the other axis would look like play
     again = fit_with_gears(own, angle - axis.gain * share * follows, record.dt, record.first & rows, rows)
     stderr = {**again.axis.stderr, "coupling": sigma}
     return replace(again, axis=replace(again.axis, coupling=share, stderr=stderr))
 
 
 def _changed(axis: StageAxis, change: Array) -> tuple[StageAxis, float]:
-    """The axis with a change of its KEYS, and the sign of the change: -1 if the dead time would be negative."""
+    """The axis with a change of its KEYS, and the sign of the change: -1 if the dead time would become negative."""
     sign = -1.0 if axis.dead_time + change[3] < 0.0 else 1.0
     relative = {k: getattr(axis, k) * (1.0 + sign * c) for k, c in zip(KEYS[:3], change[:3], strict=True)}
     late, off = max(axis.dead_time + sign * change[3], 0.0), axis.offset + sign * change[4]
@@ -160,7 +168,7 @@ def _directions(u: Array, found: StageFit, dt: float) -> Array:
 
 
 def plate_motion(record: RingRecord, stage: Stage | None) -> Tilt:
-    """Motion of the plate in a record by a stage, with derivatives by its directions; by the sensor without a stage."""
+    """Motion of the plate in a record. A stage gives it with derivatives; without a stage, the tilt sensor gives it."""
     if record.u is None or stage is None:
         return from_sensor(record)
     axes = stage.axes
@@ -174,13 +182,13 @@ def plate_motion(record: RingRecord, stage: Stage | None) -> Tilt:
 
 
 def mixed(u: Array, stage: StageModel) -> tuple[Array, Array]:
-    """The part of commands u (N, 2) that reaches each axis, behind play and dead band."""
+    """The commands (N,) that reach each axis, after play, dead band and coupling. u: commands (N, 2)"""
     beta, gamma = passed_on(u[:, 0], stage.beta), passed_on(u[:, 1], stage.gamma)
     return beta + stage.beta.coupling * gamma, gamma + stage.gamma.coupling * beta
 
 
 def commanded(record: RingRecord, stage: StageModel) -> Tilt | None:
-    """How the plate moves under the commands of a record by a stage; None without commands."""
+    """Motion of the plate by the commands of a record and a stage; None without commands."""
     if record.u is None:
         return None
     return from_commands(record.t, *mixed(record.u, stage), stage.beta, stage.gamma)
@@ -198,7 +206,7 @@ def _march(target, M, stiffness, damping, start, out):
 
 
 def simulated(u: Array, axis: StageAxis, dt: float) -> Array:
-    """Angle, rate, acceleration (N FINE, 3) of an axis under commands u (N,), from rest at the first one's target."""
+    """Angle, rate, acceleration (N FINE, 3) of an axis under commands u (N,). It starts at rest at the first target."""
     target = np.repeat(axis.gain * u + axis.offset, FINE)
     out, wn = np.empty((len(target), 3)), axis.natural_frequency
     M = stage_transition(wn, axis.damping, dt / FINE)
@@ -214,7 +222,7 @@ def _shifted(u: Array, axis: StageAxis, dt: float) -> Array:
 
 
 def from_commands(t: Array, u_beta: Array, u_gamma: Array, beta: StageAxis, gamma: StageAxis) -> Tilt:
-    """Motion by commands (N,) that reach each axis; the dead time of an axis moves its grid."""
+    """Motion by the commands (N,) that reach each axis. The dead time of an axis delays its motion."""
     dt = float(np.median(np.diff(t)))
     grid = t[0] + dt / FINE * np.arange(len(t) * FINE)
     parts = [_shifted(u, axis, dt) for u, axis in ((u_beta, beta), (u_gamma, gamma))]
