@@ -11,7 +11,7 @@
     └── RigError                   3   the machine failed: serial, camera, watchdog
 
 A run that does not succeed raises no exception. Its failure is a value, `records.Failure`, for which the behaviour tree
-chooses a recovery. Any other exception is a bug.
+chooses a recovery. Any other exception that escapes is a bug.
 """
 
 from __future__ import annotations

@@ -159,15 +159,15 @@ class Certificate:
 class Plan:
     """A planned trajectory with its feedback.
 
-    states:   (T+1, 6) planner states; theta is continuous (may leave (-pi, pi])
-    controls: (T, 2) commanded tilt, inside the limits
-    gains:    (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
-    cost:     total cost reached
-    reason:   why the solver stopped
+    states:      (T+1, 6) planner states; theta is continuous (may leave (-pi, pi])
+    controls:    (T, 2) commanded tilt, inside the limits
+    gains:       (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
+    cost:        total cost reached
+    reason:      why the solver stopped
     iterations:  number of iterations of the solver
-    ms:       duration of the search, ms
-    t0, dt:   rig time of states[0] and step, s
-    certificate:  how near the plan is to an optimum; None if the solver met no finite cost
+    ms:          duration of the search, ms
+    t0, dt:      rig time of states[0] and step, s
+    certificate: how near the plan is to an optimum; None if the solver met no finite cost
     """
 
     states: Array

@@ -32,7 +32,7 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
     if here not in sys.path:
         sys.path.insert(0, here)
     place = None if folder is None else folder.resolve()
-    if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else: installed
+    if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else installed
         _beside.add(place)
         sys.path.insert(0, str(place))
         importlib.invalidate_caches()

@@ -182,7 +182,7 @@ class RunMessages:
         """One plan (its gains are left out: they follow from the rest); no trajectory when it is not finite."""
         document = {name: getattr(plan, name) for name in ("t0", "dt", "cost", "reason", "iterations", "ms")}
         if np.isfinite(plan.states).all() and np.isfinite(plan.controls).all():
-            # 1 urad is far below what any sensor of the rig resolves, and halves the file
+            # rounding to 1 urad halves the file; no sensor of the rig has such a fine resolution
             document |= zip(PLAN_STATES, np.round(plan.states, 6).T.tolist(), strict=True)
             document |= zip(PLAN_CONTROLS, np.round(plan.controls, 6).T.tolist(), strict=True)
         self.write("/plan", plan.t0, document)

@@ -220,7 +220,7 @@ def read_csv(content: bytes, path: Path) -> tuple[dict[str, Array], Rows]:
         row = int(wrong[0])
         raise TableError(f"got {fields[row]} fields, expected {len(header)}", file=path, line=int(lines[row]))
     rows = Rows(path, lines[1:], data, header)
-    # each number must be the double nearest to its text; from 3.1 on that is what pandas does and the option is gone
+    # each number must be the double nearest to its text; from pandas 3.1 on that is the default, without an option
     old = tuple(int(part) for part in pd.__version__.split(".")[:2]) < (3, 1)
     exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
     try:

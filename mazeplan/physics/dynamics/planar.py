@@ -7,8 +7,8 @@ has openings and walls. In the plate frame and in metres, it is:
 
 The effects of the ball's ring give these terms (`generate.plane_routine`). Away from walls, k is 5/7 (a rolling solid
 sphere). Along a wall, the ball also rolls on the wall; k is then the factor learned for the ring, and friction at the
-wall acts. The plate's rotation is left out, because it is small over the delay. After a contact, the ball keeps the
-share `restitution` of its velocity into the wall.
+wall acts. The plate's rotation is left out, because it is small over the delay. After a contact, the ball rebounds with
+the share `restitution` of its velocity into the wall.
 
 Compiled functions take two float vectors, so one compilation serves every maze and model:
 z = (x, y, x_dot, y_dot, beta, beta_dot, gamma, gamma_dot), shape (8,), and the packed `PlanarModel`.

@@ -40,7 +40,7 @@ class PlateMotion(NamedTuple):
 
 
 class Tilting(NamedTuple):
-    """How the true tilt follows from the stated tilt (beta, gamma).
+    """How the true tilt follows from the stated tilt (beta, gamma), such as that of a `PlateMotion`.
 
     True beta = gain_beta beta + cross_beta gamma + tilt_beta; gamma likewise. tilt_beta, tilt_gamma: tilt of the table,
     rad."""

@@ -23,7 +23,7 @@ impulse J. The rest of that rotation still turns towards the wall, and takes spe
 The normal impulse of the wall is (1 + k) (1 + e') u. The tangential impulse -s / (f + 1 / k) would end the slip
 s = v_t - w; it is limited to mu_wall times the normal impulse. v_t changes by f times the tangential impulse, w by
 -1 / k times it. These laws give 5/7 of gravity for a solid ball on the floor, 5/9 for one that also rolls on a wall,
-and all values between. Rolling friction at the wall then reduces w by at most wall_rolling / k times the normal
+and all values between. Rolling friction at the wall then reduces |w| by at most wall_rolling / k times the normal
 impulse. It never changes the sign of w.
 """
 

@@ -30,7 +30,7 @@ from mazeplan.physics.rig.entries import RigNumbers
 
 SUBSTEPS = 2
 # rad/s, largest pole of an axis. The plate's acceleration pushes the ball and decays with the fastest pole. A node
-# represents a sixth of a step, 2.8 ms, so a faster decay would count far too much. No measurement shows such a pole.
+# represents a sixth of a sub-step, 2.8 ms; a faster decay would count far too much. No measurement shows such a pole.
 FASTEST = 150.0
 
 # indices in the head, and in the block of an axis

@@ -2,12 +2,12 @@
 
 They are formulas in the plane, so one set of numbers holds for all rings:
 
-    floor_warp      z = a (x^2 - y^2) + 2 b x y + c (x^2 + y^2)
-    floor_bump      a pull of at most `depth` times gravity towards (x, y), derivative of a Gaussian bell of this width
+    floor_warp      the floor has the height z = a (x^2 - y^2) + 2 b x y + c (x^2 + y^2)
+    floor_bump      a pull of at most `depth` times gravity towards (x, y), derivative of a Gaussian bell of `width`
     floor_dirt      dry friction in a sector of a ring: radii `inner` to `outer`, `half` rad on both sides of `centre`
     floor_kerb      a ball that passes an angle of a ring loses a share 1 - exp(-size) of its speed
     floor_ripple    a force along the rings with n = `waves` waves per turn: c cos(n theta) + s sin(n theta), m/s^2
-    table_swing     the table tilts by bs sin wt + bc cos wt (beta) and gs sin wt + gc cos wt (gamma)
+    table_swing     the table tilts by bs sin wt + bc cos wt (beta), gs sin wt + gc cos wt (gamma); w = 2 pi `frequency`
     drag_drift      viscous friction that changes with time: start + rate t
     ring_push       a push along the rings: force + turn r, m/s^2
 
