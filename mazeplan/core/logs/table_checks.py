@@ -149,8 +149,8 @@ def _check_units(columns: dict[str, Array], rows: Rows) -> None:
 def _in_degrees(columns: dict[str, Array]) -> bool:
     """Whether theta is certainly an angle in degrees; an unwrapped angle in radians may be as large.
 
-    theta is in degrees if it agrees with x, y in degrees only. Otherwise it must leave +-2 pi, and have only whole
-    numbers, or jump by about 360, or change faster than a ball can roll in half of all rows.
+    theta is in degrees if it agrees with x, y in degrees only. Otherwise theta must leave +-2 pi. In addition, it must
+    have only whole numbers, or jump by about 360, or in half of all rows change faster than a ball can roll.
     """
     theta, t = columns["theta"], columns["t"]
     if {"x", "y"} <= set(columns):

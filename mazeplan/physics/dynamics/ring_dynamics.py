@@ -198,9 +198,9 @@ def _tilt_tangent(p, axis, node, column):
 def _traced(h, f1, f2, f3, f4, x, y):
     """Derivatives of x theta + y theta_d after a Runge-Kutta step by the inputs of the step, backwards through it.
 
-    Returns the derivatives by theta and theta_d before the step, by a number added to all four accelerations, and by
-    the tilt (beta, beta_d, beta_dd, gamma, gamma_d) at the first, the middle and the last node. f1 to f4: derivatives
-    of the four accelerations, from `_partials`."""
+    f1 to f4: derivatives of the four accelerations, from `_partials`. Returns the derivatives by theta and by theta_d
+    before the step, by a number added to all four accelerations, and by the tilt at the first, the middle and the last
+    node. The tilt is (beta, beta_d, beta_dd, gamma, gamma_d)."""
     w4 = h / 6.0 * y
     w3 = h * h / 6.0 * x + h / 3.0 * y + h * f4[1] * w4
     w2 = h * h / 6.0 * x + h / 3.0 * y + 0.5 * h * f3[1] * w3 + 0.5 * h * h * f4[0] * w4

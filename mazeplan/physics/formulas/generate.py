@@ -73,8 +73,14 @@ def ring_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, i
 
 
 def plane_routine(effects: Sequence[Effect]) -> Routine:
-    """Routine with these outputs in the plane: gravity along x and y (m/s^2, without the factor), the force along the
-    ring (rad/s^2), drag (1/s), dry friction anywhere and at a wall (rad/s^2), and the factor of gravity."""
+    """Routine with these outputs in the plane, in this order:
+
+    gravity along x and y, m/s^2, without the factor of gravity
+    force along the ring, rad/s^2
+    drag, 1/s
+    dry friction anywhere and dry friction at a wall, rad/s^2
+    factor of gravity
+    """
     return _routine(
         "plane", (*MOVING, "t", "w", "p", "out"), _in_plane(effects), equation.names_of(effects), into="out"
     )
