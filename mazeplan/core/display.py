@@ -9,16 +9,16 @@ class Display(Protocol):
     """Shows a run to a person; the methods here show nothing."""
 
     def ring_entered(self, ring: int, t: float) -> None:
-        """The ball is in another ring."""
+        """The ball entered another ring."""
 
     def passed(self, ring: int, opening: str, t: float) -> None:
         """The ball left `ring` through an opening."""
 
     def event(self, t: float, text: str) -> None:
-        """An event that is worth a line."""
+        """Show an event, as one line of text."""
 
     def tick(self, t: float, ring: int, text: str) -> None:
-        """A tick is over."""
+        """A tick ended."""
 
 
 class NullDisplay(Display):

@@ -10,8 +10,8 @@
     │   └── LogError                   a run log (MCAP)
     └── RigError                   3   the machine failed: serial, camera, watchdog
 
-A run that does not succeed is not an exception: it is a value, `records.Failure`, on which the behaviour
-tree chooses a recovery. Anything else that escapes is a bug.
+A run that does not succeed raises no exception. Its failure is a value, `records.Failure`, for which the behaviour tree
+chooses a recovery. Any other exception that escapes is a bug.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ class MazeplanError(Exception):
 
 
 class InputError(MazeplanError):
-    """Something a person wrote is wrong. One line: file, place, what was got, what is allowed. others: those that were
-    found with it."""
+    """Something that a person wrote is wrong. The message is one line: file, place, what was got, what is allowed.
+
+    others: further errors that the same check found."""
 
     exit_status = 2
     others: tuple[InputError, ...] = ()
@@ -71,12 +72,13 @@ class LogError(InputError):
 
 
 class ShortWarning(UserWarning):
-    """What a command says in one line on stderr, and goes on."""
+    """A warning that a command prints as one line on stderr, and then goes on."""
 
 
 class RigError(MazeplanError):
-    """The machine failed: serial line, camera, watchdog. `result`: the `records.NavigationResult` of what happened
-    until then, where a run was under way."""
+    """The machine failed: serial line, camera, watchdog.
+
+    result: the `records.NavigationResult` up to the failure, if a run was under way."""
 
     exit_status = 3
     result: Any = None

@@ -25,7 +25,7 @@ class RingEntered:
 
 @dataclass(frozen=True, slots=True)
 class OtherEntered:
-    """Another ball than the first, from 2 on, is in another ring, or was seen for the first time."""
+    """A ball after the first one (`ball` is 2 or more) is in another ring, or was seen for the first time."""
 
     ball: int
     ring: int
@@ -203,12 +203,12 @@ class TimedEvent:
 
     @property
     def kind(self) -> str:
-        """The name in the run log."""
+        """Name of the kind of event in the run log."""
         return self.event.name if isinstance(self.event, OtherEvent) else _NAMES[type(self.event)]
 
     @property
     def detail(self) -> dict[str, Any]:
-        """The values in the run log."""
+        """Values of the event in the run log."""
         if isinstance(self.event, OtherEvent):
             return dict(self.event.values)
         values = {f.name: getattr(self.event, f.name) for f in fields(self.event)}
@@ -216,7 +216,7 @@ class TimedEvent:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The form in the run log."""
+        """The event as the run log holds it."""
         return {"t": self.t, "kind": self.kind, "detail": self.detail}
 
     @classmethod
@@ -236,7 +236,7 @@ class TimedEvent:
 
     @property
     def error_follows(self) -> bool:
-        """Whether the event reports what an error tells in full right afterwards: the rig or a leaf failed."""
+        """Whether an error with the full message follows this event, because the rig or a leaf failed."""
         kinds = (FailureKind.RIG_FAILED, FailureKind.LEAF_FAILED)
         return isinstance(self.event, FailureReported) and self.event.kind in kinds
 

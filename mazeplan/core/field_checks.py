@@ -1,4 +1,4 @@
-"""Checks that frozen options make of their own numbers, and the unit that a number out of its range may have had."""
+"""Checks for the numbers of frozen options, and a guess of the unit in which a wrong number was given."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from typing import Any
 
 from mazeplan.core.errors import SettingsError
 
-# unit: what makes a number in it of one in a unit that is taken for it
+# by unit: factors that convert a number given in another unit, which people confuse with it
 CONVERSIONS = {
     "mm": (1e3, 10.0), "m": (1e-3, 1e-2), "m/s": (1e-3,), "g": (1e3, 1e-3), "s": (1e-3,), "ms": (1e3,), "us": (1e3,),
     "deg": (180.0 / math.pi,), "rad": (math.pi / 180.0,), "deg/s": (180.0 / math.pi,),
     "rad/s": (2.0 * math.pi, math.pi / 180.0),
 }  # fmt: skip
-# largest values of numbers in a unit, and of those without one: far beyond what is of use, so that nothing hangs
+# maximum of a number by its unit, "" for none: far beyond useful values, so that nothing hangs
 MOST = {
     "s": 1e3, "ms": 1e3, "mm": 500.0, "m": 1.0, "deg": 90.0, "rad": 2.0 * math.pi, "m/s": 10.0, "g": 1e3,
     "deg/s": 1e4, "rad/s": 1e3, "": 1e6,
 }  # fmt: skip
-TINY = {"mm": 0.05, "ms": 0.05}  # a smaller number that is not 0 is in another unit
-WHOLE = 1000  # largest count
-NEAR = 0.1  # share of a bound
+TINY = {"mm": 0.05, "ms": 0.05}  # by unit; a smaller number, except 0, is in another unit
+WHOLE = 1000  # maximum of a whole number
+NEAR = 0.1  # share of a bound; a number that is this near to the bound gets no hint
 _SUFFIX = re.compile(r"(?<!_per)_(rad_s|deg_s|m_s|mm|ms|deg|rad|m|g|s)$")
 
 
 def unit_hint(value: float, unit: str, low: float, high: float) -> str:
-    """The end of a message on a number out of its range: what it may mean in that unit. Empty if nothing fits, and for
-    a number near its range, which is hardly in another unit."""
+    """End of a message about a number out of its range: the number that was probably meant, in `unit`.
+
+    Empty if no conversion fits, and for a number near its range, which is hardly in another unit."""
     if any(abs(value - bound) <= NEAR * abs(bound) for bound in (low, high) if math.isfinite(bound)):
         return ""
     meant = (factor * value for factor in CONVERSIONS.get(unit, ()))
@@ -38,7 +39,7 @@ def unit_hint(value: float, unit: str, low: float, high: float) -> str:
 
 
 def unit_of(key: str) -> str:
-    """The unit at the end of a key: deg/s of servo_slew_deg_s. Empty without one."""
+    """The unit at the end of a key, such as deg/s for servo_slew_deg_s. Empty without a unit."""
     found = _SUFFIX.search(key)
     return "" if found is None else found[1].replace("_s", "/s")
 
@@ -46,9 +47,12 @@ def unit_of(key: str) -> str:
 def check_numbers(
     options: Any, *, positive: Collection[str] = (), least: float = 0.0, most: Mapping[str, float] | None = None
 ) -> None:
-    """Every number of a dataclass must be >= `least`, those named in `positive` > 0; whole where declared so.
+    """Check the numbers of a dataclass; fields declared as int must be whole. Raises SettingsError with the field.
 
-    most: largest values by field; of the others see MOST. Raises SettingsError with the field's name."""
+    positive: fields that must be > 0
+    least:    minimum of all numbers
+    most:     maximum by field; the default is MOST for the field's unit, or WHOLE for a whole number
+    """
     for field in fields(options):
         value = getattr(options, field.name)
         if isinstance(value, bool) or not isinstance(value, int | float):

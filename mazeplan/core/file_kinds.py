@@ -1,4 +1,4 @@
-"""What a file is, by its content: for the words with which a wrong one is refused.
+"""What kind of file a path holds, by its content; for messages that refuse a wrong file.
 
 path                          got
 ----------------------------  ------------------------------------------
@@ -20,7 +20,7 @@ import stat
 from pathlib import Path
 from typing import Any
 
-HEAD = 4096  # bytes looked at
+HEAD = 4096  # bytes that are read
 LOG = "a log (MCAP)"
 MAGIC = (
     (b"\xff\xfe", "UTF-16 text, not UTF-8"),
@@ -40,7 +40,7 @@ _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 
 
 def got(path: str | Path) -> str:
-    """A few words on what there is, for `got ..., expected ...`; never raises."""
+    """What is at a path, in a few words for `got ..., expected ...`; never raises."""
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISDIR(mode):
@@ -62,7 +62,7 @@ def refused(path: str | Path, expected: str) -> str:
 
 
 def by_keys(data: Any) -> str:
-    """Which YAML file of this program has such content: a map, a model ... Empty if it is none that is known."""
+    """Which kind of YAML file of this program has such content: a map, a model ... Empty if unknown."""
     keys = set(data) if isinstance(data, dict) else set[str]()
     if {"rings", "stage"} <= keys:
         return "a model (model.yaml)"

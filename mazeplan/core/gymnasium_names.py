@@ -1,7 +1,7 @@
-"""Tells Gymnasium the names of the environments, as soon as a program imports both mazeplan and Gymnasium.
+"""Registers the environments with Gymnasium, as soon as a program imports both mazeplan and Gymnasium.
 
-`import mazeplan` does not import Gymnasium: a finder waits for that. Only names are registered; the
-modules load when one is made. Gymnasium has no entry points for other packages since its version 1.0.
+`import mazeplan` does not import Gymnasium. A finder waits until the program imports it. Only names are registered; the
+modules load when an environment is made. Since version 1.0, Gymnasium has no entry points for other packages.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def register(gymnasium: Any) -> None:
 
 
 class _Waiting(MetaPathFinder):
-    """Lets Gymnasium be found as ever, and registers when it has been loaded."""
+    """Finds Gymnasium as usual, and registers the environments when Gymnasium has been loaded."""
 
     def find_spec(self, fullname: str, path: object = None, target: ModuleType | None = None) -> ModuleSpec | None:
         if fullname != "gymnasium":
@@ -55,7 +55,7 @@ class _Waiting(MetaPathFinder):
 
 
 def install() -> None:
-    """Register now if Gymnasium has been imported, else when it is. A second call changes nothing."""
+    """Register now if Gymnasium has been imported, else when it is imported. A second call changes nothing."""
     loaded = sys.modules.get("gymnasium")
     if loaded is not None and hasattr(loaded, "registry"):
         register(loaded)

@@ -1,4 +1,4 @@
-"""What is saved before a watchdog ends the process: a loop that hangs runs no `finally`."""
+"""Saves open work before a watchdog ends the process, because a loop that hangs runs no `finally`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from contextlib import suppress
 from typing import NoReturn, Protocol
 from weakref import WeakSet
 
-LIMIT_S = 0.5  # for saving; a disk may hang as the loop does
+LIMIT_S = 0.5  # for saving one object; a disk may hang, too
 
 
 class Saved(Protocol):
     """Something with work that is not on the disk yet."""
 
     def save(self) -> None:
-        """Bring to the disk what is complete; called from another thread than the one that hangs."""
+        """Write what is complete to the disk. The call comes from a thread other than the one that hangs."""
         ...
 
 
@@ -23,12 +23,12 @@ _open: WeakSet[Saved] = WeakSet()
 
 
 def save_at_hard_end(what: Saved) -> None:
-    """Have something saved before the process is ended; it is forgotten when nothing else holds it."""
+    """Save `what` before a watchdog ends the process. Only a weak reference is kept."""
     _open.add(what)
 
 
 def end_process(status: int) -> NoReturn:
-    """Save what can be saved within LIMIT_S, and end the process at once."""
+    """Save what can be saved, each object within LIMIT_S, and end the process at once."""
     for what in list(_open):
         saver = threading.Thread(target=_save, args=(what,), daemon=True)
         saver.start()
@@ -37,5 +37,5 @@ def end_process(status: int) -> NoReturn:
 
 
 def _save(what: Saved) -> None:
-    with suppress(Exception):  # the process ends for another reason, which has been said
+    with suppress(Exception):  # the process ends for another reason, which has been reported
         what.save()

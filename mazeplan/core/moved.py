@@ -66,7 +66,7 @@ class _Alias(Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """The module has run at its own place. Importing has replaced its spec: put that back."""
+        """Put back the module's spec, which importing has replaced. The module has already run at its new place."""
         module.__spec__ = self.spec
 
 
@@ -94,4 +94,4 @@ def new_place(name: str) -> str | None:
 def install() -> None:
     """Let imports find modules by their earlier names. A second call changes nothing."""
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _Finder())  # before the finder that would load a moved room's file a second time
+        sys.meta_path.insert(0, _Finder())  # before the finder that would load a moved package's file a second time

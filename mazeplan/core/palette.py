@@ -1,9 +1,10 @@
-"""All colours of pictures and pages, and dashes, marker and hatch by the meaning of a thing. No other file has any.
+"""All colours, dashes, markers and hatches of pictures and pages, by meaning. No other file defines any.
 
-Colours are those of Okabe and Ito (Color Universal Design, 2008), some darkened until lines on white can be read
-(contrast 3 or more, but for the fills of what does not matter: skipped, idle). Things that are shown together differ in
-lightness, too, so that they stay apart printed grey, and for eyes that see two of the three colours. Because that alone
-is not enough in a thin line, a line also has its dashes, a point its marker, an area its hatch: use both.
+The colours are those of Okabe and Ito (Color Universal Design, 2008). Some are darkened so that lines on white can be
+read: contrast 3 or more, except for the unimportant fills `skipped` and `idle`. Things that are shown together also
+differ in lightness. So they stay distinct in grey print, and for eyes that see only two of the three basic colours. In
+a thin line, lightness alone is not enough. Therefore a line also has dashes, a point has a marker, an area has a hatch:
+use both.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ COLOURS: dict[str, str] = {
     "idle": "#E6E6E6",
 }
 
-# words; each has a contrast of 4.5 or more on white (WCAG 2.1)
+# colours of text; each has a contrast of 4.5 or more on white (WCAG 2.1)
 INKS: dict[str, str] = {
     "ink": "#1C1F24",
     "quiet": "#565D67",
@@ -52,7 +53,7 @@ INKS: dict[str, str] = {
     "neutral": "#565D67",
 }
 
-# light fills behind words in "ink" and "quiet"
+# light fills behind text in "ink" and "quiet"
 TINTS: dict[str, str] = {
     "paper": "#FFFFFF",
     "band": "#F1F3F6",
@@ -71,7 +72,7 @@ TINTS: dict[str, str] = {
 # the button that stops a machine
 STOP: dict[str, str] = {"face": "#B00000", "pressed": "#700000"}
 
-# lines that only guide the eye, and so may be fainter than what they guide to
+# lines that only guide the eye, so they may be fainter than other lines
 FAINT: dict[str, str] = {"grid": "#DDDDDD", "rule": "#C9CED6", "hatch": "#C4C4C4"}
 
 # a maze: plan view
@@ -100,7 +101,7 @@ DASHES: dict[str, tuple[float, ...]] = {
     "sixth": (4.0, 1.0, 1.0, 1.0, 1.0, 1.0),
 }
 
-# as Matplotlib writes them
+# in Matplotlib's notation
 MARKERS: dict[str, str] = {
     "planned": "s", "commanded": "s", "real": "o", "measured": "o", "good": "o", "bad": "X", "unsure": "^",
     "neutral": ".", "second": "D", "ring1": "o", "ring2": "s", "ring3": "^", "ring4": "D", "ring5": "v", "sixth": "P",
@@ -110,11 +111,11 @@ HATCHES: dict[str, str] = {"failure": "xxx", "bad": "xxx", "skipped": "...", "un
 
 
 def dashes(name: str) -> tuple[float, ...]:
-    """Dash and gap of its line, in widths of the line; () when solid."""
+    """Lengths of dash and gap of the line `name`, in widths of the line; () for a solid line."""
     return DASHES.get(name, ())
 
 
 def rgb(name: str) -> tuple[int, int, int]:
-    """Its colour as 0 .. 255 each of red, green, blue."""
+    """The colour `name` as red, green, blue, each 0 to 255."""
     colour = COLOURS[name]
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

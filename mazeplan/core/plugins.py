@@ -1,10 +1,10 @@
-"""What installed packages add: rigs, effects and leaves, by entry points of their names.
+"""Rigs, effects and leaves that installed packages add, by entry points:
 
     [project.entry-points."mazeplan.rigs"]
     cart = "cart_rig:Cart"
 
-Which there are is read from the metadata of packages, which takes some milliseconds and runs nothing of theirs; a
-package's code is imported only where what it adds is asked for by name. What the program itself has comes first.
+The names are read from the metadata of packages. That takes some milliseconds and runs no code of a package. The code
+of a package is imported only when someone asks for one of its names. Names of the program itself come first.
 """
 
 from __future__ import annotations
@@ -24,7 +24,15 @@ GROUPS = (RIGS, EFFECTS, LEAVES)
 
 @dataclass(frozen=True)
 class Plugin:
-    """One entry point: its group, the name by which it is used, what it is, and whose it is."""
+    """One entry point.
+
+    group:   one of GROUPS
+    name:    name by which users ask for the object
+    value:   where the object is, `module:object`
+    package: name of the package that adds the object
+    version: version of this package
+    entry:   the entry point as Python's importlib gives it
+    """
 
     group: str
     name: str
@@ -40,22 +48,22 @@ class Plugin:
 
     @property
     def label(self) -> str:
-        """What an error begins with."""
+        """The beginning of an error message about this entry point."""
         return f"package {self.source}, entry point {self.group}: {self.name} = {self.value}"
 
     def problem(self, what: str) -> InputError:
-        """An error that says whose entry point it is."""
+        """An error that names the package and the entry point."""
         return InputError(f"{self.label}: {what}")
 
     def load(self) -> Any:
-        """What it names. Raises InputError with the place where its code broke."""
+        """Import the object and return it. Raises InputError with the place where the package's code failed."""
         try:
             return self.entry.load()
         except (Exception, SystemExit) as problem:  # whatever anybody's code does at import
             raise self.problem(f"cannot be imported: {reason(problem)}") from None
 
     def file(self) -> Path | None:
-        """The file of its code; None where it has none. Imports it."""
+        """Import the object and return the file of its module; None without a file."""
         import sys
 
         self.load()
@@ -65,7 +73,7 @@ class Plugin:
 
 @cache
 def plugins(group: str) -> tuple[Plugin, ...]:
-    """All of a group, by name and package; nothing of them is imported."""
+    """All entry points of a group, sorted by name and package; nothing is imported."""
     found = []
     for entry in entry_points(group=group):
         package, version = ("?", "?") if entry.dist is None else (entry.dist.name, entry.dist.version)
@@ -74,7 +82,7 @@ def plugins(group: str) -> tuple[Plugin, ...]:
 
 
 def unknown_groups() -> dict[str, str]:
-    """Groups that packages offer something in and that this program does not know, such as mazeplan.rig, with the
+    """Groups of entry points, such as mazeplan.rig, that a package uses but this program does not know; with the
     package."""
     groups = sorted(group for group in entry_points().groups if group.split(".")[0] == "mazeplan")
     ours = [entry for group in groups if group not in GROUPS for entry in entry_points(group=group)]
@@ -82,7 +90,7 @@ def unknown_groups() -> dict[str, str]:
 
 
 def plugin(group: str, name: str) -> Plugin | None:
-    """The one of that name, None if there is none. Raises InputError where two packages have it."""
+    """The entry point `name` of a group, None without one. Raises InputError if two packages have this name."""
     found = [plugin for plugin in plugins(group) if plugin.name == name]
     if len(found) > 1:
         raise found[0].problem(f"package {found[1].source} has the same name; uninstall one of them")

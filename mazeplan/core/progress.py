@@ -1,4 +1,4 @@
-"""Progress of long work, by plain functions: the work calls them, the display provides them."""
+"""Progress of long operations, by plain functions: the operation calls them, the display provides them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ Advance = Callable[[float, float], None]  # amount done, total
 
 
 def no_words(text: str) -> None:
-    """Nobody wants to know."""
+    """The default: the step is not shown."""
 
 
 def no_advance(done: float, total: float) -> None:
-    """Nobody wants to know."""
+    """The default: the progress is not shown."""
 
 
 def piece(advance: Advance, begin: float, size: float, total: float) -> Advance:
@@ -22,10 +22,10 @@ def piece(advance: Advance, begin: float, size: float, total: float) -> Advance:
 
 
 def led_by(lead: str, tell: Words) -> Words:
-    """Words with a lead before them."""
+    """A function that calls `tell` with `lead` before the text."""
     return lambda text: tell(f"{lead}{text}")
 
 
 def of_total(advance: Advance, total: float) -> Callable[[float], None]:
-    """For work that reports the amount done without the total."""
+    """A function for work that reports the amount done without the total."""
     return lambda done: advance(done, total)

@@ -1,4 +1,4 @@
-"""The records that travel between the rooms, and the one table of symbols of the project.
+"""The records that the packages exchange, and the table of symbols of the project.
 
 symbol        unit      meaning
 ------------  --------  --------------------------------------------------------------------------------
@@ -6,7 +6,7 @@ t             s         the rig's own clock; 0 at `Rig.reset`
 x, y          m         ball centre in the plate frame
 r             m         sqrt(x^2 + y^2)
 theta         rad       atan2(y, x)
-theta_dot     rad/s     its rate
+theta_dot     rad/s     rate of theta
 beta          rad       pitch about the y axis; positive lowers the +x side
 gamma         rad       roll about the x axis; positive lifts the +y side
 u_beta/gamma  rad       commanded tilt, held until the next command
@@ -39,7 +39,7 @@ IntArray = NDArray[np.int64]
 class Observation:
     """What a rig measured at one sample. x = y = None when the ball is not seen.
 
-    others: of a rig with several balls, the same sample for each ball after the first, always in the same order."""
+    others: on a rig with several balls, the same sample for each ball after the first, always in the same order."""
 
     t: float
     x: float | None
@@ -67,8 +67,11 @@ LEVEL = Command(0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """What was measured of a rig's delays. camera_s: by how much the ball's position of a sample is older than its
-    tilt; command_s: from a sample to the first movement of the plate by the command that answers it."""
+    """Measured delays of a rig.
+
+    camera_s:  by how much the ball's position in a sample is older than the tilt in this sample, s
+    command_s: time from a sample to the first movement of the plate by the command that answers the sample, s
+    """
 
     camera_s: float
     command_s: float
@@ -138,9 +141,13 @@ class StopReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """What a plan says of its own quality. gradient: largest derivative of the cost by a control inside its limits, per
-    rad, 0 at an optimum; wrong_sign: the same by a control held at a limit that ought to leave it, 0 at an optimum;
-    expected, got: fall of the cost in the last step that was taken."""
+    """How near a plan is to an optimum.
+
+    gradient:   largest derivative of the cost by a control inside its limits, per rad; 0 at an optimum
+    wrong_sign: largest derivative by a control that is held at a limit but ought to leave it, per rad; 0 at an optimum
+    expected:   expected fall of the cost in the last step that the solver took
+    got:        actual fall of the cost in this step
+    """
 
     gradient: float
     wrong_sign: float
@@ -152,12 +159,15 @@ class Certificate:
 class Plan:
     """A planned trajectory with its feedback.
 
-    states:   (T+1, 6) planner states; theta is continuous (may leave (-pi, pi])
-    controls: (T, 2) commanded tilt, inside the limits
-    gains:    (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
-    cost:     total cost reached; reason: why the solver stopped; iterations: how many it took; ms: how long
-    t0, dt:   rig time of states[0] and step, s
-    certificate: how near to an optimum it is; None where the solver met no finite cost
+    states:      (T+1, 6) planner states; theta is continuous (may leave (-pi, pi])
+    controls:    (T, 2) commanded tilt, inside the limits
+    gains:       (T, 2, 6) u = controls[k] + gains[k] @ (s - states[k])
+    cost:        total cost reached
+    reason:      why the solver stopped
+    iterations:  number of iterations of the solver
+    ms:          duration of the search, ms
+    t0, dt:      rig time of states[0] and step, s
+    certificate: how near the plan is to an optimum; None if the solver met no finite cost
     """
 
     states: Array
@@ -173,7 +183,7 @@ class Plan:
 
     @property
     def ok(self) -> bool:
-        """Whether the plan may be followed: finite, even if the solver ran out of time or iterations."""
+        """Whether a controller may follow the plan: it is finite, even if the solver ran out of time or iterations."""
         return self.reason is not StopReason.NOT_FINITE
 
 
@@ -181,8 +191,13 @@ class Plan:
 class TreeOutline:
     """The nodes of a behaviour tree, parents first.
 
-    paths, kinds (class names), names: of each node; parents: number of the node above, -1 of the root; conditions:
-    numbers of the nodes that only ask, whose failure is the answer no; None in logs of older versions."""
+    paths:      path of each node
+    kinds:      class name of each node
+    names:      name of each node
+    parents:    number of the node above, -1 for the root
+    conditions: numbers of the nodes that only check a condition, so that their failure means no; None in logs of older
+                versions
+    """
 
     paths: tuple[str, ...]
     kinds: tuple[str, ...]
@@ -205,7 +220,7 @@ class TreeOutline:
 
 
 class FailureKind(StrEnum):
-    """What can go wrong in a run, by name; recoveries are chosen by it."""
+    """What can go wrong in a run; the behaviour tree chooses a recovery for the kind."""
 
     STUCK = "stuck"
     MISSED_OPENING = "missed_opening"
@@ -228,8 +243,14 @@ class FailureKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """One thing that went wrong: kind, where (leaf or place), rig time in s, a sentence for people; x, y: where the
-    ball was, m, None where nobody knew."""
+    """One thing that went wrong.
+
+    where:    leaf or place
+    t:        rig time, s
+    detail:   a sentence for people
+    recovery: name of the recovery that the tree chose, None without one
+    x, y:     place of the ball, m; None if unknown
+    """
 
     kind: FailureKind
     where: str
@@ -242,11 +263,17 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """From rig time t, s, on for a while something measured was not believed, or not what it should be.
+    """Measurements were wrong or not used, from rig time t, s, on for a while. `what` is one of:
 
-    what: clock, the time does not go on; gap, it leaps ahead; rate, samples do not come at the rig's rate_hz; position,
-    of the ball is no number; far, it is metres away; ball, is far from where it could be; tilt, is no number or leaps;
-    plate, does not follow the commands."""
+    clock:    the time does not go on
+    gap:      the time leaps ahead
+    rate:     samples do not come at the rig's rate_hz
+    position: the position of the ball is not a number
+    far:      the ball is metres away
+    ball:     the ball is far from where it could be
+    tilt:     the tilt is not a number, or leaps
+    plate:    the plate does not follow the commands
+    """
 
     what: str
     t: float
@@ -254,7 +281,7 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True)
 class RingPassage:
-    """One ring of a run: how long the ball was in it (s) and the opening it left by (None in the last ring)."""
+    """One ring of a run: time of the ball in it, s, and the opening by which it left (None in the last ring)."""
 
     ring: int
     time_s: float
@@ -263,7 +290,7 @@ class RingPassage:
 
 @dataclass(frozen=True, slots=True)
 class OtherBall:
-    """A ball of a run after the first one: its number, from 2 on, and its rings."""
+    """A ball of a run after the first one: its number (2 or more) and its rings."""
 
     ball: int
     rings: tuple[RingPassage, ...]
@@ -271,7 +298,7 @@ class OtherBall:
 
 @dataclass(frozen=True, slots=True)
 class GoalGiven:
-    """A goal of a run: ring, and rig time at which it was given, s. Several of one time are visited in this order."""
+    """A goal of a run: ring, and rig time at which it was given, s. Goals of equal time are visited in their order."""
 
     ring: int
     t: float
@@ -289,10 +316,14 @@ class Start:
 class NavigationResult:
     """The outcome of one navigation, as `navigate --json` prints it.
 
-    success: the tree succeeded with the ball in the newest of `goals`; reason is "arrived", a failure kind, "stopped"
-    from outside, "skipped", "interrupted", or "crashed" where the program itself raised what it should not.
-    planner_ms: p50, p99 and max of all plans, in ms. doubts: what was measured and not believed. start: None where the
-    rig did not come so far. others: balls after the first, to which `rings` belongs.
+    success:    the tree succeeded with the ball in the newest of `goals`
+    reason:     "arrived", a failure kind, "stopped" (from outside), "skipped", "interrupted", or "crashed" (the program
+                itself raised an unexpected exception)
+    rings:      rings of the first ball
+    planner_ms: p50, p99 and max of all plans, ms
+    doubts:     measurements that were wrong or not used
+    start:      None if the run ended before the ball was placed
+    others:     balls after the first
     """
 
     success: bool
@@ -312,13 +343,13 @@ class NavigationResult:
     others: tuple[OtherBall, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The document that `navigate --json` prints (keys fixed by the contract; those from `tick_ms` on, and
-        `detail`, are ours)."""
+        """The document that `navigate --json` prints. Its keys are fixed by the contract, except `detail` and the keys
+        from `tick_ms` on, which are additions."""
         return _result_adapter().dump_python(self, mode="json")
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> NavigationResult:
-        """Read `to_json`, to the last bit. Raises ValueError for any other document."""
+        """Read a document of `to_json`, exact to the last bit. Raises ValueError for any other document."""
         return _result_adapter().validate_python(document)
 
 

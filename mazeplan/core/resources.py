@@ -16,7 +16,7 @@ CHECKOUT = PACKAGE.parent / "pyproject.toml"  # there in a clone, not where a wh
 
 
 def to_install(extra: str = "") -> str:
-    """The command that installs what an extra needs; without one, what the program itself does."""
+    """The command that installs what an extra needs; without an extra, what the program itself needs."""
     name = f"[{extra}]" if extra else ""
     if CHECKOUT.is_file():
         return f"pip install -c constraints.txt -e '.{name}' in {CHECKOUT.parent}"
@@ -30,13 +30,14 @@ def share(kind: str) -> Path:
 
 
 class BothWarning(ShortWarning):
-    """A bare name is that of a packaged thing and of a file or folder where the program runs: it means the first."""
+    """A bare name fits a packaged thing and a file or folder in the current folder; it means the packaged thing."""
 
 
 def is_packaged(source: str | Path, names: Collection[str]) -> bool:
-    """Whether what a user gave means one of these packaged names. A bare name does, whatever lies in the current folder
-    under that name; `./toy` is the folder. A Path that exists is that file or folder. Warns (BothWarning) of a name
-    that is both."""
+    """Whether `source`, given by a user, means one of these packaged names.
+
+    A bare name means the packaged thing, whatever the current folder holds under that name; `./toy` means the folder. A
+    Path that exists means that file or folder. Warns (BothWarning) if a bare name fits both."""
     name = str(source)
     if name not in names:
         return False

@@ -1,5 +1,5 @@
-"""Python modules that users bring: found as `python -m` would find them, in the folder where one works, too, and
-beside a file that names one."""
+"""Imports Python modules of users. A module is found as by `python -m`, so also in the current folder, or beside a file
+that names it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ _beside: set[Path] = set()
 
 
 def desks() -> tuple[Path, ...]:
-    """Folders in which users' own modules may be: where one works, and those of files that named one."""
+    """Folders that may hold modules of users: the current folder, and folders of files that named a module."""
     return (Path.cwd().resolve(), *sorted(_beside))
 
 
 def user_module(name: str, option: str, folder: Path | None = None) -> ModuleType:
-    """Import a module; one that lies in `folder`, that of the file that names it, comes first. Raises InputError, which
-    begins with the option and names the place, if that fails."""
+    """Import a module. Raises InputError, which begins with the option and names the place of the fault.
+
+    folder: folder of the file that names the module; a module in it comes first."""
     if name.endswith(".py"):
         raise InputError(f"{option}: got {name!r}, expected the module's name without .py: {Path(name).stem}")
     if not all(part.isidentifier() for part in name.split(".")):
@@ -31,7 +32,7 @@ def user_module(name: str, option: str, folder: Path | None = None) -> ModuleTyp
     if here not in sys.path:
         sys.path.insert(0, here)
     place = None if folder is None else folder.resolve()
-    if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else: installed
+    if place is not None and str(place) not in sys.path and _holds(place, name.partition(".")[0]):  # else installed
         _beside.add(place)
         sys.path.insert(0, str(place))
         importlib.invalidate_caches()
@@ -55,7 +56,7 @@ def _broken(name: str, option: str, problem: BaseException) -> InputError:
 
 
 def reason(problem: BaseException) -> str:
-    """One line with the place in the user's own code: the innermost one, unless a syntax error names it itself."""
+    """One line about an exception, with the innermost place in the code, or the place that a syntax error names."""
     frames = [frame for frame in traceback.extract_tb(problem.__traceback__) if "importlib" not in frame.filename]
     where = f"{frames[-1].filename}:{frames[-1].lineno}: " if len(frames) > 1 else ""
     if isinstance(problem, SyntaxError) and problem.filename:

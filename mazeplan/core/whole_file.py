@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are whole, and folders that a failure does not leave half made."""
+"""Files that get their name only when they are complete, and folders that a failure does not leave half made."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
 
 def is_stream(path: str | Path) -> bool:
-    """Whether it is a device or a pipe, such as /dev/null, or /dev/stdout wherever that leads."""
+    """Whether a path is a device or a pipe, such as /dev/null; /dev/stdout counts, wherever it leads."""
     if in_dev(path):
         return True
     return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
 
 
 def in_dev(path: str | Path) -> bool:
-    """Whether it is a name of the system's, such as /dev/stdout or /dev/fd/3."""
+    """Whether a path is directly in /dev or /dev/fd, such as /dev/stdout or /dev/fd/3."""
     return Path(path).absolute().parent in (Path("/dev"), Path("/dev/fd"))
 
 
 def read_only(path: str | Path) -> bool:
-    """Whether a file or folder is there that nobody may write to, or this user may not."""
+    """Whether a path exists and is write-protected, for everybody or for this user."""
     try:
         return not (os.stat(path).st_mode & WRITABLE and os.access(path, os.W_OK))
     except OSError:
@@ -37,10 +37,11 @@ def read_only(path: str | Path) -> bool:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """A file beside `path` to write; it takes the name when the block ends well, and is removed when it fails.
+    """A file beside `path` to write. It gets the name `path` when the block succeeds, and is removed when it fails.
 
-    It has the same ending. A link stays a link: the file that it names is replaced. A device or a pipe is written as it
-    is. The folder must be there. A file that is read-only stays. Raises OSError, of `path`."""
+    The file beside has the same suffix. If `path` is a link, the file that the link names is replaced. A device or a
+    pipe is written directly. The folder must exist. A read-only file is not replaced. Raises OSError that names `path`.
+    """
     if is_stream(path):
         yield Path(path)
         return
@@ -63,8 +64,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[None]:
-    """Make a folder for the block. Of what is new then, an InputError leaves nothing; any other exception leaves all
-    files, for what was measured may be worth much, but no empty folder."""
+    """Make a folder for the block. If the block raises InputError, everything new is removed. Any other exception keeps
+    the files, because measurements may be valuable, and removes empty new folders."""
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     before = set(folder.rglob("*"))

@@ -3,15 +3,15 @@
 An effect has parameters and a formula. The formula is a function of the state's symbols (`symbols.Symbols`) and of the
 parameters. Its result depends on where the effect acts:
 
-gravity      {"factor", "beta", "gamma", "x", "y"}, any of them: a factor of gravity; tilt (rad) and horizontal
-             acceleration (m/s^2) added to those of the plate
+gravity      any of {"factor", "beta", "gamma", "x", "y"}: a factor of gravity; tilt (rad) and horizontal acceleration
+             (m/s^2) that are added to those of the plate
 force        an acceleration along the ring, rad/s^2
 drag         a rate, 1/s: the ball loses speed at rate times speed
 dry          a deceleration against the motion, rad/s^2, that can hold a ball at rest
-wall         the same, for a ball that touches a wall
+wall         as dry, for a ball that touches a wall
 opening      {"angle", "loss"}: an angle, rad, and the share of its speed that a passing ball loses there
 stage, tilt sensor, camera
-             None: these effects are numbers in the model of that part, see `entry`
+             no formula: these effects are numbers in the model of that part of the rig, see `entry`
 """
 
 from __future__ import annotations
@@ -28,16 +28,22 @@ GRAVITY, FORCE, DRAG, DRY, WALL, OPENING = "gravity", "force", "drag", "dry", "w
 STAGE, TILT_SENSOR, CAMERA = "stage", "tilt sensor", "camera"
 BALL = (GRAVITY, FORCE, DRAG, DRY, WALL, OPENING)  # effects on the ball: entries of a ring in a model file
 ACTS = (*BALL, STAGE, TILT_SENSOR, CAMERA)
-FINE = 0.01  # step of numeric derivatives, in smallest sizes, unless a parameter has a step of its own
+FINE = 0.01  # default step of numeric derivatives, as a share of `Parameter.smallest`
 
 
 @dataclass(frozen=True)
 class Parameter:
     """A parameter of an effect.
 
-    unit; default: the value without the effect; low, high: bounds; smallest: smallest relevant size, 0 for a parameter
-    that says where; step: of numeric derivatives, 0: FINE smallest sizes; prior: standard deviation of prior knowledge;
-    words: its name in reports; fixed: True excludes it from fits."""
+    unit:      as text
+    default:   the value without the effect
+    low, high: bounds
+    smallest:  smallest relevant size; 0 for a parameter that says where the effect is
+    step:      step of numeric derivatives; 0 stands for FINE times `smallest`, or 1e-3 if `smallest` is 0
+    prior:     standard deviation of prior knowledge
+    words:     name in reports
+    fixed:     True excludes the parameter from fits
+    """
 
     unit: str
     default: float
@@ -58,9 +64,13 @@ class Parameter:
 class FitHints:
     """How fits and the diagnosis treat an effect.
 
-    starts: start values of a fit; places: parameters that say where, not how large; rivals: effects with the same
-    meaning; named: False for a term that only shows a dependence; depends_on: its variables; placebo: an impossible
-    term, which measures what chance can explain."""
+    starts:     start values of a fit
+    places:     parameters that say where the effect is, not how large
+    rivals:     effects with the same meaning
+    named:      False for a term that only shows a dependence
+    depends_on: the variables of such a term
+    placebo:    True for an impossible term, which measures what chance can explain
+    """
 
     starts: tuple[tuple[float, ...], ...] = ()
     places: tuple[str, ...] = ()
@@ -74,8 +84,10 @@ class FitHints:
 class WallPattern:
     """The openings of a wall as one effect, see `openings`.
 
-    pattern: their angles in the map, rad; side: 1 the outer wall of the ring, -1 the inner one; own: names of the
-    parameters that belong to one opening each."""
+    pattern: angles of the openings in the map, rad
+    side:    1 for the outer wall of the ring, -1 for the inner wall
+    own:     names of the parameters that each belong to one opening
+    """
 
     pattern: tuple[float, ...] = (0.0,)
     side: float = 0.0
@@ -86,10 +98,17 @@ class WallPattern:
 class Effect(WallPattern, FitHints):
     """A physical effect.
 
-    name, parameters, acts, formula: see above; text: a description in one sentence; source: of the formula; why_not:
-    why the planner cannot use it, empty if it can; entry: place of each parameter in the model of a part of the rig
-    (`stage.beta.gain`); by_radius: powers of the radius that scale each parameter to another ring, None: values hold
-    for one place; common: whether the effect is the same in all rings. The rest: see `FitHints`, `WallPattern`."""
+    name, parameters: see `Parameter`
+    acts:       where the effect acts, such as "force"
+    formula:    function of the state's symbols and of the parameters; None for a part of the rig
+    text:       a description in one sentence
+    source:     source of the formula
+    why_not:    why the planner cannot use the effect; empty if it can
+    entry:      place of each parameter in the model of a part of the rig, such as `stage.beta.gain`
+    by_radius:  powers of the radius that scale each parameter to another ring; None if values hold for one place
+    common:     whether the effect is the same in all rings
+
+    The other fields: see `FitHints` and `WallPattern`."""
 
     name: str
     parameters: Mapping[str, Parameter]
@@ -103,7 +122,7 @@ class Effect(WallPattern, FitHints):
     common: bool = False
 
     def __call__(self, *values: float, **more: float) -> Term:
-        """The effect with values, in the order of its parameters or by name; the others keep their defaults.
+        """The effect with values, in the order of its parameters or by name; missing ones keep their defaults.
 
         Raises ValueError for unknown names and for values out of bounds."""
         if len(values) > len(self.parameters):
@@ -121,15 +140,15 @@ class Effect(WallPattern, FitHints):
 
     @property
     def planned(self) -> bool:
-        """Whether planner and prediction use it."""
+        """Whether planner and prediction use the effect."""
         return not self.why_not
 
     def numbers(self, values: Mapping[str, float]) -> list[float]:
-        """Its parameters in order; missing values are the defaults."""
+        """Values of the parameters in order; missing values are the defaults."""
         return [values.get(name, parameter.default) for name, parameter in self.parameters.items()]
 
     def of_opening(self, values: Mapping[str, float], i: int) -> list[float]:
-        """Parameters of opening i of the pattern, in order; missing values are the defaults."""
+        """Values of the parameters for opening i of the pattern, in order; missing values are the defaults."""
         numbers = [values.get(name, one.default) for name, one in self.parameters.items() if name not in self.own]
         if self.own:
             numbers[1] += values.get(self.own[i], 0.0)
@@ -140,7 +159,7 @@ class Effect(WallPattern, FitHints):
         return list(self.starts) or [tuple(p.default for p in self.parameters.values())]
 
     def size(self, values: Mapping[str, float], declared: Mapping[str, float]) -> float:
-        """Largest deviation from the declared values, in smallest sizes; from 1 on it is relevant."""
+        """Largest deviation from the declared values, in units of `Parameter.smallest`; 1 or more is relevant."""
         sizes = [
             abs(values[name] - declared.get(name, p.default)) / p.smallest
             for name, p in self.parameters.items()
@@ -151,7 +170,7 @@ class Effect(WallPattern, FitHints):
 
 @dataclass(frozen=True)
 class Term:
-    """An effect with values: one summand of a model. numbers: in the order of the effect's parameters."""
+    """An effect with values: one summand of a model. numbers: values in the order of the effect's parameters."""
 
     effect: Effect
     numbers: tuple[float, ...]

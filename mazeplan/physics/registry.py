@@ -16,11 +16,12 @@ from mazeplan.physics.effects import ball, openings, rig
 PACKAGED: dict[str, Effect] = {e.name: e for e in (*ball.FAMILY, *openings.FAMILY, *openings.WALLS, *rig.FAMILY)}
 EFFECTS: dict[str, Effect] = dict(PACKAGED)
 TRIED = ((0.3, 0.7, 1.0), (-2.5, -3.0, 20.0), (1.4, 0.0, 0.0))  # theta, theta_dot, t of the trial
-TILT = (0.02, 0.1, -1.0, -0.03, -0.2, 2.0, 0.07, 0.006, *([0.01] * 7))  # inputs there
+TILT = (0.02, 0.1, -1.0, -0.03, -0.2, 2.0, 0.07, 0.006, *([0.01] * 7))  # inputs (`symbols.INPUTS`) of the trial
 
 
 def make_term(name: str, values: Mapping[str, Any]) -> Term:
-    """The effect of a name with values, also of an installed package. Raises ValueError with the allowed names."""
+    """The effect `name` with values; also finds effects of installed packages. Raises ValueError with the allowed
+    names."""
     if name not in EFFECTS:
         _look_into_packages(name)
     if name not in EFFECTS:
@@ -30,13 +31,13 @@ def make_term(name: str, values: Mapping[str, Any]) -> Term:
 
 
 def ring_effects() -> dict[str, Effect]:
-    """Effects that can stand in a ring of a model file, by name."""
+    """Effects that a ring in a model file may have, by name."""
     return {name: e for name, e in EFFECTS.items() if e.acts in BALL and e.named}
 
 
 def register(effects: Iterable[Effect]) -> None:
-    """Add effects for models and diagnosis. Raises InputError for an object that is no effect, a name of the package,
-    or a formula without a finite value."""
+    """Add effects for models and diagnosis. Raises InputError for an object that is not an effect, for a name that the
+    library has, and for a formula without a finite value."""
     for effect in effects:
         problem = problem_of(effect)
         if problem is not None:
@@ -45,7 +46,7 @@ def register(effects: Iterable[Effect]) -> None:
 
 
 def _look_into_packages(name: str) -> None:
-    """Register the effect of a name from installed packages; broken ones are ignored."""
+    """Register the effect `name` from installed packages; broken packages are ignored."""
     for plugin in plugins(GROUP):
         try:
             found = [e for e in offered(plugin.load()) if getattr(e, "name", "") == name and problem_of(e) is None]
@@ -70,7 +71,7 @@ def own_effects(spec: str | None) -> list[Effect]:
 
 
 def brought(spec: str) -> list[Any]:
-    """The objects that a user's module offers, `MODULE:FUNCTION`, unchecked. Raises InputError."""
+    """The objects, not yet checked, that a user's module `MODULE:FUNCTION` offers. Raises InputError."""
     module, _, name = spec.partition(":")
     if not module or not name:
         raise InputError(f"--effects: got {spec!r}, expected MODULE:FUNCTION{', without .py' * spec.endswith('.py')}")
@@ -84,7 +85,7 @@ def brought(spec: str) -> list[Any]:
 
 
 def offered(found: Any) -> list[Any]:
-    """A list from one effect, several, or a function that returns them. Raises InputError."""
+    """A list from one effect, from several, or from a function that returns one or several. Raises InputError."""
     found = found if isinstance(found, Effect) or not callable(found) else found()
     if isinstance(found, Effect):
         return [found]
@@ -115,7 +116,7 @@ def problem_of(effect: Any) -> str | None:
 
 
 def _trial(effect: Effect) -> str | None:
-    """Error of a formula at typical states, or None."""
+    """What is wrong with a formula at typical states, or None."""
     import numpy as np
 
     from mazeplan.physics.formulas.compiled import term_functions

@@ -1,10 +1,10 @@
-"""Messages of an MCAP file, chunk by chunk; `run_log_reader` says what they mean.
+"""Reads the messages of an MCAP file, chunk by chunk; `run_log_reader` says what the messages mean.
 
-The file is read from front to back, without its index: one that was cut has none. All chunks that are whole count. Logs
-of older versions have no chunks; there each message counts as a chunk.
+The file is read from front to back without its index, because a file that was cut has no index. All complete chunks
+count. Logs of older versions have no chunks; in them, each message counts as a chunk.
 
-The reader of the package `mcap` makes an object of each record, and an hour of a run has half a million. Here only the
-messages that are asked for are taken out, and none is decoded before it is needed.
+The reader of the package `mcap` makes an object of each record, half a million for an hour of a run. This reader takes
+out only the messages that are asked for, and decodes a message only when it is needed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mazeplan.core import file_kinds
 from mazeplan.core.errors import LogError
 
 MAGIC = b"\x89MCAP0\r\n"
-RECORD_LIMIT = 64 * 2**20  # bytes; the longest of ours is a model that is attached
+RECORD_LIMIT = 64 * 2**20  # bytes; the longest record of a run log is an attached model
 EXPECTED = "a run log of mazeplan (MCAP)"
 HEAD = struct.Struct("<BQ")  # of a record: operation code, length
 MESSAGE = struct.Struct("<HIQQ")  # of a message: channel, sequence, log time, publish time
@@ -47,11 +47,12 @@ class Encoded(NamedTuple):
 
 
 class Chunks:
-    """The chunks of a file, one after another: place in the file, messages. skip: topics to leave out.
+    """The chunks of a file, one after another: place in the file, messages.
 
-    complete: whether the file was finished; known when all was read.
+    skip:     topics to leave out
+    complete: whether the file was finished; valid when the whole file was read
 
-    Every method raises LogError for a file that is missing, damaged, or no MCAP file."""
+    Every method raises LogError for a file that is missing, damaged, or not an MCAP file."""
 
     def __init__(self, path: Path, skip: Collection[str] = ()) -> None:
         self.path, self._skip = path, skip
@@ -79,7 +80,7 @@ class Chunks:
             raise LogError(f"was changed: {_one_line(problem)}", file=self.path) from None
 
     def documents(self, messages: Sequence[Encoded]) -> list[Document]:
-        """Messages, decoded."""
+        """Decode messages."""
         found: list[Document] = []
         try:
             for topic, _, data in messages:
@@ -89,7 +90,7 @@ class Chunks:
         return found
 
     def attachment(self, name: str) -> bytes | None:
-        """A file that the log holds, or None."""
+        """Content of a file that is attached to the log, or None."""
         try:
             for _, opcode, content in self._records():
                 if opcode == Opcode.ATTACHMENT and (kept := Attachment.read(_stream(content))).name == name:
@@ -99,7 +100,7 @@ class Chunks:
         return None
 
     def _damaged(self, problem: str, more: int = 0) -> LogError:
-        """The error, with what can be done. more: messages of the damaged chunk that were read."""
+        """The error, with a remedy. more: number of messages that were read from the damaged chunk."""
         remedy = "copy it again from where it was recorded"
         if self._before:
             kept = shlex.quote(f"{self.path.stem}-kept{self.path.suffix}")
@@ -119,7 +120,7 @@ class Chunks:
                 self.complete = yield from _walk(stream, size)
         except OSError:
             raise LogError(file_kinds.refused(self.path, EXPECTED), file=self.path) from None
-        if finished and not self.complete:  # it has its end, so a length in its middle must be wrong
+        if finished and not self.complete:  # the end of the file is there, so a length in the middle is wrong
             raise self._damaged("a record is longer than the file")
 
     def _messages(self, opcode: int, content: bytes) -> list[Encoded]:
@@ -138,7 +139,7 @@ class Chunks:
         return found
 
     def _take(self, opcode: int, data: bytes, begin: int, end: int, found: list[Encoded]) -> None:
-        """One record of data: a message is added to those found, a channel to those known."""
+        """Take one record of data: add a message to `found`, or a channel to the known topics."""
         if opcode == Opcode.MESSAGE:
             channel, _, ns, _ = MESSAGE.unpack_from(data, begin)
             topic = self._topics[channel]
@@ -150,8 +151,8 @@ class Chunks:
 
 
 def _walk(stream: IO[bytes], size: int) -> Iterator[Record]:
-    """The records behind the first magic bytes; returns whether the file ends with its end. size: bytes. Raises one of
-    DAMAGE for a record that is too long, or a wrong checksum."""
+    """The records after the first magic bytes; returns whether the file is finished. Raises one of DAMAGE for a record
+    that is too long, or a wrong checksum. size: of the file, bytes."""
     at, opcode, checksum = len(MAGIC), 0, zlib.crc32(MAGIC)
     while opcode != Opcode.FOOTER:
         head = stream.read(HEAD.size)
@@ -180,7 +181,7 @@ def _unpacked(content: bytes) -> bytes:
         raise ValueError("a chunk that is too long")
     try:
         stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    except Exception as problem:  # of the library for its compression, which one says the file
+    except Exception as problem:  # from the compression library that the file asks for
         raise ValueError(f"a chunk cannot be unpacked: {_one_line(problem)}") from None
     return stream.read(length)
 

@@ -1,4 +1,4 @@
-"""Where in a long log what is: its ticks and plans stay in the file until someone asks for them."""
+"""Index of a long log: ticks and plans stay in the file until someone asks for them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mazeplan.core.logs.chunks import Chunks, Document
 from mazeplan.core.logs.run_log_reader import LogChunks, header_of
 from mazeplan.core.records import Array
 
-OFTEN = ("/tick", "/plan")  # topics that stay in the file: nine tenths of it
+OFTEN = ("/tick", "/plan")  # topics that stay in the file; they are nine tenths of a log
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class LogIndex:
 
     path:     of the file
     header:   facts about the run
-    rare:     every message of another topic than OFTEN, with the number of its chunk
+    rare:     every message whose topic is not in OFTEN, with the number of its chunk
     times:    log times of the ticks, (N,), s
     complete: whether the file was finished
     """
@@ -52,7 +52,8 @@ class LogIndex:
 
 
 def index_log(path: Path) -> LogIndex:
-    """Look through a log, also one that was cut. Raises LogError when it is missing, damaged, or no run log of ours."""
+    """Index a log, also a log that was cut. Raises LogError when the file is missing, damaged, or not a run log of
+    mazeplan."""
     chunks, rare = LogChunks(path), list[tuple[int, Document]]()
     places, ticks, times = list[int](), list[int](), list[int]()
     for place, found in chunks:

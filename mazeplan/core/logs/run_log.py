@@ -1,30 +1,33 @@
-"""Run logs: MCAP files in short chunks, so that other tools find their way and a killed process loses little.
+"""Run logs: MCAP files in short chunks, so that other tools can read them and a killed process loses little.
 
-Topics (JSON with a JSON schema each, so that general MCAP viewers read them); the log time is the rig's, in ns:
+A topic is JSON with a JSON schema, so that general MCAP viewers can read it. The log time is the rig's, in ns:
 
-    /header  once: program, rig, map (its text), behaviour, start, goal, seed ..., and all that `log replay` needs;
-             started: UTC on the wall, ISO 8601, for people
-    /tick    each control tick: what was observed, estimated and commanded, by which leaf; cut_off: after how many
-             iterations the planner's deadline ended each search of the tick (`control.stopwatch`); with two balls
-             x2, y2, estimate_x2, estimate_y2, ring2 of the second one, and ball: the number of the one that is led
+    /header  once: program, rig, map (its text), behaviour, start, goal, seed ..., and all that `log replay` needs
+             started: wall-clock time in UTC, ISO 8601, for people
+    /tick    each control tick: what was observed, estimated and commanded, by which leaf
+             cut_off: after how many iterations the planner's deadline ended each search of the tick
+             (`control.deadline`)
+             x2, y2, estimate_x2, estimate_y2, ring2: of the second ball, if there are two
+             ball: number of the ball that the tree steers, if there are two
     /plan    each plan: states and controls by component, cost, why the solver stopped
-    /tree    at each tree's beginning: path, kind (class), name of every node, parents first; parent: number of the
-             node above, -1 of the root; conditions: numbers of those that only ask, where no is no failure
-    /status  each tick after which they are others: how every node's last tick ended, a letter each (`STATUSES`)
-    /openings successes and failures at openings as they count at t, each time one was tried; they fade (`maze.memory`)
+    /tree    when a tree begins: path, kind (class) and name of every node, parents first
+             parents: number of the node above, -1 for the root
+             conditions: numbers of the nodes that only check a condition, so that their failure means no
+    /status  each tick that changes a status: how the last tick of every node ended, one letter each (`STATUSES`)
+    /openings  each time an opening was tried: successes and failures at openings as they count at t; they fade
+             (`maze.memory`)
     /event   ring changes, openings chosen and passed, failures, recoveries
     /result  once at the end
 
-and as an attachment the model of the run, where it is neither a packaged one nor nominal physics (models.packedmodel).
+The model of the run is an attachment, unless it is a packaged model or nominal physics (`modelfile.packed_model`).
+`viewer_topics.py` adds topics in Foxglove's message types, for viewers that draw.
 
-`viewer_topics.py` adds topics in Foxglove's words beside them, for viewers that draw.
+Readers with an index see only chunks, and an unfinished chunk is lost with everything in it. Therefore a chunk ends
+with the first message that comes CHUNK_S of rig time after its first message. The chunk then goes to the operating
+system at once. The header and the result are written without waiting.
 
-Readers with an index see only chunks, and a chunk that was not finished is lost with everything in it. Therefore a
-chunk ends with the first message that is CHUNK_S of the rig's time later than its first one, and goes to the operating
-system at once. The header and the result wait for nothing.
-
-A value that is not known is left out rather than null, and arrays have one dimension: viewers that plot refuse schemas
-with unions of types and nested arrays. `read_log` in run_log_reader.py reads it back.
+Unknown values are left out instead of written as null, and arrays have one dimension. The reason: viewers that plot
+refuse schemas with unions of types and nested arrays. `read_log` in run_log_reader.py reads a log back.
 """
 
 from __future__ import annotations
@@ -56,9 +59,9 @@ NUMBER, INTEGER, TEXT, FLAG = ({"type": name} for name in ("number", "integer", 
 NUMBERS, TEXTS, INTEGERS = ({"type": "array", "items": kind} for kind in (NUMBER, TEXT, INTEGER))
 STATUSES = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F", "SKIPPED": "K"}
 CHUNK_S = 0.25  # s of the rig's time in a chunk: a killed process loses no more
-CHUNK_TICKS = 12  # at most, if the rig's clock stands still: 0.4 s at 30 Hz
-CHUNK_BYTES = 64 * 2**20  # never reached: the writer of MCAP shall not end chunks of its own
-AT_ONCE = ("/header", "/result")  # end a chunk
+CHUNK_TICKS = 12  # maximum in a chunk, if the rig's clock stands still: 0.4 s at 30 Hz
+CHUNK_BYTES = 64 * 2**20  # never reached, so that the MCAP writer does not end chunks by itself
+AT_ONCE = ("/header", "/result")  # topics that end a chunk
 COMPRESSION = CompressionType.ZSTD
 Sink = Callable[[str, float, dict[str, Any]], None]  # topic, rig time in s, document
 
@@ -120,7 +123,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 
 
 def _plain(value: Any) -> Any:
-    """The same for JSON: NaN and infinities as null, NumPy values as Python's."""
+    """The value for JSON: NaN and infinities become None, NumPy values become those of Python."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -160,9 +163,9 @@ class RunMessages:
             sink(topic, t, document)
 
     def sample(self, observation: Observation, command: Command, **more: Any) -> None:
-        """One tick without an estimate, as `collect` writes it; `more` that is None is left out."""
+        """One tick without an estimate, as `collect` writes it. more: further values; None is left out."""
         self._t = observation.t
-        o = observation  # by hand: `asdict` takes as long as all the rest
+        o = observation  # written out, because `asdict` takes as long as all the rest
         document = {"t": o.t, "x": o.x, "y": o.y, "beta": o.beta, "gamma": o.gamma, "u_beta": command.u_beta}
         document |= {"u_gamma": command.u_gamma, **more}
         self.write("/tick", o.t, {name: value for name, value in document.items() if value is not None})
@@ -179,13 +182,13 @@ class RunMessages:
         """One plan (its gains are left out: they follow from the rest); no trajectory when it is not finite."""
         document = {name: getattr(plan, name) for name in ("t0", "dt", "cost", "reason", "iterations", "ms")}
         if np.isfinite(plan.states).all() and np.isfinite(plan.controls).all():
-            # 1 urad is far below what any sensor of the rig resolves, and halves the file
+            # rounding to 1 urad halves the file; no sensor of the rig has such a fine resolution
             document |= zip(PLAN_STATES, np.round(plan.states, 6).T.tolist(), strict=True)
             document |= zip(PLAN_CONTROLS, np.round(plan.controls, 6).T.tolist(), strict=True)
         self.write("/plan", plan.t0, document)
 
     def tree(self, t: float, outline: TreeOutline) -> None:
-        """A tree that begins."""
+        """The nodes of a tree that begins at t."""
         known = {name: value for name, value in asdict(outline).items() if value is not None}
         self.write("/tree", t, {"t": t, **known})
 
@@ -211,15 +214,16 @@ class RunMessages:
 class RunLogWriter(RunMessages):
     """Writes one run; a context manager.
 
-    header: facts about the run; the writer adds program, format, platform, and `started`: UTC on the wall, ISO 8601.
-    shape: of the maze, for viewers. Every method raises LogError when the file cannot be written, but only once; the
-    run may go on, later messages are not written.
-    """
+    header: facts about the run; the writer adds program, format, platform and started (UTC, ISO 8601)
+    shape:  of the maze, for viewers
+
+    If the file cannot be written, a method raises LogError, but only once. The run may go on; later messages are not
+    written."""
 
     def __init__(self, path: str | Path, header: dict[str, Any], shape: MazeShape | None = None) -> None:
         super().__init__(path=str(path))
         self._closed, self._sequence = False, 0
-        self._whole = True  # False while a chunk is on its way, and for good when it did not arrive
+        self._whole = True  # False while a chunk is being written, and for good after a write that failed
         self._pending: list[tuple[str, int, dict[str, Any], bytes, int]] = []  # topic, ns, document, content, sequence
         self._pending_ticks = 0
         self._viewers = ViewerTopics(shape)
@@ -263,14 +267,14 @@ class RunLogWriter(RunMessages):
             self._safely(self._end_chunk)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Put a file into the log. Raises LogError as the others."""
+        """Attach a file to the log. Raises LogError like the other methods."""
         if not self._closed and self._whole:
             self._safely(self._writer.add_attachment, 0, 0, name, media_type, data)
 
     def _end_chunk(self) -> None:
         for topic, ns, _, content, sequence in self._pending:
             self._writer.add_message(self._channels[topic], ns, content, ns, sequence)
-        # only documents that no run writes cannot be drawn; they are in the log all the same
+        # only documents that no run writes cannot be drawn; the log holds them anyway
         with suppress(KeyError, TypeError, ValueError, AttributeError):
             for topic, ns, content in self._viewers.of([message[:3] for message in self._pending]):
                 self._writer.add_message(self._channels[topic], ns, content, ns)
@@ -288,12 +292,12 @@ class RunLogWriter(RunMessages):
         self._whole = True
 
     def save(self) -> None:
-        """End the chunk; for a process that is ended from another thread."""
+        """End the chunk, before another thread ends the process."""
         if not self._closed and self._whole:
             self._safely(self._end_chunk)
 
     def close(self) -> None:
-        """Finish the file; may be called twice. If a message did not arrive, the file stays as one that was cut."""
+        """Finish the file; a second call does nothing. After a write that failed, the file stays like a cut file."""
         if self._closed:
             return
         self._closed = True

@@ -1,6 +1,6 @@
 """Reads run logs (MCAP) back, also logs that a crash cut off; run_log.py describes their content, chunks.py the file.
 
-The topics of `viewer_topics.py` are skipped: they say the same in other words.
+The topics of `viewer_topics.py` are skipped, because they repeat the other topics in other formats.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mazeplan.core.logs.viewer_topics import VIEWER_SCHEMAS
 from mazeplan.core.records import Array, TreeOutline
 
 PROGRAM = "mazeplan"
-FORMAT = 1  # version of the topics and their fields; a reader refuses what is newer
+FORMAT = 1  # version of the topics and their fields; a reader refuses a newer version
 MEASURED = ("t", "x", "y", "beta", "gamma", "u_beta", "u_gamma")  # columns that every log has
 PLAN_STATES = ("theta", "theta_dot", "beta", "beta_dot", "gamma", "gamma_dot")
 PLAN_CONTROLS = ("u_beta", "u_gamma")
@@ -31,8 +31,13 @@ PLAN_CONTROLS = ("u_beta", "u_gamma")
 
 @dataclass(frozen=True)
 class LoggedPlan:
-    """A plan without its gains. states: (T+1, 6), controls: (T, 2), both empty when it was not finite; t0, dt: s;
-    cost and ms are NaN where the log does not hold them."""
+    """A plan without its gains; see `records.Plan`.
+
+    t0, dt:   s
+    cost, ms: NaN if the log does not hold them
+    states:   (T+1, 6), empty if the plan was not finite
+    controls: (T, 2), empty if the plan was not finite
+    """
 
     t0: float
     dt: float
@@ -46,8 +51,9 @@ class LoggedPlan:
 
 @dataclass(frozen=True)
 class LoggedTree:
-    """A tree that began at t, s. statuses: ((t, letters), ...) from each tick that changed a status on; a letter of
-    `run_log.STATUSES` for each node."""
+    """A tree that began at t, s.
+
+    statuses: ((t, letters), ...) for each tick that changed a status; letters: one of `run_log.STATUSES` per node."""
 
     t: float
     outline: TreeOutline
@@ -78,20 +84,21 @@ class RunLog:
 
 
 class LogChunks(Chunks):
-    """The chunks of a log, without what is in them for viewers only."""
+    """The chunks of a log, without the topics for viewers."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, VIEWER_SCHEMAS)
 
     def __iter__(self) -> Iterator[tuple[int, list[Encoded]]]:
         for i, (place, found) in enumerate(super().__iter__()):
-            if i == 0:  # the header: what follows it may be written in another way
+            if i == 0:  # the header, checked first because a newer format may differ in all that follows
                 _check_format(self.documents(found[:1])[0][1], self.path)
             yield place, found
 
 
 def read_log(path: str | Path) -> RunLog:
-    """Read a log, also one that was cut. Raises LogError when the file is missing, damaged, or no run log of ours."""
+    """Read a log, also a log that was cut. Raises LogError when the file is missing, damaged, or not a run log of
+    mazeplan."""
     path = Path(path)
     header, messages, complete = read_messages(path)
 
@@ -112,11 +119,11 @@ def read_log(path: str | Path) -> RunLog:
 
 
 class CutLogWarning(ShortWarning):
-    """A log was cut off: what came later is missing."""
+    """A log was cut off, so its end is missing."""
 
 
 def warn_if_cut(log: RunLog) -> None:
-    """Warn (CutLogWarning) of a log that its program did not finish."""
+    """Warn (CutLogWarning) if a log was not finished by its program."""
     if not log.complete:
         t = log.ticks["t"]
         kept = f"{len(t)} ticks" + (f" up to t = {t[-1]:.2f} s" if len(t) else "")
@@ -126,7 +133,7 @@ def warn_if_cut(log: RunLog) -> None:
 
 @contextmanager
 def checked_fields(path: Path) -> Iterator[None]:
-    """Raises LogError for what a message with a missing or odd field raises within it."""
+    """Raises LogError if a message with a missing or wrong field causes an error in the block."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as problem:
@@ -158,12 +165,13 @@ def header_of(messages: Sequence[Document], path: Path) -> dict[str, Any]:
 
 
 def read_attachment(path: Path, name: str) -> bytes | None:
-    """A file that a log holds, or None. Raises LogError where the log cannot be read up to there."""
+    """Content of a file that is attached to a log, or None. Raises LogError if the log cannot be read up to the
+    attachment."""
     return LogChunks(path).attachment(name)
 
 
 def _check_format(header: dict[str, Any], path: Path) -> None:
-    """Refuse a log of a format that cannot be read; a document that is no header of ours passes."""
+    """Refuse a log of a format that cannot be read; a document that is not a header of mazeplan passes."""
     if header.get("program") == PROGRAM:
         problem = format_problem(header.get("format"), FORMAT, header.get("version"))
         if problem is not None:

@@ -1,10 +1,10 @@
-"""Tables of measurements: columns of equal length, from run logs or from CSV that a user brings.
+"""Tables of measurements: columns of equal length, from run logs or from a user's CSV files.
 
-Known columns, SI units and radians: t theta r x y beta gamma u_beta u_gamma segment ring, and the derivatives
-theta_dot beta_dot gamma_dot theta_ddot beta_ddot gamma_ddot. Needed: t, beta, gamma, and theta or x, y. A sample in
-which the ball was not seen has NaN in x, y, theta; derivatives may be missing at the edges of a segment.
+Known columns, in SI units and radians: t theta r x y beta gamma u_beta u_gamma segment ring, and the derivatives
+theta_dot beta_dot gamma_dot theta_ddot beta_ddot gamma_ddot. Required columns: t, beta, gamma, and theta or x, y. A
+sample in which the ball was not seen has NaN in x, y, theta. Derivatives may be missing at the edges of a segment.
 
-Unknown columns are kept and never refused: a cell of theirs that is no number is NaN.
+Unknown columns are kept; a cell in them that is not a number becomes NaN.
 """
 
 from __future__ import annotations
@@ -34,7 +34,12 @@ LIMIT_COLUMNS = 1000
 
 @dataclass(frozen=True)
 class Table:
-    """Columns (N,) by name; `source`: file and sha256 of what it was read from; path: of that, for messages."""
+    """A table of measurements.
+
+    columns: arrays (N,) by name
+    source:  file and sha256 of the file from which the table was read
+    path:    path of this file, for messages
+    """
 
     columns: dict[str, Array]
     source: dict[str, str] = field(default_factory=dict)
@@ -51,17 +56,18 @@ class Table:
 
     @property
     def place(self) -> str | None:
-        """What messages call it: its path, else its file."""
+        """Name of the table in messages: its path, else its file."""
         return self.path or self.source.get("file")
 
     @property
     def segment(self) -> Array:
-        """Number of the uninterrupted stretch of each row; 0 everywhere when the table does not say."""
+        """Number of the uninterrupted stretch of each row; 0 everywhere if the table has no such column."""
         return self.columns.get("segment", np.zeros(len(self)))
 
     @property
     def dt(self) -> float:
-        """Time from row to row within a segment, s: mean of the usual steps, so that rounded times do no harm."""
+        """Time from row to row within a segment, s: mean of the steps near the median, so that rounded times do no
+        harm."""
         steps = np.diff(self["t"])[np.diff(self.segment) == 0.0]
         return float(np.mean(steps[np.abs(steps / np.median(steps) - 1.0) < 0.5])) if steps.size else float("nan")
 
@@ -74,7 +80,7 @@ EXPECTED = "a run log (.mcap) or a table (CSV) with t, beta, gamma and theta, or
 
 
 def check_there(path: Path) -> None:
-    """Raises TableError for what is not there, or surely neither a run log nor a table."""
+    """Raises TableError if a file is missing, cannot be read, or is certainly neither a run log nor a table."""
     if not path.is_file() or file_kinds.got(path) in OTHERS or not os.access(path, os.R_OK):
         raise TableError(file_kinds.refused(path, EXPECTED), file=path)
 
@@ -91,20 +97,21 @@ def read_table(path: str | Path) -> Table:
     else:
         content = content_of(path)
         columns, rows = read_csv(content, path)
-    with np.errstate(all="ignore"):  # numbers near the largest overflow in the checks; they compare all the same
+    with np.errstate(all="ignore"):  # very large numbers overflow in the checks, but comparisons still work
         columns = checked(columns, rows)
     return Table(columns, {"file": path.name, "sha256": hashlib.sha256(content).hexdigest()}, str(path))
 
 
 def table_of(ticks: Sequence[Mapping[str, Any]], name: str) -> Table:
-    """A table from the ticks of a run, documents as a log holds them. Raises TableError about the file `name`."""
+    """A table from the ticks of a run, given as documents of a log. Raises TableError about the file `name`."""
     columns = {key: column for key, column in columns_of(ticks).items() if column.dtype != object}
     with np.errstate(all="ignore"):
         return Table(checked(columns, Rows(Path(name), range(1, 1 + len(ticks)))), {"file": name})
 
 
 def join(tables: Sequence[Table]) -> Table:
-    """All tables one below the other, with segments that stay apart; columns that all of them have."""
+    """All tables one below the other, with the columns that all tables have. Segments of different tables stay
+    apart."""
     names = [name for name in tables[0].columns if all(name in table for table in tables)]
     columns = {name: np.concatenate([table[name] for table in tables]) for name in names}
     numbers, offset = [], 0.0
@@ -117,7 +124,7 @@ def join(tables: Sequence[Table]) -> Table:
 
 
 def stretches(table: Table, longest_step: float = 1.5) -> list[slice]:
-    """Rows without interruption, in order: one segment, and no step in t longer than `longest_step` usual ones."""
+    """Rows without interruption, in order: one segment, and no step in t longer than `longest_step` times `dt`."""
     if len(table) == 0:
         return []
     broken = (np.diff(table.segment) != 0.0) | (np.diff(table["t"]) > longest_step * table.dt)
@@ -142,7 +149,7 @@ def content_of(path: Path) -> bytes:
 
 
 def _plain_text(content: bytes, path: Path) -> bytes:
-    """UTF-8 without byte order mark and with bare line feeds. Raises TableError for what is no text."""
+    """UTF-8 text without byte order mark and with bare line feeds. Raises TableError if the content is not text."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise TableError("not a CSV file: got UTF-16 text, expected UTF-8", file=path)
     data = content.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -159,7 +166,7 @@ def _plain_text(content: bytes, path: Path) -> bytes:
 
 
 def _records(data: bytes, path: Path) -> tuple[IntArray, IntArray]:
-    """First line, and number of fields, of each record; lines with nothing but blanks are no records."""
+    """First line and number of fields of each record; blank lines are not records."""
     if b'"' in data:
         reader, line, found = csv.reader(lines_of(data), skipinitialspace=True), 1, []
         try:
@@ -183,7 +190,7 @@ def _records(data: bytes, path: Path) -> tuple[IntArray, IntArray]:
 
 
 def _header(data: bytes, line: int, fields: int, path: Path) -> tuple[str, ...]:
-    """Names of the columns; "" for one without a name, which is left out."""
+    """Names of the columns; "" for a column without a name, which is left out."""
     if fields > LIMIT_COLUMNS:
         raise TableError(f"got {fields} columns, expected at most {LIMIT_COLUMNS}", file=path, line=line)
     header = tuple(name.strip() for name in fields_of(data, line))
@@ -200,7 +207,7 @@ def _header(data: bytes, line: int, fields: int, path: Path) -> tuple[str, ...]:
 
 
 def read_csv(content: bytes, path: Path) -> tuple[dict[str, Array], Rows]:
-    """Columns of numbers, and where their rows stand."""
+    """Columns of numbers, and where their rows are in the file."""
     import pandas as pd  # slow to import
 
     data = _plain_text(content, path)
@@ -213,7 +220,7 @@ def read_csv(content: bytes, path: Path) -> tuple[dict[str, Array], Rows]:
         row = int(wrong[0])
         raise TableError(f"got {fields[row]} fields, expected {len(header)}", file=path, line=int(lines[row]))
     rows = Rows(path, lines[1:], data, header)
-    # each number must be the double nearest to its text; from 3.1 on that is what pandas does and the option is gone
+    # each number must be the double nearest to its text; from pandas 3.1 on that is the default, without an option
     old = tuple(int(part) for part in pd.__version__.split(".")[:2]) < (3, 1)
     exact: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
     try:
@@ -242,7 +249,7 @@ def _is_number(text: object) -> bool:
 
 
 def _numbers(cells: np.ndarray, name: str, rows: Rows) -> Array:
-    """A column as it was read, (N,): as numbers. Text is refused in a known column, else it is NaN."""
+    """A column (N,) as numbers. Text is refused in a known column; in other columns it becomes NaN."""
     if cells.dtype.kind in "fiu":
         return np.ascontiguousarray(cells, dtype=np.float64)
     good = [_is_number(cell) for cell in cells]

@@ -1,4 +1,4 @@
-"""What is checked in a table of measurements: columns that are needed, numbers, time, and units."""
+"""Checks of a table of measurements: required columns, numbers, time, and units."""
 
 from __future__ import annotations
 
@@ -16,20 +16,25 @@ from mazeplan.core.records import Array, IntArray
 
 BALL = ("x", "y", "theta", "r")  # may be missing in single rows: the ball was not seen
 RATES = tuple(f"{name}_{order}" for order in ("dot", "ddot") for name in ("theta", "beta", "gamma"))
-EVERYWHERE = ("t", "beta", "gamma", "u_beta", "u_gamma", "segment", "ring")  # a number in each row, if there at all
+EVERYWHERE = ("t", "beta", "gamma", "u_beta", "u_gamma", "segment", "ring")  # if present, a number in each row
 KNOWN = (*EVERYWHERE, *BALL, *RATES)
 
-DEGREES = 1.0  # rad; a plate that is said to tilt further was measured in degrees
+DEGREES = 1.0  # rad; a larger tilt was measured in degrees
 MILLIMETRES = 1.0  # m; a ball further out than this was measured in millimetres: the largest track is 0.09 m
 MILLISECONDS = 5.0  # s; a table with longer steps than this has another unit of time: rigs run at about 30 Hz
-SPINNING = 20.0  # rad/s; half of all rows faster than this (over LAG_S) is no ball in a ring but an angle in degrees
-SLOWEST = 0.5  # s; a ball that rolls is somewhere else after a longer step
-LAG_S = 0.1  # s; long enough that noise of the camera is no speed
+SPINNING = 20.0  # rad/s; if half of all rows are faster (over LAG_S), the angle is in degrees
+SLOWEST = 0.5  # s, maximum step; after a longer step, a rolling ball is somewhere else
+LAG_S = 0.1  # s; long enough that noise of the camera does not look like speed
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Where the rows of a table stand in its file, for messages: line of each row; data, header of a CSV."""
+    """Where the rows of a table are in its file, for messages.
+
+    lines:  line of each row
+    data:   content of a CSV file
+    header: names of the columns of a CSV file
+    """
 
     file: Path
     lines: Sequence[int] | IntArray
@@ -37,7 +42,7 @@ class Rows:
     header: tuple[str, ...] = ()
 
     def refuse(self, name: str, row: int, expected: str, got: object = None) -> NoReturn:
-        """Raise TableError about one cell; got: what to say, else what stands in the file."""
+        """Raise TableError about one cell. got: the cell's value for the message; by default the text in the file."""
         line = int(self.lines[row])
         if got is None:
             fields = fields_of(self.data, line)
@@ -59,7 +64,7 @@ def fields_of(data: bytes, line: int) -> list[str]:
 
 
 def checked(columns: dict[str, Array], rows: Rows) -> dict[str, Array]:
-    """The columns, with theta, r, x, y worked out where they can be. Raises TableError."""
+    """The columns, with theta, r, x, y computed where possible. Raises TableError."""
     _check_present(columns, rows.file)
     _check_numbers(columns, rows)
     _check_time(columns, rows)
@@ -142,10 +147,10 @@ def _check_units(columns: dict[str, Array], rows: Rows) -> None:
 
 
 def _in_degrees(columns: dict[str, Array]) -> bool:
-    """Whether theta is an angle in degrees for sure; an unwrapped angle in radians may be as large.
+    """Whether theta is certainly an angle in degrees; an unwrapped angle in radians may be as large.
 
-    Sure: it agrees with x, y in degrees only; or it leaves +-2 pi and goes by whole numbers, or jumps by about 360, or
-    changes faster than a ball can roll in half of all rows.
+    theta is in degrees if it agrees with x, y in degrees only. Otherwise theta must leave +-2 pi. In addition, it must
+    have only whole numbers, or jump by about 360, or in half of all rows change faster than a ball can roll.
     """
     theta, t = columns["theta"], columns["t"]
     if {"x", "y"} <= set(columns):

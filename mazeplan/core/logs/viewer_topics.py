@@ -1,12 +1,12 @@
-"""A run once more in the words of Foxglove, so that its 3D panel, its log panel and other viewers draw it.
+"""A run repeated in Foxglove's message types, so that Foxglove's 3D panel, its log panel and other viewers draw it.
 
     /foxglove/scene  foxglove.SceneUpdate: plate, walls and ball once; the newest plan of a chunk
     /foxglove/tf     foxglove.FrameTransform: world -> plate (tilt) and plate -> ball (place), every second tick
-    /foxglove/ball   foxglove.PoseInFrame: the ball in the frame `plate`, in those ticks, where it was seen
+    /foxglove/ball   foxglove.PoseInFrame: the ball in the frame `plate`, in the same ticks, if the ball was seen
     /foxglove/log    foxglove.Log: events, and the result
 
 Names and fields are those of Foxglove's published schemas, as JSON; the schemas here hold the fields that are written.
-Lengths are m, times those of the rig. Everything in here is in the other topics too, and `read_log` skips it.
+Lengths are in m, times are those of the rig. The other topics hold all of this, too, so `read_log` skips these topics.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from mazeplan.core.records import Array
 
 SCENE, FRAMES, BALL, LOG = (f"/foxglove/{name}" for name in ("scene", "tf", "ball", "log"))
 NS = 10**9
-EVERY = 2  # ticks are drawn once in so many: 15 Hz look smooth, and cost half
-PLAN_POINTS = 40  # at most, of a plan: a line to look at
+EVERY = 2  # one tick in this many is drawn: 15 Hz look smooth, and cost half
+PLAN_POINTS = 40  # maximum number of points of a drawn plan
 PLATE_THICKNESS = 0.002  # m, as drawn
 INFO, WARNING, ERROR = 2, 3, 4  # levels of foxglove.Log
 LEVELS = {"failure": WARNING, "doubt": WARNING, "drive_failed": WARNING}  # kinds of events; others are INFO
@@ -81,7 +81,7 @@ VIEWER_SCHEMAS: dict[str, tuple[str, dict[str, Any]]] = {  # by topic: name and 
 
 @dataclass(frozen=True)
 class MazeShape:
-    """What is drawn of a maze. walls: closed outlines, (N, 2) each, m; wall_height, ball_radius, rim_radius: m."""
+    """What viewers draw of a maze. walls: closed outlines, (N, 2) each, m; wall_height, ball_radius, rim_radius: m."""
 
     walls: Sequence[Array]
     wall_height: float
@@ -90,7 +90,7 @@ class MazeShape:
 
 
 class ViewerTopics:
-    """Turns the messages of a run, a chunk at a time, into those of this module. shape: None draws no maze."""
+    """Turns the messages of a run, a chunk at a time, into messages for viewers. shape: None draws no maze."""
 
     def __init__(self, shape: MazeShape | None) -> None:
         self._ticks = 0
@@ -98,8 +98,8 @@ class ViewerTopics:
         self._radius: float | None = None  # of the ball's centre when it was seen last, m
 
     def of(self, messages: Sequence[tuple[str, int, Mapping[str, Any]]]) -> Iterator[Message]:
-        """What viewers get for messages of a log: topic, rig time in ns, document. Raises KeyError, TypeError,
-        ValueError or AttributeError for documents that no run writes."""
+        """The messages for viewers that follow from messages of a log (topic, rig time in ns, document). Raises
+        KeyError, TypeError, ValueError or AttributeError for documents that no run writes."""
         plan = None
         for topic, ns, document in messages:
             if topic == "/tick":
@@ -117,7 +117,7 @@ class ViewerTopics:
         self._ticks += 1
         if self._ticks % EVERY != 1:
             return
-        # written by hand: it takes a third of the time that documents take
+        # text instead of documents, which would take three times as long
         stamp = f'{{"timestamp":{{"sec":{ns // NS},"nsec":{ns % NS}}},'
         beta, gamma, x, y = tick.get("beta"), tick.get("gamma"), tick.get("x"), tick.get("y")
         if beta is not None and gamma is not None and math.isfinite(beta + gamma):
@@ -141,7 +141,7 @@ class ViewerTopics:
 
 
 def scene(shape: MazeShape) -> bytes:
-    """Plate, walls and ball, for the beginning; the ball then moves with its frame."""
+    """Plate, walls and ball, for the beginning of a log; the ball then moves with its frame."""
     height, rim, ball = shape.wall_height, 2.0 * shape.rim_radius, 2.0 * shape.ball_radius
     plate = {
         "pose": _pose(z=-0.5 * PLATE_THICKNESS), "size": {"x": rim, "y": rim, "z": PLATE_THICKNESS},

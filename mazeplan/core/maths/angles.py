@@ -1,11 +1,11 @@
-"""Angles in rad: wrapping and differences, of numbers or arrays; and places on a ring as people read them."""
+"""Angles in rad, numbers or arrays: wrapping and differences; and places on a ring in degrees for people."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, TypeVar
 
-if TYPE_CHECKING:  # commands that need no numbers start without it
+if TYPE_CHECKING:  # commands that compute nothing start without NumPy
     import numpy as np
     from numpy.typing import NDArray
 
@@ -28,5 +28,5 @@ def nearest(angle: Angle, reference: Angle) -> Angle:
 
 
 def place_deg(angle: float, places: int = 9) -> float:
-    """A place on a ring, rad, as people read it and as openings are called: degrees from 0 to below 360, rounded."""
+    """A place on a ring, rad, as people and names of openings give it: degrees from 0 to below 360, rounded."""
     return round(math.degrees(angle), places) % 360.0

@@ -1,9 +1,9 @@
 """Call a compiled function through its address, from compiled code that does not know it.
 
-A compiled solver that takes functions as arguments would be compiled anew for each of them and could not be kept in
-Numba's cache between processes; Numba's own first-class function values can, but cost 28 us per function and call
-to unpack. So the solver is given plain integers, and calls what is behind them: one compilation of the solver for
-every model, and a changed model can never meet a stale copy of itself inside a cached solver.
+Numba compiles a solver that takes functions as arguments anew for each function, and cannot cache it between processes.
+With Numba's first-class function values a solver can be cached, but unpacking them costs 28 us per function and call.
+Therefore the solver gets addresses as plain integers, and calls the functions behind them. It is compiled once for all
+models. A cached solver never contains a stale copy of a changed model.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def address_of(function: Any, signature: Any) -> int:
 def caller(signature: Any) -> Any:
     """A compiled function call(address, arguments) for functions of one signature; arguments is a tuple.
 
-    Exceptions raised behind the address come through.
+    Exceptions of the called function are passed on.
     """
 
     @intrinsic
@@ -61,8 +61,8 @@ def caller(signature: Any) -> Any:
 def _pointer_to(typing_context, array, index):
     """Pointer to the element at a flat index of a C-contiguous array of numbers, from compiled code.
 
-    Arrays handed on from function to function have their references counted each time, which in a filter costs more
-    than its arithmetic; a pointer costs nothing. The caller keeps the array alive and stays inside it."""
+    Each time a function passes an array on, Numba counts references. In a filter, that costs more than the arithmetic;
+    a pointer costs nothing. The caller keeps the array alive and stays inside it."""
 
     def code(context, builder, sig, values):
         data = context.make_array(sig.args[0])(context, builder, values[0]).data

@@ -1,4 +1,4 @@
-"""A fingerprint of a value: equal values have the same, and it fits into a log."""
+"""Fingerprints of values: equal values have equal fingerprints, and a fingerprint fits into a log."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-LATER = {"later": True}  # metadata of a field that was added later: at its default it does not count, as of old
+LATER = {"later": True}  # metadata of a newer field: at its default it does not change older fingerprints
 
 
 def fingerprint(value: Any) -> str:
@@ -23,7 +23,7 @@ def fingerprint(value: Any) -> str:
 
 
 def _parts(value: Any) -> Iterator[bytes]:
-    if hasattr(value, "told_as"):  # what it says of itself: a name, and fields with their values
+    if hasattr(value, "told_as"):  # how the value describes itself: a name, and fields with their values
         name, known = value.told_as()
         yield name.encode()
         for key, part in known.items():

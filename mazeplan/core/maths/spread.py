@@ -8,7 +8,7 @@ import numpy as np
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
-    """p50, p99 and max; 0 when there are none."""
+    """p50, p99 and max of the values; 0 without values."""
     if not values:
         return {"p50": 0.0, "p99": 0.0, "max": 0.0}
     p50, p99 = np.percentile(values, [50.0, 99.0])

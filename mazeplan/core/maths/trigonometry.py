@@ -1,4 +1,4 @@
-"""Sine and cosine of angles that are small nearly always, such as those of a plate that tilts."""
+"""Sine and cosine of angles that are nearly always small, such as the tilt of the plate."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SMALL = 0.5  # rad
 
 @njit(cache=True, error_model="numpy")
 def sine_and_cosine(x):
-    """(sin x, cos x); of |x| < SMALL by Taylor's series, within 1e-15 or so, without a call."""
+    """(sin x, cos x); for |x| < SMALL by Taylor series, error about 1e-15, without a library call."""
     if not abs(x) < SMALL:
         return math.sin(x), math.cos(x)
     s = x * x

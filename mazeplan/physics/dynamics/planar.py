@@ -1,14 +1,14 @@
 """Planar motion of the ball on the tilting plate: both coordinates, walls, openings, servo, queued commands.
 
 The ring model (`ring_dynamics`) keeps the ball on a circle. The planar model predicts over the camera delay, so it also
-has openings and walls. Plate frame, metres:
+has openings and walls. In the plate frame and in metres, it is:
 
     a = k (gravity along the plate) + r (force along the ring) e_theta - drag v - R (dry friction) v / |v|
 
-The effects of the ball's ring give these terms (`generate.plane_routine`). Away from walls k is 5/7 (a rolling solid
-sphere). Along a wall the ball also rolls on the wall; k is then the factor learned for the ring, and friction at the
-wall acts. The plate's rotation has no term: it is small over the delay. Contacts keep the share `restitution` of the
-velocity into the wall.
+The effects of the ball's ring give these terms (`generate.plane_routine`). Away from walls, k is 5/7 (a rolling solid
+sphere). Along a wall, the ball also rolls on the wall; k is then the factor learned for the ring, and friction at the
+wall acts. The plate's rotation is left out, because it is small over the delay. After a contact, the ball rebounds with
+the share `restitution` of its velocity into the wall.
 
 Compiled functions take two float vectors, so one compilation serves every maze and model:
 z = (x, y, x_dot, y_dot, beta, beta_dot, gamma, gamma_dot), shape (8,), and the packed `PlanarModel`.
@@ -33,12 +33,12 @@ from mazeplan.physics.formulas.symbols import PLATE
 from mazeplan.physics.rig.entries import RigNumbers
 
 SUBSTEP = 1.0 / 300.0  # s; the ball moves at most about 1 mm in it
-RESTITUTION = 0.15  # of the velocity into a wall; steel on printed plastic, slow
-OPENINGS_ONLY = 3  # columns of the walls of a maze without radial walls
-ROUNDED = 1e-5  # precision of a factor in a file
+RESTITUTION = 0.15  # share of the velocity into a wall; steel on printed plastic, slow
+OPENINGS_ONLY = 3  # columns of `walls` in a maze without radial walls
+ROUNDED = 1e-5  # precision of a factor in a model file
 STATE_SIZE = 8
-# columns of a ring: radii, factor at a wall, radius of the track, address of `plane`, whether it depends on the angle,
-# number of openings that take speed, their start; scratch space; then the parameters
+# columns of a ring: radii, factor at a wall, radius of the track, address of `plane`, whether `plane` depends on the
+# angle, number and start of the openings that take speed; scratch space; then the parameters of the effects
 INNER, OUTER, FACTOR, TRACK, PLANE, ANGLED, OPENING_COUNT, OPENINGS, PUSH = range(9)
 FELT = PUSH + 7  # outputs of `in_plane`
 PULLED = FELT + 4  # inputs of formulas
@@ -51,14 +51,14 @@ TURN = 2.0 * math.pi
 class PlanarModel:
     """Arrays for the compiled functions.
 
-    scalars: (2,) ball radius m, factor where no wall is touched
+    scalars: (2,) ball radius, m, and factor of gravity away from walls
     stage:   (2, 5) per axis gain, natural frequency rad/s, damping ratio, offset rad, coupling
     rings:   (R, C) per ring, outermost first: see the columns above
     walls:   (W, 3) per wall between rings: inner radius, outer radius, index of its first gap;
-             (W, 5) where radial walls stand in any ring: of the ring outside it, the first of their rows and the one
-             behind the last
-    gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width; behind them radial walls, grouped
-             by ring, with half of their thickness
+             (W, 5) in a maze with radial walls: also the first row in `gaps` of the radial walls of the ring outside
+             this wall, and the row after their last one
+    gaps:    (G, 3) per opening, grouped by wall: cos(angle), sin(angle), half width; then per radial wall, grouped by
+             ring: cos(angle), sin(angle), half thickness
     """
 
     scalars: Array
@@ -99,7 +99,7 @@ class PlanarModel:
 
 
 def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
-    """The columns of a ring: its own effects, and the common ones of ring 1."""
+    """The columns of a ring, from the effects of this ring and the common effects of ring 1."""
     shared = [term for term in model.ball(1).planned if term.effect.common]
     own = [term for term in model.ball(ring.number).planned if not term.effect.common]
     along = [term for term in (*own, *shared) if term.effect.acts != OPENING]
@@ -116,7 +116,7 @@ def _ring_row(ring: Ring, maze: Maze, model: RigNumbers) -> list[float]:
 
 
 def _opening_columns(terms: list[Term], begin: int) -> list[float]:
-    """Addresses and starts of the openings, then their parameters."""
+    """Per opening, addresses of its functions and start of its parameters; then the parameters of all openings."""
     rows, numbers, at = [], [], begin + OPENING_SIZE * len(terms)
     for term in terms:
         functions = term_functions(term.effect)
@@ -126,7 +126,7 @@ def _opening_columns(terms: list[Term], begin: int) -> list[float]:
 
 
 def _free_factor(maze: Maze, model: RigNumbers) -> float:
-    """The factor of gravity away from walls: that of the disc, if it differs from the nominal value."""
+    """The factor of gravity away from walls: the factor in the model of the central disc, else the nominal value."""
     disc = maze.rings[-1]
     if not disc.is_disc or disc.number not in model.balls:
         return FREE_ROLLING
@@ -176,7 +176,7 @@ def _limit_radius(z, limit, outward, restitution):
 
 @njit(cache=True)
 def _meet_gap(z, gap, low, high, radius, restitution):
-    """Contact inside or in front of a gap (cos, sin, half width) of the wall from radius low to high."""
+    """Resolve contacts inside or in front of a gap (cos, sin, half width) of the wall from radius low to high."""
     c, s, half = gap[0], gap[1], gap[2]
     along, across = c * z[0] + s * z[1], -s * z[0] + c * z[1]
     first = math.sqrt(low * low - half * half)
@@ -204,7 +204,7 @@ def _meet_gap(z, gap, low, high, radius, restitution):
 
 @njit(cache=True)
 def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
-    """Contact with the flat sides of the radial walls in the ball's ring. Inside openings their own sides act."""
+    """Resolve contacts with the flat sides of radial walls in the ball's ring. Inside openings, `_meet_gap` acts."""
     r = math.sqrt(z[0] * z[0] + z[1] * z[1])
     touched = False
     for w in range(walls.shape[0]):
@@ -229,7 +229,7 @@ def _meet_radial_walls(z, radius, rings, walls, gaps, restitution):
 
 @njit(cache=True)
 def contact(z, radius, rings, walls, gaps, restitution):
-    """Resolve contacts with walls (in place); whether the ball touches one."""
+    """Resolve contacts with walls (in place); returns whether the ball touches a wall."""
     touched = _limit_radius(z, rings[0, 1] - radius, False, restitution)
     radial = walls.shape[1] > OPENINGS_ONLY
     if radial:
@@ -258,9 +258,9 @@ def contact(z, radius, rings, walls, gaps, restitution):
 
 @njit(cache=True)
 def stage_step(z, u_beta, u_gamma, stage, h):
-    """Advance both axes of the stage (angles z[4] and z[6], rates behind them) by h with the commands held.
+    """Advance both axes of the stage (angles z[4] and z[6], rates z[5] and z[7]) by h s with the commands held.
 
-    Semi-implicit in the damping: stable for every damping ratio at the sub-step used here."""
+    The damping is semi-implicit, so the step is stable for every damping ratio at the sub-step used here."""
     for i in range(2):
         axis, at = stage[i], 4 + 2 * i
         gain, wn, zeta, offset = axis[0], axis[1], axis[2], axis[3]
@@ -273,8 +273,9 @@ def stage_step(z, u_beta, u_gamma, stage, h):
 
 @njit(cache=True)
 def in_plane(z, ring, free, touching):
-    """Evaluate the effects in the plane. Returns the column of: acceleration (2), m/s^2; drag, 1/s; dry friction,
-    m/s^2."""
+    """Evaluate the effects in the plane, into columns of `ring`; returns FELT, the first of these columns.
+
+    The columns hold acceleration (2), m/s^2; drag, 1/s; dry friction, m/s^2."""
     r = math.sqrt(z[0] * z[0] + z[1] * z[1])
     speed = math.sqrt(z[2] * z[2] + z[3] * z[3]) / ring[TRACK]
     angle = rate = direction = 0.0
@@ -321,7 +322,7 @@ def _pass_openings(z, ring, before):
 
 @njit(cache=True)
 def ball_step(z, h, scalars, rings, walls, gaps, touching):
-    """Advance the ball by h under the tilt in z; whether it touches a wall afterwards."""
+    """Advance the ball by h s under the tilt in z; returns whether it then touches a wall."""
     radius, free = scalars[0], scalars[1]
     ring = rings[ring_index(math.sqrt(z[0] * z[0] + z[1] * z[1]), rings)]
     felt = in_plane(z, ring, free, touching)

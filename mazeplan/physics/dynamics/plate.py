@@ -20,15 +20,19 @@ from numba import njit
 from mazeplan.core.constants import GRAVITY
 from mazeplan.core.records import Array
 
-# columns of a row, and its length; first the inputs of formulas in their order (`symbols.PLATE`);
-# last gravity on a level table, along x and y
+# columns of a row, and its length ROW. A row begins with the inputs of formulas in their order (`symbols.PLATE`);
+# it ends with gravity on a level table, along x and y
 RADIUS_AT, BALL_AT, FELT_AT, TIME_AT, STATED_AT, ROW = 6, 7, 8, 17, 18, 20
-SOONEST = 1e-9  # s between two times that differ
+SOONEST = 1e-9  # s, minimum interval between two times
 
 
 class PlateMotion(NamedTuple):
-    """Motion of the plate on an even grid: start, step in s; motion (M, 6): beta, its rate and acceleration, then
-    gamma's, in rad, rad/s, rad/s^2."""
+    """Motion of the plate on an even time grid.
+
+    start:  time of the first row, s
+    step:   s
+    motion: (M, 6) beta, its rate and acceleration, then the same for gamma: rad, rad/s, rad/s^2
+    """
 
     start: float
     step: float
@@ -36,8 +40,10 @@ class PlateMotion(NamedTuple):
 
 
 class Tilting(NamedTuple):
-    """Errors of the stated tilt: true beta = gain_beta beta + cross_beta gamma + tilt_beta, gamma alike; tilt_beta,
-    tilt_gamma: of the table, rad."""
+    """How the true tilt follows from the stated tilt (beta, gamma), such as that of a `PlateMotion`.
+
+    True beta = gain_beta beta + cross_beta gamma + tilt_beta; gamma likewise. tilt_beta, tilt_gamma: tilt of the table,
+    rad."""
 
     gain_beta: float = 1.0
     gain_gamma: float = 1.0
@@ -49,8 +55,9 @@ class Tilting(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def motion_at(motion, start, step, t, out):
-    """Motion (M, 6) at the time t by cubic Hermite interpolation, accelerations by a straight line, into out[:6]; held
-    beyond the ends."""
+    """Interpolate motion (M, 6) at the time t into out[:6]: accelerations linearly, the rest by cubic Hermite splines.
+
+    Beyond the ends, the first or last row is held."""
     place = min(max((t - start) / step, 0.0), len(motion) - 1.000001)
     i = int(place)
     _between(motion, i, place - i, step, out)
@@ -58,12 +65,12 @@ def motion_at(motion, start, step, t, out):
 
 @njit(cache=True, error_model="numpy")
 def _between(motion, i, s, step, out):
-    """As `motion_at`, at the share s of a step behind row i."""
+    """As `motion_at`, for a time s steps (0 to 1) after row i."""
     s2, r2 = s * s, (1.0 - s) * (1.0 - s)
     a0, a1 = (1.0 + 2.0 * s) * r2, s2 * (3.0 - 2.0 * s)
     b0, b1 = s * r2 * step, s2 * (s - 1.0) * step
     for axis in range(0, 6, 3):
-        for c in range(axis, axis + 2):  # a number, and its slope from the next column
+        for c in range(axis, axis + 2):  # a value; the next column is its slope
             here, next_ = motion[i, c], motion[i + 1, c]
             out[c] = a0 * here + a1 * next_ + b0 * motion[i, c + 1] + b1 * motion[i + 1, c + 1]
         out[axis + 2] = motion[i, axis + 2] + s * (motion[i + 1, axis + 2] - motion[i, axis + 2])
@@ -71,7 +78,9 @@ def _between(motion, i, s, step, out):
 
 @njit(cache=True, error_model="numpy")
 def plate_rows(plate, tilting, times, h, per, out):
-    """Rows (N per, ROW) of the middles of `per` sub-steps of h s that follow each of the times (N,), s, into out."""
+    """Write rows for the `per` sub-steps of h s that follow each of the times (N,), s, into out (N per, ROW).
+
+    A row holds the values in the middle of its sub-step."""
     raw = np.empty(6)
     for k in range(len(times)):
         for j in range(per):
@@ -82,8 +91,9 @@ def plate_rows(plate, tilting, times, h, per, out):
 
 @njit(cache=True, error_model="numpy")
 def history_rows(times, motion, tilting, start, h, out):
-    """Rows (M, ROW) of the middles of M sub-steps of h s from `start` on, into out; motion (N, 6) as in `PlateMotion`,
-    at any times (N,), N > 1, that go on; held beyond the ends."""
+    """Write rows for the middles of M sub-steps of h s from `start` on into out (M, ROW).
+
+    motion (N, 6): as in `PlateMotion`, at any increasing times (N,), N > 1; held beyond the ends."""
     raw, i = np.empty(6), 0
     for k in range(len(out)):
         t = start + (k + 0.5) * h
@@ -96,7 +106,7 @@ def history_rows(times, motion, tilting, start, h, out):
 
 @njit(cache=True, error_model="numpy")
 def _fill(tilting, raw, t, row):
-    """A row from the stated motion of the plate at t, raw (6,)."""
+    """Fill a row from raw (6,), the stated motion of the plate at the time t."""
     for c in range(3):
         row[c] = tilting.gain_beta * raw[c] + tilting.cross_beta * raw[c + 3]
         row[c + 3] = tilting.gain_gamma * raw[c + 3] + tilting.cross_gamma * raw[c]
@@ -107,7 +117,7 @@ def _fill(tilting, raw, t, row):
 
 @njit(cache=True, error_model="numpy")
 def _felt(row, beta, gamma):
-    """Gravity (3 numbers), Omega (3) and its rate (3) for the tilt of the plate and the rates in a row, into it."""
+    """Write gravity, Omega and Omega' (3 numbers each) into a row, for a true tilt and the rates in the row."""
     sb, cb, sc, cc = math.sin(beta), math.cos(beta), math.sin(gamma), math.cos(gamma)
     b1, b2, c1, c2 = row[1], row[2], row[4], row[5]
     row[FELT_AT], row[FELT_AT + 1], row[FELT_AT + 2] = GRAVITY * sb, -GRAVITY * cb * sc, -GRAVITY * cb * cc

@@ -1,26 +1,30 @@
 """Rigid-body model of the ball: rolling on the moving floor, contacts with walls, spin about the vertical.
 
-State (x, y, vx, vy, w) in the plate's frame, m and m/s; w is the spin about the vertical (against the plate) times the
-radius R. Inertia k m R^2, f = 1 / (1 + k). Newton and Euler for a ball that rolls without slip on a plate with angular
-velocity O, its centre H above the pivot, p = (x, y, H), v = (vx, vy, 0):
+The state (x, y, vx, vy, w) is in the plate's frame, m and m/s. w is the radius R times the spin about the vertical,
+relative to the plate. The inertia is k m R^2, and f = 1 / (1 + k). The ball rolls without slip on a plate with angular
+velocity O. Its centre is H above the pivot: p = (x, y, H), v = (vx, vy, 0). The equations of Newton and Euler are:
 
     v' = f (g - O' x p - 2 O x v - O x (O x p) - k (R O'_y - O_z vy - O_x w, -R O'_x - O_y w + O_z vx)) - drag v / |v|
     w' = -R O'_z - O_x vx - O_y vy - c_s (N / m g) b / k
     drag = f (c (N / m g) a + viscous |v| + quadratic |v|^2),      (a, b) = (c |v|, c_s w) / |(c |v|, c_s w)|
 
-c = g mu_roll / R, c_s = g mu_spin / R. Rolling and spinning share one patch of contact, and its friction points against
-both together (Contensou). v is 0 where a step of the drag could end it.
+with c = g mu_roll / R and c_s = g mu_spin / R. Rolling and spinning share one contact patch. Its friction acts against
+both motions together (Contensou). v becomes 0 when the drag of one step would take the whole speed.
 
-Against a wall with normal n (Coulomb's law for impulses per mass): the approach u = -v_n becomes -e' u,
+A contact with a wall of normal n follows Coulomb's law, with impulses per mass. The ball approaches the wall at the
+speed u = -v_n and rebounds at the speed e' u:
 
     e' = min(e, (e - k + J / u) / (1 + k))
 
-A slow ball keeps rolling and comes back with e. In a fast impact the floor holds the ball's spin back only by the
-impulse J; the rest of the spin goes on into the wall and takes speed away when the ball rolls again (momentum of v and
-spin before and after). The wall gives (1 + k) (1 + e') u in all. The tangential impulse that would end the slip s =
-v_t - w is -s / (f + 1 / k); it is limited to mu_wall times the normal one. v_t changes by f, w by -1 / k of it. From
-these follow 5/7 of gravity on the floor, 5/9 along a wall that a solid ball rolls on, and all between. Rolling friction
-at the wall then takes from w at most wall_rolling / k times the normal impulse, never its sign.
+A slow ball keeps rolling and rebounds with e. In a fast impact, the floor holds the rolling motion back only by the
+impulse J. The rest of that rotation still turns towards the wall, and takes speed away when the ball rolls again
+(momentum of v and rotation before and after).
+
+The normal impulse of the wall is (1 + k) (1 + e') u. The tangential impulse -s / (f + 1 / k) would end the slip
+s = v_t - w; it is limited to mu_wall times the normal impulse. v_t changes by f times the tangential impulse, w by
+-1 / k times it. These laws give 5/7 of gravity for a solid ball on the floor, 5/9 for one that also rolls on a wall,
+and all values between. Rolling friction at the wall then reduces |w| by at most wall_rolling / k times the normal
+impulse. It never changes the sign of w.
 """
 
 from __future__ import annotations
@@ -49,17 +53,25 @@ from mazeplan.physics.formulas.compiled import call_moment, call_plane_at
 
 STATE = 5
 PER_GRAVITY = 1.0 / GRAVITY
-TINY = 1e-12  # m^2/s^3, so that a ball at rest has a direction
-EDGES = 5.0  # how much less sure the way out of a contact at an edge is: a little aside turns it far
-MIDDLE = 1e-3  # m; nearer to the middle of the plate than this an angle says nothing
+TINY = 1e-12  # m^2/s^3; avoids 0 / 0 for a ball at rest
+EDGES = 5.0  # weight of hits at the sides of an opening: at an edge, a small offset turns the rebound far
+MIDDLE = 1e-3  # m; closer to the middle of the plate, the ball's angle is meaningless
 
 
 class Ball(NamedTuple):
     """Parameters of the ball.
 
-    inertia: k of k m R^2; rolling: c, m/s^2; viscous 1/s; quadratic 1/m; wall: friction coefficient at a wall;
-    restitution: e of the speed into a wall; hold: J, m/s; spin: c_s, m/s^2; wall_rolling: rolling friction at a wall,
-    mu_roll / R; height: of the centre above the pivot, m; NaN: the radius, as if the plate turned about its surface."""
+    inertia:      k of the inertia k m R^2
+    rolling:      c, m/s^2
+    viscous:      1/s
+    quadratic:    1/m
+    wall:         friction coefficient at a wall
+    restitution:  e, share of the speed into a wall with which a slow ball rebounds
+    hold:         J, m/s
+    spin:         c_s, m/s^2
+    wall_rolling: rolling friction at a wall, mu_roll / R
+    height:       of the ball's centre above the pivot, m; NaN stands for the radius: the plate turns about its surface
+    """
 
     inertia: float = 0.4
     rolling: float = 0.03
@@ -74,9 +86,14 @@ class Ball(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """Further effects on the ball, see `rigid_body_effects`. address: of `plane_at` of the effects, 0: none; moment: of
-    `moment`, 0: it has nothing to do; held: how many numbers it gives; p: packed parameters, room for these numbers,
-    and FELT_ROOM for the outputs; angled: whether they look at the ball's angle. The caller keeps p alive."""
+    """Further effects on the ball, see `rigid_body_effects`. The caller keeps p alive.
+
+    address: of the compiled `plane_at` of the effects; 0 without effects
+    moment:  address of their compiled `moment`; 0 if `moment` has nothing to compute
+    held:    how many numbers `moment` computes
+    p:       packed parameters, then room for these numbers, then FELT_ROOM numbers for the outputs
+    angled:  whether the effects depend on the ball's angle
+    """
 
     address: int
     moment: int
@@ -85,11 +102,11 @@ class Effects(NamedTuple):
     angled: bool
 
 
-FELT_ROOM = 7  # pull along x and y, force, drag, dry friction, friction at a wall, factor of gravity
+FELT_ROOM = 7  # outputs: gravity along x and y, force, drag, dry friction, friction at a wall, factor of gravity
 
 
 def no_effects() -> Effects:
-    """No further effects."""
+    """The `Effects` of a ball without further effects."""
     return Effects(0, 0, 0, np.zeros(FELT_ROOM + 1), False)
 
 
@@ -119,7 +136,7 @@ class BodyCore(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def body_core(ball, walls, effects):
-    """The core for `Ball`, `Walls` and `Effects`, which the caller keeps alive."""
+    """The inputs of a step from `Ball`, `Walls` and `Effects`; the caller keeps these three alive."""
     height = walls.radius if math.isnan(ball.height) else ball.height
     return BodyCore(
         ball.inertia, 1.0 / (1.0 + ball.inertia), ball.rolling, ball.viscous, ball.quadratic, ball.wall,
@@ -132,11 +149,11 @@ def body_core(ball, walls, effects):
 
 @njit(cache=True, error_model="numpy")
 def _strike(core, h, depth, nx, ny, x, y, vx, vy, w):
-    """The state after the ball, which overlaps a wall by `depth` m at the end of a step of h s, has met it, and by how
-    much (m/s) the wall changed its speed.
+    """Resolve the contact with a wall that the ball overlaps by `depth` m at the end of a step of h s.
 
-    It met the wall `late` s ago, and has gone on since then as the contact sent it: so the state behind a step depends
-    continuously on the one before, whatever step the contact falls into."""
+    Returns the state after the contact, and by how much (m/s) the wall changed the normal speed. The contact happened
+    `late` s before the end of the step. Since then, the ball has moved with its new velocity. So the new state depends
+    continuously on the old state, whichever step the contact falls into."""
     vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
     if vn >= 0.0:
         return x + depth * nx, y + depth * ny, vx, vy, w, 0.0
@@ -156,8 +173,9 @@ def _strike(core, h, depth, nx, ny, x, y, vx, vy, w):
 
 @njit(cache=True, error_model="numpy")
 def meet_walls(core, h, x, y, vx, vy, w):
-    """The state after all walls that the ball overlaps at the end of a step of h s have been met, and how much all of
-    them changed its speed, m/s, edges at openings counted EDGES times."""
+    """Resolve the contacts with all walls that the ball overlaps at the end of a step of h s.
+
+    Returns the new state, and the sum of the changes of normal speed, m/s; hits at openings count EDGES times."""
     walls, hit = core.walls, 0.0
     depth, nx, ny = outside_rim(walls, x, y)
     if depth > 0.0:
@@ -182,10 +200,10 @@ def meet_walls(core, h, x, y, vx, vy, w):
 
 @njit(cache=True, error_model="numpy")
 def _besides(core, row, x, y, vx, vy):
-    """(ax, ay, drag) of the effects, m/s^2; row: of `plate`.
+    """(ax, ay, drag) of the effects, m/s^2; row: pointer to a row of `plate`.
 
-    They are written for a bead on a ring: gravity as a sliding point feels it, so f of it moves the ball; forces, drag
-    and friction in rad/s^2 as they come to the motion, times the distance from the middle."""
+    The effects are written for a bead on a ring. Their gravity is that of a sliding point, so f times it moves the
+    ball. Their forces, drag and friction are in rad/s^2, so the distance from the middle multiplies them."""
     r = math.sqrt(x * x + y * y)
     if r < MIDDLE:
         return 0.0, 0.0, 0.0
@@ -195,7 +213,7 @@ def _besides(core, row, x, y, vx, vy):
     out, level = core.felt, shifted(row, FELT_AT)
     angle = math.atan2(y, x) if core.angled else 0.0
     call_plane_at(core.address, (angle, rate, speed, way, row[TIME_AT], row, core.p, core.held, out))
-    gx, gy = level[0], level[1]  # on the table as the tilting says that it stands
+    gx, gy = level[0], level[1]  # gravity, with the tilt of the table from `Tilting`
     mx, my = gx + out[0] - row[STATED_AT], gy + out[1] - row[STATED_AT + 1]
     ax, ay = core.factor * (out[6] * mx - gx), core.factor * (out[6] * my - gy)
     return ax - y * out[2], ay + x * out[2], r * (speed * out[3] + max(out[4], 0.0))
@@ -203,7 +221,9 @@ def _besides(core, row, x, y, vx, vy):
 
 @njit(cache=True, error_model="numpy")
 def accelerated(core, row, x, y, vx, vy, w):
-    """(ax, ay, aw, n): acceleration without friction, m/s^2, and the floor's force per mass, m/s^2; row: of `plate`."""
+    """(ax, ay, aw, n): acceleration without friction, and the floor's normal force per mass, m/s^2.
+
+    row: pointer to a row of `plate`."""
     k, radius, height = core.inertia, core.walls.radius, core.height
     felt = shifted(row, FELT_AT)
     ox, oy, oz, qx, qy, qz = felt[3], felt[4], felt[5], felt[6], felt[7], felt[8]
@@ -218,15 +238,16 @@ def accelerated(core, row, x, y, vx, vy, w):
 
 @njit(cache=True, error_model="numpy")
 def begin_step(core, row):
-    """What steps of all points with this row share."""
+    """Compute once what the steps of all points with this row share."""
     if core.moment != 0:
         call_moment(core.moment, (row[TIME_AT], row, core.p, core.held))
 
 
 @njit(cache=True, error_model="numpy")
 def step(core, row, h, x, y, vx, vy, w):
-    """The state h s later, and how much walls changed the speed, as `meet_walls`; row: pointer to the row of `plate` in
-    the middle of this step, after `begin_step` of it."""
+    """The state h s later, and the change of speed by walls as in `meet_walls`.
+
+    row: pointer to the row of `plate` for the middle of this step; `begin_step` must have been called with it."""
     ax, ay, aw, n = accelerated(core, row, x, y, vx, vy, w)
     more = 0.0
     if core.address != 0:
@@ -247,7 +268,9 @@ def step(core, row, h, x, y, vx, vy, w):
 
 @njit(cache=True, error_model="numpy")
 def advance(ball, walls, effects, rows, h, state, out):
-    """States (M, 5) after each of M steps of h s from `state` (5,), into out; rows (M, ROW): of `plate.plate_rows`."""
+    """Write the states after each of M steps of h s from `state` (5,) into out (M, 5).
+
+    rows (M, ROW): from `plate.plate_rows`."""
     core = body_core(ball, walls, effects)
     x, y, vx, vy, w = state[0], state[1], state[2], state[3], state[4]
     for i in range(len(rows)):

@@ -1,7 +1,8 @@
-"""Effects of the registry, also a user's own, on the rigid-body ball.
+"""Effects of the registry, including those of users, on the rigid-body ball.
 
-They use the same formulas as planner and filter, so each stands once. The rigid body itself
-rolls (`Ball.inertia`) and meets walls and openings (`Ball.wall`, `Ball.restitution`), so such effects are refused here.
+Planner, filter and rigid body use the same formula of an effect, so each formula exists once. The rigid body itself
+models rolling (`Ball.inertia`) and contacts with walls and openings (`Ball.wall`, `Ball.restitution`). Effects of these
+kinds are therefore refused here.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ BESIDES = (GRAVITY, FORCE, DRAG, DRY)
 
 
 def effects_of(terms: Sequence[Term]) -> Effects:
-    """The sum of some effects for `rigid_body`. Raises ValueError for an effect that the body has by itself, and for a
-    formula with inputs of a record."""
+    """The sum of some effects for `rigid_body`. Raises ValueError for an effect that the rigid body already models, and
+    for a formula with inputs of a record."""
     for term in terms:
         _check(term.effect)
     terms = [term for term in terms if not idle(term)]
@@ -37,7 +38,7 @@ def effects_of(terms: Sequence[Term]) -> Effects:
 
 
 def idle(term: Term) -> bool:
-    """Whether a term does nothing: all its sizes are the defaults."""
+    """Whether a term does nothing: all its parameters, except those that say where, have their defaults."""
     known = zip(term.effect.parameters.items(), term.numbers, strict=True)
     return all(name in term.effect.places or value == p.default for (name, p), value in known)
 
@@ -46,14 +47,14 @@ _made: dict[tuple[int, ...], tuple[tuple[Effect, ...], CompiledFunctions]] = {} 
 
 
 def _functions(effects: tuple[Effect, ...]) -> CompiledFunctions:
-    """`plane_at` and `moment`, cached for filters."""
+    """Compiled `plane_at` and `moment` of these effects, cached for filters."""
     key = tuple(map(id, effects))
     if key not in _made:
         _made[key] = effects, plane_functions(effects)
     return _made[key][1]
 
 
-_checked: dict[int, Effect] = {}  # by identity, as looking at a formula takes time
+_checked: dict[int, Effect] = {}  # by identity; kept because evaluating a formula takes time
 
 
 def _check(effect: Effect) -> None:

@@ -5,19 +5,21 @@ State s = (theta, theta_dot, beta, beta_dot, gamma, gamma_dot), control u = (u_b
     theta_dd = sum of effects (`formulas.equation`) + e
     beta_dd  = wn^2 (gain (u_beta + coupling u_gamma) + offset - beta) - 2 zeta wn beta_d        (gamma likewise)
 
-e is constant during a step: the part of a learned model (`gp_dynamics`), else 0. In dry friction tanh replaces the
-sign: good for planning, not for identification. An opening takes its share of the speed in the sub-step that passes it.
+e is constant during a step: the output of a learned part (`gp_dynamics`), or 0. In dry friction, tanh replaces the
+sign; that suits planning, but not identification. The ball loses speed at an opening in the sub-step that passes it.
 
-The stage is linear with a held input, so its solution is exact (zero-order hold, any damping). theta is integrated by
-the classical Runge-Kutta scheme of order 4 in SUBSTEPS steps on the exact tilt. Compared with an adaptive integrator,
-one step of 1/30 s has an error below 1e-5 rad and 2e-4 rad/s (tilts to 5 degrees, tilt rates to 1 rad/s, speeds to 8
-rad/s), and a plan of 40 steps below 1e-3 rad at its end. One sub-step instead of two has ten times the error.
+The stage is linear with a held input, so its solution is exact (zero-order hold, any damping). The classical
+Runge-Kutta scheme of order 4 integrates theta in SUBSTEPS steps on the exact tilt. One step of 1/30 s differs from an
+adaptive integrator by less than 1e-5 rad and 2e-4 rad/s (tilts to 5 degrees, tilt rates to 1 rad/s, speeds to 8 rad/s).
+A plan of 40 steps differs by less than 1e-3 rad at its end. One sub-step instead of two has ten times the error.
 
-Effects are compiled functions whose addresses are in p (`RingParameters.pack`). At each node of the scheme one function
-evaluates the plate, at each stage another one the ball. Derivatives: a Runge-Kutta step has many inputs and two
-results, so `_traced` goes back from each result to the four accelerations, and from these to the tilt at their nodes.
-From one sub-step to the next the derivatives go forwards. Angles change little within a step, so one library call for
-sine and cosine per step is enough.
+Effects are compiled functions whose addresses are in p (`RingParameters.pack`). One function evaluates the plate at
+each node of the scheme. Another function evaluates the ball at each stage. Angles change little within a step, so one
+library call for sine and cosine per step is enough.
+
+A Runge-Kutta step has many inputs and two results. Therefore `_traced` computes derivatives backwards: from each result
+to the four accelerations, and from these to the tilt at their nodes. From one sub-step to the next, derivatives are
+propagated forwards.
 """
 
 from __future__ import annotations
@@ -34,13 +36,15 @@ from mazeplan.physics.formulas.compiled import call_partials, call_plate, call_t
 from mazeplan.physics.formulas.symbols import PLATE
 
 TURN = 2.0 * math.pi
-OUT = len(PLATE)  # where in the scratch space the derivatives of the stages of a sub-step are
-COEFFICIENTS = OUT + at.STAGES * at.SLOPES  # ... and the coefficients of the nodes
+OUT = len(PLATE)  # start, in the scratch space, of the derivatives of a sub-step's stages
+COEFFICIENTS = OUT + at.STAGES * at.SLOPES  # start, in the scratch space, of the coefficients of the nodes
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _tilt(p, axis, node, angle, rate, u):
-    """Angle, rate and acceleration of one axis (its block in p) at a node of its table, from its start and command."""
+    """Angle, rate and acceleration of one axis at a node, from its angle and rate at the start and its command u.
+
+    axis: start of its block in p; node: of the table in this block."""
     row = axis + at.TABLE + at.NODE * node
     rest = p[axis + at.GAIN] * u + p[axis + at.OFFSET]
     a = rest + p[row] * (angle - rest) + p[row + 1] * rate
@@ -50,14 +54,14 @@ def _tilt(p, axis, node, angle, rate, u):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _axes(p):
-    """Start of the two axes in p."""
+    """Where the blocks of beta and gamma start in p."""
     size = at.TABLE + at.NODE * (2 * int(p[at.SUBSTEP_COUNT]) + 1)
     return at.AXES, at.AXES + size
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _mixed(p, u):
-    """Command of each axis, with its share of the other one; u (2,)."""
+    """Command that reaches each axis: its command in u (2,), plus a share of the other axis's command."""
     b, c = _axes(p)
     return u[0] + p[b + at.COUPLING] * u[1], u[1] + p[c + at.COUPLING] * u[0]
 
@@ -70,7 +74,7 @@ def _scratch(p, row):
 
 @njit(cache=True, error_model="numpy")
 def _plate(p, s, u, node):
-    """Write the plate's motion at a node into the scratch space; pointer to it."""
+    """Write the plate's motion at a node into the scratch space; returns a pointer to the motion."""
     b, c = _axes(p)
     ub, uc = _mixed(p, u)
     w = _scratch(p, 0)
@@ -82,7 +86,9 @@ def _plate(p, s, u, node):
 
 @njit(cache=True, error_model="numpy")
 def _node(p, s, u, node, function):
-    """Evaluate the plate at a node (`plate` or `plate_partials`) into its coefficients; pointer to them."""
+    """Evaluate the coefficients of a node; returns a pointer to them.
+
+    function: index in p of the address of `plate` or `plate_partials`."""
     w, out = _plate(p, s, u, node), _scratch(p, COEFFICIENTS + node * int(p[at.EVERY]))
     call_plate(np.int64(p[function]), (0.0, w, pointer_to(p, int(p[at.PARAMETERS])), out))
     return out
@@ -90,7 +96,7 @@ def _node(p, s, u, node, function):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _turned(start, theta):
-    """Sine and cosine of theta, which is near the angle of start: (angle, its sine, its cosine)."""
+    """Sine and cosine of theta; start: (angle, its sine, its cosine) of an angle near theta."""
     angle, sin, cos = start
     small, near = sine_and_cosine(theta - angle)
     return sin * near + cos * small, cos * near - sin * small
@@ -98,7 +104,7 @@ def _turned(start, theta):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _acceleration(p, plate, start, theta, theta_d):
-    """theta_dd with the plate as at a node."""
+    """theta_dd, rad/s^2; plate: coefficients of a node."""
     sin, cos = _turned(start, theta)
     parameters = pointer_to(p, int(p[at.PARAMETERS]))
     return call_value(np.int64(p[at.VALUE_AT]), (theta, theta_d, sin, cos, plate, parameters)) + p[at.EXTRA]
@@ -124,7 +130,9 @@ def acceleration(s, u, p):
 
 @njit(cache=True, error_model="numpy")
 def _pass_openings(p, s, u, node, before, theta, theta_d):
-    """Angle, rate and the share of both that is kept behind the openings that were passed since the angle `before`."""
+    """Apply the loss at openings that were passed since the angle `before`.
+
+    Returns angle and rate, and the share that the losses leave of the rate and of the way behind the openings."""
     share = 1.0
     for j in range(int(p[at.OPENING_COUNT])):
         row = int(p[at.OPENINGS]) + at.OPENING_SIZE * j
@@ -139,7 +147,7 @@ def _pass_openings(p, s, u, node, before, theta, theta_d):
 
 @njit(cache=True, error_model="numpy")
 def step(s, u, p, out):
-    """The state one dt later, into out (6,). s (6,), u (2,), p = RingParameters.pack()."""
+    """Write the state one dt later into out (6,); s (6,), u (2,), p = RingParameters.pack()."""
     h, n = p[at.STEP], int(p[at.SUBSTEP_COUNT])
     theta, theta_d = s[0], s[1]
     start = theta, math.sin(theta), math.cos(theta)
@@ -164,7 +172,7 @@ def step(s, u, p, out):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _stage_end(p, s, u, node, out):
-    """The stage at a node, into out[2:]."""
+    """Write angles and rates of the stage at a node into out[2:]."""
     b, c = _axes(p)
     ub, uc = _mixed(p, u)
     out[2], out[3], _ = _tilt(p, b, node, s[2], s[3], ub)
@@ -173,8 +181,9 @@ def _stage_end(p, s, u, node, out):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _tilt_tangent(p, axis, node, column):
-    """Derivatives of angle, rate, acceleration at a node by the axis's start angle (column 0), rate (1), command
-    (2)."""
+    """Derivatives of an axis's angle, rate and acceleration at a node by one of its inputs.
+
+    column: 0 for the angle at the start, 1 for the rate at the start, 2 for the command."""
     row = axis + at.TABLE + at.NODE * node
     rest = 0.0
     if column == 2:
@@ -187,10 +196,11 @@ def _tilt_tangent(p, axis, node, column):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _traced(h, f1, f2, f3, f4, x, y):
-    """Derivatives of x theta + y theta_d after a Runge-Kutta step by its inputs, backwards through the scheme.
+    """Derivatives of x theta + y theta_d after a Runge-Kutta step by the inputs of the step, backwards through it.
 
-    Returns its derivatives by theta and theta_d before the step, by the four accelerations together, and by the tilt
-    (as `_partials` has it: beta, beta_d, beta_dd, gamma, gamma_d) at the first, the middle and the last node."""
+    f1 to f4: derivatives of the four accelerations, from `_partials`. Returns the derivatives by theta and by theta_d
+    before the step, by a number added to all four accelerations, and by the tilt at the first, the middle and the last
+    node. The tilt is (beta, beta_d, beta_dd, gamma, gamma_d)."""
     w4 = h / 6.0 * y
     w3 = h * h / 6.0 * x + h / 3.0 * y + h * f4[1] * w4
     w2 = h * h / 6.0 * x + h / 3.0 * y + 0.5 * h * f3[1] * w3 + 0.5 * h * h * f4[0] * w4
@@ -221,7 +231,7 @@ def _by_beta(traced, t1, t2, t3):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _by_gamma(traced, t1, t2, t3):
-    """The same through gamma, whose acceleration does not act on the ball."""
+    """Derivative of a `_traced` result through gamma, whose acceleration does not act on the ball."""
     first, middle, last = traced[3], traced[4], traced[5]
     total = first[3] * t1[0] + first[4] * t1[1] + middle[3] * t2[0] + middle[4] * t2[1]
     return total + last[3] * t3[0] + last[4] * t3[1]
@@ -229,7 +239,9 @@ def _by_gamma(traced, t1, t2, t3):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _through(angle, rate, X, k, add_angle, add_rate):
-    """Propagate column k of the derivatives X of angle and rate through a sub-step that adds to them."""
+    """Propagate column k of X, the derivatives of angle and rate, through a sub-step.
+
+    add_angle, add_rate: what the sub-step itself adds to the two derivatives."""
     before, speed = X[0, k], X[1, k]
     X[0, k] = angle[0] * before + angle[1] * speed + add_angle
     X[1, k] = rate[0] * before + rate[1] * speed + add_rate
@@ -251,7 +263,7 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
         if j < 2:
             _through(angle, rate, A, 2 + j, by_angle, by_rate)
             _through(angle, rate, A, 4 + j, by_angle_c, by_rate_c)
-    mix_b, mix_c = p[b + at.COUPLING], p[c + at.COUPLING]  # the last ones are by what reaches each axis
+    mix_b, mix_c = p[b + at.COUPLING], p[c + at.COUPLING]  # column 2 is by the command that reaches an axis
     _through(angle, rate, B, 0, by_angle + mix_c * by_angle_c, by_rate + mix_c * by_rate_c)
     _through(angle, rate, B, 1, by_angle_c + mix_b * by_angle, by_rate_c + mix_b * by_rate)
     before, speed = p[at.BY_ANGLE], p[at.BY_RATE]
@@ -261,10 +273,10 @@ def _advance(p, node, f1, f2, f3, f4, A, B):
 
 @njit(cache=True, error_model="numpy")
 def linearise(s, u, p, out, A, B):
-    """`step`, and its derivatives by s and u, into A (6, 6) and B (6, 2): the chain rule through the scheme.
+    """As `step`; also writes the derivatives by s into A (6, 6) and by u into B (6, 2), by the chain rule.
 
-    Derivatives of angle and rate by p[EXTRA] are in p[BY_ANGLE] and p[BY_RATE] afterwards. The share lost at an opening
-    counts as constant."""
+    Afterwards p[BY_ANGLE] and p[BY_RATE] hold the derivatives of angle and rate by p[EXTRA]. The share of speed lost at
+    an opening counts as constant."""
     h, n = p[at.STEP], int(p[at.SUBSTEP_COUNT])
     A[:] = 0.0
     B[:] = 0.0
@@ -299,7 +311,7 @@ def linearise(s, u, p, out, A, B):
 
 @njit(cache=True, error_model="numpy")
 def _stage_tangents(p, node, A, B):
-    """The rows of the stage in A and B."""
+    """Fill the rows of the stage in A and B."""
     b, c = _axes(p)
     for axis, row in ((b, 2), (c, 4)):
         own = row // 2 - 1

@@ -1,8 +1,12 @@
 """Parameters of the ball in one ring and of the tilting stage, and their packed vector for compiled functions.
 
-The vector has a head of numbers and addresses, then: for each axis its numbers and a table of transition matrices at 0,
-1/2, 1, 3/2 ... `substeps` integration steps; the parameters of the effects; the openings that take speed, each with the
-addresses of its functions and its parameters; scratch space.
+The vector has these parts, in this order:
+
+    head        numbers and addresses
+    axes        per axis: its numbers, and its transition matrices after 0, 1/2, 1, 3/2 ... `substeps` integration steps
+    parameters  of the effects
+    openings    that take speed: per opening, addresses of its functions and its parameters
+    scratch     space for intermediate results
 """
 
 from __future__ import annotations
@@ -25,8 +29,8 @@ from mazeplan.physics.formulas.symbols import PLATE
 from mazeplan.physics.rig.entries import RigNumbers
 
 SUBSTEPS = 2
-# rad/s; the plate's acceleration pushes the ball and decays with its fastest pole. A node stands for a sixth of a step,
-# 2.8 ms, so a faster decay would count far too much. No measurement shows such a pole.
+# rad/s, largest pole of an axis. The plate's acceleration pushes the ball and decays with the fastest pole. A node
+# represents a sixth of a sub-step, 2.8 ms; a faster decay would count far too much. No measurement shows such a pole.
 FASTEST = 150.0
 
 # indices in the head, and in the block of an axis
@@ -52,8 +56,14 @@ def _finite(name: str, value: float) -> None:
 
 @dataclass(frozen=True)
 class AxisParameters:
-    """One axis of the stage, second order. gain: -; natural_frequency: rad/s; damping: ratio; offset: rad; coupling:
-    share of the other axis's command."""
+    """One axis of the stage, second order.
+
+    gain:              tilt per command
+    natural_frequency: rad/s
+    damping:           ratio
+    offset:            rad
+    coupling:          share of the other axis's command
+    """
 
     gain: float = 1.0
     natural_frequency: float = 26.0
@@ -70,7 +80,8 @@ class AxisParameters:
 
 
 def resolved(natural_frequency: float, damping: float) -> tuple[float, float]:
-    """Natural frequency (rad/s) and damping ratio with no pole beyond FASTEST; the slower one stays where it is."""
+    """Natural frequency (rad/s) and damping ratio with no pole beyond FASTEST; of two real poles the slower one stays
+    as it is."""
     w, z = natural_frequency, damping
     if z <= 1.0:
         return min(w, FASTEST), z
@@ -86,9 +97,14 @@ def resolved(natural_frequency: float, damping: float) -> tuple[float, float]:
 class RingParameters:
     """All parameters of a step. Raises ModelError for values out of range.
 
-    radius: m, of the ball's track; effects: on the ball, planned ones; dry_width: rad/s over which dry friction changes
-    sign; beta, gamma: the stage; dt: s; physics: False keeps only the effect of the turning plate, for models that
-    learned the rest; ball_radius: m."""
+    radius:      radius of the ball's track, m
+    effects:     effects on the ball that the planner can use
+    beta, gamma: axes of the stage
+    dt:          time step, s
+    dry_width:   rad/s over which dry friction changes its sign
+    physics:     False keeps only the effect of the turning plate, for models that learned the rest
+    ball_radius: m
+    """
 
     radius: float
     effects: tuple[Term, ...] = (rolling_inertia(WALL_ROLLING),)
@@ -155,7 +171,7 @@ def _pack_axis(axis: AxisParameters, dt: float, substeps: int) -> Array:
 
 
 def _pack_openings(terms: Iterable[Term], begin: int) -> Array:
-    """Rows of openings, then their parameters."""
+    """Rows of openings, then their parameters; begin: index of the first row in the packed vector."""
     terms = list(terms)
     rows, numbers, at = [], [], begin + OPENING_SIZE * len(terms)
     for term in terms:
@@ -166,7 +182,7 @@ def _pack_openings(terms: Iterable[Term], begin: int) -> Array:
 
 
 def stage_transition(wn: float, zeta: float, t: float) -> Array:
-    """exp(M t) of M = [[0, 1], [-wn^2, -2 zeta wn]], shape (2, 2), for any damping.
+    """exp(M t) for M = [[0, 1], [-wn^2, -2 zeta wn]], shape (2, 2), for any damping.
 
     exp(M t) = exp(-zeta wn t) [cosh(mu t) I + sinh(mu t)/mu (M + zeta wn I)],  mu = wn sqrt(zeta^2 - 1).
     """

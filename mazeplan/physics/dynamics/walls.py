@@ -4,8 +4,9 @@ A wall is an annulus cut by openings with parallel sides. Its edges at an openin
 
     wall = all points within ROUNDING of the core,   core = the wall made smaller by ROUNDING on every side
 
-so the centre of a ball of radius R stays R + ROUNDING away from the core, or R away from a wall without edges. The
-nearest point of the core lies on the same radius, or, where that point falls into an opening, on one of its two sides.
+So the centre of a ball of radius R stays R + ROUNDING away from the core, or R away from a wall without edges. The
+nearest point of the core lies at the ball's angle. If that point falls into an opening, the nearest point lies on one
+of the two sides of the opening.
 """
 
 from __future__ import annotations
@@ -21,17 +22,22 @@ from mazeplan.core.records import Array
 from mazeplan.maze.geometry import Maze
 
 ROUNDING = 1e-3  # m, radius of the edges at an opening
-WALL, GAP, SLAB = 4, 5, 5  # numbers a row
-NEAREST = 1e-12  # m; closer than this there is no direction from one point to another
+WALL, GAP, SLAB = 4, 5, 5  # numbers in a row of `Walls.walls`, `gaps`, `slabs`
+NEAREST = 1e-12  # m; two points that are closer define no direction
 
 
 class Walls(NamedTuple):
     """All walls of a maze.
 
-    walls: (W, 4) per wall between rings: inner and outer radius of its core, index of its first gap and one behind the
-    last; gaps: (G, 5) per opening: cos(angle), sin(angle), half width of the gap in the core, and where on its middle
-    line the sides of that gap begin and end; slabs: (B, 5) per radial wall: cos(angle), sin(angle), half thickness,
-    inner and outer radius of its ring; rim: m, radius of the rim; radius: m, of the ball; rounding: m, of the edges."""
+    walls:    (W, 4) per wall between rings: inner and outer radius of its core, index of its first gap, index after
+              its last gap
+    gaps:     (G, 5) per opening: cos(angle), sin(angle), half width of the gap in the core, and where on the middle
+              line of the gap its sides begin and end
+    slabs:    (B, 5) per radial wall: cos(angle), sin(angle), half thickness, inner and outer radius of its ring
+    rim:      radius of the rim, m
+    radius:   radius of the ball, m
+    rounding: radius of the edges, m
+    """
 
     walls: Array
     gaps: Array
@@ -42,8 +48,9 @@ class Walls(NamedTuple):
 
 
 def pack_walls(maze: Maze, rounding: float | None = None) -> Walls:
-    """The walls of a maze for compiled code; rounding: ROUNDING, or less where a wall is too thin for that. Raises
-    ValueError when `rounding` is more than half of a wall."""
+    """The walls of a maze for compiled code. Raises ValueError when `rounding` is more than half of a wall.
+
+    rounding: m; by default ROUNDING, or less if a wall is too thin for it."""
     if rounding is None:
         thinnest = min((wall.outer_radius - wall.inner_radius for wall in maze.walls[1:]), default=1.0)
         rounding = min(ROUNDING, 0.5 * thinnest)
@@ -67,7 +74,7 @@ def pack_walls(maze: Maze, rounding: float | None = None) -> Walls:
 
 
 class WallCore(NamedTuple):
-    """Pointers into `Walls`, and its numbers: no array is counted where this is handed on."""
+    """Pointers into `Walls`, and its numbers. Functions pass it on without counting references to arrays."""
 
     walls: Any
     gaps: Any
@@ -81,7 +88,7 @@ class WallCore(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def wall_core(walls):
-    """The core of packed walls, which the caller keeps alive."""
+    """The pointers and numbers of packed walls; the caller keeps the walls alive."""
     return WallCore(
         pointer_to(walls.walls, 0), pointer_to(walls.gaps, 0), pointer_to(walls.slabs, 0), len(walls.walls),
         len(walls.slabs), walls.rim, walls.radius, walls.radius + walls.rounding,
@@ -90,7 +97,7 @@ def wall_core(walls):
 
 @njit(cache=True, error_model="numpy")
 def outside_rim(core, x, y):
-    """(depth, nx, ny): by how much the ball overlaps the rim (m, 0: not at all), and the normal away from it."""
+    """(depth, nx, ny): overlap of the ball with the rim, m, 0 for none, and the normal away from the rim."""
     r2, most = x * x + y * y, core.rim - core.radius
     if r2 <= most * most:
         return 0.0, 0.0, 0.0
@@ -108,7 +115,7 @@ def near_wall(core, i, x, y):
 
 @njit(cache=True, error_model="numpy")
 def gap_of(core, i, x, y):
-    """Index of the gap of wall i into which the nearest radius of its core falls, -1: none."""
+    """Index of the gap of wall i that holds the point nearest to (x, y) between the radii of the core; -1 for none."""
     low, high = core.walls[WALL * i], core.walls[WALL * i + 1]
     r = math.sqrt(x * x + y * y)
     if r < NEAREST:
@@ -123,8 +130,7 @@ def gap_of(core, i, x, y):
 
 @njit(cache=True, error_model="numpy")
 def into_face(core, i, x, y):
-    """(depth, nx, ny) as `outside_rim`, of the round faces of wall i, for a ball that is in front of none of its
-    gaps."""
+    """(depth, nx, ny) as `outside_rim`, for the round faces of wall i and a ball that is not in front of a gap."""
     low, high = core.walls[WALL * i], core.walls[WALL * i + 1]
     r = math.sqrt(x * x + y * y)
     if r < NEAREST:
@@ -136,7 +142,7 @@ def into_face(core, i, x, y):
 
 @njit(cache=True, error_model="numpy")
 def into_side(core, j, side, x, y):
-    """(depth, nx, ny) as `outside_rim`, of one side (-1.0, 1.0) of gap j: its face and its two edges."""
+    """(depth, nx, ny) as `outside_rim`, for one side (-1.0, 1.0) of gap j: its face and its two edges."""
     c, s, half = core.gaps[GAP * j], core.gaps[GAP * j + 1], core.gaps[GAP * j + 2]
     along, across = c * x + s * y, c * y - s * x
     da = along - min(max(along, core.gaps[GAP * j + 3]), core.gaps[GAP * j + 4])
@@ -150,7 +156,7 @@ def into_side(core, j, side, x, y):
 
 @njit(cache=True, error_model="numpy")
 def into_slab(core, b, x, y):
-    """(depth, nx, ny) as `outside_rim`, of radial wall b."""
+    """(depth, nx, ny) as `outside_rim`, for radial wall b."""
     c, s, reach = core.slabs[SLAB * b], core.slabs[SLAB * b + 1], core.slabs[SLAB * b + 2] + core.radius
     across, r = c * y - s * x, math.sqrt(x * x + y * y)
     inside = core.slabs[SLAB * b + 3] < r < core.slabs[SLAB * b + 4]
@@ -161,7 +167,7 @@ def into_slab(core, b, x, y):
 
 
 def overlaps(walls: Walls, places: Array) -> Array:
-    """Largest overlap (N,), m, of a ball at each of the places (N, 2) with a wall; 0: none."""
+    """Largest overlap with a wall, m, (N,), of a ball at each of the places (N, 2); 0 for none."""
     out = np.zeros(len(places))
     _overlaps(walls, np.ascontiguousarray(places, dtype=np.float64), out)
     return out

@@ -1,1 +1,1 @@
-"""The effects, one family a file: on the ball, of openings, of the rig; and terms without a name."""
+"""The effects, one file per family: on the ball, of openings, of the rig; and terms without a name."""

@@ -18,7 +18,7 @@ NO_CLOCK = "a plan does not know the time of the record"
 
 
 def pressing(s: Any) -> Any:
-    """Normal force of a wall over mass and track radius, N / (m R), rad/s^2; positive outwards:
+    """Normal force of a wall divided by mass and track radius, N / (m R), rad/s^2; positive outwards:
 
     theta_d^2 + f (g / R) (sin(beta) cos(theta) - sin(gamma) sin(theta)),  f = 5/9 for rolling on floor and wall."""
     pull = sin(s.beta) * cos(s.theta) - sin(s.gamma) * sin(s.theta)
@@ -31,7 +31,7 @@ def _waves(s: Any, p: Any, harmonics: Any) -> Any:
 
 
 def wave_parameters(harmonics: Any, **more: Any) -> dict[str, Parameter]:
-    """Amplitudes of harmonics."""
+    """Parameters for the amplitudes of harmonics."""
     wave = Parameter("rad/s^2", 0.0, -20.0, 20.0, smallest=0.06, step=1e-3, **more)
     return {f"{kind}{n}": wave for n in harmonics for kind in ("cos", "sin")}
 

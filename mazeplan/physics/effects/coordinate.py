@@ -1,8 +1,8 @@
-"""Effects on a mechanism with one coordinate, besides suitable effects of the ball.
+"""Effects on a mechanism with one coordinate: effects of the ball that also apply, and further ones.
 
-Units are those of an angle; a system says which unit its position has (`diagnosis.mechanism`). There is no delay among
-them: under control the input follows from the position that was measured, so that a term like a delay fits the
-controller of one record and not the thing that moves.
+Units are written for an angle; a system names the unit of its position (`diagnosis.mechanism`). A delay is left out:
+under control, the input follows from the measured position. A term like a delay would then fit the controller of one
+record instead of the mechanism.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FAMILY = (
     friction_drift,
 )  # fmt: skip
 
-# What has no name. Nothing of it may look at measured rates: in a free run there are none.
+# Nameless terms. They must not depend on measured rates, because a free run has none.
 _ONE = Parameter("", *ANY)
 NAMELESS = (
     Effect(

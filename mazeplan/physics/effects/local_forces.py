@@ -2,21 +2,21 @@
 
 They are formulas in the plane, so one set of numbers holds for all rings:
 
-    floor_warp      z = a (x^2 - y^2) + 2 b x y + c (x^2 + y^2)
-    floor_bump      a pull of at most `depth` times gravity towards (x, y), derivative of a Gaussian bell of this width
+    floor_warp      the floor has the height z = a (x^2 - y^2) + 2 b x y + c (x^2 + y^2)
+    floor_bump      a pull of at most `depth` times gravity towards (x, y), derivative of a Gaussian bell of `width`
     floor_dirt      dry friction in a sector of a ring: radii `inner` to `outer`, `half` rad on both sides of `centre`
-    floor_kerb      a share 1 - exp(-size) of the speed is lost in passing an angle of a ring
-    floor_ripple    a force along the rings with so many waves around: c cos(n theta) + s sin(n theta), m/s^2
-    table_swing     the table leans by bs sin wt + bc cos wt, and gs sin wt + gc cos wt
+    floor_kerb      a ball that passes an angle of a ring loses a share 1 - exp(-size) of its speed
+    floor_ripple    a force along the rings with n = `waves` waves per turn: c cos(n theta) + s sin(n theta), m/s^2
+    table_swing     the table tilts by bs sin wt + bc cos wt (beta), gs sin wt + gc cos wt (gamma); w = 2 pi `frequency`
     drag_drift      viscous friction that changes with time: start + rate t
     ring_push       a push along the rings: force + turn r, m/s^2
 
 Four more show a change without a named cause:
 
-    table_beat      the same as `table_swing`, beside it, at twice or three times its frequency: pushes that repeat
-    swing_along     a force along the ring that swings in time
-    lean_drift      the table leans more and more: beta t, gamma t
-    moving_friction dry friction in proportion to how fast the plate moves
+    table_beat      a second `table_swing` at twice or three times the frequency of the first: repeated pushes
+    swing_along     a force along the ring that oscillates in time
+    lean_drift      the table tilts more and more: beta t, gamma t
+    moving_friction dry friction in proportion to the speed of the plate
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mazeplan.physics.effect import DRAG, DRY, FORCE, GRAVITY, Effect, Parameter
 from mazeplan.physics.effects.ball import NO_CLOCK
 from mazeplan.physics.formulas.symbols import cos, exp, sin, size, sqrt, tanh, wrap
 
-WIDTH = 0.015  # m, first width of a bump
+WIDTH = 0.015  # m, default width of a bump
 STEEP = Parameter("1/m", 0.0, -1.0, 1.0, smallest=0.004, step=2e-3)
 PLACE = Parameter("m", 0.0, -0.2, 0.2, step=5e-4)
 DEPTH = Parameter("1", 0.0, -0.2, 0.2, smallest=0.002, step=1e-3)
@@ -38,7 +38,7 @@ ANGLE = Parameter("rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, step=2e-2)
 RADIUS = Parameter("m", 0.0, 0.0, 1.0, step=1e-3, fixed=True)
 SOFT = 0.03  # rad, over which dirt begins and ends
 KERB = 0.05  # rad, width of a kerb
-BORDER = 1e-3  # m, the same along the radius
+BORDER = 1e-3  # m along the radius, over which dirt and kerb begin and end
 
 
 def _place(s: Any) -> tuple[Any, Any]:
@@ -53,7 +53,7 @@ def _warp(s: Any, p: Any) -> dict[str, Any]:
 def _bump(s: Any, p: Any) -> dict[str, Any]:
     x, y = _place(s)
     x, y = (x - p.x) / p.width, (y - p.y) / p.width
-    pull = p.depth * exp(0.5 - 0.5 * (x * x + y * y))  # largest at one width from the middle, then `depth`
+    pull = p.depth * exp(0.5 - 0.5 * (x * x + y * y))  # the tilt is largest, `depth`, at one width from the middle
     return {"beta": -pull * x, "gamma": pull * y}
 
 

@@ -1,8 +1,8 @@
 """Nameless terms: dependences of an acceleration that no effect explains.
 
-Each is a small sum over products of the variables in its `depends_on`; `past` are low-passed speeds, with the time
-constants PAST. They are tried beside the named effects, so that some wrong names do not stand in for one unknown; what
-they find is reported as a dependence, never as an effect.
+Each term is a small sum of products of the variables in its `depends_on`. `past` are speeds, low-passed with the time
+constants PAST. The diagnosis tries these terms beside the named effects. Without them, it might explain one unknown
+cause by several wrong effects. It reports what they find as a dependence, never as an effect.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _swing(s: Any, p: Any) -> Any:
 
 
 def oscillation(amplitude: Parameter) -> Effect:
-    """A force that swings with time."""
+    """A force that oscillates in time."""
     return Effect(
         "oscillation", {"frequency": Parameter("Hz", 0.0, 0.0, 15.0, step=1e-5), "cos": amplitude, "sin": amplitude},
         FORCE, _swing, named=False, depends_on=("time",), places=("frequency",), why_not="it has no name",
@@ -81,8 +81,8 @@ NAMELESS = (
     _term("ripples along the ring", _ripples, 8, "theta"),
 )  # fmt: skip
 
-# What cannot be there. Placebos are tried like the others and must lose: what does not explain clearly more than the
-# best of them is not believed.
+# Placebos: terms that cannot be present. They are tried like the other terms and must lose. A term is accepted only if
+# it explains clearly more than the best placebo.
 PLACEBOS = (
     _term("placebo: tilt played backwards",
           lambda s, p: p.p0 * s.backward_beta * sin(s.theta) + p.p1 * s.backward_gamma * cos(s.theta), 2, placebo=True),

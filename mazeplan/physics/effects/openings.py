@@ -3,16 +3,16 @@
 The ball touches the outer or the inner wall of its channel, by the sign of the normal force (`ball.pressing`). The far
 edge of an opening slows only a ball that touches the wall with the opening.
 
-The loss depends on the depth b to which the ball sinks into the opening while it crosses. Away from the wall it moves
-like a ball on the floor (f = 5/7). The edge takes the part of the speed v normal to it: sin^2 of the angle between edge
-and centre of the ball, of radius a:
+The loss depends on the depth b to which the ball sinks into the opening while it crosses. Away from the wall, the ball
+moves as on the floor (f = 5/7). The edge takes the part of the speed v that is normal to it: sin^2 of the angle between
+the edge and the centre of the ball, which has the radius a:
 
     d = b / a = s N' / (R v^2),    share = 1 - (1 - d)^2
 
-s is the value of d without gravity: width^2 / (2 R a) if the ball crosses the whole width. N' is N at the low-passed
-tilt, because a ball needs about a tenth of a second from wall to wall.
+s is the value of d without gravity: width^2 / (2 R a) if the ball crosses the whole width. N' is the normal force N at
+the low-passed tilt, because a ball needs about a tenth of a second from wall to wall.
 
-All openings of a wall are one effect: `pattern` holds their angles in the map, and `rotation` turns the map against the
+All openings of a wall are one effect. `pattern` holds their angles in the map. `rotation` turns the map relative to the
 camera.
 """
 
@@ -31,11 +31,11 @@ from mazeplan.physics.formulas.symbols import clip, cos, exp, sin
 
 WIDTH = 0.1  # m/s^2; default width of the change of sides; the tilt is known to about 0.5 degrees
 SLOWEST = 1e-9  # rad^2/s^2
-BEHIND = 0.02  # rad, least distance of the far edge behind the middle of an opening
+BEHIND = 0.02  # rad, minimum distance of the far edge behind the middle of an opening
 ALIKE = 0.1  # standard deviation between the losses of openings of one wall
-FINE = 0.25  # rad/s^2; as large are ripples of high harmonics at a guess, one standard deviation
-FINEST = 18  # harmonic below which the finer ripples end
-STARTS = 8  # directions in which openings of a wall are looked for, between one and the next
+FINE = 0.25  # rad/s^2; guess of the standard deviation of ripples of high harmonics
+FINEST = 18  # finer ripples have harmonics below this one
+STARTS = 8  # minimum number of start angles for `rotation`, within one period of the openings of a wall
 EDGES = "the prediction meets the edges of the map's openings themselves, and a plan along a ring ends in front of one"
 
 
@@ -48,14 +48,20 @@ class Openings:
 
 
 def against(s: Any, side: float, width: Any) -> Any:
-    """Share (0 to 1) in which the ball lies against the wall; side: 1 the outer, -1 the inner; width: how sharply it
-    changes sides, m/s^2."""
+    """How much the ball lies against a wall: 0 not at all, 1 fully.
+
+    side:  1 for the outer wall, -1 for the inner wall
+    width: of the change from one wall to the other, m/s^2
+    """
     return 1 / (1 + exp(clip(-side * s.radius * pressing(s) / width, -700.0, 700.0)))
 
 
 def struck(s: Any, side: float, sinking: Any) -> Any:
-    """Share (0 to 1) of its speed with which the ball runs against the far edge of an opening in the wall on a side;
-    sinking: by how much of its radius it sinks in where nothing but its turning presses."""
+    """Share (0 to 1) of the ball's speed that is directed against the far edge of an opening.
+
+    side:    1 for an opening in the outer wall, -1 in the inner wall
+    sinking: depth, in radii of the ball, to which the ball sinks in without gravity
+    """
     across = sin(s.late_beta) * cos(s.theta) - sin(s.late_gamma) * sin(s.theta)
     depth = sinking * side * (1 + FREE_ROLLING * G / s.radius * across / (s.theta_dot**2 + SLOWEST))
     depth = clip(depth, 0.0, 1.0)
@@ -78,7 +84,7 @@ gate_loss = Effect(
 
 
 def _wall(name: str, angles: Sequence[float], side: float) -> Effect:
-    """All openings of a wall; the ball that lies against it loses speed, above a loss of 1 it is thrown back."""
+    """All openings of a wall as one effect: a ball at the wall loses speed; a loss above 1 throws the ball back."""
     period = _period(angles)
     count = max(STARTS, round(period / math.radians(5.0)))
     return Effect(
@@ -104,8 +110,9 @@ def wall_library(openings: Openings) -> list[Effect]:
 def closer_library(openings: Openings) -> list[Effect]:
     """Detailed effects of the openings, in two variants.
 
-    First, as `wall_library` with a fitted width of the change of sides. Second, by sinking: the ball meets the far edge
-    at `reach` behind the middle, and a deeper ball loses more; loss: of a ball that sank in by its radius."""
+    The first variant is that of `wall_library` with a fitted `width` of the change of sides. The second variant models
+    sinking: the ball meets the far edge at `reach` behind the middle, and a deeper ball loses more. Its `loss` holds
+    for a ball that sank in by its radius."""
     found = []
     for plain in wall_library(openings):
         width = {"width": Parameter("m/s^2", WIDTH, 2e-3, 1.0, step=0.01)}
@@ -116,7 +123,7 @@ def closer_library(openings: Openings) -> list[Effect]:
         parameters = {
             **plain.parameters,
             "reach": Parameter("rad", BEHIND, BEHIND, 0.3, step=0.03),
-            "sinking": Parameter("1", 0.0, 0.0, 1.0, step=1e-2),  # one that sinks in further leaves the ring
+            "sinking": Parameter("1", 0.0, 0.0, 1.0, step=1e-2),  # a ball that sinks in further leaves the ring
         }
         starts = tuple((rotation, 0.5, 0.05, 0.6) for rotation, _ in plain.starts)
         name, places = plain.name.replace("gates", "edges"), ("rotation", "reach", "sinking")
@@ -133,8 +140,8 @@ def closer_library(openings: Openings) -> list[Effect]:
 
 
 def finer_library(openings: Openings) -> list[Effect]:
-    """The same effects with many more parameters, each with a prior around zero: one loss for each opening of a wall,
-    and the ripples of the floor up to harmonic 17."""
+    """Effects with many more parameters: sinking with one loss for each opening of a wall, and ripples of the floor up
+    to harmonic 17. Each added parameter has a prior around zero."""
     found = []
     for plain in closer_library(openings):
         if plain.name.endswith("edges"):
@@ -146,7 +153,7 @@ def finer_library(openings: Openings) -> list[Effect]:
 
 
 def _period(angles: Sequence[float]) -> float:
-    """By how much (rad) openings must be turned to look the same."""
+    """Smallest turn, rad, after which the openings look the same."""
     for parts in range(len(angles), 1, -1):
         moved = [(a + TURN / parts - b) % TURN for a in angles for b in angles]
         if sum(min(d, TURN - d) < math.radians(1.0) for d in moved) == len(angles):
@@ -155,4 +162,4 @@ def _period(angles: Sequence[float]) -> float:
 
 
 FAMILY = (gate_loss,)
-WALLS = (*closer_library(Openings((0.0,), (0.0,))),)  # for lists and documentation: without a map of its own
+WALLS = (*closer_library(Openings((0.0,), (0.0,))),)  # for lists and documentation, which have no map

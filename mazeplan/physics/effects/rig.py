@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from mazeplan.physics.effect import CAMERA, STAGE, TILT_SENSOR, Effect, Parameter
 
-CALIBRATED = 0.1  # by how much the scale of a tilt sensor is off, one standard deviation: it was held against a level
+CALIBRATED = 0.1  # standard deviation of the scale of a tilt sensor that was compared with a level
 
 
 def _part(
     name: str, acts: str, parameters: Mapping[str, tuple[Parameter, str]], text: str, source: str,
     places: tuple[str, ...] = (),
 ) -> Effect:  # fmt: skip
-    """An effect whose parameters stand in the model of a part."""
+    """An effect whose parameters are in the model of a part of the rig."""
     entry = {key: place for key, (_, place) in parameters.items()}
     known = {key: p for key, (p, _) in parameters.items()}
     return Effect(name, known, acts, None, text, source, entry=entry, common=True, places=places)

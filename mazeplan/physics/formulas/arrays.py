@@ -15,7 +15,7 @@ from mazeplan.physics.effect import OPENING, Term
 from mazeplan.physics.effects.ball import rolling_inertia, tilt_offset
 from mazeplan.physics.formulas.compiled import ring_functions
 
-EXACT = 1e-12  # rad/s over which dry friction changes its sign: at once
+EXACT = 1e-12  # rad/s over which dry friction changes its sign: practically at once
 BALL_RADIUS = 6.35e-3  # m; of the toy's steel ball
 
 

@@ -1,8 +1,8 @@
 """Compiled code of effects: generated once and cached on disk.
 
 A set of effects becomes a small module of Numba functions. The module's name holds a hash of its sources, so a changed
-formula never meets old code. Callers use addresses (`maths.compiled`), so one compiled planner or filter serves all
-sets of effects, also a user's own.
+formula never runs old code. Callers use addresses (`maths.compiled`), so one compiled planner or filter serves all sets
+of effects, including those of users.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ VOID = numba.types.void
 SIGNATURES = {
     "plate": VOID(REAL, POINTER, POINTER, POINTER),  # t, w, p, c
     "value": REAL(REAL, REAL, REAL, REAL, POINTER, POINTER),  # theta, theta_dot, sin, cos, c, p
-    "partials": VOID(REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER),  # the same, out
+    "partials": VOID(REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER),  # as value, then out
     "plane": VOID(
         REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER
     ),  # angle, rate, speed, direction, t, w, p, out
     "moment": VOID(REAL, POINTER, POINTER, POINTER),  # t, w, p, c
     "plane_at": VOID(
         REAL, REAL, REAL, REAL, REAL, POINTER, POINTER, POINTER, POINTER
-    ),  # the same as of plane, with c before out
+    ),  # as plane, with c before out
     "term": REAL(REAL, REAL, REAL, POINTER, POINTER),  # theta, theta_dot, t, w, p
 }
 SIGNATURES["plate_partials"] = SIGNATURES["plate"]
@@ -54,13 +54,19 @@ from numba import njit
 from mazeplan.physics.formulas.functions import between, clip, cosine, rest, sign, sine, size, tanh, wrap
 '''
 MARK = '@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)'
-HERE = Path(__file__).parents[1]  # all of physics
+HERE = Path(__file__).parents[1]  # the folder of mazeplan.physics
 
 
 @dataclass(frozen=True)
 class CompiledFunctions:
-    """Compiled functions of a set of effects. address: by name; counts: numbers of coefficients; plain: source for
-    arrays and tensors; module: keeps the code alive."""
+    """Compiled functions of a set of effects.
+
+    address: addresses of the functions, by name
+    counts:  numbers of coefficients
+    plain:   source for arrays and tensors
+    module:  keeps the code alive
+    kept:    functions made from `plain`, by library
+    """
 
     address: dict[str, int]
     counts: dict[str, int]
@@ -78,12 +84,12 @@ class CompiledFunctions:
 
 
 def ring_functions(effects: Sequence[Effect]) -> CompiledFunctions:
-    """plate, value, plate_partials, partials and plane of a set of effects on the ball in a ring."""
+    """Functions plate, value, plate_partials, partials and plane of a set of effects on the ball in a ring."""
     return _functions("ring", tuple(e for e in effects if e.acts != OPENING))
 
 
 def plane_functions(effects: Sequence[Effect]) -> CompiledFunctions:
-    """moment and plane_at: plane in two parts, of which the first is the same for all points at one moment."""
+    """Functions moment and plane_at: plane in two parts. The first part is the same for all points at one moment."""
     return _functions("plane", tuple(effects))
 
 
@@ -94,14 +100,15 @@ def term_functions(effect: Effect, inputs: tuple[str, ...] = INPUTS) -> Compiled
 
 
 def base_functions(effects: Sequence[Effect]) -> CompiledFunctions:
-    """Functions of effects of gravity: plate, and base, a term on the inputs and the plate's coefficients."""
+    """Functions plate and base of effects of gravity; base is a term that also has the plate's coefficients as
+    inputs."""
     return _functions("base", tuple(effects))
 
 
 def routines_of(
     kind: str, effects: Sequence[Effect], inputs: tuple[str, ...] = INPUTS
 ) -> tuple[list[Any], dict[str, int]]:
-    """Sources of one of the kinds above."""
+    """Sources of the functions of one kind (ring, plane, term, base), and numbers of coefficients."""
     from mazeplan.physics.formulas import equation, generate
 
     if kind == "ring":
@@ -138,7 +145,7 @@ def _functions(kind: str, effects: tuple[Effect, ...], inputs: tuple[str, ...] =
 
 
 def _identity(effect: Effect) -> str:
-    """Key of an effect's formula: name and parameters for effects of the package, and the text for a user's own."""
+    """Key of an effect's formula: name and parameters; for a user's effect, also the text of the formula."""
     names = ",".join(effect.parameters)
     if getattr(effect.formula, "__module__", "").startswith("mazeplan.physics"):
         return f"{effect.name}:{effect.acts}:{names}"
@@ -182,7 +189,8 @@ def _load(kind: str, key: tuple[str, ...], effects: tuple[Effect, ...], inputs: 
 
 @cache
 def folder() -> Path:
-    """Folder of generated code: Numba's, else beside this package, else the user's cache, else a temporary one."""
+    """Folder of generated code, the first that is writable: Numba's, beside this package, the user's cache, or a
+    temporary folder."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     beside, home = HERE / "__pycache__", Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     for place in ([Path(given)] if given else []) + [beside, home / "mazeplan"]:

@@ -27,7 +27,8 @@ WIDTH = "dry_width"  # rad/s over which dry friction changes its sign in a plan;
 
 
 def pull(effects: Sequence[Effect]) -> tuple[Any, Any, Any]:
-    """Gravity along x and y of the plate (m/s^2) with its effects except the factor, and the factor."""
+    """Gravity along x and y of the plate, m/s^2, with all effects of gravity but without their factor; and the
+    factor."""
     import sympy
 
     s = state()
@@ -54,7 +55,7 @@ def turning() -> Any:
             -s.beta_ddot * sin_c - s.beta_dot * s.gamma_dot * cos_c,
         ]
     )
-    place, speed = sympy.Matrix([c, sn, 0]), s.theta_dot * sympy.Matrix([-sn, c, 0])  # over the radius
+    place, speed = sympy.Matrix([c, sn, 0]), s.theta_dot * sympy.Matrix([-sn, c, 0])  # divided by the radius
     felt = -spin_up.cross(place) - 2 * rate.cross(speed) - rate.cross(rate.cross(place))
     along = sympy.expand(felt[1] * c - felt[0] * sn)
     _, left = sympy.reduced(along, [c**2 + sn**2 - 1, sin_c**2 + cos_c**2 - 1], c, sin_c, sn, cos_c)
@@ -63,7 +64,7 @@ def turning() -> Any:
 
 
 def gravity(effects: Sequence[Effect]) -> Any:
-    """Gravity's part along the ring with its factor, rad/s^2."""
+    """Part of gravity along the ring, with its factor, rad/s^2."""
     import sympy
 
     s = state()
@@ -72,8 +73,9 @@ def gravity(effects: Sequence[Effect]) -> Any:
 
 
 def pushes(effects: Sequence[Effect], kinds: Sequence[str] = (FORCE, DRAG, DRY, WALL), *, exact: bool = False) -> Any:
-    """Forces, drag and friction along the ring, rad/s^2; exact: dry friction changes its sign at rest, else over
-    WIDTH."""
+    """Forces, drag and friction along the ring, rad/s^2.
+
+    exact: True changes the sign of dry friction at once, False over WIDTH."""
     import sympy
 
     from mazeplan.physics.formulas.symbols import sign, tanh
@@ -95,7 +97,7 @@ def pushes(effects: Sequence[Effect], kinds: Sequence[str] = (FORCE, DRAG, DRY, 
 
 
 def summed(effects: Sequence[Effect], kind: str) -> Any:
-    """Sum of the formulas of a kind."""
+    """Sum of the formulas of all effects of one kind, such as DRY."""
     import sympy
 
     return sum((sympy.sympify(_formula(e)) for e in effects if e.acts == kind), sympy.Integer(0))

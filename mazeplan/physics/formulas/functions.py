@@ -1,4 +1,4 @@
-"""What generated code calls: functions of formulas, compiled, and the same for arrays and tensors."""
+"""Functions that generated code calls: compiled ones, and the same functions for arrays and tensors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def cosine(x):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def tanh(x):
-    """tanh x without a call."""
+    """tanh x without a library call."""
     gone = exp2_below(max(-TWICE_LOG2E * abs(x), -1000.0))
     return math.copysign((1.0 - gone) / (1.0 + gone), x)
 
@@ -54,7 +54,7 @@ def wrap(x):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def clip(x, low, high):
-    """x inside bounds."""
+    """x limited to the bounds."""
     return min(max(x, low), high)
 
 
@@ -66,7 +66,7 @@ def between(x, low, high):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def rest(x):
-    """1 - x^2: the derivative of tanh at a place where it is x."""
+    """1 - x^2: the derivative of tanh where tanh has the value x."""
     return 1.0 - x * x
 
 

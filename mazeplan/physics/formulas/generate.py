@@ -1,7 +1,7 @@
 """Generates source code of values and derivatives from formulas, with common subexpressions, for any backend.
 
-Terms that depend on the plate's motion and the parameters alone are computed once a step, into coefficients c, and not
-at each evaluation of the acceleration. The rest is a function of the ball:
+Terms that depend only on the plate's motion and the parameters are computed once a step, into coefficients c. The rest
+is a function of the ball, computed at each evaluation of the acceleration:
 
     theta_dd = sum_i c_i(t, w, p) rest_i(theta, theta_dot)
 
@@ -73,16 +73,25 @@ def ring_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, i
 
 
 def plane_routine(effects: Sequence[Effect]) -> Routine:
-    """Outputs in the plane: gravity along x and y (m/s^2, without the factor), the force along the ring (rad/s^2), drag
-    (1/s), dry friction anywhere and at a wall (rad/s^2), and the factor of gravity."""
+    """Routine with these outputs in the plane, in this order:
+
+    gravity along x and y, m/s^2, without the factor of gravity
+    force along the ring, rad/s^2
+    drag, 1/s
+    dry friction anywhere and dry friction at a wall, rad/s^2
+    factor of gravity
+    """
     return _routine(
         "plane", (*MOVING, "t", "w", "p", "out"), _in_plane(effects), equation.names_of(effects), into="out"
     )
 
 
 def moment_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
-    """moment: writes function calls that do not depend on the ball, such as sines of the time, into c; plane_at: the
-    outputs of `plane_routine`, computed from c."""
+    """Two routines that share the work of `plane_routine`, and facts about them.
+
+    moment:   evaluates function calls that do not depend on the ball, such as sines of the time, into c
+    plane_at: gives the outputs of `plane_routine`, computed from c
+    """
     expressions, names = _in_plane(effects), equation.names_of(effects)
     every = _symbols()
     moving = {every[name] for name in (*MOVING, "radius", "ball_radius")}
@@ -106,7 +115,7 @@ def _in_plane(effects: Sequence[Effect]) -> list[Any]:
 
 
 def _outermost(expressions: Sequence[Any], moving: set[Any]) -> list[Any]:
-    """Calls of functions without moving symbols, none of them inside another."""
+    """Outermost function calls that contain no moving symbols."""
     import sympy
 
     found: dict[Any, None] = {}
@@ -130,8 +139,11 @@ def _coefficient(i: int) -> Any:
 
 
 def base_routines(effects: Sequence[Effect]) -> tuple[list[Routine], dict[str, int]]:
-    """plate: the coefficients of effects of gravity; base: their sum for a ball at theta, seen by a camera turned by
-    p[0]. The inputs w of base end with the plate's coefficients."""
+    """Two routines for effects of gravity, and the number of coefficients.
+
+    plate: gives the coefficients
+    base:  gives their sum for a ball at theta, seen by a camera turned by p[0]; its inputs w end with the coefficients
+    """
     coefficients, (value,) = _hoisted([equation.turning() + equation.gravity(effects)])
     plate = _routine("plate", ("t", "w", "p", "c"), coefficients, equation.names_of(effects), into="c")
     base = _routine("base", ("theta", "theta_dot", "sin_theta", "cos_theta", "c", "p"), [value], [])
@@ -168,14 +180,14 @@ def _symbols() -> dict[str, Any]:
 
 
 def _hoisted(expressions: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Coefficients without the ball, and the expressions in terms of symbols c[i] of them."""
+    """Coefficients that do not depend on the ball, and the expressions with symbols c[i] in their place."""
     hoist = _Hoist()
     out = [hoist.of(expression) for expression in expressions]
     return list(hoist.found), out
 
 
 class _Hoist:
-    """Replaces terms of the plate alone by symbols; found: these coefficients, with their symbols."""
+    """Replaces terms that depend only on the plate by symbols. found: the replaced coefficients with their symbols."""
 
     def __init__(self) -> None:
         import sympy
@@ -203,7 +215,7 @@ class _Hoist:
         return factor.func(*(self.of(a) if a.free_symbols & self._plate else a for a in factor.args))
 
     def _named(self, coefficient: Any) -> Any:
-        """The symbol of a coefficient; a number or a parameter stays."""
+        """The symbol of a coefficient; a number or a parameter is not replaced."""
         key = coefficient if not coefficient.could_extract_minus_sign() else -coefficient
         if not key.free_symbols or (key.is_Symbol and "__" in key.name):
             return coefficient
@@ -212,7 +224,7 @@ class _Hoist:
 
 
 def _multiplied_out(expression: Any) -> Any:
-    """The expression as a sum of products; arguments of functions stay."""
+    """The expression as a sum of products; arguments of functions stay as they are."""
     import sympy
 
     inside = (sympy.sin, sympy.cos)
@@ -228,8 +240,9 @@ def _routine(
     name: str, arguments: tuple[str, ...], expressions: Sequence[Any], parameters: Sequence[str], *,
     into: str = "", first: int = 1, inputs: Sequence[str] = INPUTS,
 ) -> Routine:  # fmt: skip
-    """Lines and outputs for some expressions. first: start of the parameters in p; inputs: names in w. Raises
-    ValueError for an unknown symbol."""
+    """The routine that computes some expressions. Raises ValueError for an unknown symbol.
+
+    parameters: their names in p, from p[first] on; inputs: names in w."""
     import sympy
 
     places = {equation.WIDTH: "p[0]"} if first else {}
@@ -254,7 +267,7 @@ def _routine(
 
 
 def _waves(expressions: Sequence[Any], theta: Any, given: bool) -> tuple[list[str], dict[Any, Any]]:
-    """Lines for sines and cosines of theta and its multiples, and their symbols."""
+    """Lines of code for the sines and cosines of theta and its multiples, and the symbols that stand for them."""
     import sympy
 
     found = {f for e in expressions for f in e.atoms(sympy.sin, sympy.cos)}
@@ -276,7 +289,8 @@ def _waves(expressions: Sequence[Any], theta: Any, given: bool) -> tuple[list[st
 
 
 def _printer() -> Any:
-    """Python with bare names of functions; sines of the small tilts by `sine` and `cosine`."""
+    """Printer of Python code with bare names of functions; sin and cos of the small tilts become `sine` and
+    `cosine`."""
     from sympy.printing.pycode import PythonCodePrinter
 
     class Printer(PythonCodePrinter):

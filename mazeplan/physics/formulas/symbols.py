@@ -16,14 +16,14 @@ BALL = ("theta", "theta_dot", "t")  # rad, rad/s, s
 # inputs of compiled code at one moment, in this order: true tilts, rad, rad/s, rad/s^2; radius of the ball's track and
 # of the ball, m
 PLATE = ("beta", "beta_dot", "beta_ddot", "gamma", "gamma_dot", "gamma_ddot", "radius", "ball_radius")
-# further inputs from a record: the speed low-passed with three time constants, rad/s; the record's tilts played
-# backwards (placebos); low-passed tilts, rad
+# further inputs from a record: the speed, low-passed with three time constants, rad/s; the tilts of the record in
+# reverse order of time (placebos), rad; low-passed tilts, rad
 RECORDED = ("past_1", "past_2", "past_3", "backward_beta", "backward_gamma", "late_beta", "late_gamma")
 INPUTS = PLATE + RECORDED
 
 
 class Symbols(SimpleNamespace):
-    """Symbols by name. An unknown name becomes a symbol: an input of another system."""
+    """Symbols by name. An unknown name becomes a new symbol, for the inputs of systems other than a ring."""
 
     def __getattr__(self, name: str) -> Any:
         import sympy
@@ -36,8 +36,9 @@ class Symbols(SimpleNamespace):
 
 @cache
 def state() -> Symbols:
-    """The symbols of formulas: BALL, INPUTS, speed = |theta_dot|, direction = sign of theta_dot; position and velocity
-    are theta and theta_dot in systems other than a ring."""
+    """The symbols of formulas: BALL, INPUTS, speed = |theta_dot| and direction = sign of theta_dot.
+
+    In systems other than a ring, position and velocity stand for theta and theta_dot."""
     import sympy
 
     symbols = {name: sympy.Symbol(name, real=True) for name in (*BALL, *INPUTS, "direction")}
@@ -54,10 +55,10 @@ def symbols_of(names: Iterable[str], prefix: str) -> Any:
 
 @cache
 def _own() -> Any:
-    """Functions that sympy lacks, or whose derivative sympy takes for a distribution."""
+    """Functions that sympy lacks, or that sympy differentiates into a distribution."""
     import sympy
 
-    slopes = {  # derivative of f by its argument number i; as one number: 1 - tanh^2 in two of them loses its digits
+    slopes = {  # derivative of f by its argument i; `rest` stays one number: as two terms, 1 - tanh^2 loses its digits
         "sign": lambda f, i=1: sympy.Integer(0),
         "wrap": lambda f, i=1: sympy.Integer(1),
         "size": lambda f, i=1: made["sign"](f.args[0]),
@@ -71,7 +72,7 @@ def _own() -> Any:
 
 
 def _function(name: str, text: str) -> Callable[..., Any]:
-    """A function of formulas: that of sympy, or one of `_own`."""
+    """A function of formulas: one of `_own`, else that of sympy."""
 
     def made(*args: Any) -> Any:
         import sympy

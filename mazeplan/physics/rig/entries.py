@@ -17,31 +17,31 @@ from mazeplan.physics.effects.rig import FAMILY
 from mazeplan.physics.rig.stage import StageModel
 
 AXES = ("beta", "gamma")
-DEAD_TIME = 0.005  # s; a smaller dead time is no effect
-ALWAYS = ("servo_gain", "servo_lag")  # in every model
+DEAD_TIME = 0.005  # s; a smaller dead time does not count as an effect
+ALWAYS = ("servo_gain", "servo_lag")  # effects of every model
 TAKEN_OFF = ("camera_offset", "camera_scale", "lens_distortion")  # corrected in measured positions before a fit
 DELAY = "camera_delay_s"
 
 
 class RigNumbers(Protocol):
-    """A rig's model for the equations (`learning.modelfile.RigModel`). Only entries of effects name camera and
-    tilt_sensor."""
+    """What the equations need of a rig's model (`learning.modelfile.RigModel`). The fields camera and tilt_sensor are
+    accessed only through the entries of effects."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property
     def stage(self) -> StageModel:
-        """In measured tilts."""
+        """The stage in measured tilts."""
         ...
 
     @property
     def true_stage(self) -> StageModel:
-        """In true tilts."""
+        """The stage in true tilts."""
         ...
 
     @property
     def balls(self) -> dict[int, BallModel]:
-        """Known models, by ring."""
+        """Known ball models, by ring."""
         ...
 
     @property
@@ -51,15 +51,15 @@ class RigNumbers(Protocol):
 
     @property
     def camera_delay_stderr(self) -> float | None:
-        """s; None if unknown."""
+        """Standard error of `camera_delay`, s; None if unknown."""
         ...
 
     def ball(self, ring: int) -> BallModel:
-        """The model of a ring, or of the nearest ring with one."""
+        """The ball model of a ring, or of the nearest ring that has a model."""
         ...
 
     def by_effects(self, ring: int) -> bool:
-        """Whether effects describe a ring, not a Gaussian process alone."""
+        """Whether effects describe a ring; False if a Gaussian process alone describes it."""
         ...
 
 
@@ -81,12 +81,12 @@ def declared_parts(model: RigNumbers) -> dict[str, dict[str, float]]:
 
 
 def part_values(model: RigNumbers, effect: Effect) -> dict[str, float]:
-    """The parameters of an effect in a model."""
+    """Values of the parameters of an effect in a model."""
     return {name: _read(model, place) for name, place in effect.entry.items()}
 
 
 def part_stderr(model: RigNumbers, effect: Effect) -> dict[str, float]:
-    """Their standard errors, NaN if unknown."""
+    """Standard errors of the parameters of an effect in a model; NaN if unknown."""
     return {name: _stderr(model, place) for name, place in effect.entry.items()}
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from mazeplan.core.field_checks import unit_hint
 from mazeplan.core.maths.fingerprint import LATER
 
-ROUNDS = 20  # of the fixed-point correction of the lens; each leaves a share k |p - c|^2 of the error
+ROUNDS = 20  # iterations that correct the lens (fixed point); each leaves a share k |p - c|^2 of the error
 LIMITS = (
     ("offset_x", -0.05, 0.05, "m"), ("offset_y", -0.05, 0.05, "m"), ("angle", -0.8, 0.8, "rad"),
     ("scale", 0.5, 2.0, ""), ("distortion", -30.0, 30.0, "1/m^2"), ("distortion_x", -0.1, 0.1, "m"),
@@ -24,8 +24,13 @@ LIMITS = (
 class Camera:
     """Calibration of the camera.
 
-    offset_x, offset_y: m, measured middle of the plate; angle: rad, rotation of the picture against the tilt axes;
-    scale: measured over true; distortion: 1/m^2, of the lens, about distortion_x, distortion_y (m)."""
+    offset_x, offset_y: measured middle of the plate, m
+    angle:              rotation of the picture relative to the tilt axes, rad
+    scale:              measured over true
+    distortion:         of the lens, 1/m^2
+    distortion_x, distortion_y: centre of the distortion, m
+    stderr:             standard errors by field
+    """
 
     offset_x: float = 0.0
     offset_y: float = 0.0
@@ -44,7 +49,7 @@ class Camera:
                 raise ValueError(f"{name}: got {value}, expected {low} to {high} {unit}".strip() + hint)
 
     def true(self, x: float, y: float) -> tuple[float, float]:
-        """True position of a measured one (x, y), m."""
+        """True position, m, of a ball that is measured at (x, y)."""
         if self == Camera():
             return x, y
         x, y = self._without_lens(x, y)
@@ -74,7 +79,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class TiltSensor:
-    """gain_beta, gain_gamma: measured over true tilt."""
+    """Calibration of the tilt sensor. gain_beta, gain_gamma: measured over true tilt."""
 
     gain_beta: float = 1.0
     gain_gamma: float = 1.0
@@ -86,5 +91,5 @@ class TiltSensor:
                 raise ValueError(f"{name}: got {getattr(self, name)}, expected 0.3 to 3.0")
 
     def true(self, beta: float, gamma: float) -> tuple[float, float]:
-        """True tilts of measured ones (beta, gamma), rad."""
+        """True tilts, rad, for measured tilts (beta, gamma)."""
         return beta / self.gain_beta, gamma / self.gain_gamma

@@ -2,7 +2,7 @@
 
     angle_dd = wn^2 (gain u(t - dead_time) + offset - angle) - 2 zeta wn angle_d
 
-Simulated exactly under held commands; zeta may exceed 1.
+The simulation is exact for held commands. zeta may exceed 1.
 """
 
 from __future__ import annotations
@@ -19,9 +19,18 @@ from mazeplan.core.records import Array
 
 @dataclass(frozen=True)
 class StageAxis:
-    """One axis. natural_frequency rad/s, damping -, gain -, dead_time s, offset rad; backlash: rad, play between the
-    servo and the plate; deadband: rad, smallest change of command with an effect; coupling: share of the other axis's
-    command."""
+    """One axis of the stage.
+
+    gain:              tilt per command
+    natural_frequency: rad/s
+    damping:           ratio
+    dead_time:         s
+    offset:            rad
+    stderr:            standard errors by field
+    backlash:          play between servo and plate, rad
+    deadband:          smallest change of command with an effect, rad
+    coupling:          share of the other axis's command
+    """
 
     gain: float = 1.0
     natural_frequency: float = 26.0
@@ -58,19 +67,19 @@ class StageAxis:
 
 @dataclass(frozen=True)
 class StageModel:
-    """Both axes."""
+    """Both axes of the stage."""
 
     beta: StageAxis = field(default_factory=StageAxis)
     gamma: StageAxis = field(default_factory=StageAxis)
 
     def mixed(self, u_beta: float, u_gamma: float) -> tuple[float, float]:
-        """Command of each axis (rad): its own, and its share of the other's."""
+        """Command that reaches each axis, rad: its command plus a share of the other axis's command."""
         return u_beta + self.beta.coupling * u_gamma, u_gamma + self.gamma.coupling * u_beta
 
 
 def played(u: Array, backlash: float, start: float | None = None) -> Array:
-    """Output (N,) of gears with `backlash` rad for commands u (N,). start: their output before, the first command by
-    default."""
+    """Output (N,) of gears with `backlash` rad for commands u (N,). start: output before the first command; by default
+    the first command."""
     if backlash == 0.0:
         return u
     half, out = 0.5 * backlash, np.empty(len(u))
@@ -115,11 +124,11 @@ def step_response(axis: StageAxis, t: Array) -> Array:
 
 
 def simulate_axis(axis: StageAxis, u: Array, dt: float) -> Array:
-    """Angle (N,) at the samples under commands u (N,), each held from its sample on, from rest at the first
-    command's target.
+    """Angle (N,) at the samples under commands u (N,), each held from its sample on.
 
-    The response to each change of the command is known in closed form; the sum over changes is a convolution, cut
-    where the response has settled to 2e-9. A coarser cut would make steps in the derivatives of a fit."""
+    The axis starts at rest at the target of the first command. The response to each change of the command is known in
+    closed form. The sum over the changes is a convolution, cut where the response has settled to 2e-9. A coarser cut
+    would cause steps in the derivatives of a fit."""
     from scipy.signal import lfilter  # here: its import takes a second, and navigation does not use it
 
     settle = max(0.5, -20.0 / max(pole.real for pole in axis.poles()))
