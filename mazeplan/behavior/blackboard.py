@@ -23,9 +23,9 @@ class Entry:
     """One value of the blackboard.
 
     changes: how often the value was set
-    number: int or float if the first port that names the entry has this type, or if the entry was given from outside
-        the tree as a float; else None
-    """
+    number: int or float, the type of the first port that names the entry; None: another type
+
+    An entry that is given a float from outside the tree has `number` float, unless a port decided before."""
 
     __slots__ = ("_named", "changes", "number", "value")
 

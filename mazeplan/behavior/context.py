@@ -99,8 +99,7 @@ class BallView:
 class RunContext:
     """What the leaves of one tree share. `clock` gives rig time.
 
-    ahead: `ahead(seconds, beside)` predicts the state that much later if the last command is held. `beside` (x, y in m)
-        shifts the ball's position first
+    ahead: `ahead(seconds, beside)` predicts the state if the last command is held; beside: shift of the ball, (x, y) m
     report: takes events and plans for log and display
     measured: the estimate when the ball was seen last; `state` is that when the command will act
     refused: the opening that did not take the ball, although the ball already counted as in the next ring

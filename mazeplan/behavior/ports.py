@@ -60,15 +60,15 @@ OF_THE_MAP = ("openings", "rings")
 class Port:
     """A typed input or output of a node.
 
-    type: int, float, bool, str or list. With a {key}, a port of type str without choices also carries objects, such as
-        a plan
+    type: int, float, bool, str or list
     default: value if the tree gives none; REQUIRED: the tree must give one
     doc: description for users
     direction: in, out, or inout; an output takes only a {key}
     least, most: minimum and maximum of a number; infinite numbers are never allowed
-    choices: the allowed values; "openings" or "rings": those of the run's map. A list needs at least one word, and each
-        word must be one of the choices
-    """
+    choices: the allowed values; "openings" or "rings": those of the run's map
+
+    With choices, a list needs at least one word, and each word must be one of the choices. A port of type str without
+    choices also carries objects, such as a plan, by {key}."""
 
     type: type
     default: Any = REQUIRED

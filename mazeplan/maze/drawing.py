@@ -91,9 +91,11 @@ def draw_maze(
 
     labels: False draws the bare maze
     names: True draws a scale of degrees, and the names of openings in place of their angles
-    path: (N, 2) in m, a route or trail that will be drawn on top, with a row of NaN between two of them. The ball lies
-        at its first point, numbers and names keep away from it, and the angles of openings are left out
+    path: (N, 2) in m, a route or trail that will be drawn on top, with a row of NaN between two of them
     ball: False draws no ball
+
+    With a path, the ball lies at its first point, numbers and names keep away from the path, and the angles of openings
+    are left out.
     """
     if ax is None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -135,7 +135,11 @@ def _with_radial_walls(maze: Maze, prior: Maze, prior_name: str) -> tuple[Maze, 
 
 
 def map_text(learned: LearnedMap, sources: Sequence[str] = ()) -> str:
-    """The learned map as YAML that `load_map` reads, with counts and uncertainties as comments. Needs a maze."""
+    """The learned map as YAML that `load_map` reads, with counts and uncertainties as comments.
+
+    sources: names of the files from which the map was learned
+
+    Raises ValueError if no maze was learned."""
     if learned.maze is None:
         raise ValueError(f"no map was learned: {'; '.join(learned.problems)}")
     rings = iter(_ring_comment(ring) for ring in learned.rings)

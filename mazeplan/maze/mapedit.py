@@ -4,10 +4,11 @@ The map may have errors (openings may overlap while a user drags one), but `yaml
 are in degrees and lengths in mm, as in the file. Indices of openings and radial walls count from 0 in the file's order,
 numbers of rings from 1.
 
-A ring that is added or removed moves all rings outside it, so that channels and walls keep their widths:
+If a ring is added or removed, all rings outside it move, so that channels and walls keep their widths:
 
-    remove k:       rings 1 ... k-1 come nearer by the distance between rings k-1 and k; the wall between them goes
-    add outside k:  a channel as wide as ring k, a wall as thick as the one outside ring k; rings 1 ... k-1 give way
+    remove k:       the wall outside ring k is removed, too; rings 1 ... k-1 move inwards by the space that becomes free
+    add outside k:  the new channel is as wide as ring k, the new wall as thick as the wall outside ring k; rings
+                    1 ... k-1 move outwards
 """
 
 from __future__ import annotations

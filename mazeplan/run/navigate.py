@@ -69,8 +69,7 @@ def navigate(
 
     start, goal: ring numbers, or "ring1"; goal None: the centre
     rig: a packaged name, a YAML file, "module:Class", or a rig
-    model: packaged name, folder or RigModel; None: the model that the rig names, else a packaged one of the rig's name,
-        else nominal physics
+    model: packaged name, folder or RigModel; None: the rig's own, else one of the rig's name, else nominal physics
     policy: a learned policy, or its folder; the default tree is then `policy`
     behavior: packaged tree or XML file
     behavior_modules: modules with leaves beside the packaged ones

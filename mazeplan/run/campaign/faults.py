@@ -207,8 +207,7 @@ def report(trial: FaultTrial, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     faulted: number of runs in which a fault began before the end
     noticed: number of these runs that noticed the fault
     time_s: mean time of the runs that arrived, s
-    as_expected: number of runs that arrived. If the fault cannot be survived, also runs that ended with one of its
-        reasons
+    as_expected: number of runs that arrived; if the fault cannot be survived, also those that ended for its reasons
     """
     because = "; ".join(dict.fromkeys(kind.because for kind in trial.kinds if kind.because))
     ends = {end for kind in trial.kinds for end in kind.ends if kind.because or not because}

@@ -1,6 +1,6 @@
 """The identity of a campaign: a document of everything that determines the result of a run with a given number.
 
-It leaves out the number of runs and the places of files: so the same command with more runs goes on with the same
+The number of runs and the places of files are left out. So the same command with more runs goes on with the same
 campaign.
 """
 
